@@ -1,0 +1,19 @@
+//! nsq-gpu traces Optiland's non-sequential scenes by Monte Carlo on any GPU that wgpu reaches.
+//!
+//! The flow, one direction; no module looks upstream:
+//!
+//! ```text
+//! scene JSON -> scene    what the user wrote, proven valid, f64
+//!            -> ir       flat surfaces, media, emitters, sensors, sampling
+//!            -> program  features of the scene -> specialised WGSL and its buffers
+//!            -> trace    a fold: Tally += pass(range of ray ids)
+//!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
+//! ```
+//!
+//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints.
+
+pub mod error;
+pub mod ir;
+pub mod result;
+
+pub use error::{Error, Result};

@@ -1,0 +1,160 @@
+//! Exact, additive sums of a trace: the value that the fold over passes accumulates.
+
+use std::ops::AddAssign;
+
+/// Number of events and the quanta that they took.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Booking {
+    /// Number of events.
+    pub count: u64,
+    /// Sum of weight before minus weight after \[quanta\].
+    pub quanta: u128,
+}
+
+/// The sums of a range of rays. Adding the tallies of two disjoint ranges gives the tally of both, bit for bit, however
+/// the ranges were cut.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tally {
+    /// Rays launched, and the weight they were born with.
+    pub launched: Booking,
+    /// Per detector, in scene order.
+    pub sensors: Vec<SensorTally>,
+    /// Per surface, in scene order.
+    pub surfaces: Vec<SurfaceTally>,
+    /// Rays that met nothing any more.
+    pub escaped: Booking,
+    /// Rays that reached the largest number of events.
+    pub depth_killed: Booking,
+    /// Rays ended by Russian roulette.
+    pub roulette_loss: Booking,
+    /// Weight gained by the survivors of roulette.
+    pub roulette_gain: Booking,
+    /// Weight taken by absorbing media (events are segments with a loss).
+    pub bulk: Booking,
+    /// Weight lost where a branch was drawn more often than its share.
+    pub importance_loss: Booking,
+    /// Weight gained where a branch was drawn less often than its share.
+    pub importance_gain: Booking,
+    /// Rays that left a solid which they had never entered.
+    pub medium_stack_underflows: u64,
+    /// Deposits that no sum can hold: not a number, infinite, or over 2^43 units of weight. Never 0 in silence.
+    pub invalid_deposits: u64,
+    /// Events of the recorded paths.
+    pub paths: Vec<PathEvent>,
+}
+
+/// The sums of one detector.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SensorTally {
+    /// Quanta per cell; the order of [`crate::ir::Sensor::num_cells`]. Empty for a ray database.
+    pub quanta: Vec<u128>,
+    /// Rays per cell: the cell that was hit, whatever the splat.
+    pub hits: Vec<u64>,
+    /// Ray database: rays recorded and their weight.
+    pub recorded: Booking,
+    /// Ray database: the rows.
+    pub rows: Vec<RayRow>,
+}
+
+/// The sums of one surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SurfaceTally {
+    /// True if some ray hit the surface.
+    pub reached: bool,
+    /// Rays that ended there (absorbing surfaces), or events with a loss (mirrors), and what they left there.
+    pub absorbed: Booking,
+}
+
+/// One row of a ray database, in global coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayRow {
+    /// The ray.
+    pub ray_id: u64,
+    /// Its number of events before this one.
+    pub bounce: u32,
+    /// Index into the scene's wavelengths.
+    pub wavelength: u32,
+    /// Where it crossed the detector \[mm\].
+    pub position: [f64; 3],
+    /// Its direction.
+    pub direction: [f64; 3],
+    /// Its weight.
+    pub weight: f64,
+}
+
+/// One event of a recorded path: the state before the event, at the place of the event.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathEvent {
+    /// The state of the ray.
+    pub ray: RayRow,
+    /// What happened.
+    pub kind: PathEventKind,
+}
+
+/// Kinds of path events.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PathEventKind {
+    /// Born at this emitter.
+    Birth(usize),
+    /// Hit this surface.
+    Surface(usize),
+    /// Crossed this detector.
+    Sensor(usize),
+    /// Met nothing any more.
+    Escaped,
+    /// Reached the largest number of events.
+    DepthKilled,
+    /// Ended by Russian roulette.
+    FluxKilled,
+}
+
+impl AddAssign for Booking {
+    fn add_assign(&mut self, other: Self) {
+        self.count += other.count;
+        self.quanta += other.quanta;
+    }
+}
+
+impl AddAssign<&SensorTally> for SensorTally {
+    fn add_assign(&mut self, other: &SensorTally) {
+        self.quanta.iter_mut().zip(&other.quanta).for_each(|(sum, quanta)| *sum += quanta);
+        self.hits.iter_mut().zip(&other.hits).for_each(|(sum, hits)| *sum += hits);
+        self.recorded += other.recorded;
+        self.rows.extend_from_slice(&other.rows);
+    }
+}
+
+impl AddAssign for SurfaceTally {
+    fn add_assign(&mut self, other: Self) {
+        self.reached |= other.reached;
+        self.absorbed += other.absorbed;
+    }
+}
+
+impl AddAssign<&Tally> for Tally {
+    fn add_assign(&mut self, other: &Tally) {
+        self.launched += other.launched;
+        self.sensors.iter_mut().zip(&other.sensors).for_each(|(sum, sensor)| *sum += sensor);
+        self.surfaces.iter_mut().zip(&other.surfaces).for_each(|(sum, surface)| *sum += *surface);
+        self.escaped += other.escaped;
+        self.depth_killed += other.depth_killed;
+        self.roulette_loss += other.roulette_loss;
+        self.roulette_gain += other.roulette_gain;
+        self.bulk += other.bulk;
+        self.importance_loss += other.importance_loss;
+        self.importance_gain += other.importance_gain;
+        self.medium_stack_underflows += other.medium_stack_underflows;
+        self.invalid_deposits += other.invalid_deposits;
+        self.paths.extend_from_slice(&other.paths);
+    }
+}
+
+impl SensorTally {
+    /// Rays recorded, and their weight: the sum over cells, or over the rays of a database.
+    pub fn total(&self) -> Booking {
+        Booking {
+            count: self.recorded.count + self.hits.iter().sum::<u64>(),
+            quanta: self.recorded.quanta + self.quanta.iter().sum::<u128>(),
+        }
+    }
+}
