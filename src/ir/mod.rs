@@ -323,6 +323,16 @@ impl Sensor {
     }
 }
 
+impl SensorKind {
+    /// The pixels of a detector that has pixels.
+    pub fn grid(&self) -> Option<&PixelGrid> {
+        match self {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => Some(grid),
+            SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => None,
+        }
+    }
+}
+
 impl PixelGrid {
     /// Number of pixels.
     pub fn num_pixels(&self) -> usize {
