@@ -13,7 +13,9 @@
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints.
 
 pub mod error;
+pub mod gpu;
 pub mod ir;
+pub mod program;
 pub mod result;
 
 pub use error::{Error, Result};

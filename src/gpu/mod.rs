@@ -1,0 +1,3 @@
+//! Mechanics of wgpu: adapter, buffers, pipelines, read-back. No optics.
+
+pub mod sums;
