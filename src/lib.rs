@@ -12,8 +12,13 @@
 //!
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints.
 
+pub mod cli;
 pub mod error;
+pub mod gpu;
 pub mod ir;
+pub mod program;
 pub mod result;
+pub mod trace;
 
 pub use error::{Error, Result};
+pub use trace::{TraceOptions, Tracer};

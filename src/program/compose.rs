@@ -2,6 +2,7 @@
 //! calls. No formula is written here.
 
 use super::features::{Features, Precision, ShapeKind};
+use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::records::literal;
 use super::{PathSampling, ProgramOptions};
@@ -37,7 +38,13 @@ pub struct Composition<'a> {
 impl Composition<'_> {
     /// The whole module.
     pub fn compose(&self) -> Result<String> {
-        let mut text = self.constants()?;
+        let real = match self.precision() {
+            Precision::F32 => Real::F32,
+            Precision::F64 => Real::F64,
+        };
+        let integers = if self.options.native { Integers::Native } else { Integers::Portable };
+        let mut text = library::source(real, integers);
+        text.push_str(&self.constants()?);
         for file in self.files() {
             text.push_str(file);
             text.push('\n');
@@ -57,7 +64,7 @@ impl Composition<'_> {
     fn constants(&self) -> Result<String> {
         let f = self.features;
         let o = self.options;
-        let mut text = format!("alias real = {};\n", o.precision.name());
+        let mut text = String::new();
         let mut uint = |name: &str, value: u32| {
             let _ = writeln!(text, "const {name}: u32 = {value}u;");
         };
@@ -97,22 +104,13 @@ impl Composition<'_> {
     /// The files that the scene needs, each once.
     fn files(&self) -> Vec<&'static str> {
         let f = self.features;
-        let native = self.options.native;
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
-        let f32 = self.precision() == Precision::F32;
         let mut files = vec![
             shader!("lib/state.wgsl"),
             shader!("lib/transforms.wgsl"),
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
-            shader!("lib/rng_slots.wgsl"),
-            pick(native, shader!("lib/rng_native.wgsl"), shader!("lib/rng_portable.wgsl")),
-            shader!("lib/sums.wgsl"),
-            pick(native, shader!("lib/sums_native.wgsl"), shader!("lib/sums_portable.wgsl")),
-            pick(f32, shader!("lib/real_f32.wgsl"), shader!("lib/real_f64.wgsl")),
-            shader!("lib/math.wgsl"),
-            pick(f32, shader!("lib/math_f32.wgsl"), shader!("lib/math_f64.wgsl")),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),

@@ -3,6 +3,7 @@
 pub mod compose;
 pub mod features;
 pub mod lowered;
+pub mod library;
 pub mod records;
 pub mod rng;
 
@@ -260,7 +261,7 @@ fn cap_height(half_angle: f64) -> f64 {
 }
 
 fn rng_table(seed: u64, num_steps: u32) -> Vec<u8> {
-    rng::table(seed, num_steps as usize).into_iter().flatten().flat_map(u32::to_le_bytes).collect()
+    rng::step_table(seed, num_steps as usize).into_iter().flatten().flat_map(u32::to_le_bytes).collect()
 }
 
 /// (threshold, wavelength) per entry: bits <= threshold decides as bits / 2^32 <= cdf does.
