@@ -14,6 +14,8 @@ mod format;
 pub mod irradiance;
 pub mod ledger;
 pub mod npz;
+pub mod output;
+pub mod png;
 pub mod ray_database;
 pub mod ray_paths;
 pub mod report;

@@ -1,5 +1,6 @@
 //! Every ray that crossed a detector.
 
+use glam::DVec3;
 use ndarray::Array1;
 
 use crate::error::Result;
@@ -58,6 +59,14 @@ impl RayDatabase {
     /// Rows kept.
     pub fn num_rays(&self) -> usize {
         self.flux.len()
+    }
+
+    /// Where the rays crossed, in the detector's frame: x and y \[mm\].
+    pub fn local_points(&self) -> Vec<(f64, f64)> {
+        let [x, y, z] = &self.position;
+        let to_local = self.frame.rotation.transpose();
+        let local = |row: usize| to_local * (DVec3::new(x[row], y[row], z[row]) - self.frame.origin);
+        (0..self.num_rays()).map(local).map(|point| (point.x, point.y)).collect()
     }
 
     /// Writes the columns under Optiland's names. An empty database is written as Optiland writes one: no positions,
