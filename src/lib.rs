@@ -15,5 +15,6 @@
 pub mod error;
 pub mod ir;
 pub mod result;
+pub mod scene;
 
 pub use error::{Error, Result};

@@ -5,6 +5,8 @@
 //! Everything that depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum
 //! is a list of discrete wavelengths.
 
+pub(crate) mod lower;
+
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].
@@ -307,7 +309,9 @@ impl Sensor {
                 Outline::Rectangle { width: grid.width, height: grid.height }
             }
             SensorKind::FarField { .. } => Outline::Disk { radius: FAR_FIELD_RADIUS },
-            SensorKind::RayDatabase { width, height, .. } => Outline::Rectangle { width: *width, height: *height },
+            SensorKind::RayDatabase { width, height, .. } => {
+                Outline::Rectangle { width: *width, height: *height }
+            }
         }
     }
 
@@ -316,7 +320,9 @@ impl Sensor {
     pub fn num_cells(&self) -> usize {
         match &self.kind {
             SensorKind::Irradiance(grid) => grid.num_pixels(),
-            SensorKind::Spectral { grid, wavelength_edges } => grid.num_pixels() * (wavelength_edges.len() - 1),
+            SensorKind::Spectral { grid, wavelength_edges } => {
+                grid.num_pixels() * (wavelength_edges.len() - 1)
+            }
             SensorKind::FarField { num_theta, num_phi } => *num_theta as usize * *num_phi as usize,
             SensorKind::RayDatabase { .. } => 0,
         }
