@@ -12,8 +12,10 @@
 //!
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints.
 
+pub mod cli;
 pub mod error;
 pub mod ir;
 pub mod result;
+pub mod scene;
 
 pub use error::{Error, Result};

@@ -9,10 +9,10 @@ Every name is resolved here, once, by the package itself, because its search (su
 keeps no order between equals) is not worth repeating elsewhere. Two runs with the same package, Python and zlib give
 the same bytes. The data is that of refractiveindex.info (CC0), as Optiland ships it.
 
-Which entries are packed: every glass, every dispersion formula, the shelf of common crystals, metals, plastics and
-liquids, what each category name (`Ag`, `H2O`) resolves to, and every other table of up to MAX_ROWS rows, save that
-tables over MAX_DEFAULT_ROWS rows are left out wherever they stand outside the glass shelf. A name that resolves to
-an entry left out keeps the path and the reason, so that nsq-gpu can refuse it in plain words.
+Which entries are packed: every glass; every other entry without a table of more than MAX_ROWS rows; and, up to
+MAX_DEFAULT_ROWS rows, those on the shelf of common crystals, metals, plastics and liquids and those that a category
+name (`Ag`, `H2O`) resolves to. Entries that the package itself cannot evaluate are left out. A name that resolves to
+an entry left out keeps its path and the reason, so that nsq-gpu can refuse it in plain words.
 
 Layout of catalog.bin (a zlib stream; `u` is a LEB128 varint, `s` a zigzag varint, `text` is u bytes of UTF-8):
 
