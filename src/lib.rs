@@ -12,6 +12,7 @@
 //!
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints.
 
+pub mod cli;
 pub mod error;
 pub mod ir;
 pub mod result;

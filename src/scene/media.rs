@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use super::json::{Block, Component, Material, Medium as Described, SceneFile, Source};
+use super::materials;
 use super::place::{did_you_mean, key_of, quoted};
 use super::surfaces::look_up;
 use crate::ir::{Medium, MediumId};
@@ -14,19 +15,6 @@ pub(crate) struct MediaTable {
     pub media: Vec<Medium>,
     ids: BTreeMap<Material, MediumId>,
     by_content: HashMap<Vec<u64>, MediumId>,
-}
-
-/// n and k of a catalog material over the wavelengths of the scene, and what the user should know about it.
-struct CatalogTables {
-    n: Vec<f64>,
-    k: Vec<f64>,
-    warnings: Vec<String>,
-}
-
-/// Evaluates a catalog material at the wavelengths \[um\]; in error, the advice on the name.
-fn catalog_tables(name: &str, wavelengths: &[f64]) -> std::result::Result<CatalogTables, String> {
-    let _ = (name, wavelengths);
-    Err("the catalog is not there yet".to_owned())
 }
 
 /// Resolves every material of the file at the wavelengths \[um\].
@@ -149,21 +137,33 @@ fn from_block(name: &str, described: &Described, wavelengths: &[f64]) -> Result<
     }
 }
 
+/// The one door to the catalog.
 fn from_catalog(place: &str, name: &str, label: &str, wavelengths: &[f64]) -> Result<(Medium, Vec<String>)> {
-    let tables = catalog_tables(name, wavelengths).map_err(|advice| {
-        Error::scene(place, format!("the catalog has no material {}", quoted(name)), advice)
-    })?;
-    for ((wavelength, n), k) in wavelengths.iter().zip(&tables.n).zip(&tables.k) {
-        if !(n.is_finite() && *n > 0.0 && k.is_finite() && *k >= 0.0) {
-            return Err(Error::scene(
-                place,
-                format!(
-                    "at {wavelength} um the catalog gives {} the index {n} and extinction {k}",
-                    quoted(name)
-                ),
-                "choose a material whose data covers this wavelength",
-            ));
-        }
+    let found = materials::resolve(name).map_err(|unknown| no_material(place, &unknown))?;
+    let defects = found.entry.defects(wavelengths);
+    if !defects.is_empty() {
+        return Err(Error::scene(
+            place,
+            defects.join("; "),
+            "choose a material whose data covers these wavelengths",
+        ));
     }
-    Ok((Medium { name: label.to_owned(), ambient: false, n: tables.n, k: tables.k }, tables.warnings))
+    let table =
+        |value: &dyn Fn(f64) -> f64| wavelengths.iter().map(|wavelength| value(*wavelength)).collect();
+    let (n, k) =
+        (table(&|wavelength| found.entry.n(wavelength)), table(&|wavelength| found.entry.k(wavelength)));
+    let mut warnings = found.warnings;
+    warnings.extend(found.entry.range_warnings(wavelengths));
+    Ok((Medium { name: label.to_owned(), ambient: false, n, k }, warnings))
+}
+
+fn no_material(place: &str, unknown: &materials::Unknown) -> Error {
+    let reason = unknown.reason.as_deref().unwrap_or("the catalog does not have it");
+    let remedy = match unknown.suggestions.as_slice() {
+        [] => "the command `materials` searches the catalog".to_owned(),
+        near => {
+            format!("did you mean {}?", near.iter().map(|name| quoted(name)).collect::<Vec<_>>().join(", "))
+        }
+    };
+    Error::scene(place, format!("unknown material {}: {reason}", quoted(&unknown.name)), remedy)
 }

@@ -7,6 +7,7 @@ mod compounds;
 mod de;
 mod frame;
 pub mod json;
+pub mod materials;
 mod media;
 mod place;
 mod surfaces;

@@ -59,14 +59,6 @@ fn refuse(place: impl Into<String>, problem: impl Into<String>, remedy: impl Int
 
 // Numbers
 
-fn finite(place: String, value: f64) -> Result<()> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        refuse(place, format!("{value} is not allowed here"), "give a finite number")
-    }
-}
-
 fn between(place: String, value: f64, low: f64, high: f64) -> Result<()> {
     if (low..=high).contains(&value) {
         Ok(())
