@@ -2,6 +2,7 @@
 
 pub mod adapter;
 pub mod compute;
+pub mod rates;
 pub mod sums;
 
 pub use adapter::{AdapterChoice, AdapterInfo, Gpu, Native, list_adapters};

@@ -5,6 +5,8 @@
 //! Everything that depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum
 //! is a list of discrete wavelengths.
 
+pub(crate) mod lower;
+
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].

@@ -1,0 +1,822 @@
+//! The scene file as the user wrote it: Optiland's schema version 1 and the `nsq_gpu` block beside it.
+//!
+//! Field names, defaults and units are Optiland's: lengths in mm, wavelengths in um, flux in W, rotations in rad,
+//! `half_angle_deg` in degrees. A radius of 0 or infinity means flat.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::Deserialize;
+
+/// A scene file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// Version of Optiland's schema: 1.
+    #[schemars(range(min = 1, max = 1))]
+    pub nsq_schema_version: u32,
+    /// Lenses, mirrors and doublets.
+    #[serde(default)]
+    pub components: Vec<Component>,
+    /// Sources of rays.
+    #[serde(default)]
+    pub sources: Vec<Source>,
+    /// Detectors.
+    #[serde(default)]
+    pub detectors: Vec<Detector>,
+    /// What schema version 1 cannot hold.
+    #[serde(default)]
+    pub nsq_gpu: Option<Block>,
+}
+
+/// A coordinate system: rotated about x, then y, then z (fixed axes), then moved; within `reference_cs` if given.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CoordinateSystem {
+    /// Origin \[mm\].
+    pub x: f64,
+    /// Origin \[mm\].
+    pub y: f64,
+    /// Origin \[mm\].
+    pub z: f64,
+    /// Rotation about x \[rad\].
+    pub rx: f64,
+    /// Rotation about y \[rad\].
+    pub ry: f64,
+    /// Rotation about z \[rad\].
+    pub rz: f64,
+    /// The system that this one stands in; the global one if null.
+    pub reference_cs: Option<Box<CoordinateSystem>>,
+}
+
+/// A compound component, by its `type`.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(tag = "type")]
+pub enum Component {
+    /// A lens of two conic faces and an absorbing edge.
+    Lens(Compound<Lens>),
+    /// One reflecting conic.
+    Mirror(Compound<Mirror>),
+    /// Two cemented lenses.
+    Doublet(Compound<Doublet>),
+}
+
+/// The frame of every compound component.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Compound<T> {
+    /// Unique name.
+    pub name: String,
+    /// Frame of the front vertex.
+    pub cs: CoordinateSystem,
+    /// Shape and materials.
+    pub config: T,
+}
+
+/// Configuration of a lens.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// Radius of the front face \[mm\].
+    pub r1: f64,
+    /// Radius of the back face \[mm\].
+    pub r2: f64,
+    /// Centre thickness \[mm\].
+    pub thickness: f64,
+    /// The glass.
+    pub material: Material,
+    /// Semi-diameter of the front face \[mm\].
+    pub front_aperture_radius: f64,
+    /// Semi-diameter of the back face \[mm\]; that of the front face if null.
+    #[serde(default)]
+    pub back_aperture_radius: Option<f64>,
+    /// Conic constant of the front face.
+    #[serde(default)]
+    pub conic1: f64,
+    /// Conic constant of the back face.
+    #[serde(default)]
+    pub conic2: f64,
+}
+
+/// Configuration of a mirror.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Mirror {
+    /// Radius \[mm\].
+    pub radius: f64,
+    /// Reflectance in \[0, 1\].
+    pub reflectance: f64,
+    /// Conic constant.
+    #[serde(default)]
+    pub conic: f64,
+    /// Semi-diameter \[mm\].
+    pub aperture_radius: f64,
+}
+
+/// Configuration of a doublet.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Doublet {
+    /// Radius of the front face \[mm\].
+    pub r1: f64,
+    /// Radius of the cemented face \[mm\].
+    pub r2: f64,
+    /// Radius of the back face \[mm\].
+    pub r3: f64,
+    /// Centre thickness of the first element \[mm\].
+    pub thickness1: f64,
+    /// Centre thickness of the second element \[mm\].
+    pub thickness2: f64,
+    /// Glass of the first element.
+    pub material1: Material,
+    /// Glass of the second element.
+    pub material2: Material,
+    /// Semi-diameter of every face \[mm\].
+    pub aperture_radius: f64,
+    /// Conic constant of the front face.
+    #[serde(default)]
+    pub conic1: f64,
+    /// Conic constant of the cemented face.
+    #[serde(default)]
+    pub conic2: f64,
+    /// Conic constant of the back face.
+    #[serde(default)]
+    pub conic3: f64,
+}
+
+/// A material where one is used.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Material {
+    /// null.
+    #[default]
+    #[serde(rename = "$null")]
+    Vacuum,
+    /// A catalog name as plain text.
+    #[serde(rename = "$string")]
+    Name(String),
+    /// `{"type": "catalog", "name": ...}`.
+    Catalog {
+        /// Name in the catalog.
+        name: String,
+    },
+    /// `{"type": "medium", "name": ...}`, a key of `nsq_gpu.media`.
+    Medium {
+        /// Key in `nsq_gpu.media`.
+        name: String,
+    },
+}
+
+impl JsonSchema for Material {
+    fn schema_name() -> Cow<'static, str> {
+        "Material".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "null for vacuum, a catalog name, or a reference to nsq_gpu.media",
+            "oneOf": [
+                { "type": "null" },
+                { "type": "string" },
+                {
+                    "type": "object",
+                    "properties": {
+                        "type": { "enum": ["catalog", "medium"] },
+                        "name": { "type": "string" },
+                    },
+                    "required": ["type", "name"],
+                    "additionalProperties": false,
+                },
+            ],
+        })
+    }
+}
+
+/// A source, by its `type`.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(tag = "type")]
+pub enum Source {
+    /// Rays from one point.
+    Point(PointSource),
+    /// A parallel beam.
+    Collimated(CollimatedSource),
+    /// An emitting area.
+    Extended(ExtendedSource),
+}
+
+/// A point source: uniform in solid angle within a cone about local +z.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointSource {
+    /// Unique name.
+    pub name: String,
+    /// Position and axis.
+    pub cs: CoordinateSystem,
+    /// Discrete spectrum.
+    pub spectrum: Spectrum,
+    /// Flux \[W\].
+    pub total_flux: f64,
+    /// Half-angle of the cone \[deg\], 180 for the full sphere.
+    #[serde(default = "right_angle")]
+    pub half_angle_deg: f64,
+    /// Medium around the source.
+    #[serde(default)]
+    pub medium: Material,
+}
+
+/// A parallel beam along local +z.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CollimatedSource {
+    /// Unique name.
+    pub name: String,
+    /// Position and axis.
+    pub cs: CoordinateSystem,
+    /// Discrete spectrum.
+    pub spectrum: Spectrum,
+    /// Flux \[W\].
+    pub total_flux: f64,
+    /// Radius of the beam \[mm\].
+    #[serde(default = "one")]
+    pub aperture_radius: f64,
+    /// Flux over the beam.
+    #[serde(default)]
+    pub profile: Profile,
+    /// Standard deviation of a Gaussian beam \[mm\]; half the aperture radius if null.
+    #[serde(default)]
+    pub gaussian_sigma: Option<f64>,
+    /// Medium around the source.
+    #[serde(default)]
+    pub medium: Material,
+}
+
+/// Flux over a beam.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// Uniform.
+    #[default]
+    Tophat,
+    /// Gaussian, cut at the aperture.
+    Gaussian,
+}
+
+/// An emitting rectangle or disk.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExtendedSource {
+    /// Unique name.
+    pub name: String,
+    /// Position and axis.
+    pub cs: CoordinateSystem,
+    /// Discrete spectrum.
+    pub spectrum: Spectrum,
+    /// Flux \[W\].
+    pub total_flux: f64,
+    /// Width \[mm\].
+    #[serde(default = "one")]
+    pub width: f64,
+    /// Height \[mm\].
+    #[serde(default = "one")]
+    pub height: f64,
+    /// Radius of a disk \[mm\], instead of width and height.
+    #[serde(default)]
+    pub aperture_radius: Option<f64>,
+    /// Half-angle of the cone \[deg\]; Lambertian from 90.
+    #[serde(default = "right_angle")]
+    pub half_angle_deg: f64,
+    /// Medium around the source.
+    #[serde(default)]
+    pub medium: Material,
+}
+
+/// A discrete spectrum.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Spectrum {
+    /// Wavelengths \[um\].
+    pub wavelengths: Vec<f64>,
+    /// Weight of each wavelength.
+    pub weights: Vec<f64>,
+}
+
+/// A detector, by its `type`.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(tag = "type")]
+pub enum Detector {
+    /// Flux over pixels.
+    Irradiance(IrradianceDetector),
+    /// Flux over pixels and wavelengths.
+    Spectral(SpectralDetector),
+    /// Flux over directions.
+    FarField(FarFieldDetector),
+    /// Every ray.
+    RayDatabase(RayDatabaseDetector),
+}
+
+/// Flux over pixels.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct IrradianceDetector {
+    /// Unique name.
+    pub name: String,
+    /// Position and orientation.
+    pub cs: CoordinateSystem,
+    /// Full width \[mm\].
+    pub width: f64,
+    /// Full height \[mm\].
+    pub height: f64,
+    /// Pixels along x.
+    #[serde(default = "pixels")]
+    pub num_pixels_x: u32,
+    /// Pixels along y.
+    #[serde(default = "pixels")]
+    pub num_pixels_y: u32,
+    /// How flux is spread over pixels.
+    #[serde(default)]
+    pub splat: SplatKind,
+    /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
+    #[serde(default = "half")]
+    pub splat_sigma: f64,
+    /// Whether a hit ends the ray.
+    #[serde(default = "yes")]
+    pub absorb: bool,
+}
+
+/// Flux over pixels and wavelengths.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SpectralDetector {
+    /// Unique name.
+    pub name: String,
+    /// Position and orientation.
+    pub cs: CoordinateSystem,
+    /// Full width \[mm\].
+    pub width: f64,
+    /// Full height \[mm\].
+    pub height: f64,
+    /// Pixels along x.
+    #[serde(default = "pixels")]
+    pub num_pixels_x: u32,
+    /// Pixels along y.
+    #[serde(default = "pixels")]
+    pub num_pixels_y: u32,
+    /// Lower end of the first bin \[um\].
+    #[serde(default = "violet")]
+    pub wl_min: f64,
+    /// Upper end of the last bin \[um\].
+    #[serde(default = "red")]
+    pub wl_max: f64,
+    /// Wavelength bins.
+    #[serde(default = "hundred")]
+    pub num_bins: u32,
+    /// How flux is spread over pixels.
+    #[serde(default)]
+    pub splat: SplatKind,
+    /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
+    #[serde(default = "half")]
+    pub splat_sigma: f64,
+    /// Whether a hit ends the ray.
+    #[serde(default = "yes")]
+    pub absorb: bool,
+}
+
+/// Flux over directions.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FarFieldDetector {
+    /// Unique name.
+    pub name: String,
+    /// Position and orientation.
+    pub cs: CoordinateSystem,
+    /// Bins of the polar angle, 0 to 90 degrees.
+    #[serde(default = "ninety")]
+    pub num_bins_theta: u32,
+    /// Bins of the azimuth, -180 to 180 degrees.
+    #[serde(default = "full_circle")]
+    pub num_bins_phi: u32,
+    /// Whether a hit ends the ray.
+    #[serde(default = "yes")]
+    pub absorb: bool,
+}
+
+/// Every ray through a rectangle.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RayDatabaseDetector {
+    /// Unique name.
+    pub name: String,
+    /// Position and orientation.
+    pub cs: CoordinateSystem,
+    /// Full width \[mm\].
+    pub width: f64,
+    /// Full height \[mm\].
+    pub height: f64,
+    /// Whether a hit ends the ray.
+    #[serde(default = "yes")]
+    pub absorb: bool,
+}
+
+/// How flux is spread over pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SplatKind {
+    /// Over the four nearest pixels.
+    #[default]
+    Bilinear,
+    /// Over a Gaussian.
+    Gaussian,
+    /// All in the pixel that was hit.
+    Hard,
+}
+
+/// What schema version 1 cannot hold.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Block {
+    /// Version of this block: 1.
+    #[schemars(range(min = 1, max = 1))]
+    pub version: u32,
+    /// Media by name.
+    #[serde(default)]
+    pub media: BTreeMap<String, Medium>,
+    /// Single surfaces.
+    #[serde(default)]
+    pub surfaces: Vec<RawSurface>,
+    /// Changes to surfaces of components, by the surface's name such as `L1.front`.
+    #[serde(default)]
+    pub overrides: BTreeMap<String, Override>,
+    /// Names of all components and single surfaces in the order in which they are tried (of two hit at the same
+    /// distance, the first wins); components first if null.
+    #[serde(default)]
+    pub order: Option<Vec<String>>,
+    /// Additions to detectors, by name.
+    #[serde(default)]
+    pub detectors: BTreeMap<String, DetectorExtra>,
+    /// How rare branches are sampled.
+    #[serde(default)]
+    pub sampling: SamplingPolicy,
+}
+
+/// A medium, by its `type`.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[schemars(tag = "type")]
+pub enum Medium {
+    /// The same at every wavelength.
+    Constant {
+        /// Refractive index.
+        n: f64,
+        /// Extinction coefficient.
+        #[serde(default)]
+        k: f64,
+    },
+    /// Values at exactly the wavelengths that the sources emit.
+    Table {
+        /// Wavelengths \[um\].
+        wavelengths: Vec<f64>,
+        /// Refractive index at each.
+        n: Vec<f64>,
+        /// Extinction coefficient at each; 0 if null.
+        #[serde(default)]
+        k: Option<Vec<f64>>,
+    },
+    /// A material of the catalog.
+    Catalog {
+        /// Name in the catalog.
+        name: String,
+    },
+}
+
+/// A single surface.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RawSurface {
+    /// Unique name among components and surfaces.
+    pub name: String,
+    /// Frame of the vertex, or of the centre of a sphere.
+    pub cs: CoordinateSystem,
+    /// Its shape.
+    pub shape: Shape,
+    /// What it does to a ray.
+    pub interaction: Interaction,
+    /// Medium on the side that the geometric normal points away from.
+    #[serde(default)]
+    pub material_front: Material,
+    /// Medium on the side that the geometric normal points to; refractive surfaces only.
+    #[serde(default)]
+    pub material_back: Material,
+    /// Reflectance of a reflective surface.
+    #[serde(default)]
+    pub reflectance: Option<Reflectance>,
+    /// Scatter model.
+    #[serde(default)]
+    pub bsdf: Option<Bsdf>,
+    /// Fraction of the rays that the scatter model takes.
+    #[serde(default = "one")]
+    pub scatter_fraction: f64,
+    /// Coating of a refractive surface.
+    #[serde(default)]
+    pub coating: Option<Coating>,
+}
+
+/// A shape, by its `type`. The geometric normal points local +z for conic, plane and annulus, inward for a sphere,
+/// outward for a frustum, and along the face normal for a mesh.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[schemars(tag = "type")]
+pub enum Shape {
+    /// A conic of revolution.
+    Conic {
+        /// Vertex radius \[mm\].
+        radius: f64,
+        /// Conic constant.
+        #[serde(default)]
+        conic: f64,
+        /// Semi-diameter \[mm\].
+        aperture_radius: f64,
+    },
+    /// A plane: a rectangle by width and height, a disk by aperture_radius, or unlimited.
+    Plane {
+        /// Full width \[mm\].
+        #[serde(default)]
+        width: Option<f64>,
+        /// Full height \[mm\].
+        #[serde(default)]
+        height: Option<f64>,
+        /// Radius \[mm\].
+        #[serde(default)]
+        aperture_radius: Option<f64>,
+    },
+    /// A flat ring.
+    Annulus {
+        /// Radius of the hole \[mm\].
+        inner_radius: f64,
+        /// Radius of the rim \[mm\].
+        outer_radius: f64,
+        /// Position along local z \[mm\].
+        #[serde(default)]
+        z_offset: f64,
+    },
+    /// A cone or a cylinder without its ends.
+    Frustum {
+        /// Radius at z_front \[mm\].
+        r_front: f64,
+        /// Radius at z_back \[mm\].
+        r_back: f64,
+        /// Lower end along local z \[mm\].
+        z_front: f64,
+        /// Upper end along local z \[mm\].
+        z_back: f64,
+    },
+    /// A sphere about the local origin.
+    Sphere {
+        /// Radius \[mm\].
+        radius: f64,
+        /// Limit of the distance from local z \[mm\].
+        #[serde(default)]
+        aperture_radius: Option<f64>,
+    },
+    /// A triangle mesh: from a file, or vertices and faces.
+    Mesh {
+        /// File, relative to the scene file.
+        #[serde(default)]
+        path: Option<String>,
+        /// Vertices \[mm\].
+        #[serde(default)]
+        vertices: Option<Vec<[f64; 3]>>,
+        /// Indices into the vertices, counter-clockwise seen from outside.
+        #[serde(default)]
+        faces: Option<Vec<[u32; 3]>>,
+    },
+}
+
+/// What a surface does to a ray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Interaction {
+    /// Refraction and Fresnel reflection.
+    Refractive,
+    /// Reflection.
+    Reflective,
+    /// Absorption.
+    Absorbing,
+}
+
+/// A value in \[0, 1\], constant or at exactly the wavelengths that the sources emit.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Reflectance {
+    /// The same at every wavelength.
+    #[serde(rename = "$number")]
+    Constant(f64),
+    /// A table.
+    #[serde(rename = "$object")]
+    Table {
+        /// Wavelengths \[um\].
+        wavelengths: Vec<f64>,
+        /// Value at each.
+        values: Vec<f64>,
+    },
+}
+
+impl JsonSchema for Reflectance {
+    fn schema_name() -> Cow<'static, str> {
+        "Reflectance".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "a value in [0, 1], or a table over exactly the wavelengths [um] that the sources emit",
+            "oneOf": [
+                { "type": "number", "minimum": 0, "maximum": 1 },
+                {
+                    "type": "object",
+                    "properties": {
+                        "wavelengths": { "type": "array", "items": { "type": "number" } },
+                        "values": { "type": "array", "items": { "type": "number", "minimum": 0, "maximum": 1 } },
+                    },
+                    "required": ["wavelengths", "values"],
+                    "additionalProperties": false,
+                },
+            ],
+        })
+    }
+}
+
+/// Changes to one surface of a component.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Override {
+    /// What it does to a ray, instead of the component's choice.
+    pub interaction: Option<Interaction>,
+    /// Semi-diameter \[mm\] of a conic, instead of the component's.
+    pub aperture_radius: Option<f64>,
+    /// Reflectance, where the surface is reflective.
+    pub reflectance: Option<Reflectance>,
+    /// Scatter model.
+    pub bsdf: Option<Bsdf>,
+    /// Fraction of the rays that the scatter model takes; 1 if null.
+    pub scatter_fraction: Option<f64>,
+    /// Coating, where the surface is refractive.
+    pub coating: Option<Coating>,
+}
+
+/// A scatter model, by its `type`.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[schemars(tag = "type")]
+pub enum Bsdf {
+    /// Cosine-weighted over the hemisphere.
+    Lambertian {
+        /// Fraction of the flux that is scattered, in \[0, 1\].
+        #[serde(default = "one")]
+        reflectance_value: f64,
+        /// Fraction of the scattered rays that are transmitted.
+        #[serde(default)]
+        transmissive_fraction: f64,
+    },
+    /// b0 / (1 + (beta / l0)^s) in the distance of direction cosines from specular.
+    HarveyShack {
+        /// Peak \[1/sr\].
+        b0: f64,
+        /// Shoulder.
+        l0: f64,
+        /// Slope.
+        s: f64,
+        /// Fraction of the scattered rays that are transmitted.
+        #[serde(default)]
+        transmissive_fraction: f64,
+    },
+    /// Values over polar angles of incidence and scatter: from a file of three columns, or inline.
+    Tabulated {
+        /// CSV file of theta_i \[deg\], theta_s \[deg\], bsdf \[1/sr\], relative to the scene file.
+        #[serde(default)]
+        path: Option<String>,
+        /// Angles of incidence \[deg\].
+        #[serde(default)]
+        theta_i: Option<Vec<f64>>,
+        /// Angles of scatter \[deg\].
+        #[serde(default)]
+        theta_s: Option<Vec<f64>>,
+        /// One row per angle of incidence \[1/sr\].
+        #[serde(default)]
+        bsdf: Option<Vec<Vec<f64>>>,
+        /// Fraction of the scattered rays that are transmitted.
+        #[serde(default)]
+        transmissive_fraction: f64,
+    },
+    /// A mirror.
+    Specular {},
+}
+
+/// A coating, by its `type`.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[schemars(tag = "type")]
+pub enum Coating {
+    /// Reflectance and transmittance at any angle; the rest is absorbed.
+    Simple {
+        /// Reflected fraction.
+        reflectance: Reflectance,
+        /// Transmitted fraction.
+        transmittance: Reflectance,
+    },
+}
+
+/// Additions to a detector.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DetectorExtra {
+    /// Ray database: keep only the last so many rays; 0 or null for all.
+    pub max_rays: Option<u64>,
+}
+
+/// How rare branches are sampled.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SamplingPolicy {
+    /// Probability of drawing reflection at a refractive surface.
+    pub reflect_prob: ReflectProb,
+    /// Follow both branches for the first so many hits.
+    pub split_depth: u32,
+    /// Most live rays while splitting, as a multiple of the batch.
+    pub split_budget: f64,
+    /// Russian roulette starts below this fraction of the mean flux of a new ray.
+    pub rr_start_flux: f64,
+}
+
+impl Default for SamplingPolicy {
+    fn default() -> Self {
+        Self { reflect_prob: ReflectProb::Fresnel, split_depth: 0, split_budget: 4.0, rr_start_flux: 1e-3 }
+    }
+}
+
+/// Probability of drawing reflection.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReflectProb {
+    /// The Fresnel reflectance.
+    Fresnel,
+    /// The Fresnel reflectance, clipped to \[0.25, 0.75\].
+    Auto,
+    /// A constant.
+    #[serde(rename = "$number")]
+    Constant(f64),
+}
+
+impl JsonSchema for ReflectProb {
+    fn schema_name() -> Cow<'static, str> {
+        "ReflectProb".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "oneOf": [{ "enum": ["fresnel", "auto"] }, { "type": "number", "minimum": 0, "maximum": 1 }],
+        })
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+fn right_angle() -> f64 {
+    90.0
+}
+
+fn violet() -> f64 {
+    0.4
+}
+
+fn red() -> f64 {
+    0.7
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn pixels() -> u32 {
+    256
+}
+
+fn hundred() -> u32 {
+    100
+}
+
+fn ninety() -> u32 {
+    90
+}
+
+fn full_circle() -> u32 {
+    360
+}

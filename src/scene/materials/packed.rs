@@ -1,0 +1,163 @@
+//! Reads `catalog.bin`, whose layout stands in `python/tools/make_catalog.py`. Every step returns `None` on data that
+//! does not follow it.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::dispersion::{Dispersion, Table};
+use super::{Catalog, Entry, Name, Omission, Omitted};
+
+/// Far above what the catalog inflates to, so that damaged data cannot ask for all memory \[bytes\].
+const MAX_INFLATED: usize = 1 << 24;
+
+/// Unpacks a catalog.
+pub(super) fn unpack(compressed: &[u8]) -> Option<Catalog> {
+    let bytes = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(compressed, MAX_INFLATED).ok()?;
+    let mut reader = Reader { bytes: &bytes };
+    let references = reader.list(|reader| Some(Arc::from(reader.text()?)))?;
+    let entries = reader.list(|reader| reader.entry(&references))?;
+    let omitted = reader.list(Reader::omitted)?;
+    let num_targets = entries.len() + omitted.len();
+    let names = reader.list(|reader| reader.name(num_targets))?;
+    reader.bytes.is_empty().then(|| index(entries, omitted, names))
+}
+
+fn index(entries: Vec<Entry>, omitted: Vec<Omitted>, names: Vec<Name>) -> Catalog {
+    let paths = entries.iter().map(|entry| &entry.path).chain(omitted.iter().map(|entry| &entry.path));
+    let by_path: HashMap<_, _> =
+        paths.enumerate().map(|(target, path)| (path.to_lowercase(), target)).collect();
+    let by_name =
+        names.iter().enumerate().map(|(index, name)| (name.spelling.to_lowercase(), index)).collect();
+    Catalog { entries, omitted, names, by_name, by_path }
+}
+
+/// What has not been read yet.
+struct Reader<'a> {
+    bytes: &'a [u8],
+}
+
+impl Reader<'_> {
+    fn unsigned(&mut self) -> Option<u64> {
+        let mut value = 0;
+        for shift in (0..64).step_by(7) {
+            let (&byte, rest) = self.bytes.split_first()?;
+            self.bytes = rest;
+            value |= u64::from(byte & 0x7f) << shift;
+            if byte < 0x80 {
+                return Some(value);
+            }
+        }
+        None
+    }
+
+    fn signed(&mut self) -> Option<i64> {
+        let value = self.unsigned()?;
+        Some((value >> 1) as i64 ^ -((value & 1) as i64))
+    }
+
+    fn index(&mut self) -> Option<usize> {
+        usize::try_from(self.unsigned()?).ok()
+    }
+
+    fn list<T>(&mut self, mut item: impl FnMut(&mut Self) -> Option<T>) -> Option<Vec<T>> {
+        (0..self.index()?).map(|_| item(self)).collect()
+    }
+
+    fn text(&mut self) -> Option<String> {
+        let length = self.index()?;
+        let (text, rest) = self.bytes.split_at_checked(length)?;
+        self.bytes = rest;
+        String::from_utf8(text.to_vec()).ok()
+    }
+
+    fn entry(&mut self, references: &[Arc<str>]) -> Option<Entry> {
+        let (path, title, page) = (self.text()?, self.text()?, self.text()?);
+        let reference = references.get(self.index()?)?.clone();
+        let dispersion = match self.unsigned()? {
+            0 => Dispersion::Table(Table::new(self.numbers()?.into(), self.numbers()?)?),
+            number @ 1..=9 => self.formula(number as u8)?,
+            _ => return None,
+        };
+        let extinction = self.extinction(&dispersion)?;
+        Some(Entry { path, title, page, reference, dispersion, extinction })
+    }
+
+    fn formula(&mut self, number: u8) -> Option<Dispersion> {
+        let range: [f64; 2] = self.numbers()?.try_into().ok()?;
+        Some(Dispersion::Formula { number, coefficients: self.numbers()?, range: range.into() })
+    }
+
+    fn extinction(&mut self, dispersion: &Dispersion) -> Option<Option<Table>> {
+        let wavelengths = match (self.unsigned()?, dispersion) {
+            (0, _) => return Some(None),
+            (1, Dispersion::Table(table)) => table.wavelengths().clone(),
+            (2, _) => self.numbers()?.into(),
+            _ => return None,
+        };
+        Table::new(wavelengths, self.numbers()?).map(Some)
+    }
+
+    fn omitted(&mut self) -> Option<Omitted> {
+        let path = self.text()?;
+        let reason = match self.unsigned()? {
+            0 => Omission::TooLarge,
+            1 => Omission::NoIndex,
+            2 => Omission::Refused,
+            _ => return None,
+        };
+        Some(Omitted { path, reason })
+    }
+
+    fn name(&mut self, num_targets: usize) -> Option<Name> {
+        let spelling = self.text()?;
+        let target = self.index()?;
+        let exact = self.unsigned()? == 1;
+        let others = self.list(Self::index)?;
+        let known = others.iter().chain([&target]).all(|&target| target < num_targets);
+        known.then_some(Name { spelling, target, exact, others })
+    }
+
+    fn numbers(&mut self) -> Option<Vec<f64>> {
+        let count = self.index()?;
+        if count == 0 {
+            return Some(Vec::new());
+        }
+        let form = self.unsigned()?;
+        let own_exponents = form >= 3;
+        let exponents = self.integers(if own_exponents { count } else { 1 }, 1)?;
+        let mantissas = self.integers(count, form % 3)?;
+        let exponents = exponents.iter().cycle();
+        mantissas.iter().zip(exponents).map(|(&mantissa, &exponent)| decimal(mantissa, exponent)).collect()
+    }
+
+    /// Integers whose differences of the given order are stored.
+    fn integers(&mut self, count: usize, order: u64) -> Option<Vec<i64>> {
+        let mut values = (0..count).map(|_| self.signed()).collect::<Option<Vec<i64>>>()?;
+        for _ in 0..order {
+            let mut sum = 0i64;
+            for value in &mut values {
+                sum = sum.wrapping_add(*value);
+                *value = sum;
+            }
+        }
+        Some(values)
+    }
+}
+
+/// Powers of ten that an f64 holds exactly.
+const POWERS_OF_TEN: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18,
+    1e19, 1e20, 1e21, 1e22,
+];
+
+/// The f64 nearest to `mantissa * 10^exponent`.
+fn decimal(mantissa: i64, exponent: i64) -> Option<f64> {
+    let power = POWERS_OF_TEN.get(usize::try_from(exponent.unsigned_abs()).ok()?);
+    match power {
+        // Both operands are exact, so the one rounding gives the nearest value, much faster than parsing does.
+        Some(power) if mantissa.unsigned_abs() < 1 << f64::MANTISSA_DIGITS => {
+            Some(if exponent < 0 { mantissa as f64 / power } else { mantissa as f64 * power })
+        }
+        _ => format!("{mantissa}e{exponent}").parse().ok(),
+    }
+}

@@ -1,0 +1,138 @@
+//! Scene text -> a [`Scene`] that is proven valid.
+//!
+//! The way of a scene: text -> tree of JSON values -> typed [`json::SceneFile`] -> validated -> surfaces of its
+//! components, closed and in order -> media as tables over the wavelengths of the sources.
+
+mod compounds;
+mod de;
+mod frame;
+pub mod json;
+pub mod materials;
+mod media;
+mod place;
+mod surfaces;
+mod text;
+mod validate;
+mod volume;
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::ir::SceneIr;
+use crate::{Error, Result};
+pub(crate) use frame::frame_of;
+use json::SceneFile;
+pub(crate) use media::MediaTable;
+pub(crate) use surfaces::SceneSurface;
+
+/// The version of Optiland's schema that is read.
+pub const NSQ_SCHEMA_VERSION: u64 = 1;
+
+/// The version of the `nsq_gpu` block that is read.
+pub const BLOCK_VERSION: u64 = 1;
+
+/// A scene that is proven valid and can be traced.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// What the user wrote.
+    pub file: SceneFile,
+    /// What the user should know, such as an ambiguous material name.
+    pub warnings: Vec<String>,
+    pub(crate) wavelengths: Vec<f64>,
+    pub(crate) surfaces: Vec<SceneSurface>,
+    pub(crate) media: MediaTable,
+}
+
+impl Scene {
+    /// Reads a scene file. Files that it names are looked for from its folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] if it cannot be read, [`Error::Scene`] with the place if it cannot be traced as written.
+    pub fn from_path(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|err| Error::file(path, err))?;
+        let text = String::from_utf8(bytes).map_err(|err| {
+            let at = err.utf8_error().valid_up_to();
+            Error::scene(format!("byte {at}"), "the scene file is not UTF-8 text", "save it as UTF-8")
+        })?;
+        Self::read(&text)
+    }
+
+    /// Reads a scene from JSON or JSON5 text.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with the place if it cannot be traced as written.
+    pub fn from_json(text: &str) -> Result<Self> {
+        Self::read(text)
+    }
+
+    fn read(text: &str) -> Result<Self> {
+        let tree = text::parse(text)?;
+        check_versions(&tree)?;
+        let file: SceneFile = de::typed(&tree)?;
+        let mut warnings = Vec::new();
+        validate::check(&file, &mut warnings)?;
+        let wavelengths = distinct_wavelengths(&file);
+        let surfaces = surfaces::build(&file, &wavelengths)?;
+        let media = media::resolve(&file, &wavelengths, &mut warnings)?;
+        Ok(Scene { file, warnings, wavelengths, surfaces, media })
+    }
+
+    /// The scene as the tracer sees it.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if the scene names something that reading it did not resolve.
+    pub fn lower(&self) -> Result<SceneIr> {
+        crate::ir::lower::lower(self)
+    }
+}
+
+/// The JSON Schema of scene files.
+pub fn schema() -> Value {
+    schemars::schema_for!(SceneFile).into()
+}
+
+/// Versions come first, so that a file of another version is not blamed for its keys.
+fn check_versions(tree: &Value) -> Result<()> {
+    let Some(object) = tree.as_object() else {
+        return Err(Error::scene("the scene file", "it does not hold an object", "write { ... }"));
+    };
+    let Some(version) = object.get("nsq_schema_version") else {
+        return Err(Error::scene(
+            "the scene file",
+            "the key `nsq_schema_version` is missing, so this may be no Optiland NSQ scene",
+            format!("save it with NSQScene.to_json, or add `\"nsq_schema_version\": {NSQ_SCHEMA_VERSION}`"),
+        ));
+    };
+    check_version("nsq_schema_version", version, NSQ_SCHEMA_VERSION)?;
+    match object.get("nsq_gpu").and_then(|block| block.get("version")) {
+        Some(version) => check_version("nsq_gpu.version", version, BLOCK_VERSION),
+        None => Ok(()),
+    }
+}
+
+fn check_version(place: &str, found: &Value, read: u64) -> Result<()> {
+    if found.as_u64() == Some(read) {
+        return Ok(());
+    }
+    let shown = place::quoted(&found.to_string());
+    Err(Error::scene(
+        place,
+        format!("the file has version {}, this program reads version {read}", shown.trim_matches('"')),
+        "save the scene again with a matching program",
+    ))
+}
+
+/// Every wavelength that some source emits, ascending \[um\].
+fn distinct_wavelengths(file: &SceneFile) -> Vec<f64> {
+    let mut all: Vec<f64> =
+        file.sources.iter().flat_map(|source| source.spectrum().wavelengths.iter().copied()).collect();
+    all.sort_by(f64::total_cmp);
+    all.dedup();
+    all
+}
+
+/// A path that a scene names, as seen from the folder of the scene file.
+pub fn resolve_path(scene_file: &Path, named: &str) -> PathBuf {
+    scene_file.parent().unwrap_or(Path::new("")).join(named)
+}

@@ -1,0 +1,59 @@
+//! Places in a scene file, as error messages name them: `components[2].config.thickness`.
+
+/// Where a value stands in the file, as a chain on the stack.
+#[derive(Clone, Copy)]
+pub(super) enum Place<'a> {
+    Root,
+    Key(&'a Place<'a>, &'a str),
+    Index(&'a Place<'a>, usize),
+}
+
+impl std::fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Place::Root => Ok(()),
+            Place::Key(parent, key) => f.write_str(&key_of(&parent.to_string(), key)),
+            Place::Index(parent, index) => write!(f, "{parent}[{index}]"),
+        }
+    }
+}
+
+/// The place of a key of the object at `parent`.
+pub(super) fn key_of(parent: &str, key: &str) -> String {
+    let plain = !key.is_empty() && key.chars().all(|c| c.is_alphanumeric() || c == '_');
+    match (plain, parent.is_empty()) {
+        (true, true) => key.to_owned(),
+        (true, false) => format!("{parent}.{key}"),
+        (false, _) => format!("{parent}[{}]", quoted(key)),
+    }
+}
+
+/// Text of the user's as a message shows it: escaped and cut, so that no file can garble or flood a terminal.
+pub(super) fn quoted(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let mut shown: String = text.chars().take(LONGEST).collect();
+    if text.chars().nth(LONGEST).is_some() {
+        shown.push('…');
+    }
+    format!("{shown:?}")
+}
+
+/// The known word nearest to a misspelt one, if any is near.
+pub(super) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let short: String = word.chars().take(80).collect();
+    known
+        .into_iter()
+        .map(|candidate| (strsim::damerau_levenshtein(&short, candidate), candidate))
+        .filter(|(distance, candidate)| *distance <= 1 + candidate.chars().count() / 3)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, candidate)| candidate)
+}
+
+/// Advice for an unknown word: the nearest known one, else all of them.
+pub(super) fn did_you_mean<'a>(word: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
+    if let Some(candidate) = nearest(word, known.clone()) {
+        return format!("did you mean `{candidate}`?");
+    }
+    let all: Vec<String> = known.into_iter().take(20).map(|candidate| format!("`{candidate}`")).collect();
+    if all.is_empty() { "remove it".to_owned() } else { format!("known here: {}", all.join(", ")) }
+}

@@ -1,0 +1,287 @@
+//! All surfaces of a scene in the order in which they are tried, with the user's changes applied.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use super::compounds::{Part, curvature};
+use super::frame::frame_of;
+use super::json::{
+    Block, Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
+};
+use super::place::{did_you_mean, key_of, quoted};
+use crate::ir::{self, Frame, Outline};
+use crate::{Error, Result};
+
+/// A surface whose materials are still the user's words.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SceneSurface {
+    pub name: String,
+    pub frame: Frame,
+    pub shape: ir::Shape,
+    pub interaction: ir::Interaction,
+    pub front: Material,
+    pub back: Material,
+}
+
+/// Builds the surfaces of every component and every single surface, in the scene's order.
+pub(super) fn build(file: &SceneFile, wavelengths: &[f64]) -> Result<Vec<SceneSurface>> {
+    let none = BTreeMap::new();
+    let overrides = file.nsq_gpu.as_ref().map_or(&none, |block| &block.overrides);
+    let mut groups = Vec::new();
+    for (index, component) in file.components.iter().enumerate() {
+        let place = format!("components[{index}]");
+        let parts = changed(component.parts(), overrides);
+        component.check_closed(&parts, &place)?;
+        let surfaces: Result<Vec<_>> =
+            parts.into_iter().map(|part| finish(part, overrides, wavelengths)).collect();
+        groups.push((component.name(), surfaces?));
+    }
+    for (index, raw) in file.nsq_gpu.iter().flat_map(|block| &block.surfaces).enumerate() {
+        groups.push((&raw.name, vec![single(raw, &format!("nsq_gpu.surfaces[{index}]"), wavelengths)?]));
+    }
+    check_labels(&groups)?;
+    check_override_names(file, overrides)?;
+    match file.nsq_gpu.as_ref().and_then(|block| block.order.as_ref()) {
+        Some(order) => in_order(groups, order),
+        None => Ok(groups.into_iter().flat_map(|(_, surfaces)| surfaces).collect()),
+    }
+}
+
+fn changed(mut parts: Vec<Part>, overrides: &BTreeMap<String, Override>) -> Vec<Part> {
+    for part in &mut parts {
+        if let Some(change) = overrides.get(&part.name) {
+            part.apply(change);
+        }
+    }
+    parts
+}
+
+/// Settles the interaction of a part. Like Optiland's, a surface that does not transmit has its front medium on both
+/// sides.
+fn finish(part: Part, overrides: &BTreeMap<String, Override>, wavelengths: &[f64]) -> Result<SceneSurface> {
+    let place = key_of("nsq_gpu.overrides", &part.name);
+    let change = overrides.get(&part.name);
+    if let Some(change) = change {
+        refuse_unsupported(&place, change.bsdf.as_ref(), change.coating.as_ref())?;
+    }
+    let own = part.reflectance.map(Reflectance::Constant);
+    let reflectance = change.and_then(|change| change.reflectance.as_ref()).or(own.as_ref());
+    let interaction = interaction(part.interaction, reflectance, &place, wavelengths)?;
+    let back = if part.interaction == Interaction::Refractive { part.back } else { part.front.clone() };
+    Ok(SceneSurface {
+        name: part.name,
+        frame: part.frame,
+        shape: part.shape,
+        interaction,
+        front: part.front,
+        back,
+    })
+}
+
+fn single(raw: &RawSurface, place: &str, wavelengths: &[f64]) -> Result<SceneSurface> {
+    refuse_unsupported(place, raw.bsdf.as_ref(), raw.coating.as_ref())?;
+    let refractive = raw.interaction == Interaction::Refractive;
+    Ok(SceneSurface {
+        name: raw.name.clone(),
+        frame: frame_of(&raw.cs),
+        shape: shape(&raw.shape, &key_of(place, "shape"))?,
+        interaction: interaction(raw.interaction, raw.reflectance.as_ref(), place, wavelengths)?,
+        front: raw.material_front.clone(),
+        back: if refractive { raw.material_back.clone() } else { raw.material_front.clone() },
+    })
+}
+
+fn shape(shape: &Shape, place: &str) -> Result<ir::Shape> {
+    Ok(match *shape {
+        Shape::Conic { radius, conic, aperture_radius } => {
+            ir::Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
+        }
+        // A disk wins over a rectangle, as in Optiland.
+        Shape::Plane { aperture_radius: Some(radius), .. } => ir::Shape::Plane(Outline::Disk { radius }),
+        Shape::Plane { width: Some(width), height: Some(height), .. } => {
+            ir::Shape::Plane(Outline::Rectangle { width, height })
+        }
+        Shape::Plane { width: None, height: None, .. } => ir::Shape::Plane(Outline::Infinite),
+        Shape::Plane { .. } => {
+            return Err(Error::scene(
+                place,
+                "a rectangle needs both `width` and `height`",
+                "give both, or `aperture_radius` for a disk, or neither for an unlimited plane",
+            ));
+        }
+        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
+            ir::Shape::Annulus { inner_radius, outer_radius, z_offset }
+        }
+        Shape::Frustum { r_front, r_back, z_front, z_back } => {
+            ir::Shape::Frustum { r_front, r_back, z_front, z_back }
+        }
+        Shape::Sphere { radius, aperture_radius } => ir::Shape::Sphere { radius, aperture_radius },
+        Shape::Mesh { .. } => return Err(unsupported(place, "shape", "mesh", "use analytic shapes")),
+    })
+}
+
+fn interaction(
+    kind: Interaction,
+    reflectance: Option<&Reflectance>,
+    place: &str,
+    wavelengths: &[f64],
+) -> Result<ir::Interaction> {
+    Ok(match kind {
+        Interaction::Refractive => ir::Interaction::Refractive,
+        Interaction::Absorbing => ir::Interaction::Absorbing,
+        Interaction::Reflective => {
+            let place = key_of(place, "reflectance");
+            let Some(reflectance) = reflectance else {
+                return Err(Error::scene(
+                    place,
+                    "a reflective surface has no reflectance",
+                    "give a number in [0, 1] or a table; there is no default",
+                ));
+            };
+            ir::Interaction::Reflective { reflectance: reflectance.at(wavelengths, &place)? }
+        }
+    })
+}
+
+impl Reflectance {
+    /// The values at the wavelengths of the scene \[um\].
+    fn at(&self, wavelengths: &[f64], place: &str) -> Result<Vec<f64>> {
+        match self {
+            Reflectance::Constant(value) => Ok(vec![*value; wavelengths.len()]),
+            Reflectance::Table { wavelengths: listed, values } => look_up(listed, values, wavelengths, place),
+        }
+    }
+}
+
+/// Picks the tabulated values at exactly the wavelengths of the scene \[um\].
+pub(super) fn look_up(listed: &[f64], values: &[f64], wavelengths: &[f64], place: &str) -> Result<Vec<f64>> {
+    let table: HashMap<u64, f64> = listed.iter().map(|x| x.to_bits()).zip(values.iter().copied()).collect();
+    let value_at = |wavelength: &f64| {
+        table.get(&wavelength.to_bits()).copied().ok_or_else(|| {
+            Error::scene(
+                key_of(place, "wavelengths"),
+                format!("the table has no value at {wavelength} um, which a source emits"),
+                "list every wavelength of every source; values are not interpolated",
+            )
+        })
+    };
+    wavelengths.iter().map(value_at).collect()
+}
+
+fn refuse_unsupported(place: &str, bsdf: Option<&Bsdf>, coating: Option<&Coating>) -> Result<()> {
+    if let Some(bsdf) = bsdf {
+        return Err(unsupported(
+            &key_of(place, "bsdf"),
+            "bsdf",
+            bsdf.kind(),
+            "set it to null for a smooth surface",
+        ));
+    }
+    if let Some(Coating::Simple { .. }) = coating {
+        return Err(unsupported(
+            &key_of(place, "coating"),
+            "coating",
+            "simple",
+            "set it to null for bare Fresnel",
+        ));
+    }
+    Ok(())
+}
+
+impl Bsdf {
+    fn kind(&self) -> &'static str {
+        match self {
+            Bsdf::Lambertian { .. } => "lambertian",
+            Bsdf::HarveyShack { .. } => "harvey_shack",
+            Bsdf::Tabulated { .. } => "tabulated",
+            Bsdf::Specular {} => "specular",
+        }
+    }
+}
+
+fn unsupported(place: &str, what: &str, kind: &str, remedy: &str) -> Error {
+    Error::scene(place, format!("{what} `{kind}` is not supported yet"), remedy)
+}
+
+type Group<'a> = (&'a str, Vec<SceneSurface>);
+
+/// Labels of surfaces key the results, so no two may agree.
+fn check_labels(groups: &[Group<'_>]) -> Result<()> {
+    let mut seen = HashSet::new();
+    for surface in groups.iter().flat_map(|(_, surfaces)| surfaces) {
+        if !seen.insert(surface.name.as_str()) {
+            return Err(Error::scene(
+                "nsq_gpu.surfaces",
+                format!("two surfaces are called {}", quoted(&surface.name)),
+                "rename one; a lens L1 has the surfaces L1.front, L1.back, L1.edge and maybe L1.rim",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn check_override_names(file: &SceneFile, overrides: &BTreeMap<String, Override>) -> Result<()> {
+    if overrides.is_empty() {
+        return Ok(());
+    }
+    let parts: Vec<Part> = file.components.iter().flat_map(|component| component.parts()).collect();
+    let known: HashSet<&str> = parts.iter().map(|part| part.name.as_str()).collect();
+    for (name, change) in overrides {
+        let place = key_of("nsq_gpu.overrides", name);
+        if !known.contains(name.as_str()) {
+            let advice = did_you_mean(name, parts.iter().map(|part| part.name.as_str()));
+            return Err(Error::scene(place, "no component has a surface of this name", advice));
+        }
+        let part = parts.iter().find(|part| part.name == *name);
+        if change.aperture_radius.is_some()
+            && !part.is_some_and(|part| matches!(part.shape, ir::Shape::Conic { .. }))
+        {
+            return Err(Error::scene(
+                key_of(&place, "aperture_radius"),
+                "this surface has no aperture of its own",
+                "change the aperture radii of the faces instead",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Sorts the groups by a list that must name each of them once.
+fn in_order(groups: Vec<Group<'_>>, order: &[String]) -> Result<Vec<SceneSurface>> {
+    let names: Vec<&str> = groups.iter().map(|(name, _)| *name).collect();
+    let mut waiting: HashMap<&str, Vec<SceneSurface>> = groups.into_iter().collect();
+    let mut surfaces = Vec::new();
+    for (index, name) in order.iter().enumerate() {
+        let Some(group) = waiting.remove(name.as_str()) else {
+            let (problem, remedy) = if names.contains(&name.as_str()) {
+                ("this name stands in the order twice".to_owned(), "remove one of the two".to_owned())
+            } else {
+                (format!("nothing is called {}", quoted(name)), did_you_mean(name, names.iter().copied()))
+            };
+            return Err(Error::scene(format!("nsq_gpu.order[{index}]"), problem, remedy));
+        };
+        surfaces.extend(group);
+    }
+    match names.iter().find(|name| waiting.contains_key(*name)) {
+        Some(missing) => Err(Error::scene(
+            "nsq_gpu.order",
+            format!("{} is missing", quoted(missing)),
+            "name every component and every surface once",
+        )),
+        None => Ok(surfaces),
+    }
+}
+
+impl Block {
+    /// The block of a scene file that has none.
+    pub(super) fn empty() -> Self {
+        Block {
+            version: 1,
+            media: BTreeMap::new(),
+            surfaces: Vec::new(),
+            overrides: BTreeMap::new(),
+            order: None,
+            detectors: BTreeMap::new(),
+            sampling: Default::default(),
+        }
+    }
+}

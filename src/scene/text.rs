@@ -1,0 +1,187 @@
+//! Scene text -> a tree of JSON values.
+//!
+//! Python writes a flat surface's radius as bare `Infinity`, which JSON forbids and JSON5 allows, so the text is read
+//! as JSON5. The tree cannot hold such numbers; it carries them as the strings that Python prints.
+
+use std::cell::RefCell;
+
+use serde::de::{self, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
+use serde_json::{Map, Number, Value};
+
+use super::place::Place;
+use crate::{Error, Result};
+
+/// Longest scene text that is read \[bytes\]; the tree takes several times as much memory.
+const MAX_BYTES: usize = 256 << 20;
+
+/// Deepest nesting of arrays and objects: parsing recurses, and the stack must not run out.
+const MAX_DEPTH: usize = 128;
+
+/// Reads JSON or JSON5 text, refusing duplicate keys, deep nesting and absurd length.
+pub(super) fn parse(text: &str) -> Result<Value> {
+    if text.len() > MAX_BYTES {
+        return Err(Error::scene(
+            "the scene file",
+            format!("its {} bytes exceed the limit of {MAX_BYTES}", text.len()),
+            "keep large data such as meshes in files of their own",
+        ));
+    }
+    let refusal = RefCell::new(None);
+    let root = Node { depth: 0, place: Place::Root, refusal: &refusal };
+    let mut deserializer = json5::Deserializer::from_str(text);
+    let parsed = root.deserialize(&mut deserializer).and_then(|value| at_end(&mut deserializer, value));
+    match (refusal.into_inner(), parsed) {
+        (Some(refused), _) => Err(refused),
+        (None, parsed) => parsed.map_err(|err| syntax_error(text, &err)),
+    }
+}
+
+/// The value, if nothing but white space and comments follows it.
+fn at_end(rest: &mut json5::Deserializer<'_>, value: Value) -> std::result::Result<Value, json5::Error> {
+    match rest.deserialize_any(Nothing) {
+        Err(err) if err.code() == Some(json5::ErrorCode::EofParsingValue) => Ok(value),
+        Err(err) => Err(err),
+        Ok(()) => Ok(value),
+    }
+}
+
+/// A visitor that takes no value: where one comes, the text goes on after its end.
+struct Nothing;
+
+impl Visitor<'_> for Nothing {
+    type Value = ();
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the end of the scene")
+    }
+}
+
+fn syntax_error(text: &str, err: &json5::Error) -> Error {
+    let (line, column) = match err.position() {
+        Some(at) => (at.line + 1, at.column + 1),
+        None => end_of(text),
+    };
+    let cause = err.code().map_or_else(|| err.to_string(), |code| code.to_string());
+    Error::scene(
+        format!("line {line}, column {column}"),
+        format!("the text is not JSON: {cause}"),
+        "check the brackets, commas and quotes before this point",
+    )
+}
+
+/// Line and column just past the last character, from 1.
+fn end_of(text: &str) -> (usize, usize) {
+    let last = text.rsplit('\n').next().unwrap_or("");
+    (text.matches('\n').count() + 1, last.chars().count() + 1)
+}
+
+/// A seed that reads one value, knowing where it stands.
+struct Node<'a> {
+    depth: usize,
+    place: Place<'a>,
+    /// Where a refusal that is not about syntax waits while the parser unwinds.
+    refusal: &'a RefCell<Option<Error>>,
+}
+
+impl Node<'_> {
+    fn refuse<E: de::Error>(&self, problem: String, remedy: &str) -> E {
+        let place = match self.place {
+            Place::Root => "the scene file".to_owned(),
+            place => place.to_string(),
+        };
+        self.refusal.borrow_mut().get_or_insert_with(|| Error::scene(place, problem, remedy));
+        E::custom("refused")
+    }
+
+    fn check_depth<E: de::Error>(&self) -> std::result::Result<(), E> {
+        if self.depth < MAX_DEPTH {
+            return Ok(());
+        }
+        // The full place would be as deep as the nesting itself.
+        self.refusal.borrow_mut().get_or_insert_with(|| {
+            Error::scene(
+                "the scene file",
+                format!("arrays and objects are nested deeper than {MAX_DEPTH} levels"),
+                "flatten it; a chain of reference_cs can be combined into one",
+            )
+        });
+        Err(E::custom("refused"))
+    }
+}
+
+impl<'de> DeserializeSeed<'de> for Node<'_> {
+    type Value = Value;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> std::result::Result<Value, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Node<'_> {
+    type Value = Value;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a JSON value")
+    }
+
+    fn visit_unit<E>(self) -> std::result::Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E>(self, value: bool) -> std::result::Result<Value, E> {
+        Ok(Value::Bool(value))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> std::result::Result<Value, E> {
+        Ok(Value::Number(value.into()))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> std::result::Result<Value, E> {
+        Ok(Value::Number(value.into()))
+    }
+
+    fn visit_f64<E>(self, value: f64) -> std::result::Result<Value, E> {
+        Ok(match Number::from_f64(value) {
+            Some(number) => Value::Number(number),
+            None if value.is_nan() => Value::String("NaN".to_owned()),
+            None if value > 0.0 => Value::String("Infinity".to_owned()),
+            None => Value::String("-Infinity".to_owned()),
+        })
+    }
+
+    fn visit_str<E>(self, value: &str) -> std::result::Result<Value, E> {
+        Ok(Value::String(value.to_owned()))
+    }
+
+    fn visit_string<E>(self, value: String) -> std::result::Result<Value, E> {
+        Ok(Value::String(value))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> std::result::Result<Value, A::Error> {
+        self.check_depth()?;
+        let mut array = Vec::new();
+        loop {
+            let place = Place::Index(&self.place, array.len());
+            let item = Node { depth: self.depth + 1, place, refusal: self.refusal };
+            match items.next_element_seed(item)? {
+                Some(value) => array.push(value),
+                None => return Ok(Value::Array(array)),
+            }
+        }
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> std::result::Result<Value, A::Error> {
+        self.check_depth()?;
+        let mut object = Map::new();
+        while let Some(key) = entries.next_key::<String>()? {
+            let place = Place::Key(&self.place, &key);
+            let item = Node { depth: self.depth + 1, place, refusal: self.refusal };
+            if object.contains_key(&key) {
+                return Err(item.refuse("the key stands here twice".to_owned(), "remove one of the two"));
+            }
+            let value = entries.next_value_seed(item)?;
+            object.insert(key, value);
+        }
+        Ok(Value::Object(object))
+    }
+}

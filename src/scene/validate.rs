@@ -1,0 +1,698 @@
+//! Refuses what no trace could mean: absurd numbers, clashing names, contradictions. The first problem is reported,
+//! with its place.
+
+use std::collections::{BTreeSet, HashSet};
+
+use super::json::{
+    Block, Bsdf, Coating, CollimatedSource, Component, CoordinateSystem, Detector, Doublet, ExtendedSource,
+    Lens, Medium, Mirror, Override, RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Shape,
+    Source, SpectralDetector, Spectrum, SplatKind,
+};
+use super::place::{did_you_mean, key_of, quoted};
+use crate::{Error, Result};
+
+/// Longest coordinate or size \[mm\]: a million km.
+const MAX_LENGTH: f64 = 1e12;
+/// Shortest size \[mm\]: a femtometre.
+const MIN_LENGTH: f64 = 1e-12;
+/// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
+const MAX_WAVELENGTH: f64 = 20.0;
+/// Wavelengths below are metres by mistake \[um\].
+const MIN_WAVELENGTH: f64 = 1e-4;
+/// Longest chain of coordinate systems.
+const MAX_CHAIN: usize = 64;
+/// Most sums that all detectors keep together.
+const MAX_CELLS: u64 = 1 << 31;
+/// Most components, surfaces, sources or detectors.
+const MAX_ITEMS: usize = 100_000;
+/// Most distinct wavelengths of all sources.
+const MAX_WAVELENGTHS: usize = 100_000;
+/// Widest Gaussian splat \[pixels\].
+const MAX_SPLAT_SIGMA: f64 = 100.0;
+/// Longest name \[bytes\]; detectors' become file names.
+const MAX_NAME: usize = 200;
+
+/// Checks everything that can be checked without building surfaces or looking up materials.
+pub(super) fn check(file: &SceneFile, warnings: &mut Vec<String>) -> Result<()> {
+    check_counts(file)?;
+    each("components", &file.components, check_component)?;
+    each("sources", &file.sources, check_source)?;
+    each("detectors", &file.detectors, check_detector)?;
+    check_cells(file)?;
+    check_wavelength_count(file)?;
+    check_total_flux(file)?;
+    if let Some(block) = &file.nsq_gpu {
+        check_block(block, file)?;
+    }
+    check_names(file)?;
+    warn_of_degrees(file, warnings);
+    Ok(())
+}
+
+fn each<T>(list: &str, items: &[T], check: impl Fn(&str, &T) -> Result<()>) -> Result<()> {
+    items.iter().enumerate().try_for_each(|(index, item)| check(&format!("{list}[{index}]"), item))
+}
+
+fn refuse(place: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Result<()> {
+    Err(Error::scene(place, problem, remedy))
+}
+
+// Numbers
+
+fn between(place: String, value: f64, low: f64, high: f64) -> Result<()> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        refuse(place, format!("{value} is out of range"), format!("give a number from {low} to {high}"))
+    }
+}
+
+fn fraction(place: String, value: f64) -> Result<()> {
+    between(place, value, 0.0, 1.0)
+}
+
+/// A size that must exist \[mm\].
+fn size(place: String, value: f64) -> Result<()> {
+    match value {
+        v if (MIN_LENGTH..=MAX_LENGTH).contains(&v) => Ok(()),
+        v if v > MAX_LENGTH => {
+            refuse(place, format!("{v} mm is too large"), format!("give at most {MAX_LENGTH:e} mm"))
+        }
+        v if v > 0.0 => {
+            refuse(place, format!("{v} mm is too small"), format!("give at least {MIN_LENGTH:e} mm"))
+        }
+        v => refuse(place, format!("{v} mm is no size"), "give a number above 0"),
+    }
+}
+
+/// A position along an axis \[mm\].
+fn position(place: String, value: f64) -> Result<()> {
+    between(place, value, -MAX_LENGTH, MAX_LENGTH)
+}
+
+/// A vertex radius \[mm\]: 0 and infinity mean flat.
+fn radius(place: String, value: f64) -> Result<()> {
+    if value == 0.0 || value.is_infinite() || value.abs() >= MIN_LENGTH {
+        Ok(())
+    } else {
+        refuse(place, format!("a radius of {value} mm is too small"), "give 0 or Infinity for a flat surface")
+    }
+}
+
+fn conic_constant(place: String, value: f64) -> Result<()> {
+    between(place, value, -1e9, 1e9)
+}
+
+fn count(place: String, value: u32) -> Result<()> {
+    if value > 0 { Ok(()) } else { refuse(place, "0 leaves nothing to record in", "give 1 or more") }
+}
+
+fn wavelength(place: String, value: f64) -> Result<()> {
+    match value {
+        v if (MIN_WAVELENGTH..=MAX_WAVELENGTH).contains(&v) => Ok(()),
+        v if v > MAX_WAVELENGTH && v.is_finite() => refuse(
+            place,
+            format!("a wavelength of {v} um is above {MAX_WAVELENGTH} um"),
+            format!(
+                "wavelengths are in micrometres; if these are nanometres, divide by 1000: {}",
+                v / 1000.0
+            ),
+        ),
+        v if v > 0.0 && v.is_finite() => refuse(
+            place,
+            format!("a wavelength of {v} um is below {MIN_WAVELENGTH} um"),
+            "wavelengths are in micrometres; if these are metres, multiply by 1e6",
+        ),
+        v => refuse(place, format!("{v} is no wavelength"), "give micrometres above 0, such as 0.55"),
+    }
+}
+
+fn coordinate_system(place: &str, cs: &CoordinateSystem) -> Result<()> {
+    let mut place = place.to_owned();
+    let mut next = Some(cs);
+    for _ in 0..MAX_CHAIN {
+        let Some(cs) = next else { return Ok(()) };
+        for (key, value) in [("x", cs.x), ("y", cs.y), ("z", cs.z)] {
+            position(key_of(&place, key), value)?;
+        }
+        for (key, value) in [("rx", cs.rx), ("ry", cs.ry), ("rz", cs.rz)] {
+            between(key_of(&place, key), value, -1e6, 1e6)?;
+        }
+        place = key_of(&place, "reference_cs");
+        next = cs.reference_cs.as_deref();
+    }
+    match next {
+        None => Ok(()),
+        Some(_) => refuse(
+            place,
+            format!("the chain of reference_cs is longer than {MAX_CHAIN}"),
+            "combine coordinate systems",
+        ),
+    }
+}
+
+// Components
+
+fn check_component(place: &str, component: &Component) -> Result<()> {
+    let config = key_of(place, "config");
+    match component {
+        Component::Lens(lens) => {
+            coordinate_system(&key_of(place, "cs"), &lens.cs)?;
+            check_lens(&config, &lens.config)
+        }
+        Component::Mirror(mirror) => {
+            coordinate_system(&key_of(place, "cs"), &mirror.cs)?;
+            check_mirror(&config, &mirror.config)
+        }
+        Component::Doublet(doublet) => {
+            coordinate_system(&key_of(place, "cs"), &doublet.cs)?;
+            check_doublet(&config, &doublet.config)
+        }
+    }
+}
+
+fn check_lens(place: &str, lens: &Lens) -> Result<()> {
+    let at = |key| key_of(place, key);
+    radius(at("r1"), lens.r1)?;
+    radius(at("r2"), lens.r2)?;
+    position(at("thickness"), lens.thickness)?;
+    size(at("front_aperture_radius"), lens.front_aperture_radius)?;
+    lens.back_aperture_radius.map_or(Ok(()), |r| size(at("back_aperture_radius"), r))?;
+    conic_constant(at("conic1"), lens.conic1)?;
+    conic_constant(at("conic2"), lens.conic2)
+}
+
+fn check_mirror(place: &str, mirror: &Mirror) -> Result<()> {
+    let at = |key| key_of(place, key);
+    radius(at("radius"), mirror.radius)?;
+    fraction(at("reflectance"), mirror.reflectance)?;
+    conic_constant(at("conic"), mirror.conic)?;
+    size(at("aperture_radius"), mirror.aperture_radius)
+}
+
+fn check_doublet(place: &str, doublet: &Doublet) -> Result<()> {
+    let at = |key| key_of(place, key);
+    radius(at("r1"), doublet.r1)?;
+    radius(at("r2"), doublet.r2)?;
+    radius(at("r3"), doublet.r3)?;
+    position(at("thickness1"), doublet.thickness1)?;
+    position(at("thickness2"), doublet.thickness2)?;
+    size(at("aperture_radius"), doublet.aperture_radius)?;
+    conic_constant(at("conic1"), doublet.conic1)?;
+    conic_constant(at("conic2"), doublet.conic2)?;
+    conic_constant(at("conic3"), doublet.conic3)
+}
+
+// Sources
+
+impl Source {
+    /// The user's name for it.
+    pub fn name(&self) -> &str {
+        match self {
+            Source::Point(source) => &source.name,
+            Source::Collimated(source) => &source.name,
+            Source::Extended(source) => &source.name,
+        }
+    }
+
+    /// Position and axis.
+    pub fn cs(&self) -> &CoordinateSystem {
+        match self {
+            Source::Point(source) => &source.cs,
+            Source::Collimated(source) => &source.cs,
+            Source::Extended(source) => &source.cs,
+        }
+    }
+
+    /// Discrete spectrum.
+    pub fn spectrum(&self) -> &Spectrum {
+        match self {
+            Source::Point(source) => &source.spectrum,
+            Source::Collimated(source) => &source.spectrum,
+            Source::Extended(source) => &source.spectrum,
+        }
+    }
+
+    /// Flux \[W\].
+    pub fn total_flux(&self) -> f64 {
+        match self {
+            Source::Point(source) => source.total_flux,
+            Source::Collimated(source) => source.total_flux,
+            Source::Extended(source) => source.total_flux,
+        }
+    }
+}
+
+fn check_source(place: &str, source: &Source) -> Result<()> {
+    coordinate_system(&key_of(place, "cs"), source.cs())?;
+    check_spectrum(&key_of(place, "spectrum"), source.spectrum())?;
+    between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e30)?;
+    match source {
+        Source::Point(point) => between(key_of(place, "half_angle_deg"), point.half_angle_deg, 0.0, 180.0),
+        Source::Collimated(beam) => check_collimated(place, beam),
+        Source::Extended(area) => check_extended(place, area),
+    }
+}
+
+fn check_collimated(place: &str, beam: &CollimatedSource) -> Result<()> {
+    size(key_of(place, "aperture_radius"), beam.aperture_radius)?;
+    beam.gaussian_sigma.map_or(Ok(()), |sigma| size(key_of(place, "gaussian_sigma"), sigma))
+}
+
+fn check_extended(place: &str, area: &ExtendedSource) -> Result<()> {
+    size(key_of(place, "width"), area.width)?;
+    size(key_of(place, "height"), area.height)?;
+    area.aperture_radius.map_or(Ok(()), |r| size(key_of(place, "aperture_radius"), r))?;
+    between(key_of(place, "half_angle_deg"), area.half_angle_deg, 0.0, 180.0)
+}
+
+fn check_spectrum(place: &str, spectrum: &Spectrum) -> Result<()> {
+    let Spectrum { wavelengths, weights } = spectrum;
+    check_table(place, wavelengths, "weights", weights)?;
+    for (i, weight) in weights.iter().enumerate() {
+        between(format!("{place}.weights[{i}]"), *weight, 0.0, 1e30)?;
+    }
+    if weights.iter().all(|weight| *weight == 0.0) {
+        return refuse(key_of(place, "weights"), "all weights are 0", "give at least one weight above 0");
+    }
+    Ok(())
+}
+
+/// A table over wavelengths: not empty, as many values as wavelengths, each wavelength sensible.
+fn check_table(place: &str, wavelengths: &[f64], key: &str, values: &[f64]) -> Result<()> {
+    if wavelengths.is_empty() {
+        return refuse(
+            key_of(place, "wavelengths"),
+            "the list is empty",
+            "give at least one wavelength [um]",
+        );
+    }
+    if wavelengths.len() != values.len() {
+        let problem = format!("{} values for {} wavelengths", values.len(), wavelengths.len());
+        return refuse(key_of(place, key), problem, "give one value per wavelength");
+    }
+    let mut each = wavelengths.iter().enumerate();
+    each.try_for_each(|(i, value)| wavelength(format!("{place}.wavelengths[{i}]"), *value))
+}
+
+// Detectors
+
+impl Detector {
+    /// The user's name for it.
+    pub fn name(&self) -> &str {
+        match self {
+            Detector::Irradiance(detector) => &detector.name,
+            Detector::Spectral(detector) => &detector.name,
+            Detector::FarField(detector) => &detector.name,
+            Detector::RayDatabase(detector) => &detector.name,
+        }
+    }
+
+    /// Position and orientation.
+    pub fn cs(&self) -> &CoordinateSystem {
+        match self {
+            Detector::Irradiance(detector) => &detector.cs,
+            Detector::Spectral(detector) => &detector.cs,
+            Detector::FarField(detector) => &detector.cs,
+            Detector::RayDatabase(detector) => &detector.cs,
+        }
+    }
+
+    /// How many sums it keeps, if they can be counted.
+    fn num_cells(&self) -> Option<u64> {
+        let product =
+            |factors: &[u32]| factors.iter().try_fold(1u64, |cells, n| cells.checked_mul(u64::from(*n)));
+        match self {
+            Detector::Irradiance(d) => product(&[d.num_pixels_x, d.num_pixels_y]),
+            Detector::Spectral(d) => product(&[d.num_pixels_x, d.num_pixels_y, d.num_bins]),
+            Detector::FarField(d) => product(&[d.num_bins_theta, d.num_bins_phi]),
+            Detector::RayDatabase(_) => Some(0),
+        }
+    }
+}
+
+fn check_detector(place: &str, detector: &Detector) -> Result<()> {
+    let at = |key| key_of(place, key);
+    coordinate_system(&at("cs"), detector.cs())?;
+    match detector {
+        Detector::Irradiance(d) => {
+            check_rectangle(place, d.width, d.height)?;
+            count(at("num_pixels_x"), d.num_pixels_x)?;
+            count(at("num_pixels_y"), d.num_pixels_y)?;
+            check_splat(place, d.splat, d.splat_sigma)
+        }
+        Detector::Spectral(d) => check_spectral(place, d),
+        Detector::FarField(d) => {
+            count(at("num_bins_theta"), d.num_bins_theta)?;
+            count(at("num_bins_phi"), d.num_bins_phi)
+        }
+        Detector::RayDatabase(d) => check_rectangle(place, d.width, d.height),
+    }
+}
+
+fn check_spectral(place: &str, d: &SpectralDetector) -> Result<()> {
+    let at = |key| key_of(place, key);
+    check_rectangle(place, d.width, d.height)?;
+    count(at("num_pixels_x"), d.num_pixels_x)?;
+    count(at("num_pixels_y"), d.num_pixels_y)?;
+    count(at("num_bins"), d.num_bins)?;
+    wavelength(at("wl_min"), d.wl_min)?;
+    wavelength(at("wl_max"), d.wl_max)?;
+    if d.wl_min >= d.wl_max {
+        let problem = format!("wl_max = {} um is not above wl_min = {} um", d.wl_max, d.wl_min);
+        return refuse(at("wl_max"), problem, "give wl_min < wl_max");
+    }
+    check_splat(place, d.splat, d.splat_sigma)
+}
+
+fn check_rectangle(place: &str, width: f64, height: f64) -> Result<()> {
+    size(key_of(place, "width"), width)?;
+    size(key_of(place, "height"), height)
+}
+
+fn check_splat(place: &str, splat: SplatKind, sigma: f64) -> Result<()> {
+    let high = if splat == SplatKind::Gaussian { MAX_SPLAT_SIGMA } else { f64::MAX };
+    between(key_of(place, "splat_sigma"), sigma, 0.0, high)
+}
+
+// The whole
+
+fn check_counts(file: &SceneFile) -> Result<()> {
+    let lists = [
+        ("components", file.components.len()),
+        ("sources", file.sources.len()),
+        ("detectors", file.detectors.len()),
+        ("nsq_gpu.surfaces", file.nsq_gpu.as_ref().map_or(0, |block| block.surfaces.len())),
+    ];
+    if let Some((list, count)) = lists.into_iter().find(|(_, count)| *count > MAX_ITEMS) {
+        return refuse(list, format!("{count} items are too many"), format!("give at most {MAX_ITEMS}"));
+    }
+    if file.sources.is_empty() {
+        return refuse("sources", "the scene has no source", "add at least one source");
+    }
+    if file.detectors.is_empty() {
+        return refuse("detectors", "the scene has no detector", "add at least one detector");
+    }
+    Ok(())
+}
+
+fn check_cells(file: &SceneFile) -> Result<()> {
+    let mut total = 0u64;
+    for (index, detector) in file.detectors.iter().enumerate() {
+        let cells = detector.num_cells().unwrap_or(u64::MAX);
+        total = total.saturating_add(cells);
+        if total > MAX_CELLS {
+            return refuse(
+                format!("detectors[{index}]"),
+                format!("its {cells} pixels or bins exceed what all detectors may have together"),
+                format!("reduce the pixels or bins; {MAX_CELLS} in all are the limit"),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn check_wavelength_count(file: &SceneFile) -> Result<()> {
+    let all = file.sources.iter().flat_map(|source| &source.spectrum().wavelengths);
+    let distinct: HashSet<u64> = all.map(|x| x.to_bits()).collect();
+    if distinct.len() <= MAX_WAVELENGTHS {
+        return Ok(());
+    }
+    refuse(
+        "sources",
+        format!("{} distinct wavelengths are too many", distinct.len()),
+        format!("give at most {MAX_WAVELENGTHS} in all spectra together"),
+    )
+}
+
+fn check_total_flux(file: &SceneFile) -> Result<()> {
+    if file.sources.iter().any(|source| source.total_flux() > 0.0) {
+        return Ok(());
+    }
+    refuse("sources[0].total_flux", "no source emits any flux", "give at least one source a flux above 0 W")
+}
+
+/// Full turns in radians are degrees by mistake, more often than not.
+fn warn_of_degrees(file: &SceneFile, warnings: &mut Vec<String>) {
+    let components = file.components.iter().map(|component| (component.name(), component.cs()));
+    let sources = file.sources.iter().map(|source| (source.name(), source.cs()));
+    let detectors = file.detectors.iter().map(|detector| (detector.name(), detector.cs()));
+    for (name, cs) in components.chain(sources).chain(detectors) {
+        let turned = [cs.rx, cs.ry, cs.rz].into_iter().find(|angle| angle.abs() > std::f64::consts::TAU);
+        if let Some(angle) = turned {
+            let turned = format!("{} is rotated by {angle} rad", quoted(name));
+            warnings
+                .push(format!("{turned}; rotations are in radians, so check that degrees were not meant"));
+        }
+    }
+}
+
+// Names
+
+fn check_names(file: &SceneFile) -> Result<()> {
+    let raw = file.nsq_gpu.iter().flat_map(|block| &block.surfaces).enumerate();
+    let raw = raw.map(|(i, surface)| (format!("nsq_gpu.surfaces[{i}].name"), surface.name.as_str()));
+    let components =
+        file.components.iter().enumerate().map(|(i, c)| (format!("components[{i}].name"), c.name()));
+    check_distinct(components.chain(raw))?;
+    check_distinct(file.sources.iter().enumerate().map(|(i, s)| (format!("sources[{i}].name"), s.name())))?;
+    let detectors =
+        || file.detectors.iter().enumerate().map(|(i, d)| (format!("detectors[{i}].name"), d.name()));
+    check_distinct(detectors())?;
+    check_file_names(detectors())
+}
+
+fn check_distinct<'a>(names: impl Iterator<Item = (String, &'a str)>) -> Result<()> {
+    let mut seen = HashSet::new();
+    for (place, name) in names {
+        check_name(&place, name)?;
+        if !seen.insert(name) {
+            return refuse(place, format!("the name {} is taken", quoted(name)), "give each its own name");
+        }
+    }
+    Ok(())
+}
+
+fn check_name(place: &str, name: &str) -> Result<()> {
+    let problem = match name {
+        "" => "the name is empty",
+        "." | ".." => "the name is a path",
+        _ if name.contains(['/', '\\']) => "the name is a path",
+        _ if name.chars().any(char::is_control) => "the name contains a control character",
+        _ if name.len() > MAX_NAME => "the name is too long",
+        _ => return Ok(()),
+    };
+    refuse(place, format!("{problem}: {}", quoted(name)), "use letters, digits, spaces, `_`, `-` and `.`")
+}
+
+/// Detectors' names become file names, on any system.
+fn check_file_names<'a>(names: impl Iterator<Item = (String, &'a str)>) -> Result<()> {
+    let mut seen = HashSet::new();
+    for (place, name) in names {
+        if name.contains(['<', '>', ':', '"', '|', '?', '*'])
+            || name.ends_with(['.', ' '])
+            || name.starts_with(' ')
+        {
+            let problem = format!("the name {} cannot be a file name", quoted(name));
+            return refuse(place, problem, "use letters, digits, `_`, `-` and `.`");
+        }
+        if is_device(name) {
+            return refuse(
+                place,
+                format!("{} is a device on some systems", quoted(name)),
+                "rename the detector",
+            );
+        }
+        if !seen.insert(name.to_lowercase()) {
+            let problem = format!("the name {} differs from another detector's only by case", quoted(name));
+            return refuse(place, problem, "give each detector a file name of its own");
+        }
+    }
+    Ok(())
+}
+
+fn is_device(name: &str) -> bool {
+    let stem = name.split('.').next().unwrap_or("").to_uppercase();
+    let numbered = |prefix: &str| {
+        stem.strip_prefix(prefix).is_some_and(|n| n.len() == 1 && n.as_bytes()[0].is_ascii_digit())
+    };
+    matches!(stem.as_str(), "CON" | "PRN" | "AUX" | "NUL") || numbered("COM") || numbered("LPT")
+}
+
+// The block
+
+fn check_block(block: &Block, file: &SceneFile) -> Result<()> {
+    for (name, medium) in &block.media {
+        check_medium(&key_of("nsq_gpu.media", name), medium)?;
+    }
+    each("nsq_gpu.surfaces", &block.surfaces, check_raw_surface)?;
+    for (name, change) in &block.overrides {
+        check_override(&key_of("nsq_gpu.overrides", name), change)?;
+    }
+    check_detector_extras(block, file)?;
+    check_sampling("nsq_gpu.sampling", &block.sampling)
+}
+
+fn check_medium(place: &str, medium: &Medium) -> Result<()> {
+    let index = |place: String, n: f64| between(place, n, 1e-6, 1e3);
+    let extinction = |place: String, k: f64| between(place, k, 0.0, 1e6);
+    match medium {
+        Medium::Constant { n, k } => {
+            index(key_of(place, "n"), *n)?;
+            extinction(key_of(place, "k"), *k)
+        }
+        Medium::Table { wavelengths, n, k } => {
+            check_table(place, wavelengths, "n", n)?;
+            n.iter().enumerate().try_for_each(|(i, n)| index(format!("{place}.n[{i}]"), *n))?;
+            let Some(k) = k else { return check_no_repeats(place, wavelengths) };
+            check_table(place, wavelengths, "k", k)?;
+            k.iter().enumerate().try_for_each(|(i, k)| extinction(format!("{place}.k[{i}]"), *k))?;
+            check_no_repeats(place, wavelengths)
+        }
+        Medium::Catalog { .. } => Ok(()),
+    }
+}
+
+fn check_no_repeats(place: &str, wavelengths: &[f64]) -> Result<()> {
+    let mut seen = BTreeSet::new();
+    match wavelengths.iter().position(|x| !seen.insert(x.to_bits())) {
+        None => Ok(()),
+        Some(i) => refuse(
+            format!("{place}.wavelengths[{i}]"),
+            format!("{} um is listed twice", wavelengths[i]),
+            "give each wavelength one value",
+        ),
+    }
+}
+
+fn check_reflectance(place: &str, reflectance: &Reflectance) -> Result<()> {
+    match reflectance {
+        Reflectance::Constant(value) => fraction(place.to_owned(), *value),
+        Reflectance::Table { wavelengths, values } => {
+            check_table(place, wavelengths, "values", values)?;
+            values
+                .iter()
+                .enumerate()
+                .try_for_each(|(i, value)| fraction(format!("{place}.values[{i}]"), *value))?;
+            check_no_repeats(place, wavelengths)
+        }
+    }
+}
+
+fn check_raw_surface(place: &str, surface: &RawSurface) -> Result<()> {
+    let at = |key| key_of(place, key);
+    coordinate_system(&at("cs"), &surface.cs)?;
+    check_shape(&at("shape"), &surface.shape)?;
+    surface.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
+    surface.bsdf.as_ref().map_or(Ok(()), |bsdf| check_bsdf(&at("bsdf"), bsdf))?;
+    fraction(at("scatter_fraction"), surface.scatter_fraction)?;
+    surface.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
+}
+
+fn check_override(place: &str, change: &Override) -> Result<()> {
+    let at = |key| key_of(place, key);
+    change.aperture_radius.map_or(Ok(()), |r| size(at("aperture_radius"), r))?;
+    change.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
+    change.bsdf.as_ref().map_or(Ok(()), |bsdf| check_bsdf(&at("bsdf"), bsdf))?;
+    change.scatter_fraction.map_or(Ok(()), |f| fraction(at("scatter_fraction"), f))?;
+    change.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
+}
+
+fn check_shape(place: &str, shape: &Shape) -> Result<()> {
+    let at = |key| key_of(place, key);
+    match shape {
+        Shape::Conic { radius: r, conic, aperture_radius } => {
+            radius(at("radius"), *r)?;
+            conic_constant(at("conic"), *conic)?;
+            size(at("aperture_radius"), *aperture_radius)
+        }
+        Shape::Plane { width, height, aperture_radius } => {
+            let sizes = [("width", width), ("height", height), ("aperture_radius", aperture_radius)];
+            sizes.into_iter().try_for_each(|(key, value)| value.map_or(Ok(()), |value| size(at(key), value)))
+        }
+        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
+            between(at("inner_radius"), *inner_radius, 0.0, MAX_LENGTH)?;
+            size(at("outer_radius"), *outer_radius)?;
+            position(at("z_offset"), *z_offset)?;
+            if inner_radius < outer_radius {
+                return Ok(());
+            }
+            refuse(at("outer_radius"), "the ring is empty", "give inner_radius < outer_radius")
+        }
+        Shape::Frustum { r_front, r_back, z_front, z_back } => {
+            between(at("r_front"), *r_front, 0.0, MAX_LENGTH)?;
+            between(at("r_back"), *r_back, 0.0, MAX_LENGTH)?;
+            size(at("r_front"), r_front.max(*r_back))?;
+            position(at("z_front"), *z_front)?;
+            position(at("z_back"), *z_back)?;
+            if z_front < z_back {
+                return Ok(());
+            }
+            refuse(at("z_back"), "the frustum has no height", "give z_front < z_back")
+        }
+        Shape::Sphere { radius, aperture_radius } => {
+            size(at("radius"), *radius)?;
+            // A limit beyond the radius limits nothing, as in Optiland.
+            aperture_radius.map_or(Ok(()), |r| size(at("aperture_radius"), r))
+        }
+        // Refused by name when surfaces are built.
+        Shape::Mesh { .. } => Ok(()),
+    }
+}
+
+fn check_bsdf(place: &str, bsdf: &Bsdf) -> Result<()> {
+    let at = |key| key_of(place, key);
+    match bsdf {
+        Bsdf::Lambertian { reflectance_value, transmissive_fraction } => {
+            fraction(at("reflectance_value"), *reflectance_value)?;
+            fraction(at("transmissive_fraction"), *transmissive_fraction)
+        }
+        Bsdf::HarveyShack { b0, l0, s, transmissive_fraction } => {
+            between(at("b0"), *b0, 0.0, 1e30)?;
+            between(at("l0"), *l0, 1e-12, 1e12)?;
+            between(at("s"), *s, 0.0, 1e3)?;
+            fraction(at("transmissive_fraction"), *transmissive_fraction)
+        }
+        Bsdf::Tabulated { transmissive_fraction, .. } => {
+            fraction(at("transmissive_fraction"), *transmissive_fraction)
+        }
+        Bsdf::Specular {} => Ok(()),
+    }
+}
+
+fn check_coating(place: &str, coating: &Coating) -> Result<()> {
+    let Coating::Simple { reflectance, transmittance } = coating;
+    check_reflectance(&key_of(place, "reflectance"), reflectance)?;
+    check_reflectance(&key_of(place, "transmittance"), transmittance)
+}
+
+fn check_detector_extras(block: &Block, file: &SceneFile) -> Result<()> {
+    for (name, extra) in &block.detectors {
+        let place = key_of("nsq_gpu.detectors", name);
+        let Some(detector) = file.detectors.iter().find(|detector| detector.name() == name) else {
+            let advice = did_you_mean(name, file.detectors.iter().map(Detector::name));
+            return refuse(place, "no detector has this name", advice);
+        };
+        if extra.max_rays.is_some() && !matches!(detector, Detector::RayDatabase(_)) {
+            return refuse(
+                key_of(&place, "max_rays"),
+                "the detector stores no rays",
+                "remove it, or use a ray_database",
+            );
+        }
+    }
+    Ok(())
+}
+
+fn check_sampling(place: &str, sampling: &SamplingPolicy) -> Result<()> {
+    if let ReflectProb::Constant(p) = sampling.reflect_prob {
+        fraction(key_of(place, "reflect_prob"), p)?;
+    }
+    between(key_of(place, "rr_start_flux"), sampling.rr_start_flux, 0.0, 1e30)?;
+    size(key_of(place, "split_budget"), sampling.split_budget)?;
+    if sampling.split_depth > 0 {
+        let problem = format!("splitting (split_depth = {}) is not supported yet", sampling.split_depth);
+        return refuse(key_of(place, "split_depth"), problem, "set it to 0");
+    }
+    Ok(())
+}

@@ -1,0 +1,183 @@
+//! Whether the surfaces of a lens close up, by Optiland's two tests: every sampled point of a rim has a neighbour on
+//! another surface's rim, and rays from the centroid leave through an odd number of surfaces.
+//!
+//! The tests run in the frame of the compound, where Optiland's run in global coordinates: the verdict is the same
+//! near the origin, and does not drown in rounding far from it.
+
+use glam::DVec3;
+
+use crate::ir::Shape;
+
+/// Largest gap between a rim point and its nearest neighbour \[mm\].
+const GAP_TOLERANCE: f64 = 1e-6;
+/// Points per rim.
+const RIM_SAMPLES: usize = 64;
+/// Crossings after which a ray is given up.
+const MAX_CROSSINGS: usize = 64;
+/// How far a ray is moved past a surface that it crossed \[mm\].
+const NUDGE: f64 = 1e-6;
+/// Closest hit that counts \[mm\].
+const MIN_DISTANCE: f64 = 1e-9;
+
+/// Global directions in which the parity of crossings is tested: the rows of
+/// `numpy.random.default_rng(0).normal(size=(8, 3))`, normalised, which are Optiland's.
+const DIRECTIONS: [DVec3; 8] = [
+    DVec3::new(0.18881711923692265, -0.19839032737660414, 0.9617636786063786),
+    DVec3::new(0.16021416297716448, -0.818128926665578, 0.5522648652001644),
+    DVec3::new(0.7415052042025201, 0.5385471155343273, -0.4001712589507583),
+    DVec3::new(-0.8967022761251738, -0.4416644114201207, 0.029284393059288184),
+    DVec3::new(-0.8784069177470692, -0.08266045905288898, -0.4707106705432322),
+    DVec3::new(-0.7583158229918717, -0.5636195521419911, -0.32755169522293953),
+    DVec3::new(0.3648617673568587, 0.9240647543268903, -0.11393077078653183),
+    DVec3::new(0.8759982916180951, -0.4264361324882868, 0.22534244604736822),
+];
+
+/// A boundary surface in the compound's frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Face<'a> {
+    /// What messages call it.
+    pub name: &'a str,
+    /// Position of its vertex along the compound's z \[mm\].
+    pub z: f64,
+    /// Its shape.
+    pub shape: Shape,
+}
+
+/// Why a boundary is not closed.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Leak {
+    /// A rim point of `surface` is `gap` mm from every other rim.
+    Gap { surface: String, gap: f64 },
+    /// A ray from the centroid crosses the boundary this many times.
+    Parity { crossings: usize },
+}
+
+/// Checks a boundary; `to_local` turns a global direction into the compound's frame.
+pub(super) fn check(boundary: &[Face<'_>], to_local: impl Fn(DVec3) -> DVec3) -> Result<(), Leak> {
+    let rims: Vec<Vec<DVec3>> = boundary.iter().map(rim_points).collect();
+    for (own, rim) in rims.iter().enumerate() {
+        let gap = largest_gap(rim, own, &rims);
+        if gap > GAP_TOLERANCE {
+            return Err(Leak::Gap { surface: boundary[own].name.to_owned(), gap });
+        }
+    }
+    let count: usize = rims.iter().map(Vec::len).sum();
+    let centroid = rims.iter().flatten().sum::<DVec3>() / count as f64;
+    for direction in DIRECTIONS {
+        let crossings = count_crossings(boundary, centroid, to_local(direction));
+        if crossings % 2 == 0 {
+            return Err(Leak::Parity { crossings });
+        }
+    }
+    Ok(())
+}
+
+/// The largest distance from a point of `rim` to its nearest neighbour on any other rim.
+fn largest_gap(rim: &[DVec3], own: usize, rims: &[Vec<DVec3>]) -> f64 {
+    let others = || rims.iter().enumerate().filter(|(other, _)| *other != own).flat_map(|(_, points)| points);
+    let nearest = |point: &DVec3| others().map(|other| point.distance(*other)).fold(f64::INFINITY, f64::min);
+    rim.iter().map(nearest).fold(0.0, f64::max)
+}
+
+/// Sample points of the rims of a surface: one loop, or two for a ring or a frustum.
+fn rim_points(face: &Face<'_>) -> Vec<DVec3> {
+    let loops: Vec<(f64, f64)> = match face.shape {
+        Shape::Conic { curvature, conic, aperture_radius } => {
+            vec![(aperture_radius, sag_at_rim(curvature, conic, aperture_radius))]
+        }
+        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
+            vec![(inner_radius, z_offset), (outer_radius, z_offset)]
+        }
+        Shape::Frustum { r_front, r_back, z_front, z_back } => vec![(r_front, z_front), (r_back, z_back)],
+        Shape::Plane(_) | Shape::Sphere { .. } => Vec::new(),
+    };
+    loops.iter().flat_map(|(radius, z)| circle(*radius, face.z + z)).collect()
+}
+
+fn circle(radius: f64, z: f64) -> impl Iterator<Item = DVec3> {
+    (0..RIM_SAMPLES).map(move |i| {
+        let (sin, cos) = (i as f64 * (std::f64::consts::TAU / RIM_SAMPLES as f64)).sin_cos();
+        DVec3::new(radius * cos, radius * sin, z)
+    })
+}
+
+/// Height of a conic at its rim \[mm\]; beyond the widest point of a closed conic, the formula's real part.
+pub(super) fn sag_at_rim(curvature: f64, conic: f64, aperture_radius: f64) -> f64 {
+    let r2 = aperture_radius * aperture_radius;
+    let under_root = 1.0 - (1.0 + conic) * curvature * curvature * r2;
+    curvature * r2 / (1.0 + under_root.max(0.0).sqrt())
+}
+
+fn count_crossings(boundary: &[Face<'_>], origin: DVec3, direction: DVec3) -> usize {
+    let mut at = origin;
+    for crossings in 0..MAX_CROSSINGS {
+        let nearest =
+            boundary.iter().filter_map(|face| hit(face, at, direction)).fold(f64::INFINITY, f64::min);
+        if !nearest.is_finite() {
+            return crossings;
+        }
+        at += (nearest + NUDGE) * direction;
+    }
+    MAX_CROSSINGS
+}
+
+/// Distance to the nearest point of a surface along a ray, if it is hit.
+fn hit(face: &Face<'_>, origin: DVec3, direction: DVec3) -> Option<f64> {
+    let o = origin - DVec3::new(0.0, 0.0, face.z);
+    let roots = match face.shape {
+        Shape::Conic { curvature, conic, aperture_radius } => {
+            hit_conic(curvature, conic, aperture_radius, o, direction)
+        }
+        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
+            let t = (z_offset - o.z) / direction.z;
+            let r2 = (o + t * direction).truncate().length_squared();
+            [
+                Some(t).filter(|_| (inner_radius * inner_radius..=outer_radius * outer_radius).contains(&r2)),
+                None,
+            ]
+        }
+        Shape::Frustum { r_front, r_back, z_front, z_back } => {
+            hit_frustum((r_front, z_front), (r_back, z_back), o, direction)
+        }
+        Shape::Plane(_) | Shape::Sphere { .. } => [None, None],
+    };
+    roots.into_iter().flatten().filter(|t| t.is_finite() && *t > MIN_DISTANCE).min_by(f64::total_cmp)
+}
+
+/// Roots of a t^2 + b t + c = 0 without cancellation, covering a = 0.
+fn quadratic(a: f64, b: f64, c: f64) -> [Option<f64>; 2] {
+    const TINY: f64 = 1e-30;
+    let discriminant = b * b - 4.0 * a * c;
+    if discriminant < 0.0 {
+        return [None, None];
+    }
+    let q = -0.5 * (b + discriminant.sqrt().copysign(b));
+    [(a.abs() > TINY).then(|| q / a), (q.abs() > TINY).then(|| c / q)]
+}
+
+fn hit_conic(curvature: f64, conic: f64, aperture: f64, o: DVec3, d: DVec3) -> [Option<f64>; 2] {
+    let kp = 1.0 + conic;
+    let a = curvature * (d.x * d.x + d.y * d.y + kp * d.z * d.z);
+    let b = 2.0 * (curvature * (o.x * d.x + o.y * d.y + kp * o.z * d.z) - d.z);
+    let c = curvature * (o.x * o.x + o.y * o.y + kp * o.z * o.z) - 2.0 * o.z;
+    let on_sheet = |t: &f64| {
+        let p = o + *t * d;
+        p.truncate().length_squared() <= aperture * aperture && 1.0 - kp * curvature * p.z >= 0.0
+    };
+    quadratic(a, b, c).map(|root| root.filter(on_sheet))
+}
+
+fn hit_frustum(front: (f64, f64), back: (f64, f64), o: DVec3, d: DVec3) -> [Option<f64>; 2] {
+    const Z_SLACK: f64 = 1e-9;
+    let height = back.1 - front.1;
+    if height.abs() < 1e-15 {
+        return [None, None];
+    }
+    let slope = (back.0 - front.0) / height;
+    let (rz, rv) = (front.0 + slope * (o.z - front.1), slope * d.z);
+    let a = d.x * d.x + d.y * d.y - rv * rv;
+    let b = 2.0 * (o.x * d.x + o.y * d.y - rz * rv);
+    let c = o.x * o.x + o.y * o.y - rz * rz;
+    let within = |t: &f64| (front.1 - Z_SLACK..=back.1 + Z_SLACK).contains(&(o.z + *t * d.z));
+    quadratic(a, b, c).map(|root| root.filter(within))
+}
