@@ -142,10 +142,12 @@ def cemented_achromat_auto() -> Json:
     """Converted sample: cemented doublet with reflect_prob auto, ray databases before and behind."""
     return document(
         converted_components(CementedAchromat()),
-        [point("object", cs(y=3.0, z=-300.0), spectrum([0.48613270, 0.58756180, 0.65627250], [1.0, 3.0, 2.0]), 3.0),
-         collimated("tilted", beam_frame(2.0, 0.0, 60.0, -1.0), spectrum([0.55]), 8.0, 0.5, sigma=3.0)],
-        [ray_database("before", cs(z=-20.0, rx=0.05), 30.0, 30.0, absorb=False),
-         ray_database("behind", cs(z=120.0), 60.0, 60.0)],
+        [point("object", cs(y=0.8, z=-30.0), spectrum([0.48613270, 0.58756180, 0.65627250], [1.0, 3.0, 2.0]), 3.0),
+         collimated("tilted", beam_frame(2.0, 0.0, 20.0, -1.0), spectrum([0.55]), 1.6, 0.5, sigma=0.9)],
+        [ray_database("before", cs(z=-4.0, rx=0.05), 4.0, 3.0, absorb=False),
+         ray_database("behind", cs(z=19.5), 6.0, 6.0),
+         far_field("beside", cs(z=25.0), 30, 33),
+         irradiance("back", cs(z=-40.0), 60.0, 60.0, 24, 24)],
         sampling={"reflect_prob": "auto"},
     )
 
@@ -154,14 +156,14 @@ def cemented_achromat_auto() -> Json:
 def telescope_doublet_finder() -> Json:
     """Converted sample: air-spaced doublet as a finder scope with a ball eyepiece lens in a tube."""
     components = converted_components(TelescopeDoublet())
-    tube = surface("tube", cs(z=-5.0), frustum(14.0, 14.0, 0.0, 260.0), "absorbing")
-    eye = surface("eye", cs(z=205.0), sphere(9.0, 7.0), "refractive", None, catalog("N-LAK22"))
+    tube = surface("tube", cs(z=-2.0), frustum(3.4, 3.2, 0.0, 51.0), "absorbing")
+    eye = surface("eye", cs(z=53.0), sphere(4.0, 3.5), "refractive", None, catalog("N-LAK22"))
     return document(
         components,
-        [collimated(f"star_{i}", beam_frame(a, 0.0, 30.0), spectrum([0.4861, 0.5876, 0.6563]), 12.0, 1.0 / (i + 1))
+        [collimated(f"star_{i}", beam_frame(a, 0.0, 9.0), spectrum([0.4861, 0.5876, 0.6563]), 2.98, 1.0 / (i + 1))
          for i, a in enumerate((0.0, 0.4, -0.8))],
-        [irradiance("field_stop", cs(z=190.0), 20.0, 20.0, 40, 40, absorb=False),
-         far_field("exit", cs(z=280.0), 72, 41)],
+        [irradiance("field_stop", cs(z=46.0), 3.0, 3.0, 40, 40, absorb=False),
+         far_field("exit", cs(z=70.0), 72, 41)],
         surfaces=[tube, eye],
     )
 
@@ -173,7 +175,7 @@ def hubble_nasmyth() -> Json:
     secondary_z = components[1]["cs"]["z"]
     fold = cs(z=secondary_z + 4310.0)
     shade = surface("shade", cs(z=secondary_z - 40.0), plane(aperture_radius=240.0), "absorbing")
-    tube = surface("tube", cs(z=secondary_z), frustum(1260.0, 1300.0, -200.0, 5200.0), "absorbing")
+    tube = surface("tube", cs(z=secondary_z), frustum(1260.0, 1300.0, -200.0, 4000.0), "absorbing")
     flat = surface("flat", cs(rx=math.pi / 4.0, reference_cs=fold), plane(width=420.0, height=560.0), "reflective",
                    reflectance=wavelength_table([0.45, 0.55, 0.65], [0.95, 0.9, 0.8]))
     lines = spectrum([0.45, 0.55, 0.65], [1.0, 2.0, 1.0])
@@ -267,7 +269,7 @@ def heliar_ghosts() -> Json:
         parts,
         ((0.0, 0.0), (6.0, 0.0), (-4.0, 8.0)),
         [irradiance("image", cs(z=parts.image_z), 6.0, 6.0, 50, 50, "hard"),
-         irradiance("back", cs(z=-9.0, ry=0.1), 30.0, 30.0, 24, 32)],
+         irradiance("back", cs(z=-14.0, ry=0.1), 40.0, 40.0, 24, 32)],
         sampling={"reflect_prob": "auto", "rr_start_flux": 1e-4},
     )
 
@@ -398,7 +400,9 @@ def light_pipe() -> Json:
     scene_file = document(
         [],
         [extended("led", cs(x=0.7, y=-0.4, z=0.5), spectrum(lines, [1.0, 1.0, 1.5]), 90.0, width=2.0, height=1.0,
-                  flux=4.0, medium=glass)],
+                  flux=4.0, medium=glass),
+         collimated("laser", cs(x=-1.0, y=0.3, z=3.0, rx=0.35, ry=-0.6), spectrum([0.53]), 0.5, 0.7, sigma=0.2,
+                    medium=glass)],
         [irradiance("exit_map", cs(z=length + 1.5), 20.0, 20.0, 40, 40, "hard"),
          far_field("spill", cs(z=length + 40.0), 30, 41)],
         media={"acrylic": table(lines, [1.4985, 1.4935, 1.4880], [2e-8, 3e-8, 8e-8])},
@@ -475,21 +479,20 @@ def integrating_sphere() -> Json:
 @scene
 def newtonian_telescope() -> Json:
     """A paraboloid of R = 0.9, a round fold mirror, tube and front ring; spots on a Gaussian splat."""
-    flat = surface("flat", cs(z=-180.0, ry=math.pi / 4.0), plane(aperture_radius=34.0), "reflective",
+    flat = surface("flat", cs(z=-330.0, ry=math.pi / 4.0), plane(aperture_radius=17.0), "reflective",
                    reflectance=wavelength_table([0.48, 0.55, 0.64], [0.7, 0.93, 0.81]))
-    shade = surface("shade", cs(z=-215.0), plane(aperture_radius=26.0), "absorbing")
-    tube = surface("tube", cs(), frustum(110.0, 110.0, -420.0, -220.0), "absorbing")
-    front = surface("front_ring", cs(z=-420.0), annulus(98.0, 110.0), "absorbing")
-    focus = cs(x=-(400.0 - 180.0), z=-180.0, ry=RIGHT_ANGLE)
+    shade = surface("shade", cs(z=-350.0), plane(aperture_radius=13.0), "absorbing")
+    tube = surface("tube", cs(), frustum(64.0, 64.0, -420.0, -350.0), "absorbing")
+    front = surface("front_ring", cs(z=-420.0), annulus(59.0, 64.0), "absorbing")
     lines = spectrum([0.48, 0.55, 0.64])
     return document(
-        [mirror("M1", cs(), -800.0, 0.9, 105.0, -1.0)],
-        [collimated(f"star_{i}", beam_frame(y, 0.0, 500.0, x), lines, 104.0, flux)
+        [mirror("M1", cs(), -800.0, 0.9, 65.0, -1.0)],
+        [collimated(f"star_{i}", beam_frame(y, 0.0, 500.0, x), lines, 60.0, flux)
          for i, (y, x, flux) in enumerate(((0.0, 0.0, 1.0), (0.25, 0.1, 0.4), (-0.1, -0.3, 0.2)))],
-        [irradiance("camera", focus, 9.0, 9.0, 45, 45, "gaussian", 1.0),
-         ray_database("pupil", cs(x=-60.0, z=-180.0, ry=RIGHT_ANGLE), 90.0, 90.0, absorb=False)],
+        [irradiance("camera", cs(x=70.5, z=-330.0, ry=RIGHT_ANGLE), 9.0, 9.0, 45, 45, "gaussian", 1.0),
+         ray_database("pupil", cs(x=30.0, z=-330.0, ry=RIGHT_ANGLE), 30.0, 30.0, absorb=False)],
         surfaces=[flat, shade, tube, front],
-        overrides={"M1.surface": {"aperture_radius": 100.0}},
+        overrides={"M1.surface": {"aperture_radius": 58.0}},
     )
 
 
@@ -514,26 +517,30 @@ def aspheric_collimator() -> Json:
 @scene
 def prism_spectrometer() -> Json:
     """A slit, an SF11 prism of two planes and an absorbing base, a camera lens: seven lines on hard spectral bins."""
-    apex = math.radians(30.0)
+    half_apex, face, deviation = math.radians(30.0), 24.0, math.radians(66.4)
+    x, z = face / 2.0 * math.cos(half_apex), face / 4.0
     lines = [0.4358, 0.4861, 0.5461, 0.5876, 0.6328, 0.6563, 0.7065]
-    prism = cs(z=60.0, ry=math.radians(-26.0))
-    faces = [
-        surface("in", cs(x=-3.0, z=-5.0, ry=-apex, reference_cs=prism), plane(width=24.0, height=30.0), "refractive",
-                None, catalog("SF11")),
-        surface("out", cs(x=-3.0, z=5.0, ry=apex, reference_cs=prism), plane(width=24.0, height=30.0), "refractive",
+    # Minimum deviation: the beam enters and leaves in the middle of the faces, under the same angle.
+    prism = cs(z=60.0, ry=-deviation / 2.0)
+    side = z * math.sin(deviation / 2.0)
+    camera = cs(x=-side, z=60.0 + z * math.cos(deviation / 2.0), ry=-deviation)
+    surfaces = [
+        surface("in", cs(z=-z, ry=-half_apex, reference_cs=prism), plane(width=face, height=30.0), "refractive", None,
+                catalog("SF11")),
+        surface("out", cs(z=z, ry=half_apex, reference_cs=prism), plane(width=face, height=30.0), "refractive",
                 catalog("SF11"), None),
-        surface("base", cs(x=-15.5, ry=RIGHT_ANGLE, reference_cs=prism), plane(width=40.0, height=30.0), "absorbing"),
-        surface("slit", cs(z=20.0), annulus(1.2, 40.0), "absorbing"),
+        surface("base", cs(x=-x, ry=RIGHT_ANGLE, reference_cs=prism), plane(width=face, height=30.0), "absorbing"),
+        surface("slit", cs(x=side, z=20.0), annulus(1.2, 40.0), "absorbing"),
+        surface("table_top", cs(y=-40.0, rx=RIGHT_ANGLE), plane(), "absorbing"),
     ]
-    # The camera's axis follows the minimum deviation of the middle of the spectrum.
-    camera = cs(x=-1.5, z=62.0, ry=math.radians(-67.0))
     return document(
         [lens("camera", cs(z=45.0, reference_cs=camera), 70.0, -70.0, 7.0, "N-BK7", 16.0)],
-        [collimated("lamp", cs(z=-10.0, x=0.1), spectrum(lines, [3.0, 1.0, 4.0, 2.0, 1.5, 2.0, 1.0]), 2.5, sigma=1.0),
-         collimated("guide", cs(z=10.0, x=-0.3, y=0.2, ry=0.004), spectrum([0.5461]), 1.0, 0.1)],
-        [spectral_detector("spectrum", cs(z=110.0, reference_cs=camera), 60.0, 24.0, 60, 6, (0.42, 0.72, 12), "hard"),
-         irradiance("reflected", cs(x=80.0, z=40.0, ry=RIGHT_ANGLE), 90.0, 60.0, 30, 20)],
-        surfaces=faces,
+        [collimated("lamp", cs(x=side, z=-10.0), spectrum(lines, [3.0, 1.0, 4.0, 2.0, 1.5, 2.0, 1.0]), 2.5, sigma=0.7),
+         collimated("guide", cs(x=side - 0.3, y=0.2, z=10.0, ry=0.004), spectrum([0.5461]), 1.0, 0.1),
+         point("room", cs(x=20.0, y=30.0, z=-15.0), spectrum([0.5461, 0.5876]), 180.0, 0.2)],
+        [spectral_detector("spectrum", cs(z=112.0, reference_cs=camera), 30.0, 12.0, 60, 6, (0.42, 0.72, 12), "hard"),
+         irradiance("reflected", cs(x=80.0, z=112.0, ry=RIGHT_ANGLE), 90.0, 60.0, 30, 20)],
+        surfaces=surfaces,
     )
 
 
@@ -574,7 +581,7 @@ def searchlight() -> Json:
             surface("cone", cs(), frustum(58.0, 40.0, -20.0, 12.0), "reflective",
                     reflectance=wavelength_table([0.45, 0.55, 0.65], [0.6, 0.7, 0.75])),
             surface("ring", cs(z=8.0), annulus(12.0, 30.0, -2.0), "reflective", reflectance=0.8),
-            surface("lamp_base", cs(z=22.0), plane(aperture_radius=2.0), "absorbing"),
+            surface("lamp_base", cs(z=17.5), plane(aperture_radius=2.0), "absorbing"),
         ],
         sampling={"rr_start_flux": 0.5},
     )
@@ -586,9 +593,9 @@ def mangin_catadioptric() -> Json:
     return document(
         [
             lens("corrector", cs(z=-60.0), 0.0, 0.0, 6.0, "N-BK7", 30.0),
-            lens("mangin", cs(z=40.0), -120.0, -180.0, 6.0, "N-SF11", 30.0, 33.0),
+            lens("mangin", cs(z=40.0), -120.0, -180.0, 11.0, "N-SF11", 30.0, 33.0),
             {"type": "doublet", "name": "relay", "cs": cs(z=-20.0),
-             "config": {"r1": 30.0, "r2": -24.0, "r3": -90.0, "thickness1": 5.0, "thickness2": 2.0,
+             "config": {"r1": 30.0, "r2": -24.0, "r3": -90.0, "thickness1": 5.0, "thickness2": 3.5,
                         "material1": "N-BK7", "material2": catalog("N-SF5"), "aperture_radius": 9.0,
                         "conic1": 0.0, "conic2": 0.0, "conic3": -0.5}},
             mirror("black", cs(z=70.0, rx=0.1), math.inf, 1.0, 60.0),
@@ -612,9 +619,9 @@ def mangin_catadioptric() -> Json:
 
 @scene
 def stacked_plates_ghosts() -> Json:
-    """Six plates of n = 1.8 with reflect_prob 0.5: deep ghost paths until max_depth, weights up and down."""
+    """Five plates of n = 1.8 with reflect_prob 0.25: deep ghost paths until max_depth, weights up and down."""
     plates = [lens(f"plate_{i}", cs(z=12.0 * i, rx=0.02 * i, ry=-0.01 * i), math.inf, 0.0, 4.0, medium("dense"), 25.0)
-              for i in range(6)]
+              for i in range(5)]
     return document(
         plates,
         [collimated("laser", cs(x=1.0, y=0.5, z=-20.0), spectrum([0.633]), 6.0, sigma=2.5),
@@ -622,7 +629,7 @@ def stacked_plates_ghosts() -> Json:
         [irradiance("through", cs(z=90.0), 60.0, 60.0, 30, 30),
          irradiance("back", cs(z=-25.0), 60.0, 60.0, 30, 30, "hard")],
         media={"dense": constant(1.8, 1e-7)},
-        sampling={"reflect_prob": 0.5, "rr_start_flux": 0.01},
+        sampling={"reflect_prob": 0.25, "rr_start_flux": 0.01},
     )
 
 
