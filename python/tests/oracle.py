@@ -59,11 +59,13 @@ Json = dict[str, Any]
 SCHEMA_VERSION = 1
 BLOCK_VERSION = 1
 
-#: Slots of a v1 component's config that an override may address, as in ``L1.front``.
+#: Per kind of v1 component: the slots of its config for overrides, and the surfaces that each slot covers. An override
+#: names a surface, as in ``L1.front``.
 OVERRIDE_SLOTS = {
-    "lens": ("front", "back", "edge", "rim"),
-    "doublet": ("front", "cemented", "back", "edge"),
-    "mirror": ("surface",),
+    "lens": {"front": ("front",), "back": ("back",), "edge": ("edge",), "rim": ("rim",)},
+    "doublet": {"front": ("front",), "cemented": ("cemented",), "back": ("back",),
+                "edge": ("edge_crown", "edge_flint")},
+    "mirror": {"surface": ("surface",)},
 }
 
 COUNTS = (
@@ -198,9 +200,12 @@ def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Mater
     for key in ("material", "material1", "material2"):
         if key in config:
             config[key] = materials.for_component(config[key])
-    for slot in OVERRIDE_SLOTS[kind]:
-        if f"{name}.{slot}" in overrides:
-            config[slot] = _surface_config(overrides[f"{name}.{slot}"])
+    for slot, parts in OVERRIDE_SLOTS[kind].items():
+        chosen = [overrides.get(f"{name}.{part}") for part in parts]
+        if any(override != chosen[0] for override in chosen):
+            raise ValueError(f"Optiland cannot override {name}'s surfaces {parts} differently")
+        if chosen[0] is not None:
+            config[slot] = _surface_config(chosen[0])
     if "reflectance" in config:
         config["reflectance"] = reflectance(config["reflectance"])
     if kind == "lens":
@@ -224,7 +229,7 @@ def reflectance(value: Any) -> Any:
     """Turn a reflectance into what Optiland takes: a number, or a function of the wavelength [um]."""
     if not isinstance(value, dict):
         return value
-    wavelengths, values = value["wavelengths"], value["reflectance"]
+    wavelengths, values = value["wavelengths"], value["values"]
     return lambda wavelength: np.interp(wavelength, wavelengths, values)
 
 

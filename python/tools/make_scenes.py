@@ -48,12 +48,12 @@ from tools.nouns import (
     plane,
     point,
     ray_database,
+    reflectance_table,
     spectral_detector,
     spectrum,
     sphere,
     surface,
     table,
-    wavelength_table,
 )
 from tools.sequential import Parts, converted_components, raw_parts
 
@@ -177,7 +177,7 @@ def hubble_nasmyth() -> Json:
     shade = surface("shade", cs(z=secondary_z - 40.0), plane(aperture_radius=240.0), "absorbing")
     tube = surface("tube", cs(z=secondary_z), frustum(1260.0, 1300.0, -200.0, 4000.0), "absorbing")
     flat = surface("flat", cs(rx=math.pi / 4.0, reference_cs=fold), plane(width=420.0, height=560.0), "reflective",
-                   reflectance=wavelength_table([0.45, 0.55, 0.65], [0.95, 0.9, 0.8]))
+                   reflectance=reflectance_table([0.45, 0.55, 0.65], [0.95, 0.9, 0.8]))
     lines = spectrum([0.45, 0.55, 0.65], [1.0, 2.0, 1.0])
     stars = [collimated(f"star_{i}", beam_frame(y, 0.0, 6000.0, x), lines, 1200.0, flux)
              for i, (y, x, flux) in enumerate(((0.0, 0.0, 1.0), (0.1, 0.05, 0.5), (-0.06, 0.1, 0.3)))]
@@ -207,7 +207,7 @@ def _hubble_mirrors(primary_reflectance: float, secondary_reflectance: float) ->
 
 def _raw_document(parts: Parts, angles: tuple[tuple[float, float], ...], detectors: list[Json], /, *,
                   gaussian: bool = False, extra: tuple[Json, ...] = (), **block: Any) -> Json:
-    """A prescription lit by overfilling beams at the given (y, x) field angles [deg], each half as bright as the last."""
+    """A prescription in overfilling beams at the given (y, x) field angles [deg], each half as bright as the last."""
     radius = 1.15 * parts.pupil_radius
     distance = 8.0 * radius + abs(parts.pupil_z)
     sources = [
@@ -438,7 +438,7 @@ def kaleidoscope() -> Json:
     """Three plane mirrors, three coloured shapes: reflectance by wavelength, roulette from 0.4 of a ray's flux."""
     side, length = 20.0, 150.0
     apothem = side / (2.0 * math.sqrt(3.0))
-    silver = wavelength_table([0.46, 0.53, 0.62], [0.78, 0.86, 0.93])
+    silver = reflectance_table([0.46, 0.53, 0.62], [0.78, 0.86, 0.93])
     walls = [
         surface(f"mirror_{i}", cs(x=apothem, z=length / 2.0, ry=RIGHT_ANGLE,
                                   reference_cs=cs(rz=0.1 + i * 2.0 * math.pi / 3.0)),
@@ -464,7 +464,7 @@ def kaleidoscope() -> Json:
 def integrating_sphere() -> Json:
     """A mirror-walled sphere with a lamp, a baffle ring and a small detector inside: deep paths and roulette."""
     wall = surface("wall", cs(), sphere(50.0), "reflective",
-                   reflectance=wavelength_table([0.5, 0.6], [0.97, 0.9]))
+                   reflectance=reflectance_table([0.5, 0.6], [0.97, 0.9]))
     baffle = surface("baffle", cs(x=4.0, z=12.0, ry=0.3), annulus(3.0, 9.0, 1.5), "absorbing")
     return document(
         [],
@@ -480,7 +480,7 @@ def integrating_sphere() -> Json:
 def newtonian_telescope() -> Json:
     """A paraboloid of R = 0.9, a round fold mirror, tube and front ring; spots on a Gaussian splat."""
     flat = surface("flat", cs(z=-330.0, ry=math.pi / 4.0), plane(aperture_radius=17.0), "reflective",
-                   reflectance=wavelength_table([0.48, 0.55, 0.64], [0.7, 0.93, 0.81]))
+                   reflectance=reflectance_table([0.48, 0.55, 0.64], [0.7, 0.93, 0.81]))
     shade = surface("shade", cs(z=-350.0), plane(aperture_radius=13.0), "absorbing")
     tube = surface("tube", cs(), frustum(64.0, 64.0, -420.0, -350.0), "absorbing")
     front = surface("front_ring", cs(z=-420.0), annulus(59.0, 64.0), "absorbing")
@@ -574,12 +574,13 @@ def searchlight() -> Json:
     return document(
         [mirror("dish", cs(z=60.0), -80.0, 0.85, 55.0, -1.0),
          lens("window", cs(z=-30.0, ry=0.05), 0.0, 0.0, 5.0, "N-BK7", 60.0)],
-        [extended("arc", cs(x=0.5, z=20.0), spectrum([0.45, 0.55, 0.65], [2.0, 2.0, 1.0]), 120.0, radius=1.5, flux=10.0),
+        [extended("arc", cs(x=0.5, z=20.0), spectrum([0.45, 0.55, 0.65], [2.0, 2.0, 1.0]), 120.0, radius=1.5,
+                  flux=10.0),
          point("leak", cs(z=19.0, y=1.0), spectrum([0.55]), 150.0, 2.0)],
         [far_field("beam", cs(z=-60.0), 90, 45), irradiance("behind", cs(z=75.0), 200.0, 200.0, 20, 20)],
         surfaces=[
             surface("cone", cs(), frustum(58.0, 40.0, -20.0, 12.0), "reflective",
-                    reflectance=wavelength_table([0.45, 0.55, 0.65], [0.6, 0.7, 0.75])),
+                    reflectance=reflectance_table([0.45, 0.55, 0.65], [0.6, 0.7, 0.75])),
             surface("ring", cs(z=8.0), annulus(12.0, 30.0, -2.0), "reflective", reflectance=0.8),
             surface("lamp_base", cs(z=17.5), plane(aperture_radius=2.0), "absorbing"),
         ],
@@ -606,10 +607,11 @@ def mangin_catadioptric() -> Json:
          far_field("lost", cs(z=-150.0), 30, 45)],
         overrides={
             "mangin.back": {"interaction": "reflective",
-                            "reflectance": wavelength_table([0.4861, 0.5876, 0.6563], [0.92, 0.96, 0.89])},
+                            "reflectance": reflectance_table([0.4861, 0.5876, 0.6563], [0.92, 0.96, 0.89])},
             "mangin.edge": {"interaction": "reflective", "reflectance": 0.5},
             "mangin.rim": {"interaction": "reflective", "reflectance": 0.3},
-            "relay.edge": {"interaction": "absorbing"},
+            "relay.edge_crown": {"interaction": "reflective", "reflectance": 0.4},
+            "relay.edge_flint": {"interaction": "reflective", "reflectance": 0.4},
             "black.surface": {"interaction": "absorbing", "aperture_radius": 55.0},
         },
         order=["black", "mangin", "stop", "relay", "corrector"],

@@ -132,5 +132,5 @@ def table(wavelengths: list[float], n: list[float], k: list[float]) -> Json:
     return {"type": "table", "wavelengths": wavelengths, "n": n, "k": k}
 
 
-def wavelength_table(wavelengths: list[float], reflectance: list[float]) -> Json:
-    return {"type": "table", "wavelengths": wavelengths, "reflectance": reflectance}
+def reflectance_table(wavelengths: list[float], values: list[float]) -> Json:
+    return {"wavelengths": wavelengths, "values": values}
