@@ -343,6 +343,7 @@ def _detector_result(kind: str, live: Any, result: Any) -> Json:
         "kind": kind,
         "total_flux": float(be.to_numpy(result.total_flux)),
         "num_rays_hit": int(live._num_rays_hit),
+        "transmissive": not live.absorb,
         **arrays,
     }
 
