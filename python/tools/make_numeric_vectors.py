@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from mpmath import acos, atan2, cos, exp, log, mp, mpf, pi, sin
+from mpmath import acos, atan2, cos, cospi, exp, log, mp, mpf, pi, sin, sinpi
 from optiland.nonsequential.rng import EventSlot, pcg32_uint32
 
 mp.dps = 50
@@ -83,13 +83,13 @@ def positives(source):
 
 
 def turns(function):
-    return lambda bits, _: function(2 * pi * mpf(bits) / 2**32)
+    return lambda bits, _: function(mpf(bits) / 2**31)
 
 
 # Name, its arguments, its value.
 FUNCTIONS = [
-    ("cos_turns", draws, turns(cos)),
-    ("sin_turns", draws, turns(sin)),
+    ("cos_turns", draws, turns(cospi)),
+    ("sin_turns", draws, turns(sinpi)),
     ("log_uniform", draws, lambda bits, _: log(mpf(bits) / 2**32) if bits else log(mpf("1e-300"))),
     ("exp_real", exponents, lambda x, _: exp(mpf(x))),
     ("sin_real", angles, lambda x, _: sin(mpf(x))),
