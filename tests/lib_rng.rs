@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Gpu, Storage, TIERS};
+use nsq_gpu::program::library::Real;
 use nsq_gpu::program::{library, rng};
 
 /// One row of `tests/data/rng.csv`: a key and the draw that Optiland makes of it.
@@ -81,6 +82,81 @@ fn shader_draws_are_optilands() {
                     row.ray_id, row.step
                 );
             }
+        }
+    }
+}
+
+/// Bits of draws, the edges among them.
+fn bits() -> Vec<u32> {
+    let edges =
+        [0, 1, 2, 0x00FF_FFFF, 0x0100_0000, 0x0100_0001, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FF7F, 0xFFFF_FFFF];
+    let random = (0..2000_u32).map(|i| rng::splitmix64(u64::from(i)) as u32 >> (i % 32));
+    edges.into_iter().chain(random).collect()
+}
+
+const JUDGE: &str = "
+struct Case { p: real, bits: u32 }
+@group(0) @binding(5) var<storage, read> cases: array<Case>;
+@group(0) @binding(6) var<storage, read_write> uniforms: array<real>;
+@group(0) @binding(7) var<storage, read_write> decisions: array<u32>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < arrayLength(&cases) {
+        uniforms[id.x] = uniform_of(cases[id.x].bits);
+        decisions[id.x] = u32(below(cases[id.x].bits, cases[id.x].p));
+    }
+}
+";
+
+/// Draws beside probabilities: those next to the draw itself, and those outside (0, 1).
+fn cases(real: Real) -> Vec<(u32, f64)> {
+    let next = |p: f64| match real {
+        Real::F32 => {
+            [f64::from(p as f32), f64::from((p as f32).next_up()), f64::from((p as f32).next_down())]
+        }
+        Real::F64 => [p, p.next_up(), p.next_down()],
+    };
+    let outside = [0.0, -0.0, -1.0, 1.0, 1.5, 1e30, 0.5, 1e-20];
+    let probabilities = |bits: u32| next(f64::from(bits) / 2_f64.powi(32)).into_iter().chain(outside);
+    let held = |p: f64| if real == Real::F32 { f64::from(p as f32) } else { p };
+    bits().into_iter().flat_map(|bits| probabilities(bits).map(move |p| (bits, held(p)))).collect()
+}
+
+#[test]
+fn draws_become_numbers_below_one_and_decide_exactly() {
+    for (real, integers) in TIERS {
+        let test = "draws_become_numbers_below_one_and_decide_exactly";
+        let Some(gpu) = Gpu::open(test, real, integers) else { continue };
+        let cases = cases(real);
+        let input = match real {
+            Real::F32 => Storage::read(
+                5,
+                &cases.iter().map(|&(bits, p)| [(p as f32).to_bits(), bits]).collect::<Vec<_>>(),
+            ),
+            Real::F64 => Storage::read(
+                5,
+                &cases.iter().map(|&(bits, p)| [p.to_bits(), u64::from(bits)]).collect::<Vec<_>>(),
+            ),
+        };
+        let size = if real == Real::F32 { 4 } else { 8 };
+        let storages = [input, Storage::zeros(6, size * cases.len()), Storage::zeros(7, 4 * cases.len())];
+        let source = library::source(real, integers) + JUDGE;
+        let written = gpu.run(&source, &storages, [cases.len().div_ceil(64) as u32, 1, 1]);
+        let decisions: &[u32] = bytemuck::cast_slice(&written[1]);
+        for (i, &(bits, p)) in cases.iter().enumerate() {
+            let exact = f64::from(bits) / 2_f64.powi(32);
+            assert_eq!(decisions[i] == 1, exact < p, "{real:?} {bits:#x} below {p:e}");
+            let bytes = &written[0][size * i..size * (i + 1)];
+            let uniform = match real {
+                Real::F32 => f64::from(f32::from_le_bytes(bytes.try_into().unwrap())),
+                Real::F64 => f64::from_le_bytes(bytes.try_into().unwrap()),
+            };
+            let cut = if real == Real::F32 { exact * f64::from(f32::EPSILON) } else { 0.0 };
+            assert!(
+                uniform < 1.0 && (exact - cut..=exact).contains(&uniform),
+                "{real:?} {bits:#x}: {uniform:e}"
+            );
         }
     }
 }
