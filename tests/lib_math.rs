@@ -1,8 +1,15 @@
 //! Elementary functions: the largest error over their whole range, in units in the last place (ulp).
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests, outside of #[test]"
+)]
+
 mod common;
 
-use common::{Gpu, Storage};
+use common::{Gpu, Storage, real_bytes, reals_of};
 use nsq_gpu::program::library::{self, Integers, Real};
 use nsq_gpu::program::rng::splitmix64;
 use std::f64::consts::TAU;
@@ -156,33 +163,29 @@ fn ulp(value: f64, real: Real) -> f64 {
 /// Evaluates a function of the library on the adapter.
 fn evaluate(gpu: &Gpu, real: Real, call: &str, arguments: &[(f64, f64)]) -> Vec<f64> {
     let entry = format!(
-        "struct Arguments {{ a: real, b: real, draw: u32 }}
-        @group(0) @binding(5) var<storage, read> inputs: array<Arguments>;
-        @group(0) @binding(6) var<storage, read_write> values: array<real>;
+        "@group(0) @binding(5) var<storage, read> numbers: array<real>;
+        @group(0) @binding(6) var<storage, read> draws: array<u32>;
+        @group(0) @binding(7) var<storage, read_write> values: array<real>;
         @compute @workgroup_size(64)
         fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
-            if id.x >= arrayLength(&inputs) {{ return; }}
-            let a = inputs[id.x].a;
-            let b = inputs[id.x].b;
-            let draw = inputs[id.x].draw;
-            values[id.x] = {call};
+            let i = id.x;
+            if i >= arrayLength(&draws) {{ return; }}
+            let a = numbers[2u * i];
+            let b = numbers[2u * i + 1u];
+            let draw = draws[i];
+            values[i] = {call};
         }}"
     );
+    let numbers: Vec<f64> = arguments.iter().flat_map(|&(a, b)| [a, b]).collect();
+    let draws: Vec<u32> = arguments.iter().map(|&(a, _)| a as u32).collect();
+    let storages = [
+        Storage::reals(5, real, &numbers),
+        Storage::read(6, &draws),
+        Storage::zeros(7, real_bytes(real) * draws.len()),
+    ];
+    let groups = [u32::try_from(draws.len().div_ceil(64)).unwrap(), 1, 1];
     let source = library::source(real, Integers::Portable) + &entry;
-    let groups = [u32::try_from(arguments.len().div_ceil(64)).unwrap(), 1, 1];
-    if real == Real::F32 {
-        let inputs: Vec<[u32; 3]> =
-            arguments.iter().map(|&(a, b)| [(a as f32).to_bits(), (b as f32).to_bits(), a as u32]).collect();
-        let storages = [Storage::read(5, &inputs), Storage::zeros(6, 4 * arguments.len())];
-        let values = gpu.run(&source, &storages, groups).remove(0);
-        values.chunks_exact(4).map(|bytes| f64::from(f32::from_le_bytes(bytes.try_into().unwrap()))).collect()
-    } else {
-        let inputs: Vec<[u64; 3]> =
-            arguments.iter().map(|&(a, b)| [a.to_bits(), b.to_bits(), u64::from(a as u32)]).collect();
-        let storages = [Storage::read(5, &inputs), Storage::zeros(6, 8 * arguments.len())];
-        let values = gpu.run(&source, &storages, groups).remove(0);
-        values.chunks_exact(8).map(|bytes| f64::from_le_bytes(bytes.try_into().unwrap())).collect()
-    }
+    reals_of(real, &gpu.run(&source, &storages, groups)[0])
 }
 
 /// The largest error of the values \[ulp\]; every value must be a number.

@@ -1,8 +1,15 @@
 //! Draws: the host and both shader variants give the bits that Optiland gives.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests, outside of #[test]"
+)]
+
 mod common;
 
-use common::{Gpu, Storage, TIERS};
+use common::{Gpu, Storage, TIERS, real_bytes, reals_of};
 use nsq_gpu::program::library::Real;
 use nsq_gpu::program::{library, rng};
 
@@ -95,16 +102,17 @@ fn bits() -> Vec<u32> {
 }
 
 const JUDGE: &str = "
-struct Case { p: real, bits: u32 }
-@group(0) @binding(5) var<storage, read> cases: array<Case>;
-@group(0) @binding(6) var<storage, read_write> uniforms: array<real>;
-@group(0) @binding(7) var<storage, read_write> decisions: array<u32>;
+@group(0) @binding(5) var<storage, read> bits: array<u32>;
+@group(0) @binding(6) var<storage, read> probabilities: array<real>;
+@group(0) @binding(7) var<storage, read_write> uniforms: array<real>;
+@group(0) @binding(8) var<storage, read_write> decisions: array<u32>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x < arrayLength(&cases) {
-        uniforms[id.x] = uniform_of(cases[id.x].bits);
-        decisions[id.x] = u32(below(cases[id.x].bits, cases[id.x].p));
+    let i = id.x;
+    if i < arrayLength(&bits) {
+        uniforms[i] = uniform_of(bits[i]);
+        decisions[i] = u32(below(bits[i], probabilities[i]));
     }
 }
 ";
@@ -128,31 +136,22 @@ fn draws_become_numbers_below_one_and_decide_exactly() {
     for (real, integers) in TIERS {
         let test = "draws_become_numbers_below_one_and_decide_exactly";
         let Some(gpu) = Gpu::open(test, real, integers) else { continue };
-        let cases = cases(real);
-        let input = match real {
-            Real::F32 => Storage::read(
-                5,
-                &cases.iter().map(|&(bits, p)| [(p as f32).to_bits(), bits]).collect::<Vec<_>>(),
-            ),
-            Real::F64 => Storage::read(
-                5,
-                &cases.iter().map(|&(bits, p)| [p.to_bits(), u64::from(bits)]).collect::<Vec<_>>(),
-            ),
-        };
-        let size = if real == Real::F32 { 4 } else { 8 };
-        let storages = [input, Storage::zeros(6, size * cases.len()), Storage::zeros(7, 4 * cases.len())];
+        let (bits, probabilities): (Vec<u32>, Vec<f64>) = cases(real).into_iter().unzip();
+        let storages = [
+            Storage::read(5, &bits),
+            Storage::reals(6, real, &probabilities),
+            Storage::zeros(7, real_bytes(real) * bits.len()),
+            Storage::zeros(8, 4 * bits.len()),
+        ];
         let source = library::source(real, integers) + JUDGE;
-        let written = gpu.run(&source, &storages, [cases.len().div_ceil(64) as u32, 1, 1]);
+        let written = gpu.run(&source, &storages, [bits.len().div_ceil(64) as u32, 1, 1]);
+        let uniforms = reals_of(real, &written[0]);
         let decisions: &[u32] = bytemuck::cast_slice(&written[1]);
-        for (i, &(bits, p)) in cases.iter().enumerate() {
+        for (i, (&bits, &p)) in bits.iter().zip(&probabilities).enumerate() {
             let exact = f64::from(bits) / 2_f64.powi(32);
             assert_eq!(decisions[i] == 1, exact < p, "{real:?} {bits:#x} below {p:e}");
-            let bytes = &written[0][size * i..size * (i + 1)];
-            let uniform = match real {
-                Real::F32 => f64::from(f32::from_le_bytes(bytes.try_into().unwrap())),
-                Real::F64 => f64::from_le_bytes(bytes.try_into().unwrap()),
-            };
             let cut = if real == Real::F32 { exact * f64::from(f32::EPSILON) } else { 0.0 };
+            let uniform = uniforms[i];
             assert!(
                 uniform < 1.0 && (exact - cut..=exact).contains(&uniform),
                 "{real:?} {bits:#x}: {uniform:e}"

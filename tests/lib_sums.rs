@@ -1,5 +1,12 @@
 //! Exact sums: quanta, carries, contention, splats, and what no sum can hold.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests, outside of #[test]"
+)]
+
 mod common;
 
 use common::{Gpu, Storage, TIERS};
@@ -59,14 +66,6 @@ fn quanta_of(bytes: &[u8]) -> Vec<u128> {
     bytes.chunks_exact(16).map(|words| sums::read_portable(&words[..12])[0]).collect()
 }
 
-/// A read buffer of numbers in the precision of the tier.
-fn reals(real: Real, binding: u32, values: &[f64]) -> Storage {
-    match real {
-        Real::F32 => Storage::read(binding, &values.iter().map(|&value| value as f32).collect::<Vec<f32>>()),
-        Real::F64 => Storage::read(binding, values),
-    }
-}
-
 /// A weight as the tier holds it.
 fn held(real: Real, weight: f64) -> f64 {
     if real == Real::F32 { f64::from(weight as f32) } else { weight }
@@ -106,7 +105,7 @@ fn weights_become_the_quanta_below_them() {
              @group(0) @binding(6) var<storage, read_write> outputs: array<vec4<u32>>;",
             "outputs[i] = vec4<u32>(quantize(inputs[i]), 0u);",
         );
-        let storages = [reals(real, 5, &weights), Storage::zeros(6, 16 * weights.len())];
+        let storages = [Storage::reals(5, real, &weights), Storage::zeros(6, 16 * weights.len())];
         let written = gpu.run(&source, &storages, groups(weights.len()));
         for (&weight, quanta) in weights.iter().zip(quanta_of(&written[0])) {
             let expected = quantized(held(real, weight)).unwrap_or(0);
@@ -136,7 +135,7 @@ fn what_no_sum_can_hold_is_counted_and_adds_nothing() {
              if i == 3u { deposit_weight(computed, sqrt(-inputs[2])); }
              if i == 4u { deposit_weight(computed, inputs[2] / zero - inputs[6] / zero); }",
         );
-        let mut storages = vec![reals(real, 5, &weights)];
+        let mut storages = vec![Storage::reals(5, real, &weights)];
         storages.extend(cells(integers, &vec![0; weights.len() + 1]));
         storages.push(Storage::zeros(4, 8));
         let written = gpu.run(&source, &storages, groups(weights.len()));
@@ -205,7 +204,7 @@ fn a_million_deposits_into_one_cell_are_exact() {
             "@group(0) @binding(5) var<storage, read> inputs: array<real>;",
             "deposit_weight(0u, inputs[i]);",
         );
-        let mut storages = vec![reals(real, 5, &weights)];
+        let mut storages = vec![Storage::reals(5, real, &weights)];
         storages.extend(cells(integers, &[start]));
         storages.push(Storage::zeros(4, 4));
         let written = gpu.run(&source, &storages, groups(NUM));
@@ -269,7 +268,7 @@ fn taps_of_a_splat_add_up_to_the_weight() {
              for (var tap = 0u; tap < 3u; tap++) { deposit_tap(4u * i + tap, w * share, &rest); }
              deposit(4u * i + 3u, rest);",
         );
-        let mut storages = vec![reals(real, 5, &weights)];
+        let mut storages = vec![Storage::reals(5, real, &weights)];
         storages.extend(cells(integers, &vec![0; 4 * weights.len()]));
         storages.push(Storage::zeros(4, 4));
         let written = gpu.run(&source, &storages, groups(weights.len()));
