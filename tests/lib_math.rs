@@ -32,7 +32,7 @@ const FUNCTIONS: [Function; 9] = [
     Function {
         name: "cos_turns",
         call: "sincos_turns(draw).x",
-        bound_f32: 3.0,
+        bound_f32: 2.6,
         bound_f64: 2.0,
         arguments: |word, size| (bits(word, size), 0.0),
         value: |bits, _| turns(bits).0,
@@ -40,7 +40,7 @@ const FUNCTIONS: [Function; 9] = [
     Function {
         name: "sin_turns",
         call: "sincos_turns(draw).y",
-        bound_f32: 3.0,
+        bound_f32: 2.6,
         bound_f64: 2.0,
         arguments: |word, size| (bits(word, size), 0.0),
         value: |bits, _| turns(bits).1,
