@@ -121,8 +121,8 @@ fn what_no_sum_can_hold_is_counted_and_adds_nothing() {
         let Some(gpu) = Gpu::open("what_no_sum_can_hold_is_counted_and_adds_nothing", real, integers) else {
             continue;
         };
-        // Each weight as it was loaded; NaN and infinity computed as well, which a compiler may treat otherwise (it makes
-        // x - x, of an infinite x, a plain 0: nothing can tell).
+        // Each weight as it was loaded; NaN and infinity computed as well, which a compiler may treat otherwise
+        // (it makes x - x, of an infinite x, a plain 0: nothing can tell).
         let source = shader(
             real,
             integers,

@@ -1,7 +1,7 @@
 """Write the reference values of the shaders' draws and elementary functions: tests/data/rng.csv and math.bin.
 
-rng.csv holds keys and the draws that Optiland makes of them. math.bin holds, for each function in the order of FUNCTIONS,
-rows of little-endian f64 (argument, second argument or 0, value): the value is computed to 50 digits and rounded once.
+rng.csv holds keys and the draws that Optiland makes of them. math.bin holds, for each function in the order of
+FUNCTIONS, rows of little-endian f64 (argument, second argument or 0, value): the value is computed to 50 digits and rounded once.
 
 Usage: python make_numeric_vectors.py TEST_DATA_DIRECTORY   (needs optiland 0.6.3, numpy and mpmath)
 """

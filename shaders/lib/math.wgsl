@@ -22,8 +22,8 @@ fn turned(cos_sin: vec2<real>, quarters: u32) -> vec2<real> {
     return select(odd, -odd, (quarters & 2u) != 0u);
 }
 
-// (cos, sin) of 2 pi bits / 2^32: the integers reduce it exactly. Error: 2.6 ulp in f32, of which the rounding of bits and
-// of pi takes 2; 2 ulp in f64.
+// (cos, sin) of 2 pi bits / 2^32: the integers reduce it exactly. Error: 2.6 ulp in f32, of which the rounding of bits
+// and of pi takes most; 2 ulp in f64.
 fn sincos_turns(bits: u32) -> vec2<real> {
     let quarters = (bits + 0x20000000u) >> 30u;
     let rest = bitcast<i32>(bits - (quarters << 30u));

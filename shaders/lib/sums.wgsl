@@ -1,6 +1,6 @@
 // Exact sums. A weight is an integer number of quanta (one unit of weight is 2^52 quanta), and a cell is a 96-bit
-// integer, which cannot overflow below 2^44 units: so a sum depends neither on the order of the deposits nor on how they
-// were batched.
+// integer, which cannot overflow below 2^44 units: so a sum depends neither on the order of the deposits nor on how
+// they were batched.
 
 // Quanta as words (lo, hi, top); one unit of top is 2^64 quanta, 4096 units of weight.
 alias Quanta = vec3<u32>;
@@ -17,8 +17,8 @@ fn count(counter: u32) {
     atomicAdd(&counters[counter], 1u);
 }
 
-// floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no sum
-// can hold gives none, uncounted: see quantize_counted.
+// floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no
+// sum can hold gives none, uncounted: see quantize_counted.
 fn quantize(w: real) -> Quanta {
     // Not w itself in the unchosen case: converting what no integer holds is undefined.
     let depositable = is_depositable(w);
