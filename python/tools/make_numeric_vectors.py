@@ -1,7 +1,7 @@
 """Write the reference values of the shaders' draws and elementary functions: tests/data/rng.csv and math.bin.
 
-rng.csv holds keys and the draws that Optiland makes of them. math.bin holds, for each function in the order of FUNCTIONS,
-rows of little-endian f64 (argument, second argument or 0, value): the value is computed to 50 digits and rounded once.
+rng.csv holds keys and the draws that Optiland makes of them. math.bin holds, for each function in the order of
+FUNCTIONS, rows of little-endian f64 (argument, second argument or 0, value): the value is computed to 50 digits and rounded once.
 
 Usage: python make_numeric_vectors.py TEST_DATA_DIRECTORY   (needs optiland 0.6.3, numpy and mpmath)
 """
@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from mpmath import acos, atan2, cos, exp, log, mp, mpf, pi, sin
+from mpmath import acos, atan2, cos, cospi, exp, log, mp, mpf, pi, sin, sinpi
 from optiland.nonsequential.rng import EventSlot, pcg32_uint32
 
 mp.dps = 50
@@ -83,13 +83,13 @@ def positives(source):
 
 
 def turns(function):
-    return lambda bits, _: function(2 * pi * mpf(bits) / 2**32)
+    return lambda bits, _: function(mpf(bits) / 2**31)
 
 
 # Name, its arguments, its value.
 FUNCTIONS = [
-    ("cos_turns", draws, turns(cos)),
-    ("sin_turns", draws, turns(sin)),
+    ("cos_turns", draws, turns(cospi)),
+    ("sin_turns", draws, turns(sinpi)),
     ("log_uniform", draws, lambda bits, _: log(mpf(bits) / 2**32) if bits else log(mpf("1e-300"))),
     ("exp_real", exponents, lambda x, _: exp(mpf(x))),
     ("sin_real", angles, lambda x, _: sin(mpf(x))),

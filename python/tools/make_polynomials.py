@@ -76,10 +76,10 @@ def rounded(coefficient, bits):
 
 
 def horner(coefficients, argument, bits):
-    *lower, highest = [repr(rounded(c, bits)) for c in coefficients]
-    nested = highest
+    *lower, last, highest = [repr(rounded(c, bits)) for c in coefficients]
+    nested = f"{last} + {argument} * {highest}"
     for coefficient in reversed(lower):
-        nested = f"{coefficient} + {argument} * ({nested})" if nested != highest else f"{coefficient} + {argument} * {nested}"
+        nested = f"{coefficient} + {argument} * ({nested})"
     return nested
 
 

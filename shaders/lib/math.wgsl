@@ -1,7 +1,8 @@
 // Elementary functions of `real`. WGSL's own are too coarse in f32 (sin and cos to 2^-11 absolute, log to 2^-21 near 1,
 // acos to 7e-5) and do not exist in f64, so these use + - * / sqrt alone. math_f32.wgsl and math_f64.wgsl hold what
 // depends on the bits; polynomials_*.wgsl hold the polynomials. Errors are in units in the last place (ulp), as
-// tests/lib_math.rs asserts them.
+// tests/lib_math.rs asserts them where division and square root round correctly; each ulp that an adapter loses there
+// adds about one in log, acos and atan2.
 // The kernels of log, acos and atan2 follow fdlibm (Sun Microsystems, 1993) in their choice of what to reduce.
 
 // select, of two literals in particular: those would be f32 whatever `real` is.
@@ -21,20 +22,21 @@ fn turned(cos_sin: vec2<real>, quarters: u32) -> vec2<real> {
     return select(odd, -odd, (quarters & 2u) != 0u);
 }
 
-// (cos, sin) of 2 pi bits / 2^32: the integers reduce it exactly.
+// (cos, sin) of 2 pi bits / 2^32: the integers reduce it exactly. Error: 2.6 ulp in f32, of which the rounding of bits
+// and of pi takes most; 2 ulp in f64.
 fn sincos_turns(bits: u32) -> vec2<real> {
     let quarters = (bits + 0x20000000u) >> 30u;
     let rest = bitcast<i32>(bits - (quarters << 30u));
     return turned(sincos_kernel(real(rest) * 1.4629180792671596e-09), quarters);
 }
 
-// sin(x), |x| <= 1e4.
+// sin(x), |x| <= 1e4. Error: 2.5 ulp in f32, 2 in f64.
 fn sin_real(x: real) -> real {
     let quarters = quarters_of(x);
     return turned(sincos_kernel(beyond_quarters(x, quarters)), quarter_index(quarters)).y;
 }
 
-// cos(x), |x| <= 1e4.
+// cos(x), |x| <= 1e4. Error: 2.5 ulp in f32, 2 in f64.
 fn cos_real(x: real) -> real {
     let quarters = quarters_of(x);
     return turned(sincos_kernel(beyond_quarters(x, quarters)), quarter_index(quarters)).x;
@@ -58,7 +60,8 @@ fn log_kernel(exponent: real, f: real) -> real {
     return exponent * LN2_HI - ((half_square - rest) - f);
 }
 
-// ln(bits / 2^32), accurate relative to itself up to bits = 0xFFFFFFFF; ln(1e-300) for bits = 0.
+// ln(bits / 2^32), accurate relative to itself up to bits = 0xFFFFFFFF; ln(1e-300) for bits = 0. Error: 1.5 ulp in f32,
+// 1 in f64.
 fn log_uniform(bits: u32) -> real {
     let zeros = countLeadingZeros(bits | 1u);
     let significand = bits << zeros;
@@ -70,7 +73,7 @@ fn log_uniform(bits: u32) -> real {
     return select(log_kernel(exponent, select(under, above, doubled)), -690.7755278982137, bits == 0u);
 }
 
-// acos(x); beyond -1 and 1 it stays at pi and 0.
+// acos(x); beyond -1 and 1 it stays at pi and 0. Error: 1.5 ulp in f32, 1 in f64.
 fn acos_real(x: real) -> real {
     let a = min(abs(x), 1.0);
     let near_zero = a <= 0.5;
@@ -78,15 +81,14 @@ fn acos_real(x: real) -> real {
     let z = select((1.0 - a) * 0.5, x * x, near_zero);
     let s = select(sqrt(z), x, near_zero);
     let tail = s * (z * poly_asin(z));
-    if near_zero {
-        return 2.0 * QUARTER_PI_HI - (s - (2.0 * QUARTER_PI_LO - tail));
-    }
-    let half_turned = 2.0 * (s + tail);
-    return select(half_turned, 4.0 * QUARTER_PI_HI - (half_turned - 4.0 * QUARTER_PI_LO), x < 0.0);
+    let around_zero = 2.0 * QUARTER_PI_HI - (s - (2.0 * QUARTER_PI_LO - tail));
+    let doubled = 2.0 * (s + tail);
+    let away = select(doubled, 4.0 * QUARTER_PI_HI - (doubled - 4.0 * QUARTER_PI_LO), x < 0.0);
+    return select(away, around_zero, near_zero);
 }
 
 // The angle of (x, y), in [-pi, pi]; 0 for (0, 0). The sign of a zero does not count: atan2(-0, -1) is pi. Needs
-// |x| + |y| and the ratios to be normal numbers.
+// |x| + |y| and the ratios to be normal numbers. Error: 2.5 ulp in f32, 1 in f64.
 fn atan2_real(y: real, x: real) -> real {
     let large = max(abs(x), abs(y));
     let small = min(abs(x), abs(y));
@@ -96,17 +98,14 @@ fn atan2_real(y: real, x: real) -> real {
     let denominator = select(large, small + large, shifted);
     let t = numerator / select(denominator, 1.0, denominator == 0.0);
     let z = t * t;
-    var angle = t + t * (z * poly_atan(z));
+    let part = t + t * (z * poly_atan(z));
     // The angle is this many quarters of pi, plus or minus that of the ratio.
-    var quarters = choose(0.0, 1.0, shifted);
-    if abs(y) > abs(x) {
-        quarters = 2.0 - quarters;
-        angle = -angle;
-    }
-    if x < 0.0 {
-        quarters = 4.0 - quarters;
-        angle = -angle;
-    }
+    let steep = abs(y) > abs(x);
+    let backward = x < 0.0;
+    let in_octant = choose(0.0, 1.0, shifted);
+    let in_quadrant = select(in_octant, 2.0 - in_octant, steep);
+    let quarters = select(in_quadrant, 4.0 - in_quadrant, backward);
+    let angle = select(part, -part, steep != backward);
     let result = quarters * QUARTER_PI_HI + (angle + quarters * QUARTER_PI_LO);
     return select(result, -result, y < 0.0);
 }

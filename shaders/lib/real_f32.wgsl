@@ -8,14 +8,14 @@ fn uniform_of(bits: u32) -> real {
 
 // bits / 2^32 < p, exactly, for any finite p: scaling by 2^32 and rounding up are exact, so the integers decide.
 fn below(bits: u32, p: real) -> bool {
-    return p >= 1.0 || (p > 0.0 && bits < u32(ceil(p * 4294967296.0)));
+    return (p >= 1.0) | ((p > 0.0) & (bits < u32(ceil(p * 4294967296.0))));
 }
 
 // True if a sum can hold the weight: 0 <= w < 2^43. It looks at the bits, because a compiler may take for granted that
 // no number is NaN or infinite.
 fn is_depositable(w: real) -> bool {
     let bits = bitcast<u32>(w);
-    return bits < 0x55000000u || bits == 0x80000000u;
+    return (bits < 0x55000000u) | (bits == 0x80000000u);
 }
 
 // floor(w * 2^52) as words (lo, hi, top), for a depositable weight.
@@ -24,16 +24,15 @@ fn quanta_words(w: real) -> vec3<u32> {
     let exponent = (bits >> 23u) & 0xFFu;
     // A subnormal weight is less than one quantum, and so is every weight whose shift leaves nothing.
     let significand = (bits & 0x7FFFFFu) | 0x800000u;
-    if exponent < 98u {
-        return vec3<u32>(significand >> min(98u - exponent, 31u), 0u, 0u);
-    }
-    let shift = exponent - 98u;
+    let fraction = significand >> min(98u - min(exponent, 98u), 31u);
+    let shift = max(exponent, 98u) - 98u;
     let within = shift & 31u;
-    let lower = significand << within;
-    let upper = (significand >> 1u) >> (31u - within);
-    switch shift >> 5u {
-        case 0u: { return vec3<u32>(lower, upper, 0u); }
-        case 1u: { return vec3<u32>(0u, lower, upper); }
-        default: { return vec3<u32>(0u, 0u, lower); }
-    }
+    let lower = fraction << within;
+    let upper = (fraction >> 1u) >> (31u - within);
+    let word = shift >> 5u;
+    return select(
+        select(vec3<u32>(0u, 0u, lower), vec3<u32>(0u, lower, upper), word == 1u),
+        vec3<u32>(lower, upper, 0u),
+        word == 0u,
+    );
 }

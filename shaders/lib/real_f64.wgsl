@@ -13,7 +13,7 @@ fn below(bits: u32, p: real) -> bool {
 // True if a sum can hold the weight: 0 <= w < 2^43. Only comparisons that hold, joined and never negated, refuse a NaN:
 // a compiler may turn !(a < b) into a >= b, and the bits of an f64 cannot be read everywhere.
 fn is_depositable(w: real) -> bool {
-    return w >= 0.0 && w < 8796093022208.0;
+    return (w >= 0.0) & (w < 8796093022208.0);
 }
 
 // floor(w * 2^52) as words (lo, hi, top), for a depositable weight. Every step is exact: scaling by powers of two, and

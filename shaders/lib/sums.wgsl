@@ -1,6 +1,6 @@
 // Exact sums. A weight is an integer number of quanta (one unit of weight is 2^52 quanta), and a cell is a 96-bit
-// integer, which cannot overflow below 2^44 units: so a sum depends neither on the order of the deposits nor on how they
-// were batched.
+// integer, which cannot overflow below 2^44 units: so a sum depends neither on the order of the deposits nor on how
+// they were batched.
 
 // Quanta as words (lo, hi, top); one unit of top is 2^64 quanta, 4096 units of weight.
 alias Quanta = vec3<u32>;
@@ -17,13 +17,12 @@ fn count(counter: u32) {
     atomicAdd(&counters[counter], 1u);
 }
 
-// floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no sum
-// can hold gives none, uncounted: see quantize_counted.
+// floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no
+// sum can hold gives none, uncounted: see quantize_counted.
 fn quantize(w: real) -> Quanta {
-    if is_depositable(w) {
-        return quanta_words(w);
-    }
-    return NO_QUANTA;
+    // Not w itself in the unchosen case: converting what no integer holds is undefined.
+    let depositable = is_depositable(w);
+    return select(NO_QUANTA, quanta_words(choose(0.0, w, depositable)), depositable);
 }
 
 // quantize, which counts what no sum can hold.
@@ -40,13 +39,8 @@ fn q_is_zero(a: Quanta) -> bool {
 }
 
 fn q_less(a: Quanta, b: Quanta) -> bool {
-    if a.z != b.z {
-        return a.z < b.z;
-    }
-    if a.y != b.y {
-        return a.y < b.y;
-    }
-    return a.x < b.x;
+    let below_top = select(a.x < b.x, a.y < b.y, a.y != b.y);
+    return select(below_top, a.z < b.z, a.z != b.z);
 }
 
 // a - b, for b <= a.
@@ -58,10 +52,7 @@ fn q_sub(a: Quanta, b: Quanta) -> Quanta {
 }
 
 fn q_min(a: Quanta, b: Quanta) -> Quanta {
-    if q_less(b, a) {
-        return b;
-    }
-    return a;
+    return select(a, b, q_less(b, a));
 }
 
 fn deposit_weight(cell: u32, w: real) {

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test binary compiles the harness and uses its part of it")]
 
 use nsq_gpu::program::library::{Integers, Real};
+use std::io::Write;
 use wgpu::util::DeviceExt;
 
 /// Every tier: precision and integers.
@@ -31,6 +32,16 @@ impl Storage {
         Self { binding, bytes: bytemuck::cast_slice(values).to_vec(), written: false }
     }
 
+    /// A buffer of `array<real>` that the shader reads; f32 rounds the numbers.
+    pub fn reals(binding: u32, real: Real, numbers: &[f64]) -> Self {
+        match real {
+            Real::F32 => {
+                Self::read(binding, &numbers.iter().map(|&number| number as f32).collect::<Vec<f32>>())
+            }
+            Real::F64 => Self::read(binding, numbers),
+        }
+    }
+
     /// A buffer of zeros that the shader writes.
     pub fn zeros(binding: u32, num_bytes: usize) -> Self {
         Self { binding, bytes: vec![0; num_bytes], written: true }
@@ -39,6 +50,22 @@ impl Storage {
     /// A buffer that the shader writes, with a start of its own.
     pub fn written<T: bytemuck::NoUninit>(binding: u32, values: &[T]) -> Self {
         Self { written: true, ..Self::read(binding, values) }
+    }
+}
+
+/// Bytes of a `real`.
+pub fn real_bytes(real: Real) -> usize {
+    match real {
+        Real::F32 => 4,
+        Real::F64 => 8,
+    }
+}
+
+/// The numbers of an `array<real>` that a shader wrote.
+pub fn reals_of(real: Real, bytes: &[u8]) -> Vec<f64> {
+    match real {
+        Real::F32 => bytemuck::cast_slice::<u8, f32>(bytes).iter().map(|&number| f64::from(number)).collect(),
+        Real::F64 => bytemuck::cast_slice(bytes).to_vec(),
     }
 }
 
@@ -60,7 +87,12 @@ impl Gpu {
     pub fn open(test: &str, real: Real, integers: Integers) -> Option<Self> {
         let gpu = pollster::block_on(Self::request(features(real, integers)));
         if gpu.is_none() {
-            println!("SKIPPED: {test}: no adapter for {real:?} with {integers:?} integers");
+            // Straight to the stream: the test runner hides what a passing test prints.
+            writeln!(
+                std::io::stderr(),
+                "SKIPPED: {test}: no adapter for {real:?} with {integers:?} integers"
+            )
+            .expect("standard error takes a line");
         }
         gpu
     }
