@@ -89,7 +89,7 @@ impl Axis {
 
     /// An axis along `length` pixels whose labels stand one above the other.
     pub fn vertical(label: &str, range: (f64, f64), length: i32, text: f64) -> Self {
-        let count = (f64::from(length) / (2.6 * text)).clamp(2.0, 9.0) as usize;
+        let count = (f64::from(length) / (2.2 * text)).clamp(2.0, 9.0) as usize;
         Axis { label: label.into(), range, ticks: ticks(range, count) }
     }
 
@@ -110,10 +110,24 @@ fn ticks((low, high): (f64, f64), count: usize) -> Vec<(f64, String)> {
     indices(step).map(|index| tick(index as f64 * step, step)).collect()
 }
 
-/// A tick labelled with the digits that a step needs, and with a true minus sign.
+/// A tick labelled with the decimals that a step needs, so that all labels of an axis have the same, and with a true
+/// minus sign.
 fn tick(value: f64, step: f64) -> (f64, String) {
-    let digits = if value == 0.0 { 1.0 } else { value.abs().log10().floor() - step.log10().floor() + 1.0 };
-    (value, significant(value, digits.clamp(1.0, 15.0) as usize).replace('-', "−"))
+    const MOST_DECIMALS: f64 = 6.0;
+    let decimals = (-(step.log10() + 1e-9).floor()).max(0.0);
+    let label = if value.abs() < 1e-6 * step {
+        "0".into()
+    } else if decimals <= MOST_DECIMALS && value.abs() < 1e7 {
+        format!("{value:.*}", decimals as usize)
+    } else {
+        significant(value, 6)
+    };
+    (value, label.replace('-', "−"))
+}
+
+/// The name of an axis with its unit. Two spaces, because the font is drawn without the white on the left of a bracket.
+pub(super) fn with_unit(name: &str, unit: &str) -> String {
+    format!("{name}  [{unit}]")
 }
 
 impl<'a> Canvas<'a> {
@@ -135,8 +149,10 @@ impl<'a> Canvas<'a> {
     }
 
     fn text(&self, text: &str, at: (i32, i32), (size, color): (f64, RGBColor), (h, v): (HPos, VPos)) -> Drawn {
+        // The box of a line has no room for descenders, so that its middle is not that of the digits.
+        let lower = if matches!(v, VPos::Center) { (0.13 * size).round() as i32 } else { 0 };
         let style = (FONT, size).into_font().color(&color).pos(Pos::new(h, v));
-        self.root.draw_text(text, &style, at).map_err(reason)
+        self.root.draw_text(text, &style, (at.0, at.1 + lower)).map_err(reason)
     }
 
     fn upright_text(&self, text: &str, at: (i32, i32)) -> Drawn {
@@ -190,9 +206,14 @@ impl<'a> Canvas<'a> {
         Ok(())
     }
 
+    /// A thin line along the lower edge of a place.
+    pub fn base_line(&self, place: Place) -> Drawn {
+        self.line((place.left, place.bottom()), (place.right(), place.bottom()), INK, 1.0)
+    }
+
     /// Ticks, labels and name below a place.
     pub fn x_axis(&self, place: Place, axis: &Axis) -> Drawn {
-        let (reach, width) = ((0.35 * self.text) as i32, 0.06 * self.text);
+        let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         for (value, label) in &axis.ticks {
             let at = place.x(*value, axis.range);
             self.line((at, place.bottom()), (at, place.bottom() + reach), INK, width)?;
@@ -205,7 +226,7 @@ impl<'a> Canvas<'a> {
 
     /// Ticks, labels and name to the left of a place.
     pub fn y_axis(&self, place: Place, axis: &Axis) -> Drawn {
-        let (reach, width) = ((0.35 * self.text) as i32, 0.06 * self.text);
+        let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         let edge = place.left - reach - (0.3 * self.text) as i32;
         for (value, label) in &axis.ticks {
             let at = place.y(*value, axis.range);
@@ -225,7 +246,7 @@ impl<'a> Canvas<'a> {
         }
         self.raster(place, raster)?;
         self.frame(place)?;
-        let (reach, width) = ((0.3 * self.text) as i32, 0.06 * self.text);
+        let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         let edge = place.right() + reach + (0.3 * self.text) as i32;
         for (value, label) in &bar.axis.ticks {
             let at = place.y(*value, bar.axis.range);
@@ -266,7 +287,7 @@ impl ColorBar {
     /// The bar of a quantity from 0 to `top`, along `length` pixels.
     pub fn new(quantity: &str, unit: &str, top: f64, length: i32, text: f64) -> Self {
         let (factor, prefix) = si_prefix(top);
-        let label = format!("{quantity} [{prefix}{unit}]");
+        let label = with_unit(quantity, &format!("{prefix}{unit}"));
         // Without any flux there is one colour, that of zero, and one honest tick.
         let axis = if top > 0.0 {
             Axis::vertical(&label, (0.0, top / factor), length, text)
