@@ -52,7 +52,12 @@ pub(super) fn register_fonts() {
 
 /// Width of a line of text \[pixels\].
 pub(super) fn text_width(text: &str, size: f64) -> i32 {
-    (FONT, size).into_font().box_size(text).map_or(0, |(width, _)| width as i32)
+    (FONT, size).into_font().box_size(&spaced(text)).map_or(0, |(width, _)| width as i32)
+}
+
+/// Glyphs are drawn without the white on their left, which narrows the space before a word: two make up for it.
+fn spaced(text: &str) -> String {
+    text.replace(' ', "  ")
 }
 
 impl Place {
@@ -84,7 +89,11 @@ impl Axis {
         };
         let ticks = (2..=9).rev().map(|count| ticks(range, count)).find(fits);
         let ends = || vec![tick(0.5 * (range.0 + range.1), range.1 - range.0)];
-        Axis { label: label.into(), range, ticks: ticks.filter(|ticks| !ticks.is_empty()).unwrap_or_else(ends) }
+        Axis {
+            label: label.into(),
+            range,
+            ticks: ticks.filter(|ticks| !ticks.is_empty()).unwrap_or_else(ends),
+        }
     }
 
     /// An axis along `length` pixels whose labels stand one above the other.
@@ -125,9 +134,9 @@ fn tick(value: f64, step: f64) -> (f64, String) {
     (value, label.replace('-', "−"))
 }
 
-/// The name of an axis with its unit. Two spaces, because the font is drawn without the white on the left of a bracket.
+/// The name of an axis with its unit.
 pub(super) fn with_unit(name: &str, unit: &str) -> String {
-    format!("{name}  [{unit}]")
+    format!("{name} [{unit}]")
 }
 
 impl<'a> Canvas<'a> {
@@ -148,17 +157,23 @@ impl<'a> Canvas<'a> {
         self.root.draw(&PathElement::new(vec![from, to], style)).map_err(reason)
     }
 
-    fn text(&self, text: &str, at: (i32, i32), (size, color): (f64, RGBColor), (h, v): (HPos, VPos)) -> Drawn {
+    fn text(
+        &self,
+        text: &str,
+        at: (i32, i32),
+        (size, color): (f64, RGBColor),
+        (h, v): (HPos, VPos),
+    ) -> Drawn {
         // The box of a line has no room for descenders, so that its middle is not that of the digits.
         let lower = if matches!(v, VPos::Center) { (0.13 * size).round() as i32 } else { 0 };
         let style = (FONT, size).into_font().color(&color).pos(Pos::new(h, v));
-        self.root.draw_text(text, &style, (at.0, at.1 + lower)).map_err(reason)
+        self.root.draw_text(&spaced(text), &style, (at.0, at.1 + lower)).map_err(reason)
     }
 
     fn upright_text(&self, text: &str, at: (i32, i32)) -> Drawn {
         let font = (FONT, self.text).into_font().transform(FontTransform::Rotate270);
         let style = font.color(&INK).pos(Pos::new(HPos::Center, VPos::Center));
-        self.root.draw_text(text, &style, at).map_err(reason)
+        self.root.draw_text(&spaced(text), &style, at).map_err(reason)
     }
 
     /// A title, and below it a line with the numbers.
@@ -168,10 +183,10 @@ impl<'a> Canvas<'a> {
         self.text(numbers, (left, below), (0.95 * self.text, SOFT), (HPos::Left, VPos::Top))
     }
 
-    /// Words in the middle of a place, light enough to be read on black.
+    /// Words in the middle of a place, readable on black and on white.
     pub fn note(&self, place: Place, text: &str) -> Drawn {
         let middle = (place.left + place.width / 2, place.top + place.height / 2);
-        self.text(text, middle, (self.text, RGBColor(190, 190, 190)), (HPos::Center, VPos::Center))
+        self.text(text, middle, (self.text, RGBColor(140, 140, 140)), (HPos::Center, VPos::Center))
     }
 
     /// Words beside a point.
@@ -305,4 +320,36 @@ impl ColorBar {
 
 fn reason(error: impl std::fmt::Display) -> String {
     error.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(range: (f64, f64), count: usize) -> Vec<String> {
+        ticks(range, count).into_iter().map(|(_, label)| label).collect()
+    }
+
+    #[test]
+    fn ticks_stand_at_round_numbers() {
+        assert_eq!(labels((-5.0, 5.0), 5), ["−4", "−2", "0", "2", "4"]);
+        assert_eq!(labels((0.0, 0.36), 4), ["0", "0.1", "0.2", "0.3"]);
+        assert_eq!(labels((-5e-4, 5e-4), 6), ["−0.0004", "−0.0002", "0", "0.0002", "0.0004"]);
+        assert_eq!(labels((0.0, 1e4), 3), ["0", "5000", "10000"]);
+        assert_eq!(labels((1.0, 1.02), 5), ["1.000", "1.005", "1.010", "1.015", "1.020"]);
+        assert_eq!(labels((-5e-9, 5e-9), 3), ["−5e−9", "0", "5e−9"]);
+    }
+
+    #[test]
+    fn no_range_has_too_many_ticks() {
+        for exponent in -12..12 {
+            for factor in [1.0, 1.3, 2.7, 4.9, 9.99] {
+                let half = factor * 10f64.powi(exponent);
+                for count in 2..=9 {
+                    let ticks = ticks((-half, half), count);
+                    assert!((1..=count).contains(&ticks.len()), "{half} {count}: {ticks:?}");
+                }
+            }
+        }
+    }
 }

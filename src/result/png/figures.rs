@@ -53,8 +53,10 @@ impl Layout {
         let room = height.max(px(LEAST_HEIGHT));
         let left = px(PAD) + px(2.1) + parts.y_labels;
         let data = Place { left, top: px(HEAD), width, height };
-        let bar = Place { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
-        let head_width = text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
+        let bar =
+            Place { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
+        let head_width =
+            text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
         let right = (bar.right() + parts.key).max(left + head_width).max(px(LEAST_WIDTH)) + px(PAD);
         let bottom = px(HEAD) + (height + px(FOOT)).max(room + px(PAD)) + parts.below;
         Layout { data, bar, head: (left, px(PAD)), size: (right, bottom) }
@@ -63,9 +65,10 @@ impl Layout {
 
 /// The line of numbers below a title.
 fn numbers(detector: &Detector, peak: Option<(f64, &str)>) -> String {
-    let mut parts = vec![format!("{} rays", thousands(detector.num_rays_hit)), with_prefix(detector.total_flux, "W")];
+    let mut parts =
+        vec![format!("{} rays", thousands(detector.num_rays_hit)), with_prefix(detector.total_flux, "W")];
     parts.extend(peak.map(|(peak, unit)| format!("peak {}", with_prefix(peak, unit))));
-    parts.join("  ·  ")
+    parts.join(" · ")
 }
 
 /// Irradiance over x and y, true to scale.
@@ -101,9 +104,19 @@ fn spectrum(canvas: &Canvas, place: Place, text: f64, map: &SpectralMap) -> Draw
     let (factor, prefix) = si_prefix(top);
     let heights: Vec<f64> = map.spectrum.iter().map(|flux| flux / factor).collect();
     let edges = map.wavelength_edges.to_vec();
-    let x = Axis::horizontal(&with_unit("Wavelength", "µm"), (edges[0], edges[edges.len() - 1]), place.width, text);
+    let x = Axis::horizontal(
+        &with_unit("Wavelength", "µm"),
+        (edges[0], edges[edges.len() - 1]),
+        place.width,
+        text,
+    );
     let high = if top > 0.0 { 1.08 * top / factor } else { 1.0 };
-    let y = Axis::vertical(&with_unit("Flux per bin", &format!("{prefix}W")), (0.0, high), place.height / 2, text);
+    let y = Axis::vertical(
+        &with_unit("Flux per bin", &format!("{prefix}W")),
+        (0.0, high),
+        place.height / 2,
+        text,
+    );
     canvas.grid(place, &x, &y)?;
     canvas.staircase(place, (&x, &y), &edges, &heights)?;
     canvas.frame(place)?;
@@ -211,7 +224,11 @@ fn polar_axis(limit: f64) -> Axis {
         let angle = limit * f64::from(part) / f64::from(parts);
         (angle, format!("{}°", significant(angle.abs(), 3)))
     };
-    Axis { label: "polar angle θ".into(), range: (-limit, limit), ticks: (-parts..=parts).map(tick).collect() }
+    Axis {
+        label: "polar angle θ".into(),
+        range: (-limit, limit),
+        ticks: (-parts..=parts).map(tick).collect(),
+    }
 }
 
 fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
@@ -220,8 +237,20 @@ fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
         let (sin, cos) = f64::from(angle).to_radians().sin_cos();
         let reach = f64::from(radius + gap);
         let at = (middle.0 + (reach * cos).round() as i32, middle.1 - (reach * sin).round() as i32);
-        let horizontal = if cos > 0.1 { HPos::Left } else if cos < -0.1 { HPos::Right } else { HPos::Center };
-        let vertical = if sin > 0.9 { VPos::Bottom } else if sin < -0.9 { VPos::Top } else { VPos::Center };
+        let horizontal = if cos > 0.1 {
+            HPos::Left
+        } else if cos < -0.1 {
+            HPos::Right
+        } else {
+            HPos::Center
+        };
+        let vertical = if sin > 0.9 {
+            VPos::Bottom
+        } else if sin < -0.9 {
+            VPos::Top
+        } else {
+            VPos::Center
+        };
         let label = format!("{angle}°").replace('-', "−");
         canvas.label(&label, at, horizontal, vertical)?;
     }
@@ -247,7 +276,7 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
     let drawn = points.iter().step_by(stride).count();
     let mut numbers = numbers(detector, None);
     if drawn < detector.num_rays_hit as usize {
-        numbers += &format!("  ·  {} drawn", thousands(drawn as u64));
+        numbers += &format!(" · {} drawn", thousands(drawn as u64));
     }
     let ((x_low, x_high), (y_low, y_high)) = square_around(&points);
     let x = Axis::horizontal(&with_unit("x", "mm"), (x_low, x_high), SIZE as i32, text);
@@ -267,7 +296,10 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
 
     let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
     let inner = Place { left: 0, top: 0, ..layout.data };
-    raster.lines(x.ticks.iter().map(|tick| inner.x(tick.0, x.range)), y.ticks.iter().map(|tick| inner.y(tick.0, y.range)));
+    raster.lines(
+        x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
+        y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
+    );
     let (radius, alpha) = spot_style(drawn);
     for (index, &(px, py)) in points.iter().enumerate().step_by(stride) {
         let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
@@ -298,7 +330,8 @@ fn spot_style(count: usize) -> (f64, f64) {
 fn square_around(points: &[(f64, f64)]) -> ((f64, f64), (f64, f64)) {
     let bounds = |value: fn(&(f64, f64)) -> f64| {
         let values = points.iter().map(value);
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+        values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
     };
     if points.is_empty() {
         return ((-0.5, 0.5), (-0.5, 0.5));
@@ -343,7 +376,10 @@ impl WavelengthKey {
     fn draw(&self, canvas: &Canvas, place: Place, text: f64) -> Drawn {
         for (row, (wavelength, label)) in self.wavelengths.iter().zip(self.labels()).enumerate() {
             let middle = place.top + ((row as f64 * 1.6 + 0.6) * text) as i32;
-            canvas.dot((place.left + (0.3 * text) as i32, middle), raster::wavelength_color(*wavelength, self.range))?;
+            canvas.dot(
+                (place.left + (0.3 * text) as i32, middle),
+                raster::wavelength_color(*wavelength, self.range),
+            )?;
             canvas.label(&label, (place.right(), middle), HPos::Left, VPos::Center)?;
         }
         Ok(())
