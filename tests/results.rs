@@ -1,5 +1,8 @@
 //! From sums to results and files, on scenes and tallies built by hand, and against numbers that Optiland reported.
 
+// Clippy's exemption of tests does not reach the helpers that tests share.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 use std::path::Path;
 
 use approx::assert_relative_eq;

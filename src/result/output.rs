@@ -175,3 +175,27 @@ fn safe_stem(name: &str) -> String {
         stem => stem,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_move_that_fails_halfway_is_undone() {
+        let (staging, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let staged = staging.path().join("new");
+        fs::create_dir(&staged).unwrap();
+        // The second file was never staged, so that its move fails after the first has replaced an old file.
+        fs::write(staged.join("a.npz"), "new").unwrap();
+        fs::write(staged.join(REPORT), "new").unwrap();
+        fs::write(folder.path().join("a.npz"), "old").unwrap();
+        fs::write(folder.path().join(REPORT), "old").unwrap();
+        let names = ["a.npz", "b.npz", REPORT].map(String::from);
+        let error = install(&staged, &staging.path().join("old"), folder.path(), &names).unwrap_err();
+        assert!(matches!(error, Error::File { path, .. } if path == folder.path().join("b.npz")));
+        for name in ["a.npz", REPORT] {
+            assert_eq!(fs::read_to_string(folder.path().join(name)).unwrap(), "old");
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+}
