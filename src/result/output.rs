@@ -89,9 +89,8 @@ fn install(staged: &Path, old: &Path, dir: &Path, names: &[String]) -> Result<()
     if let Some(name) = names.iter().find(|name| dir.join(name).is_dir()) {
         return Err(Error::file(dir.join(name), "is a folder"));
     }
-    let moved = retire(dir, old, names).and_then(|()| {
-        names.iter().try_for_each(|name| rename(&staged.join(name), &dir.join(name)))
-    });
+    let moved = retire(dir, old, names)
+        .and_then(|()| names.iter().try_for_each(|name| rename(&staged.join(name), &dir.join(name))));
     if moved.is_err() {
         put_back(staged, old, dir, names);
     }
@@ -101,9 +100,9 @@ fn install(staged: &Path, old: &Path, dir: &Path, names: &[String]) -> Result<()
 /// Takes the old files away, `report.json` first: whoever finds a report finds the files that it describes.
 fn retire(dir: &Path, old: &Path, names: &[String]) -> Result<()> {
     let existing = names.iter().rev().filter(|name| dir.join(name).symlink_metadata().is_ok());
-    existing.map(|name| (dir.join(name), old.join(name))).try_for_each(|(from, to)| {
-        fs::rename(&from, to).map_err(|error| Error::file(from, error))
-    })
+    existing
+        .map(|name| (dir.join(name), old.join(name)))
+        .try_for_each(|(from, to)| fs::rename(&from, to).map_err(|error| Error::file(from, error)))
 }
 
 /// Undoes [`retire`] and the moves after it as far as they went. What cannot be undone has no better place to go.
@@ -151,7 +150,8 @@ fn file_stems(result: &TraceResult) -> Vec<String> {
     let mut distinct = |name: &str| {
         let stem = safe_stem(name);
         let numbered = (2..).map(|number| format!("{stem}_{number}"));
-        let free = std::iter::once(stem.clone()).chain(numbered).find(|stem| !taken.contains(&stem.to_lowercase()));
+        let free =
+            std::iter::once(stem.clone()).chain(numbered).find(|stem| !taken.contains(&stem.to_lowercase()));
         let free = free.unwrap_or(stem);
         taken.push(free.to_lowercase());
         free
@@ -173,5 +173,29 @@ fn safe_stem(name: &str) -> String {
         // A leading dot hides a file, a leading dash reads as an option, and Windows keeps a few names for devices.
         stem if stem.starts_with(['.', '-']) || reserved(&stem) => format!("_{stem}"),
         stem => stem,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_move_that_fails_halfway_is_undone() {
+        let (staging, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let staged = staging.path().join("new");
+        fs::create_dir(&staged).unwrap();
+        // The second file was never staged, so that its move fails after the first has replaced an old file.
+        fs::write(staged.join("a.npz"), "new").unwrap();
+        fs::write(staged.join(REPORT), "new").unwrap();
+        fs::write(folder.path().join("a.npz"), "old").unwrap();
+        fs::write(folder.path().join(REPORT), "old").unwrap();
+        let names = ["a.npz", "b.npz", REPORT].map(String::from);
+        let error = install(&staged, &staging.path().join("old"), folder.path(), &names).unwrap_err();
+        assert!(matches!(error, Error::File { path, .. } if path == folder.path().join("b.npz")));
+        for name in ["a.npz", REPORT] {
+            assert_eq!(fs::read_to_string(folder.path().join(name)).unwrap(), "old");
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 }

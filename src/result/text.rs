@@ -31,7 +31,7 @@ impl TraceResult {
             run.precision,
             run.adapter,
             significant(run.trace_time_sec, 3),
-            significant(run.rays_per_sec(self.num_rays_total), 3),
+            thousands(run.rays_per_sec(self.num_rays_total).round() as u64),
         )
     }
 

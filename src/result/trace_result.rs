@@ -196,9 +196,8 @@ impl TraceResult {
             .collect();
         let surfaces = surfaces(ir, tally, unit);
         let ledger = Ledger::new(ir, tally, unit);
-        let total_flux_detected = detectors.iter().map(|detector| detector.total_flux).sum();
-        let total_flux_tapped =
-            detectors.iter().filter(|detector| !detector.absorb).map(|detector| detector.total_flux).sum();
+        let total_flux_detected = total_flux(detectors.iter());
+        let total_flux_tapped = total_flux(detectors.iter().filter(|detector| !detector.absorb));
         let total_flux_lost = ledger.depth.flux + ledger.roulette_loss.flux;
 
         let mut result = TraceResult {
@@ -292,6 +291,11 @@ impl DetectorData {
             DetectorData::RayDatabase(_) => None,
         }
     }
+}
+
+/// Starts at 0, since the empty sum of floats is -0.
+fn total_flux<'a>(detectors: impl Iterator<Item = &'a Detector>) -> f64 {
+    detectors.fold(0.0, |sum, detector| sum + detector.total_flux)
 }
 
 fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {

@@ -52,7 +52,12 @@ pub(super) fn register_fonts() {
 
 /// Width of a line of text \[pixels\].
 pub(super) fn text_width(text: &str, size: f64) -> i32 {
-    (FONT, size).into_font().box_size(text).map_or(0, |(width, _)| width as i32)
+    (FONT, size).into_font().box_size(&spaced(text)).map_or(0, |(width, _)| width as i32)
+}
+
+/// Glyphs are drawn without the white on their left, which narrows the space before a word: two make up for it.
+fn spaced(text: &str) -> String {
+    text.replace(' ', "  ")
 }
 
 impl Place {
@@ -84,12 +89,16 @@ impl Axis {
         };
         let ticks = (2..=9).rev().map(|count| ticks(range, count)).find(fits);
         let ends = || vec![tick(0.5 * (range.0 + range.1), range.1 - range.0)];
-        Axis { label: label.into(), range, ticks: ticks.filter(|ticks| !ticks.is_empty()).unwrap_or_else(ends) }
+        Axis {
+            label: label.into(),
+            range,
+            ticks: ticks.filter(|ticks| !ticks.is_empty()).unwrap_or_else(ends),
+        }
     }
 
     /// An axis along `length` pixels whose labels stand one above the other.
     pub fn vertical(label: &str, range: (f64, f64), length: i32, text: f64) -> Self {
-        let count = (f64::from(length) / (2.6 * text)).clamp(2.0, 9.0) as usize;
+        let count = (f64::from(length) / (2.2 * text)).clamp(2.0, 9.0) as usize;
         Axis { label: label.into(), range, ticks: ticks(range, count) }
     }
 
@@ -110,10 +119,24 @@ fn ticks((low, high): (f64, f64), count: usize) -> Vec<(f64, String)> {
     indices(step).map(|index| tick(index as f64 * step, step)).collect()
 }
 
-/// A tick labelled with the digits that a step needs, and with a true minus sign.
+/// A tick labelled with the decimals that a step needs, so that all labels of an axis have the same, and with a true
+/// minus sign.
 fn tick(value: f64, step: f64) -> (f64, String) {
-    let digits = if value == 0.0 { 1.0 } else { value.abs().log10().floor() - step.log10().floor() + 1.0 };
-    (value, significant(value, digits.clamp(1.0, 15.0) as usize).replace('-', "−"))
+    const MOST_DECIMALS: f64 = 6.0;
+    let decimals = (-(step.log10() + 1e-9).floor()).max(0.0);
+    let label = if value.abs() < 1e-6 * step {
+        "0".into()
+    } else if decimals <= MOST_DECIMALS && value.abs() < 1e7 {
+        format!("{value:.*}", decimals as usize)
+    } else {
+        significant(value, 6)
+    };
+    (value, label.replace('-', "−"))
+}
+
+/// The name of an axis with its unit.
+pub(super) fn with_unit(name: &str, unit: &str) -> String {
+    format!("{name} [{unit}]")
 }
 
 impl<'a> Canvas<'a> {
@@ -134,15 +157,23 @@ impl<'a> Canvas<'a> {
         self.root.draw(&PathElement::new(vec![from, to], style)).map_err(reason)
     }
 
-    fn text(&self, text: &str, at: (i32, i32), (size, color): (f64, RGBColor), (h, v): (HPos, VPos)) -> Drawn {
+    fn text(
+        &self,
+        text: &str,
+        at: (i32, i32),
+        (size, color): (f64, RGBColor),
+        (h, v): (HPos, VPos),
+    ) -> Drawn {
+        // The box of a line has no room for descenders, so that its middle is not that of the digits.
+        let lower = if matches!(v, VPos::Center) { (0.13 * size).round() as i32 } else { 0 };
         let style = (FONT, size).into_font().color(&color).pos(Pos::new(h, v));
-        self.root.draw_text(text, &style, at).map_err(reason)
+        self.root.draw_text(&spaced(text), &style, (at.0, at.1 + lower)).map_err(reason)
     }
 
     fn upright_text(&self, text: &str, at: (i32, i32)) -> Drawn {
         let font = (FONT, self.text).into_font().transform(FontTransform::Rotate270);
         let style = font.color(&INK).pos(Pos::new(HPos::Center, VPos::Center));
-        self.root.draw_text(text, &style, at).map_err(reason)
+        self.root.draw_text(&spaced(text), &style, at).map_err(reason)
     }
 
     /// A title, and below it a line with the numbers.
@@ -152,10 +183,10 @@ impl<'a> Canvas<'a> {
         self.text(numbers, (left, below), (0.95 * self.text, SOFT), (HPos::Left, VPos::Top))
     }
 
-    /// Words in the middle of a place, light enough to be read on black.
+    /// Words in the middle of a place, readable on black and on white.
     pub fn note(&self, place: Place, text: &str) -> Drawn {
         let middle = (place.left + place.width / 2, place.top + place.height / 2);
-        self.text(text, middle, (self.text, RGBColor(190, 190, 190)), (HPos::Center, VPos::Center))
+        self.text(text, middle, (self.text, RGBColor(140, 140, 140)), (HPos::Center, VPos::Center))
     }
 
     /// Words beside a point.
@@ -190,9 +221,14 @@ impl<'a> Canvas<'a> {
         Ok(())
     }
 
+    /// A thin line along the lower edge of a place.
+    pub fn base_line(&self, place: Place) -> Drawn {
+        self.line((place.left, place.bottom()), (place.right(), place.bottom()), INK, 1.0)
+    }
+
     /// Ticks, labels and name below a place.
     pub fn x_axis(&self, place: Place, axis: &Axis) -> Drawn {
-        let (reach, width) = ((0.35 * self.text) as i32, 0.06 * self.text);
+        let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         for (value, label) in &axis.ticks {
             let at = place.x(*value, axis.range);
             self.line((at, place.bottom()), (at, place.bottom() + reach), INK, width)?;
@@ -205,7 +241,7 @@ impl<'a> Canvas<'a> {
 
     /// Ticks, labels and name to the left of a place.
     pub fn y_axis(&self, place: Place, axis: &Axis) -> Drawn {
-        let (reach, width) = ((0.35 * self.text) as i32, 0.06 * self.text);
+        let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         let edge = place.left - reach - (0.3 * self.text) as i32;
         for (value, label) in &axis.ticks {
             let at = place.y(*value, axis.range);
@@ -225,7 +261,7 @@ impl<'a> Canvas<'a> {
         }
         self.raster(place, raster)?;
         self.frame(place)?;
-        let (reach, width) = ((0.3 * self.text) as i32, 0.06 * self.text);
+        let (reach, width) = ((0.3 * self.text) as i32, 0.045 * self.text);
         let edge = place.right() + reach + (0.3 * self.text) as i32;
         for (value, label) in &bar.axis.ticks {
             let at = place.y(*value, bar.axis.range);
@@ -266,7 +302,7 @@ impl ColorBar {
     /// The bar of a quantity from 0 to `top`, along `length` pixels.
     pub fn new(quantity: &str, unit: &str, top: f64, length: i32, text: f64) -> Self {
         let (factor, prefix) = si_prefix(top);
-        let label = format!("{quantity} [{prefix}{unit}]");
+        let label = with_unit(quantity, &format!("{prefix}{unit}"));
         // Without any flux there is one colour, that of zero, and one honest tick.
         let axis = if top > 0.0 {
             Axis::vertical(&label, (0.0, top / factor), length, text)
@@ -284,4 +320,36 @@ impl ColorBar {
 
 fn reason(error: impl std::fmt::Display) -> String {
     error.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(range: (f64, f64), count: usize) -> Vec<String> {
+        ticks(range, count).into_iter().map(|(_, label)| label).collect()
+    }
+
+    #[test]
+    fn ticks_stand_at_round_numbers() {
+        assert_eq!(labels((-5.0, 5.0), 5), ["−4", "−2", "0", "2", "4"]);
+        assert_eq!(labels((0.0, 0.36), 4), ["0", "0.1", "0.2", "0.3"]);
+        assert_eq!(labels((-5e-4, 5e-4), 6), ["−0.0004", "−0.0002", "0", "0.0002", "0.0004"]);
+        assert_eq!(labels((0.0, 1e4), 3), ["0", "5000", "10000"]);
+        assert_eq!(labels((1.0, 1.02), 5), ["1.000", "1.005", "1.010", "1.015", "1.020"]);
+        assert_eq!(labels((-5e-9, 5e-9), 3), ["−5e−9", "0", "5e−9"]);
+    }
+
+    #[test]
+    fn no_range_has_too_many_ticks() {
+        for exponent in -12..12 {
+            for factor in [1.0, 1.3, 2.7, 4.9, 9.99] {
+                let half = factor * 10f64.powi(exponent);
+                for count in 2..=9 {
+                    let ticks = ticks((-half, half), count);
+                    assert!((1..=count).contains(&ticks.len()), "{half} {count}: {ticks:?}");
+                }
+            }
+        }
+    }
 }

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::result::format::{significant, thousands, with_prefix};
-use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, text_width};
+use crate::result::format::{si_prefix, significant, thousands, with_prefix};
+use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, text_width, with_unit};
 use crate::result::png::raster::{self, Raster};
 use crate::result::{Detector, FarFieldPattern, IrradianceMap, RayDatabase, SpectralMap};
 
@@ -20,7 +20,8 @@ const LEAST_WIDTH: f64 = 22.0;
 
 /// Text grows with the data, so that a large picture shrunk to a page still reads.
 fn text_size(data: (usize, usize)) -> f64 {
-    (data.0.max(data.1) as f64 / 38.0).clamp(20.0, 60.0).round()
+    let (long, short) = (data.0.max(data.1) as f64, data.0.min(data.1) as f64);
+    ((0.6 * long + 0.4 * short) / 38.0).clamp(20.0, 60.0).round()
 }
 
 /// Where the parts of a figure go: data on the left, a key on the right, a head above, axes around.
@@ -51,20 +52,23 @@ impl Layout {
         let (width, height) = (parts.data.0 as i32, parts.data.1 as i32);
         let room = height.max(px(LEAST_HEIGHT));
         let left = px(PAD) + px(2.1) + parts.y_labels;
-        let data = Place { left, top: px(HEAD) + (room - height) / 2, width, height };
-        let bar = Place { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
-        let head_width = text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
+        let data = Place { left, top: px(HEAD), width, height };
+        let bar =
+            Place { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
+        let head_width =
+            text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
         let right = (bar.right() + parts.key).max(left + head_width).max(px(LEAST_WIDTH)) + px(PAD);
-        let bottom = px(HEAD) + room + px(FOOT) + parts.below;
+        let bottom = px(HEAD) + (height + px(FOOT)).max(room + px(PAD)) + parts.below;
         Layout { data, bar, head: (left, px(PAD)), size: (right, bottom) }
     }
 }
 
 /// The line of numbers below a title.
 fn numbers(detector: &Detector, peak: Option<(f64, &str)>) -> String {
-    let mut parts = vec![format!("{} rays", thousands(detector.num_rays_hit)), with_prefix(detector.total_flux, "W")];
+    let mut parts =
+        vec![format!("{} rays", thousands(detector.num_rays_hit)), with_prefix(detector.total_flux, "W")];
     parts.extend(peak.map(|(peak, unit)| format!("peak {}", with_prefix(peak, unit))));
-    parts.join("  ·  ")
+    parts.join(" · ")
 }
 
 /// Irradiance over x and y, true to scale.
@@ -97,12 +101,22 @@ pub(super) fn spectral(path: &Path, detector: &Detector, map: &SpectralMap) -> D
 
 fn spectrum(canvas: &Canvas, place: Place, text: f64, map: &SpectralMap) -> Drawn {
     let top = map.spectrum.iter().copied().fold(0.0, f64::max);
-    let (factor, prefix) = crate::result::format::si_prefix(top);
+    let (factor, prefix) = si_prefix(top);
     let heights: Vec<f64> = map.spectrum.iter().map(|flux| flux / factor).collect();
     let edges = map.wavelength_edges.to_vec();
-    let x = Axis::horizontal("Wavelength [µm]", (edges[0], edges[edges.len() - 1]), place.width, text);
+    let x = Axis::horizontal(
+        &with_unit("Wavelength", "µm"),
+        (edges[0], edges[edges.len() - 1]),
+        place.width,
+        text,
+    );
     let high = if top > 0.0 { 1.08 * top / factor } else { 1.0 };
-    let y = Axis::vertical(&format!("Flux per bin [{prefix}W]"), (0.0, high), place.height / 2, text);
+    let y = Axis::vertical(
+        &with_unit("Flux per bin", &format!("{prefix}W")),
+        (0.0, high),
+        place.height / 2,
+        text,
+    );
     canvas.grid(place, &x, &y)?;
     canvas.staircase(place, (&x, &y), &edges, &heights)?;
     canvas.frame(place)?;
@@ -128,8 +142,8 @@ impl MapPanel {
         let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
         MapPanel {
             text,
-            x: Axis::horizontal("x [mm]", (-width / 2.0, width / 2.0), size.0 as i32, text),
-            y: Axis::vertical("y [mm]", (-height / 2.0, height / 2.0), size.1 as i32, text),
+            x: Axis::horizontal(&with_unit("x", "mm"), (-width / 2.0, width / 2.0), size.0 as i32, text),
+            y: Axis::vertical(&with_unit("y", "mm"), (-height / 2.0, height / 2.0), size.1 as i32, text),
             bar: ColorBar::new("Irradiance", "W/mm²", shown.top, bar_length, text),
             shown,
         }
@@ -168,7 +182,7 @@ pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPatt
     let numbers = numbers(detector, Some((raster::maximum(&pattern.intensity), "W/sr")));
     let mut shown = raster::polar(&pattern.intensity, limit, SIZE);
     let bar = ColorBar::new("Intensity", "W/sr", shown.top, SIZE as i32, text);
-    let axis = Axis::horizontal("polar angle θ [deg]", (-limit, limit), SIZE as i32, text);
+    let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
         let radius = angle / limit * SIZE as f64 / 2.0;
         shown.raster.circle(radius, 1.5, [255; 3], 0.35);
@@ -196,14 +210,25 @@ pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPatt
     }
     azimuth_labels(&canvas, layout.data, px(0.5))?;
     let below = Place { height: layout.data.height + px(1.5), ..layout.data };
-    canvas.x_axis(below, &Axis { ticks: without_sign(axis.ticks), ..axis })?;
+    canvas.base_line(below)?;
+    canvas.x_axis(below, &axis)?;
     canvas.color_bar(layout.bar, &bar)?;
     canvas.finish()
 }
 
-/// The polar angle is counted from the middle to either side.
-fn without_sign(ticks: Vec<(f64, String)>) -> Vec<(f64, String)> {
-    ticks.into_iter().map(|(angle, label)| (angle, label.trim_start_matches('−').into())).collect()
+/// The polar angle, counted from the middle to either side.
+fn polar_axis(limit: f64) -> Axis {
+    // Thirds of 90, 60, 45, 30 and 15 degrees are round, halves of the others.
+    let parts = if limit % 15.0 == 0.0 { 3 } else { 2 };
+    let tick = |part: i32| {
+        let angle = limit * f64::from(part) / f64::from(parts);
+        (angle, format!("{}°", significant(angle.abs(), 3)))
+    };
+    Axis {
+        label: "polar angle θ".into(),
+        range: (-limit, limit),
+        ticks: (-parts..=parts).map(tick).collect(),
+    }
 }
 
 fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
@@ -212,8 +237,20 @@ fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
         let (sin, cos) = f64::from(angle).to_radians().sin_cos();
         let reach = f64::from(radius + gap);
         let at = (middle.0 + (reach * cos).round() as i32, middle.1 - (reach * sin).round() as i32);
-        let horizontal = if cos > 0.1 { HPos::Left } else if cos < -0.1 { HPos::Right } else { HPos::Center };
-        let vertical = if sin > 0.9 { VPos::Bottom } else if sin < -0.9 { VPos::Top } else { VPos::Center };
+        let horizontal = if cos > 0.1 {
+            HPos::Left
+        } else if cos < -0.1 {
+            HPos::Right
+        } else {
+            HPos::Center
+        };
+        let vertical = if sin > 0.9 {
+            VPos::Bottom
+        } else if sin < -0.9 {
+            VPos::Top
+        } else {
+            VPos::Center
+        };
         let label = format!("{angle}°").replace('-', "−");
         canvas.label(&label, at, horizontal, vertical)?;
     }
@@ -239,11 +276,11 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
     let drawn = points.iter().step_by(stride).count();
     let mut numbers = numbers(detector, None);
     if drawn < detector.num_rays_hit as usize {
-        numbers += &format!("  ·  {} drawn", thousands(drawn as u64));
+        numbers += &format!(" · {} drawn", thousands(drawn as u64));
     }
     let ((x_low, x_high), (y_low, y_high)) = square_around(&points);
-    let x = Axis::horizontal("x [mm]", (x_low, x_high), SIZE as i32, text);
-    let y = Axis::vertical("y [mm]", (y_low, y_high), SIZE as i32, text);
+    let x = Axis::horizontal(&with_unit("x", "mm"), (x_low, x_high), SIZE as i32, text);
+    let y = Axis::vertical(&with_unit("y", "mm"), (y_low, y_high), SIZE as i32, text);
     let key = WavelengthKey::new(rays);
     let layout = Layout::new(&Parts {
         data: (SIZE, SIZE),
@@ -259,7 +296,10 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
 
     let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
     let inner = Place { left: 0, top: 0, ..layout.data };
-    raster.lines(x.ticks.iter().map(|tick| inner.x(tick.0, x.range)), y.ticks.iter().map(|tick| inner.y(tick.0, y.range)));
+    raster.lines(
+        x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
+        y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
+    );
     let (radius, alpha) = spot_style(drawn);
     for (index, &(px, py)) in points.iter().enumerate().step_by(stride) {
         let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
@@ -290,7 +330,8 @@ fn spot_style(count: usize) -> (f64, f64) {
 fn square_around(points: &[(f64, f64)]) -> ((f64, f64), (f64, f64)) {
     let bounds = |value: fn(&(f64, f64)) -> f64| {
         let values = points.iter().map(value);
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+        values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
     };
     if points.is_empty() {
         return ((-0.5, 0.5), (-0.5, 0.5));
@@ -335,7 +376,10 @@ impl WavelengthKey {
     fn draw(&self, canvas: &Canvas, place: Place, text: f64) -> Drawn {
         for (row, (wavelength, label)) in self.wavelengths.iter().zip(self.labels()).enumerate() {
             let middle = place.top + ((row as f64 * 1.6 + 0.6) * text) as i32;
-            canvas.dot((place.left + (0.3 * text) as i32, middle), raster::wavelength_color(*wavelength, self.range))?;
+            canvas.dot(
+                (place.left + (0.3 * text) as i32, middle),
+                raster::wavelength_color(*wavelength, self.range),
+            )?;
             canvas.label(&label, (place.right(), middle), HPos::Left, VPos::Center)?;
         }
         Ok(())

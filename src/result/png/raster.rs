@@ -119,7 +119,8 @@ pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize)) -> Show
         let rows = covered(height - 1 - y, ny, height);
         let columns = covered(x, nx, width);
         let count = rows.len() * columns.len();
-        rows.flat_map(|row| columns.clone().map(move |column| values[[row, column]])).sum::<f64>() / count as f64
+        rows.flat_map(|row| columns.clone().map(move |column| values[[row, column]])).sum::<f64>()
+            / count as f64
     });
     let top = maximum(&shown);
     let mut raster = Raster::filled(width, height, [0, 0, 0]);
@@ -159,7 +160,9 @@ pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
                     (at(x, sample % SAMPLES), -at(y, sample / SAMPLES)),
                     top,
                 );
-                sum.iter_mut().zip([color.r, color.g, color.b]).for_each(|(sum, part)| *sum += f64::from(part));
+                sum.iter_mut()
+                    .zip([color.r, color.g, color.b])
+                    .for_each(|(sum, part)| *sum += f64::from(part));
             }
             let [r, g, b] = sum.map(|part| (part / (SAMPLES * SAMPLES) as f64).round() as u8);
             raster.set(x, y, Color { r, g, b });
@@ -183,4 +186,47 @@ fn direction_color(intensity: &Array2<f64>, limit: f64, (x, y): (f64, f64), top:
 /// The largest value; 0 if there is none above.
 pub(super) fn maximum(values: &Array2<f64>) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn a_map_is_shown_true_to_scale() {
+        assert_eq!(map_size((4.0, 2.0), (4, 2)), (1200, 600));
+        assert_eq!(map_size((4.0, 2.0), (100, 100)), (1200, 600), "pixels that are not square");
+        assert_eq!(map_size((1.0, 1.0), (256, 256)), (1024, 1024), "whole picture pixels per map pixel");
+        assert_eq!(map_size((20.0, 3.0), (2000, 300)), (2000, 300));
+        assert_eq!(map_size((1.0, 1.0), (9000, 9000)), (2400, 2400));
+        assert_eq!(map_size((1.0, 1000.0), (1, 100)), (100, 1200), "a sliver is widened");
+    }
+
+    #[test]
+    fn a_picture_with_fewer_pixels_shows_means() {
+        let shown = map(&array![[1.0, 3.0, 0.0, 0.0], [2.0, 2.0, 0.0, 4.0]], (2, 1));
+        assert_eq!(shown.top, 2.0);
+        let [r, g, b] = [map_color(0.5).r, map_color(0.5).g, map_color(0.5).b];
+        assert_eq!(shown.raster.rgb, [252, 255, 164, r, g, b]);
+    }
+
+    #[test]
+    fn every_cell_is_covered_once() {
+        for (cells, pixels) in [(7, 3), (3000, 2400), (5, 5)] {
+            let covered: Vec<usize> = (0..pixels).flat_map(|pixel| covered(pixel, cells, pixels)).collect();
+            assert_eq!(covered, (0..cells).collect::<Vec<_>>(), "{cells} cells on {pixels} pixels");
+        }
+    }
+
+    #[test]
+    fn azimuth_turns_from_right_to_up() {
+        // One ring of four sectors: -180 to -90, -90 to 0, 0 to 90, 90 to 180 degrees.
+        let shown = polar(&array![[0.0, 0.0, 1.0, 0.0]], 90.0, 100);
+        let at = |x: usize, y: usize| &shown.raster.rgb[3 * (100 * y + x)..][..3];
+        assert_eq!(at(65, 35), [252, 255, 164], "the upper right");
+        assert_eq!(at(35, 35), [0, 0, 4]);
+        assert_eq!(at(65, 65), [0, 0, 4]);
+        assert_eq!(at(2, 2), [255, 255, 255], "outside the disc");
+    }
 }
