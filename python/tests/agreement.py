@@ -194,7 +194,7 @@ def _compare_capped_rows(agreement: Agreement, name: str, ours: Json, theirs: Js
 
 def compare_statistically(ours: list[Json], theirs: list[Json]) -> Agreement:
     """Compare runs of independent seeds: Welch's t of every count, total and bin, with a Sidak bound over all."""
-    samples = [(what, a, b) for what, a, b in _samples(ours, theirs)]
+    samples = _samples(ours, theirs)
     tests = sum(a.shape[1] for _, a, _ in samples)
     level = 1.0 - (1.0 - SIGNIFICANCE) ** (1.0 / tests)
     agreement = Agreement(worst={"t": 0.0})
@@ -211,7 +211,8 @@ def _samples(ours: list[Json], theirs: list[Json]) -> list[tuple[str, np.ndarray
     samples = [(name, _column(ours, name), _column(theirs, name)) for name in (*COUNTS, *FLUXES)]
     for name, detector in theirs[0]["detectors"].items():
         sides = [[run["detectors"][name] for run in runs] for runs in (ours, theirs)]
-        samples += [(f"{name}.{key}", *(_column(side, key) for side in sides)) for key in ("num_rays_hit", "total_flux")]
+        for key in ("num_rays_hit", "total_flux"):
+            samples.append((f"{name}.{key}", _column(sides[0], key), _column(sides[1], key)))
         if detector["kind"] in MAP_KEYS:
             samples.append((f"{name}.map", *_pooled(*sides)))
     return samples

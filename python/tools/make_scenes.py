@@ -6,6 +6,7 @@ Numbers are written in full (``repr``), so that the file alone reproduces the sc
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import sys
@@ -642,8 +643,8 @@ def mirror_ball_billiard() -> Json:
     turns = [{}, {"rx": RIGHT_ANGLE}, {"rx": -RIGHT_ANGLE}, {"ry": RIGHT_ANGLE}, {"ry": -RIGHT_ANGLE}, {"rx": math.pi}]
     walls = [surface(f"wall_{i}", cs(z=half, reference_cs=cs(**turn)), plane(width=2 * half, height=2 * half),
                      "reflective", reflectance=0.98) for i, turn in enumerate(turns)]
-    centres = ((-9.0, -8.0, -7.0), (10.0, 8.0, -9.0), (-8.0, 10.0, 8.0), (9.0, -9.0, 9.0), (0.5, 1.0, 0.0))
-    balls = [surface(f"ball_{i}", cs(*centre), sphere(6.0), "reflective", reflectance=0.95)
+    centres = [(0.5, 1.0, 0.0), *itertools.product((-12.0, 12.0), repeat=3)]
+    balls = [surface(f"ball_{i}", cs(*centre), sphere(7.0), "reflective", reflectance=0.99)
              for i, centre in enumerate(centres)]
     return document(
         [],

@@ -97,7 +97,8 @@ class _Media:
 
     def _listed(self, material: Any) -> tuple[list[float], list[float]]:
         lines = np.array(self._wavelengths)
-        return [float(v) for v in material.n(lines)], [float(v) for v in np.broadcast_to(material.k(lines), lines.shape)]
+        n, k = material.n(lines), np.broadcast_to(material.k(lines), lines.shape)
+        return [float(v) for v in n], [float(v) for v in k]
 
 
 def _surfaces(optic: Optic, radii: np.ndarray, media: _Media) -> list[Json]:
