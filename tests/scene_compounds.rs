@@ -1,5 +1,7 @@
 //! Compound components against what Optiland builds of them (`python/tools/make_compounds_oracle.py`).
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
 use std::collections::BTreeMap;
 
 use nsq_gpu::ir::{Interaction, Outline, SceneIr, Shape, Surface};

@@ -1,5 +1,7 @@
 //! Every class of mistake is refused with its place, what is wrong and what would be right.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
 use nsq_gpu::Error;
 use nsq_gpu::scene::Scene;
 
@@ -81,7 +83,7 @@ fn versions() {
         r#""nsq_schema_version": 1"#,
         r#""nsq_schema_version": 2"#,
         "nsq_schema_version",
-        &["version 2", "version 1"],
+        &["version `2`", "version 1"],
     );
     refused(
         r#""nsq_schema_version": 1"#,
@@ -90,7 +92,7 @@ fn versions() {
         &["version 1"],
     );
     refused(r#""nsq_schema_version": 1,"#, "", "the scene file", &["`nsq_schema_version` is missing"]);
-    refused(r#""version": 1,"#, r#""version": 7,"#, "nsq_gpu.version", &["version 7", "version 1"]);
+    refused(r#""version": 1,"#, r#""version": 7,"#, "nsq_gpu.version", &["version `7`", "version 1"]);
     refused(r#""version": 1,"#, "", "nsq_gpu", &["`version` is missing"]);
 }
 

@@ -1,5 +1,7 @@
 //! Ten thousand damaged scenes: each is read or refused as a scene, and none panics. What is accepted is sane.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
 use nsq_gpu::Error;
 use nsq_gpu::ir::{Interaction, SceneIr, SensorKind, Shape};
 use nsq_gpu::scene::Scene;

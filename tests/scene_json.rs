@@ -1,5 +1,7 @@
 //! What a valid scene file means.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
 use nsq_gpu::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat};
 use nsq_gpu::scene::Scene;
 

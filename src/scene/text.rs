@@ -65,7 +65,11 @@ fn syntax_error(text: &str, err: &json5::Error) -> Error {
     let cause = err.code().map_or_else(|| err.to_string(), |code| code.to_string());
     // At the end of the text, the parser points at the innermost bracket that is still open.
     if cause.starts_with("EOF") {
-        return Error::scene(place, "the text ends before what opens here is closed", "close it; is the file whole?");
+        return Error::scene(
+            place,
+            "the text ends before what opens here is closed",
+            "close it; is the file whole?",
+        );
     }
     let remedy = "check the brackets, commas and quotes before this point";
     Error::scene(place, format!("the text is not JSON: {cause}"), remedy)
