@@ -1,5 +1,7 @@
 //! What a valid scene file means.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
 use nsq_gpu::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat};
 use nsq_gpu::scene::Scene;
 
@@ -43,10 +45,213 @@ fn reads_a_scene_as_optiland_writes_it() {
     let ir = scene.lower().unwrap();
     let names: Vec<&str> = ir.surfaces.iter().map(|surface| surface.name.as_str()).collect();
     let expected = [
-        "L1.front", "L1.back", "L1.edge", "L1.rim", "M.surface", "D.front", "D.cemented", "D.back", "D.edge_crown",
+        "L1.front",
+        "L1.back",
+        "L1.edge",
+        "L1.rim",
+        "M.surface",
+        "D.front",
+        "D.cemented",
+        "D.back",
+        "D.edge_crown",
         "D.edge_flint",
     ];
     assert_eq!(names, expected);
     assert_eq!(ir.wavelengths, [0.4861, 0.5876, 0.6563]);
     assert_eq!(scene.warnings, Vec::<String>::new());
+}
+
+#[test]
+fn sources_carry_optilands_numbers() {
+    let ir = lowered(SCENE);
+    let beam = &ir.emitters[0];
+    assert_eq!(beam.kind, EmitterKind::CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 });
+    assert_eq!((beam.total_flux, beam.medium), (2.0, SceneIr::VACUUM));
+    // The user's order of wavelengths, as indices into the ascending table.
+    assert_eq!(beam.spectrum.wavelengths, [2, 0, 1]);
+    assert_eq!(beam.spectrum.cdf, [0.25, 0.75, 1.0]);
+    assert_eq!(ir.emitters[1].kind, EmitterKind::Point { half_angle: std::f64::consts::PI });
+    assert_eq!(ir.emitters[1].spectrum.wavelengths, [1]);
+}
+
+#[test]
+fn detectors_carry_optilands_defaults() {
+    let ir = lowered(SCENE);
+    let SensorKind::Irradiance(grid) = &ir.sensors[0].kind else { panic!("not an irradiance map") };
+    assert_eq!((grid.num_pixels_x, grid.num_pixels_y, grid.splat), (256, 256, Splat::Bilinear));
+    assert_eq!((grid.width, grid.height, ir.sensors[0].absorb), (10.0, 5.0, true));
+    let SensorKind::Spectral { grid, wavelength_edges } = &ir.sensors[1].kind else { panic!("not spectral") };
+    assert_eq!((grid.splat, ir.sensors[1].absorb), (Splat::Hard, false));
+    // numpy.linspace(0.4, 0.7, 4)
+    assert_eq!(wavelength_edges, &[0.4, 0.5, 0.6, 0.7]);
+    assert_eq!(ir.sensors[2].kind, SensorKind::FarField { num_theta: 90, num_phi: 360 });
+    assert_eq!(ir.sensors[3].kind, SensorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: None });
+    assert_eq!(ir.sampling.reflect_prob, ReflectProb::Fresnel);
+    assert_eq!(ir.sampling.rr_start_flux, 1e-3);
+}
+
+/// `numpy.linspace(0.38, 0.78, 8)`, printed by numpy.
+const LINSPACE: [f64; 8] = [
+    0.38,
+    0.43714285714285717,
+    0.49428571428571433,
+    0.5514285714285714,
+    0.6085714285714285,
+    0.6657142857142857,
+    0.7228571428571429,
+    0.78,
+];
+
+#[test]
+fn bin_edges_are_numpys() {
+    let text = SCENE.replace(r#""num_bins": 3"#, r#""num_bins": 7, "wl_min": 0.38, "wl_max": 0.78"#);
+    let SensorKind::Spectral { wavelength_edges, .. } = &lowered(&text).sensors[1].kind else { panic!() };
+    assert_eq!(wavelength_edges, &LINSPACE);
+}
+
+#[test]
+fn media_are_shared_by_content_and_tabulated() {
+    let ir = lowered(SCENE);
+    let names: Vec<&str> = ir.media.iter().map(|medium| medium.name.as_str()).collect();
+    assert_eq!(names, ["vacuum", "N-BK7", "N-SF5"]);
+    assert!(ir.media[0].ambient && !ir.media[1].ambient);
+    assert!((ir.media[1].n[1] - 1.51679844).abs() < 1e-7, "N-BK7 at 0.5876 um: {}", ir.media[1].n[1]);
+    let lens = &ir.surfaces[0];
+    assert_eq!((lens.front, lens.back), (0, 1));
+    let cemented = &ir.surfaces[6];
+    assert_eq!((cemented.front, cemented.back), (1, 2));
+    assert_eq!(ir.surfaces[4].interaction, Interaction::Reflective { reflectance: vec![0.9; 3] });
+}
+
+#[test]
+fn infinite_and_zero_radii_are_flat() {
+    let zero = SCENE.replace("Infinity", "0");
+    assert_eq!(lowered(SCENE).surfaces[1], lowered(&zero).surfaces[1]);
+    let quoted = SCENE.replace("Infinity", "\"-Infinity\"");
+    assert_eq!(lowered(SCENE).surfaces[1], lowered(&quoted).surfaces[1]);
+    let Shape::Conic { curvature, .. } = lowered(SCENE).surfaces[1].shape else { panic!("not a conic") };
+    assert_eq!(curvature, 0.0);
+}
+
+#[test]
+fn comments_and_trailing_commas_are_read() {
+    let text =
+        SCENE.replacen('{', "{ // a comment\n", 1).replace("\"detectors\": [", "/* and */ detectors: [");
+    assert_eq!(lowered(&text), lowered(SCENE));
+}
+
+fn with_block(block: &str) -> String {
+    let end = SCENE.rfind('}').unwrap();
+    format!("{}, \"nsq_gpu\": {{\"version\": 1, {block}}}}}", &SCENE[..end])
+}
+
+#[test]
+fn the_block_adds_surfaces_media_and_order() {
+    let ir = lowered(&with_block(
+        r#""media": {"glass": {"type": "constant", "n": 1.5, "k": 1e-6},
+                     "tab": {"type": "table", "wavelengths": [0.5876, 0.4861, 0.6563, 0.7], "n": [2, 3, 1, 9]},
+                     "same": {"type": "constant", "n": 1.5, "k": 1e-6}},
+           "surfaces": [
+             {"name": "ball", "cs": {"z": 1}, "shape": {"type": "sphere", "radius": 5, "aperture_radius": null},
+              "interaction": "refractive", "material_front": null, "material_back": {"type": "medium", "name": "glass"}},
+             {"name": "wall", "cs": {}, "shape": {"type": "plane"}, "interaction": "absorbing"},
+             {"name": "tilted", "cs": {}, "shape": {"type": "plane", "width": 2, "height": 3},
+              "interaction": "reflective", "material_front": {"type": "medium", "name": "tab"},
+              "reflectance": {"wavelengths": [0.4861, 0.5876, 0.6563], "values": [0.1, 0.2, 0.3]}},
+             {"name": "disk", "cs": {}, "shape": {"type": "plane", "aperture_radius": 4}, "interaction": "refractive",
+              "material_back": {"type": "medium", "name": "same"}}],
+           "order": ["ball", "D", "wall", "L1", "tilted", "M", "disk"],
+           "detectors": {"R": {"max_rays": 100}},
+           "sampling": {"reflect_prob": 0.3, "rr_start_flux": 0.01}"#,
+    ));
+    let names: Vec<&str> = ir.surfaces.iter().map(|surface| surface.name.as_str()).collect();
+    let expected = [
+        "ball",
+        "D.front",
+        "D.cemented",
+        "D.back",
+        "D.edge_crown",
+        "D.edge_flint",
+        "wall",
+        "L1.front",
+        "L1.back",
+        "L1.edge",
+        "L1.rim",
+        "tilted",
+        "M.surface",
+        "disk",
+    ];
+    assert_eq!(names, expected);
+    let surface = |name: &str| ir.surfaces.iter().find(|surface| surface.name == name).unwrap();
+    assert_eq!(surface("ball").shape, Shape::Sphere { radius: 5.0, aperture_radius: None });
+    assert_eq!(surface("wall").shape, Shape::Plane(Outline::Infinite));
+    assert_eq!(surface("tilted").shape, Shape::Plane(Outline::Rectangle { width: 2.0, height: 3.0 }));
+    assert_eq!(surface("tilted").interaction, Interaction::Reflective { reflectance: vec![0.1, 0.2, 0.3] });
+    // Like Optiland's, a mirror has its front medium on both sides.
+    assert_eq!(surface("tilted").front, surface("tilted").back);
+    assert_eq!(ir.media[surface("tilted").front].n, [3.0, 2.0, 1.0]);
+    assert_eq!(surface("disk").shape, Shape::Plane(Outline::Disk { radius: 4.0 }));
+    assert_eq!(surface("ball").back, surface("disk").back, "media of equal content are shared");
+    assert_eq!(ir.media[surface("ball").back].k, [1e-6; 3]);
+    assert_eq!(ir.sensors[3].kind, SensorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: Some(100) });
+    assert_eq!((ir.sampling.reflect_prob, ir.sampling.rr_start_flux), (ReflectProb::Constant(0.3), 0.01));
+}
+
+#[test]
+fn a_solid_of_index_1_is_not_the_ambient_vacuum() {
+    let ir = lowered(&with_block(
+        r#""media": {"air": {"type": "constant", "n": 1}}, "surfaces": [{"name": "s", "cs": {},
+           "shape": {"type": "sphere", "radius": 1}, "interaction": "refractive",
+           "material_back": {"type": "medium", "name": "air"}}]"#,
+    ));
+    let back = ir.surfaces.last().unwrap().back;
+    assert_ne!(back, SceneIr::VACUUM);
+    assert!(!ir.media[back].ambient);
+}
+
+#[test]
+fn overrides_change_surfaces_as_optiland_does() {
+    let ir = lowered(&with_block(
+        r#""overrides": {"L1.back": {"interaction": "reflective", "reflectance": 0.5},
+                         "L1.edge": {"interaction": "refractive"},
+                         "M.surface": {"aperture_radius": 7, "reflectance": 0.25}}"#,
+    ));
+    let surface = |name: &str| ir.surfaces.iter().find(|surface| surface.name == name).unwrap();
+    let back = surface("L1.back");
+    assert_eq!(back.interaction, Interaction::Reflective { reflectance: vec![0.5; 3] });
+    assert_eq!((back.front, back.back), (1, 1));
+    assert_eq!(surface("L1.edge").interaction, Interaction::Refractive);
+    let mirror = surface("M.surface");
+    assert_eq!(mirror.shape, Shape::Conic { curvature: -0.01, conic: -1.0, aperture_radius: 7.0 });
+    assert_eq!(mirror.interaction, Interaction::Reflective { reflectance: vec![0.25; 3] });
+}
+
+#[test]
+fn doubtful_materials_and_angles_are_warned_of() {
+    let text = SCENE.replace("N-SF5", "SF6").replace("\"rx\": 0.1", "\"rx\": 45");
+    let warnings = Scene::from_json(&text).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("radians")), "{warnings:?}");
+    assert!(warnings.iter().any(|warning| warning.contains("SF6")), "{warnings:?}");
+    let far = SCENE.replace("0.6563", "19.5");
+    let warnings = Scene::from_json(&far).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("19.5 um")), "{warnings:?}");
+}
+
+#[test]
+fn a_scene_file_is_read_from_its_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.json");
+    std::fs::write(&path, SCENE).unwrap();
+    assert_eq!(Scene::from_path(&path).unwrap(), Scene::from_json(SCENE).unwrap());
+}
+
+/// The schema knows every type, and refuses keys that the reader refuses.
+#[test]
+fn the_schema_describes_every_type() {
+    let schema = nsq_gpu::scene::schema().to_string();
+    for word in
+        ["lens", "far_field", "harvey_shack", "thickness1", "nsq_gpu", "additionalProperties", "frustum"]
+    {
+        assert!(schema.contains(&format!("\"{word}\"")), "{word}");
+    }
 }

@@ -13,7 +13,7 @@ use serde::forward_to_deserialize_any;
 use serde_json::{Map, Number, Value};
 use serde_path_to_error::Segment;
 
-use super::place::{did_you_mean, key_of, quoted};
+use super::place::{did_you_mean, key_of, quoted, ticked};
 use crate::{Error, Result};
 
 /// The key that names the kind of an object.
@@ -69,10 +69,6 @@ impl Fault {
             Fault::Other(problem) => Error::scene(here, problem, "see the schema of scene files"),
         }
     }
-}
-
-fn ticked(key: &str) -> String {
-    format!("`{}`", quoted(key).trim_matches('"'))
 }
 
 /// The variants that a user can write, without the internal `$` ones.
@@ -310,7 +306,7 @@ impl<'de> Deserializer<'de> for Tree<'de> {
 
 /// What an enum takes, in words.
 fn choices(variants: &'static [&'static str]) -> String {
-    let listed: Vec<String> = words(variants).map(|word| format!("`{word}`")).collect();
+    let listed: Vec<String> = words(variants).map(ticked).collect();
     let number = if variants.contains(&"$number") { " or a number" } else { "" };
     format!("one of {}{number}", listed.join(", "))
 }

@@ -115,10 +115,10 @@ fn check_version(place: &str, found: &Value, read: u64) -> Result<()> {
     if found.as_u64() == Some(read) {
         return Ok(());
     }
-    let shown = place::quoted(&found.to_string());
+    let found = place::ticked(&found.to_string());
     Err(Error::scene(
         place,
-        format!("the file has version {}, this program reads version {read}", shown.trim_matches('"')),
+        format!("the file has version {found}, this program reads version {read}"),
         "save the scene again with a matching program",
     ))
 }

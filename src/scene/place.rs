@@ -38,6 +38,12 @@ pub(super) fn quoted(text: &str) -> String {
     format!("{shown:?}")
 }
 
+/// A word of the file, escaped likewise, in the backticks that mark keys and types.
+pub(super) fn ticked(word: &str) -> String {
+    let shown = quoted(word);
+    format!("`{}`", &shown[1..shown.len() - 1])
+}
+
 /// The known word nearest to a misspelt one, if any is near.
 pub(super) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let short: String = word.chars().take(80).collect();
@@ -52,8 +58,8 @@ pub(super) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) 
 /// Advice for an unknown word: the nearest known one, else all of them.
 pub(super) fn did_you_mean<'a>(word: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
     if let Some(candidate) = nearest(word, known.clone()) {
-        return format!("did you mean `{candidate}`?");
+        return format!("did you mean {}?", ticked(candidate));
     }
-    let all: Vec<String> = known.into_iter().take(20).map(|candidate| format!("`{candidate}`")).collect();
+    let all: Vec<String> = known.into_iter().take(20).map(ticked).collect();
     if all.is_empty() { "remove it".to_owned() } else { format!("known here: {}", all.join(", ")) }
 }

@@ -61,12 +61,18 @@ fn syntax_error(text: &str, err: &json5::Error) -> Error {
         Some(at) => (at.line + 1, at.column + 1),
         None => end_of(text),
     };
+    let place = format!("line {line}, column {column}");
     let cause = err.code().map_or_else(|| err.to_string(), |code| code.to_string());
-    Error::scene(
-        format!("line {line}, column {column}"),
-        format!("the text is not JSON: {cause}"),
-        "check the brackets, commas and quotes before this point",
-    )
+    // At the end of the text, the parser points at the innermost bracket that is still open.
+    if cause.starts_with("EOF") {
+        return Error::scene(
+            place,
+            "the text ends before what opens here is closed",
+            "close it; is the file whole?",
+        );
+    }
+    let remedy = "check the brackets, commas and quotes before this point";
+    Error::scene(place, format!("the text is not JSON: {cause}"), remedy)
 }
 
 /// Line and column just past the last character, from 1.

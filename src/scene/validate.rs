@@ -523,7 +523,9 @@ fn is_device(name: &str) -> bool {
 
 fn check_block(block: &Block, file: &SceneFile) -> Result<()> {
     for (name, medium) in &block.media {
-        check_medium(&key_of("nsq_gpu.media", name), medium)?;
+        let place = key_of("nsq_gpu.media", name);
+        check_name(&place, name)?;
+        check_medium(&place, medium)?;
     }
     each("nsq_gpu.surfaces", &block.surfaces, check_raw_surface)?;
     for (name, change) in &block.overrides {

@@ -65,7 +65,7 @@ pub(super) fn check(boundary: &[Face<'_>], to_local: impl Fn(DVec3) -> DVec3) ->
     let centroid = rims.iter().flatten().sum::<DVec3>() / count as f64;
     for direction in DIRECTIONS {
         let crossings = count_crossings(boundary, centroid, to_local(direction));
-        if crossings % 2 == 0 {
+        if crossings.is_multiple_of(2) {
             return Err(Leak::Parity { crossings });
         }
     }
