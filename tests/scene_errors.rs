@@ -121,13 +121,13 @@ fn types() {
     refused(
         r#""type": "lens""#,
         r#""type": "lense""#,
-        "components[0]",
+        "components[0].type",
         &["\"lense\"", "did you mean `lens`?"],
     );
     refused(
         r#""type": "mirror""#,
         r#""type": "prism""#,
-        "components[1]",
+        "components[1].type",
         &["`lens`", "`mirror`", "`doublet`"],
     );
     refused(r#""type": "mirror", "#, "", "components[1]", &["`type` is missing", "`mirror`"]);
@@ -135,7 +135,7 @@ fn types() {
     refused(
         r#""type": "sphere""#,
         r#""type": "spere""#,
-        "nsq_gpu.surfaces[0].shape",
+        "nsq_gpu.surfaces[0].shape.type",
         &["did you mean `sphere`?"],
     );
     refused(r#""splat": "hard""#, r#""splat": "hart""#, "detectors[0].splat", &["did you mean `hard`?"]);
@@ -144,7 +144,7 @@ fn types() {
     refused(
         r#"{"type": "medium", "#,
         r#"{"type": "$object", "#,
-        "nsq_gpu.surfaces[0].material_back",
+        "nsq_gpu.surfaces[0].material_back.type",
         &["`medium`"],
     );
     refused(

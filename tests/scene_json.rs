@@ -232,6 +232,9 @@ fn doubtful_materials_and_angles_are_warned_of() {
     let warnings = Scene::from_json(&text).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("radians")), "{warnings:?}");
     assert!(warnings.iter().any(|warning| warning.contains("SF6")), "{warnings:?}");
+    let idle = with_block(r#""overrides": {"L1.front": {"reflectance": 0.5}}"#);
+    let warnings = Scene::from_json(&idle).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("\"L1.front\" is ignored")), "{warnings:?}");
     let far = SCENE.replace("0.6563", "19.5");
     let warnings = Scene::from_json(&far).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("19.5 um")), "{warnings:?}");
@@ -242,7 +245,9 @@ fn a_scene_file_is_read_from_its_path() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.json");
     std::fs::write(&path, SCENE).unwrap();
-    assert_eq!(Scene::from_path(&path).unwrap(), Scene::from_json(SCENE).unwrap());
+    let scene = Scene::from_path(&path).unwrap();
+    assert_eq!(scene.file, Scene::from_json(SCENE).unwrap().file);
+    assert_eq!(scene.resolve("part.stl"), folder.path().join("part.stl"));
 }
 
 /// The schema knows every type, and refuses keys that the reader refuses.
@@ -254,4 +259,5 @@ fn the_schema_describes_every_type() {
     {
         assert!(schema.contains(&format!("\"{word}\"")), "{word}");
     }
+    assert!(!schema.contains(r"\\["), "escapes of the code's documentation");
 }

@@ -45,10 +45,13 @@ pub(super) fn ticked(word: &str) -> String {
 }
 
 /// The known word nearest to a misspelt one, if any is near.
-pub(super) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    /// More candidates would take seconds.
+    const MAX_CANDIDATES: usize = 10_000;
     let short: String = word.chars().take(80).collect();
     known
         .into_iter()
+        .take(MAX_CANDIDATES)
         .map(|candidate| (strsim::damerau_levenshtein(&short, candidate), candidate))
         .filter(|(distance, candidate)| *distance <= 1 + candidate.chars().count() / 3)
         .min_by_key(|(distance, _)| *distance)

@@ -1,7 +1,7 @@
 //! Refuses what no trace could mean: absurd numbers, clashing names, contradictions. The first problem is reported,
 //! with its place.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{HashMap, HashSet};
 
 use super::json::{
     Block, Bsdf, Coating, CollimatedSource, Component, CoordinateSystem, Detector, Doublet, ExtendedSource,
@@ -25,8 +25,8 @@ const MAX_CHAIN: usize = 64;
 const MAX_CELLS: u64 = 1 << 31;
 /// Most components, surfaces, sources or detectors.
 const MAX_ITEMS: usize = 100_000;
-/// Most distinct wavelengths of all sources.
-const MAX_WAVELENGTHS: usize = 100_000;
+/// Most distinct wavelengths of all sources, times the items that may have a table over them.
+const MAX_TABLES: usize = 1 << 25;
 /// Widest Gaussian splat \[pixels\].
 const MAX_SPLAT_SIGMA: f64 = 100.0;
 /// Longest name \[bytes\]; detectors' become file names.
@@ -41,10 +41,10 @@ pub(super) fn check(file: &SceneFile, warnings: &mut Vec<String>) -> Result<()> 
     check_cells(file)?;
     check_wavelength_count(file)?;
     check_total_flux(file)?;
+    check_names(file)?;
     if let Some(block) = &file.nsq_gpu {
         check_block(block, file)?;
     }
-    check_names(file)?;
     warn_of_degrees(file, warnings);
     Ok(())
 }
@@ -412,16 +412,19 @@ fn check_cells(file: &SceneFile) -> Result<()> {
     Ok(())
 }
 
+/// Media and reflectances are tables over all wavelengths, so their product is what takes memory.
 fn check_wavelength_count(file: &SceneFile) -> Result<()> {
     let all = file.sources.iter().flat_map(|source| &source.spectrum().wavelengths);
     let distinct: HashSet<u64> = all.map(|x| x.to_bits()).collect();
-    if distinct.len() <= MAX_WAVELENGTHS {
+    let surfaces = file.nsq_gpu.as_ref().map_or(0, |block| block.surfaces.len());
+    let items = file.components.len() + file.sources.len() + surfaces;
+    if distinct.len().saturating_mul(items) <= MAX_TABLES {
         return Ok(());
     }
     refuse(
         "sources",
-        format!("{} distinct wavelengths are too many", distinct.len()),
-        format!("give at most {MAX_WAVELENGTHS} in all spectra together"),
+        format!("{} distinct wavelengths are too many for {items} components and sources", distinct.len()),
+        "use coarser spectra",
     )
 }
 
@@ -556,7 +559,7 @@ fn check_medium(place: &str, medium: &Medium) -> Result<()> {
 }
 
 fn check_no_repeats(place: &str, wavelengths: &[f64]) -> Result<()> {
-    let mut seen = BTreeSet::new();
+    let mut seen = HashSet::new();
     match wavelengths.iter().position(|x| !seen.insert(x.to_bits())) {
         None => Ok(()),
         Some(i) => refuse(
@@ -669,9 +672,10 @@ fn check_coating(place: &str, coating: &Coating) -> Result<()> {
 }
 
 fn check_detector_extras(block: &Block, file: &SceneFile) -> Result<()> {
+    let by_name: HashMap<&str, &Detector> = file.detectors.iter().map(|d| (d.name(), d)).collect();
     for (name, extra) in &block.detectors {
         let place = key_of("nsq_gpu.detectors", name);
-        let Some(detector) = file.detectors.iter().find(|detector| detector.name() == name) else {
+        let Some(detector) = by_name.get(name.as_str()) else {
             let advice = did_you_mean(name, file.detectors.iter().map(Detector::name));
             return refuse(place, "no detector has this name", advice);
         };
