@@ -112,6 +112,8 @@ fn keys() {
     refused("max_rays", "max_ray", "nsq_gpu.detectors.R.max_ray", &["`max_rays`"]);
     refused(r#""thickness": 4.0, "#, "", "components[0].config", &["`thickness` is missing"]);
     refused(r#""material": "N-BK7", "#, "", "components[0].config", &["`material` is missing"]);
+    let (place, message) = refusal(&SCENE.replacen("sources", &"x".repeat(1_000_000), 1));
+    assert!(place.len() + message.len() < 500, "a message as long as the key");
     let twice = r#""thickness": 4.0, "thickness": 4.0"#;
     refused(r#""thickness": 4.0"#, twice, "components[0].config.thickness", &["twice"]);
 }
