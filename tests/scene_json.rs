@@ -135,8 +135,9 @@ fn infinite_and_zero_radii_are_flat() {
 
 #[test]
 fn comments_and_trailing_commas_are_read() {
-    let text =
-        SCENE.replacen('{', "{ // a comment\n", 1).replace("\"detectors\": [", "/* and */ detectors: [");
+    let text = SCENE
+        .replacen('{', "\u{feff}{ // a comment\n", 1)
+        .replace("\"detectors\": [", "/* and */ detectors: [");
     assert_eq!(lowered(&text), lowered(SCENE));
 }
 
@@ -235,6 +236,11 @@ fn doubtful_materials_and_angles_are_warned_of() {
     let idle = with_block(r#""overrides": {"L1.front": {"reflectance": 0.5}}"#);
     let warnings = Scene::from_json(&idle).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("\"L1.front\" is ignored")), "{warnings:?}");
+    let wide = with_block(r#""overrides": {"M.surface": {"aperture_radius": 30}}"#)
+        .replace("-100.0", "25")
+        .replace("-1.0", "0");
+    let warnings = Scene::from_json(&wide).unwrap().warnings;
+    assert_eq!(warnings, ["\"M.surface\" ends at 25 mm from its axis, within its aperture"]);
     let far = SCENE.replace("0.6563", "19.5");
     let warnings = Scene::from_json(&far).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("19.5 um")), "{warnings:?}");

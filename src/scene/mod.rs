@@ -15,6 +15,7 @@ mod text;
 mod validate;
 mod volume;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -52,7 +53,7 @@ impl Scene {
     /// # Errors
     /// [`Error::File`] if it cannot be read, [`Error::Scene`] with the place if it cannot be traced as written.
     pub fn from_path(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|err| Error::file(path, err))?;
+        let bytes = read_limited(path).map_err(|err| Error::file(path, err))?;
         let text = String::from_utf8(bytes).map_err(|err| {
             let at = err.utf8_error().valid_up_to();
             Error::scene(format!("byte {at}"), "the scene file is not UTF-8 text", "save it as UTF-8")
@@ -92,6 +93,14 @@ impl Scene {
     pub fn lower(&self) -> Result<SceneIr> {
         crate::ir::lower::lower(self)
     }
+}
+
+/// Reads a file up to a little more than the longest scene, so that no file fills the memory.
+fn read_limited(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let limit = text::MAX_BYTES as u64 + 4;
+    std::fs::File::open(path)?.take(limit).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// The JSON Schema of scene files.

@@ -44,6 +44,7 @@ pub(super) fn build(
     }
     check_labels(&groups)?;
     warn_of_idle_reflectance(file, &groups, warnings);
+    warnings.extend(groups.iter().flat_map(|(_, surfaces)| surfaces).filter_map(overreach));
     check_override_names(file, overrides)?;
     match file.nsq_gpu.as_ref().and_then(|block| block.order.as_ref()) {
         Some(order) => in_order(groups, order),
@@ -222,6 +223,15 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
+fn overreach(surface: &SceneSurface) -> Option<String> {
+    let ir::Shape::Conic { curvature, conic, aperture_radius } = surface.shape else { return None };
+    let widest = 1.0 / (curvature.abs() * (1.0 + conic).max(0.0).sqrt());
+    let name = quoted(&surface.name);
+    (aperture_radius > widest)
+        .then(|| format!("{name} ends at {widest} mm from its axis, within its aperture"))
 }
 
 /// Like Optiland, a surface that does not reflect ignores its reflectance; that is rarely meant.

@@ -17,6 +17,8 @@ const MAX_LENGTH: f64 = 1e12;
 const MIN_LENGTH: f64 = 1e-12;
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
 const MAX_WAVELENGTH: f64 = 20.0;
+/// Ends of a detector's band above are nanometres by mistake \[um\]; Optiland's limit.
+const MAX_BAND: f64 = 100.0;
 /// Wavelengths below are metres by mistake \[um\].
 const MIN_WAVELENGTH: f64 = 1e-4;
 /// Longest chain of coordinate systems.
@@ -260,10 +262,12 @@ fn check_collimated(place: &str, beam: &CollimatedSource) -> Result<()> {
 }
 
 fn check_extended(place: &str, area: &ExtendedSource) -> Result<()> {
-    size(key_of(place, "width"), area.width)?;
-    size(key_of(place, "height"), area.height)?;
-    area.aperture_radius.map_or(Ok(()), |r| size(key_of(place, "aperture_radius"), r))?;
-    between(key_of(place, "half_angle_deg"), area.half_angle_deg, 0.0, 180.0)
+    between(key_of(place, "half_angle_deg"), area.half_angle_deg, 0.0, 180.0)?;
+    match area.aperture_radius {
+        // A disk, as in Optiland, whatever its width and height.
+        Some(radius) => size(key_of(place, "aperture_radius"), radius),
+        None => check_rectangle(place, area.width, area.height),
+    }
 }
 
 fn check_spectrum(place: &str, spectrum: &Spectrum) -> Result<()> {
@@ -356,13 +360,22 @@ fn check_spectral(place: &str, d: &SpectralDetector) -> Result<()> {
     count(at("num_pixels_x"), d.num_pixels_x)?;
     count(at("num_pixels_y"), d.num_pixels_y)?;
     count(at("num_bins"), d.num_bins)?;
-    wavelength(at("wl_min"), d.wl_min)?;
-    wavelength(at("wl_max"), d.wl_max)?;
+    band_end(at("wl_min"), d.wl_min)?;
+    band_end(at("wl_max"), d.wl_max)?;
     if d.wl_min >= d.wl_max {
         let problem = format!("wl_max = {} um is not above wl_min = {} um", d.wl_max, d.wl_min);
         return refuse(at("wl_max"), problem, "give wl_min < wl_max");
     }
     check_splat(place, d.splat, d.splat_sigma)
+}
+
+/// The end of a detector's band \[um\]: it may lie beyond every wavelength.
+fn band_end(place: String, value: f64) -> Result<()> {
+    if value > MAX_BAND && value.is_finite() {
+        let remedy = format!("if these are nanometres, divide by 1000: {}", value / 1000.0);
+        return refuse(place, format!("{value} um is above {MAX_BAND} um"), remedy);
+    }
+    between(place, value, 0.0, MAX_BAND)
 }
 
 fn check_rectangle(place: &str, width: f64, height: f64) -> Result<()> {
@@ -695,7 +708,7 @@ fn check_sampling(place: &str, sampling: &SamplingPolicy) -> Result<()> {
         fraction(key_of(place, "reflect_prob"), p)?;
     }
     between(key_of(place, "rr_start_flux"), sampling.rr_start_flux, 0.0, 1e30)?;
-    size(key_of(place, "split_budget"), sampling.split_budget)?;
+    between(key_of(place, "split_budget"), sampling.split_budget, 1e-3, 1e6)?;
     if sampling.split_depth > 0 {
         let problem = format!("splitting (split_depth = {}) is not supported yet", sampling.split_depth);
         return refuse(key_of(place, "split_depth"), problem, "set it to 0");
