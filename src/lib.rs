@@ -14,8 +14,14 @@
 
 pub mod cli;
 pub mod error;
+pub mod gpu;
 pub mod ir;
+pub mod program;
 pub mod result;
 pub mod scene;
+pub mod trace;
 
 pub use error::{Error, Result};
+pub use result::TraceResult;
+pub use scene::Scene;
+pub use trace::{TraceOptions, Tracer};

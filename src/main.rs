@@ -1,1 +1,5 @@
-fn main() {}
+//! The `nsq-gpu` command: hands over to [`nsq_gpu::cli`].
+
+fn main() -> std::process::ExitCode {
+    nsq_gpu::cli::main()
+}

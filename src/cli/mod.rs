@@ -1,3 +1,82 @@
 //! The command line: one file per subcommand; the only place that prints.
+//!
+//! stdout carries the result alone; progress, warnings and errors go to stderr.
 
+mod adapters;
+mod check;
+mod completions;
+mod count;
 pub mod materials;
+mod progress;
+mod schema;
+mod trace;
+
+use crate::error::Result;
+use clap::{Parser, Subcommand};
+use std::io::Write;
+use std::process::ExitCode;
+
+#[derive(Parser)]
+#[command(
+    name = "nsq-gpu",
+    version,
+    about = "Monte Carlo non-sequential ray tracing of Optiland's NSQ scenes, on any GPU",
+    after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 invalid or unsupported scene, 4 no adapter, \
+                  5 device lost or out of memory, 6 tolerance not met, 130 interrupted (partial results are kept)."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Trace a scene and report what its detectors saw.
+    Trace(Box<trace::Args>),
+    /// Check a scene file without tracing it.
+    Check(check::Args),
+    /// List the adapters that can trace.
+    Adapters(adapters::Args),
+    /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
+    Materials(materials::Args),
+    /// Print the JSON Schema of scene files.
+    Schema,
+    /// Print a completion script for a shell.
+    Completions(completions::Args),
+}
+
+/// Runs the command; the exit code is the error's.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let printed = match cli.command {
+        Command::Trace(args) => trace::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Adapters(args) => adapters::run(&args),
+        Command::Materials(args) => materials::run(&args),
+        Command::Schema => schema::run(),
+        Command::Completions(args) => completions::run::<Cli>(&args),
+    };
+    match printed.and_then(|text| print(&text)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Whoever closed stderr does not want to hear of it.
+            let _ = writeln!(std::io::stderr(), "nsq-gpu: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// Prints the result. A closed pipe (`nsq-gpu ... | head`) is no error.
+fn print(text: &str) -> Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    let written = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
+    match written {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(crate::Error::file("stdout", error)),
+        _ => Ok(()),
+    }
+}
+
+/// Says something on stderr that is not the result.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}

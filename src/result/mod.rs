@@ -1,11 +1,39 @@
 //! What a trace gives back: exact integer sums ([`Tally`]), and what users read ([`TraceResult`]).
 //!
 //! A ray's weight is dimensionless; one unit of weight is [`QUANTA_PER_WEIGHT`] quanta and stands for the mean flux of
-//! a new ray, `total_flux_in / num_rays`. Watts appear only here.
+//! a new ray, `total_flux_in / num_rays`. Watts appear only here, once per sum: [`FluxUnit`].
+//!
+//! ```text
+//! Tally -> TraceResult  (one file per detector kind; ledger, diagnostics, ray paths)
+//!       -> report.json, <detector>.npz, <detector>.png, ray_paths.npz, the text of report()
+//! ```
 
+pub mod diagnostics;
+pub mod far_field;
+mod format;
+pub mod irradiance;
+pub mod ledger;
+pub mod npz;
+pub mod output;
+pub mod png;
+pub mod ray_database;
+pub mod ray_paths;
+pub mod report;
+pub mod spectral;
 pub mod tally;
+mod text;
+mod trace_result;
 
+pub use diagnostics::{DetectorDiagnostic, Diagnostics};
+pub use far_field::FarFieldPattern;
+pub use irradiance::IrradianceMap;
+pub use ledger::{Entry, Ledger};
+pub use ray_database::RayDatabase;
+pub use ray_paths::RayPaths;
+pub use report::Report;
+pub use spectral::SpectralMap;
 pub use tally::{Booking, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
+pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, SurfaceResult, TraceResult};
 
 /// Quanta in one unit of weight: 2^52, so that an f64 weight of order one is counted to its last bits.
 pub const QUANTA_PER_WEIGHT: f64 = (1u64 << 52) as f64;

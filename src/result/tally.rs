@@ -2,6 +2,8 @@
 
 use std::ops::AddAssign;
 
+use crate::ir::{SceneIr, Sensor};
+
 /// Number of events and the quanta that they took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Booking {
@@ -117,8 +119,8 @@ impl AddAssign for Booking {
 
 impl AddAssign<&SensorTally> for SensorTally {
     fn add_assign(&mut self, other: &SensorTally) {
-        self.quanta.iter_mut().zip(&other.quanta).for_each(|(sum, quanta)| *sum += quanta);
-        self.hits.iter_mut().zip(&other.hits).for_each(|(sum, hits)| *sum += hits);
+        add_each(&mut self.quanta, &other.quanta, |sum, quanta| *sum += quanta);
+        add_each(&mut self.hits, &other.hits, |sum, hits| *sum += hits);
         self.recorded += other.recorded;
         self.rows.extend_from_slice(&other.rows);
     }
@@ -134,8 +136,8 @@ impl AddAssign for SurfaceTally {
 impl AddAssign<&Tally> for Tally {
     fn add_assign(&mut self, other: &Tally) {
         self.launched += other.launched;
-        self.sensors.iter_mut().zip(&other.sensors).for_each(|(sum, sensor)| *sum += sensor);
-        self.surfaces.iter_mut().zip(&other.surfaces).for_each(|(sum, surface)| *sum += *surface);
+        add_each(&mut self.sensors, &other.sensors, |sum, sensor| *sum += sensor);
+        add_each(&mut self.surfaces, &other.surfaces, |sum, surface| *sum += *surface);
         self.escaped += other.escaped;
         self.depth_killed += other.depth_killed;
         self.roulette_loss += other.roulette_loss;
@@ -146,6 +148,28 @@ impl AddAssign<&Tally> for Tally {
         self.medium_stack_underflows += other.medium_stack_underflows;
         self.invalid_deposits += other.invalid_deposits;
         self.paths.extend_from_slice(&other.paths);
+    }
+}
+
+/// Adds cell by cell. A shorter sum grows first, so that nothing is dropped and the default is a zero of the addition.
+fn add_each<T: Clone + Default>(sums: &mut Vec<T>, others: &[T], add: impl Fn(&mut T, &T)) {
+    sums.resize(sums.len().max(others.len()), T::default());
+    sums.iter_mut().zip(others).for_each(|(sum, other)| add(sum, other));
+}
+
+impl Tally {
+    /// The tally of no rays, with a cell for everything in the scene.
+    pub fn zeros(ir: &SceneIr) -> Self {
+        let sensor = |sensor: &Sensor| SensorTally {
+            quanta: vec![0; sensor.num_cells()],
+            hits: vec![0; sensor.num_cells()],
+            ..SensorTally::default()
+        };
+        Tally {
+            sensors: ir.sensors.iter().map(sensor).collect(),
+            surfaces: vec![SurfaceTally::default(); ir.surfaces.len()],
+            ..Tally::default()
+        }
     }
 }
 

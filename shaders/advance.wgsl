@@ -1,0 +1,22 @@
+// Between two dispatches: what came out of the last goes into the next.
+
+struct QueueCounts {
+    incoming: u32,
+    outgoing: u32,
+    events: u32,
+}
+
+@group(0) @binding(0) var<storage, read_write> queue_counts: QueueCounts;
+@group(0) @binding(1) var<storage, read_write> workgroups: array<u32, 3>;
+
+override workgroup_size: u32 = 64u;
+
+@compute @workgroup_size(1)
+fn advance() {
+    let alive = queue_counts.outgoing;
+    queue_counts.incoming = alive;
+    queue_counts.outgoing = 0u;
+    workgroups[0] = (alive + workgroup_size - 1u) / workgroup_size;
+    workgroups[1] = 1u;
+    workgroups[2] = 1u;
+}

@@ -1,0 +1,90 @@
+// Stage interact: what a surface does to the ray that has arrived on it.
+
+// Interactions of a surface.
+const ABSORBING: u32 = 0u;
+const REFLECTIVE: u32 = 1u;
+const REFRACTIVE: u32 = 2u;
+
+fn interact(ray: ptr<function, Ray>, primitive: u32) {
+    let surface = surface_of(primitive);
+    mark_reached(primitive);
+    if surface.interaction == ABSORBING {
+        (*ray).fate = ABSORBED;
+        return;
+    }
+    let n = geometric_normal(surface, (*ray).position);
+    if HAS_REFLECTIVE && surface.interaction == REFLECTIVE {
+        reflect_off(ray, surface, primitive, n);
+    }
+    if HAS_REFRACTIVE && surface.interaction == REFRACTIVE {
+        refract_at(ray, surface, n);
+    }
+}
+
+// The unit normal from the front medium to the back medium: the gradient of the quadric.
+fn geometric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+    let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);
+    let p = to_surface(surface, position - origin);
+    let gradient = vec3<real>(surface.radial * p.x, surface.radial * p.y, surface.axial * p.z + surface.offset);
+    return from_surface(surface, unit_gradient(gradient));
+}
+
+fn unit_gradient(gradient: vec3<real>) -> vec3<real> {
+    if UNIT_GRADIENTS {
+        return renormalize(gradient);
+    }
+    return gradient / sqrt(dot(gradient, gradient));
+}
+
+fn mirrored(d: vec3<real>, n: vec3<real>) -> vec3<real> {
+    return renormalize(d - 2.0 * dot(d, n) * n);
+}
+
+fn reflect_off(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3<real>) {
+    let before = (*ray).weight;
+    let after = before * reflectance_of(surface, primitive, (*ray).wavelength);
+    book_loss(CELL_SURFACES + primitive, before, after);
+    (*ray).weight = after;
+    (*ray).direction = mirrored((*ray).direction, n);
+}
+
+// Snell and Fresnel, unpolarised. The side is decided by the direction against the geometric normal, never by the
+// indices.
+fn refract_at(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>) {
+    let d = (*ray).direction;
+    let entering_back = dot(d, n_geometric) > 0.0;
+    let n = select(n_geometric, -n_geometric, entering_back);
+    let indices = indices_of(surface, (*ray).wavelength);
+    let n1 = select(indices.y, indices.x, entering_back);
+    let n2 = select(indices.x, indices.y, entering_back);
+    let eta = n1 / n2;
+    let cos_i = abs(dot(d, n));
+    // The sine from the cross product: 1 - cos^2 would cancel near normal incidence.
+    let normal_part = cross(d, n);
+    let sin_i = sqrt(dot(normal_part, normal_part));
+    let sin_t = eta * sin_i;
+    let total_reflection = sin_t > 1.0;
+    let cos_t = sqrt(max((1.0 - sin_t) * (1.0 + sin_t), 0.0));
+    let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
+    let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
+    let reflectance = select(0.5 * (r_s * r_s + r_p * r_p), 1.0, total_reflection);
+    let bits = draw((*ray).key, FRESNEL_BRANCH, (*ray).bounce);
+    let reflects = draw_reflection(ray, bits, reflectance, total_reflection);
+    let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
+    (*ray).direction = select(refracted, mirrored(d, n), reflects);
+    if !reflects {
+        let back = surface.back;
+        let medium = select(surface.front, back, entering_back);
+        leave_medium(ray, medium);
+    }
+}
+
+// Entering vacuum without having entered a solid is a defect of the geometry, or a ray born in glass.
+fn leave_medium(ray: ptr<function, Ray>, medium: u32) {
+    let ambient = medium == 0u;
+    if ambient && !(*ray).entered_solid {
+        count(CELL_UNDERFLOWS);
+    }
+    (*ray).entered_solid = !ambient;
+    (*ray).medium = medium;
+}

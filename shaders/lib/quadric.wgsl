@@ -1,0 +1,43 @@
+// Every analytic shape is a quadric of revolution in its own frame,
+//     radial (x^2 + y^2) + axial z^2 + 2 offset z + constant = 0,
+// with the gradient (radial x, radial y, axial z + offset) along the geometric normal.
+
+struct Quadric {
+    radial: real,
+    axial: real,
+    offset: real,
+    constant: real,
+}
+
+// A line through `base`: distances along it are measured from the ray's origin, `shift` before the base.
+struct Crossings {
+    base: vec3<real>,
+    shift: real,
+    first: real,
+    second: real,
+}
+
+// Both roots of A t^2 + 2 G t + F = 0, without cancellation: q / A and F / q with q = -(G + sign(G) sqrt(G^2 - A F)).
+// The base is the point of closest approach to the local origin, which keeps F small for distant rays (Haines et al.,
+// Ray Tracing Gems, ch. 7). A ray that leaves this very quadric has F = 0 exactly: its one root ahead is q / A, and no
+// epsilon is needed.
+fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossings {
+    let shift = select(-dot(o, d), 0.0, leaving);
+    let p = o + shift * d;
+    let a = s.radial * (d.x * d.x + d.y * d.y) + s.axial * d.z * d.z;
+    let g = s.radial * (p.x * d.x + p.y * d.y) + (s.axial * p.z + s.offset) * d.z;
+    let f_outside = s.radial * (p.x * p.x + p.y * p.y) + (s.axial * p.z + 2.0 * s.offset) * p.z + s.constant;
+    let f = select(f_outside, 0.0, leaving);
+    let discriminant = g * g - a * f;
+    let root = sqrt(max(discriminant, 0.0));
+    let q = -(g + select(root, -root, g < 0.0));
+    let first = select(q / a, MISS, a == 0.0 || discriminant < 0.0);
+    let second = select(f / q, MISS, q == 0.0 || discriminant < 0.0 || leaving);
+    return Crossings(p, shift, first, second);
+}
+
+// The distance from the ray's origin, or MISS where the crossing is behind it or not on the shape.
+fn ahead(distance: real, shift: real, on_shape: bool) -> real {
+    let t = distance + shift;
+    return select(MISS, t, on_shape && t > 0.0 && t < MISS);
+}

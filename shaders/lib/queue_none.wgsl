@@ -1,0 +1,3 @@
+// Every ray ends within one dispatch: no queue.
+
+fn compact(ray: Ray, alive: bool, local_index: u32) {}

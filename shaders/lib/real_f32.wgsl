@@ -1,0 +1,38 @@
+// What depends on the bits of an f32: draws as numbers, weights as integers. Twin of real_f64.wgsl.
+
+// bits / 2^32, cut to the 24 leading bits: the conversion is then exact on every device, the result never reaches 1
+// (0xFFFFFFFF gives 1 - 2^-24), and small draws keep all their bits.
+fn uniform_of(bits: u32) -> real {
+    return f32(bits & ~(0xFFu >> countLeadingZeros(bits | 1u))) * 2.3283064365386963e-10;
+}
+
+// bits / 2^32 < p, exactly, for any finite p: scaling by 2^32 and rounding up are exact, so the integers decide.
+fn below(bits: u32, p: real) -> bool {
+    return (p >= 1.0) | ((p > 0.0) & (bits < u32(ceil(p * 4294967296.0))));
+}
+
+// True if a sum can hold the weight: 0 <= w < 2^43. It looks at the bits, because a compiler may take for granted that
+// no number is NaN or infinite.
+fn is_depositable(w: real) -> bool {
+    let bits = bitcast<u32>(w);
+    return (bits < 0x55000000u) | (bits == 0x80000000u);
+}
+
+// floor(w * 2^52) as words (lo, hi, top), for a depositable weight.
+fn quanta_words(w: real) -> vec3<u32> {
+    let bits = bitcast<u32>(w);
+    let exponent = (bits >> 23u) & 0xFFu;
+    // A subnormal weight is less than one quantum, and so is every weight whose shift leaves nothing.
+    let significand = (bits & 0x7FFFFFu) | 0x800000u;
+    let fraction = significand >> min(98u - min(exponent, 98u), 31u);
+    let shift = max(exponent, 98u) - 98u;
+    let within = shift & 31u;
+    let lower = fraction << within;
+    let upper = (fraction >> 1u) >> (31u - within);
+    let word = shift >> 5u;
+    return select(
+        select(vec3<u32>(0u, 0u, lower), vec3<u32>(0u, lower, upper), word == 1u),
+        vec3<u32>(lower, upper, 0u),
+        word == 0u,
+    );
+}

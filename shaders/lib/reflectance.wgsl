@@ -1,0 +1,5 @@
+// Reflectance of a mirror, the same for every wavelength.
+
+fn reflectance_of(surface: Surface, primitive: u32, wavelength: u32) -> real {
+    return surface.reflectance;
+}

@@ -1,0 +1,5 @@
+// No surface reflects specularly.
+
+fn reflectance_of(surface: Surface, primitive: u32, wavelength: u32) -> real {
+    return 1.0;
+}

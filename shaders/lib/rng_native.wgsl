@@ -1,0 +1,29 @@
+// Keyed PCG32 (XSH-RR 64/32; O'Neill, PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for
+// Random Number Generation, 2014) on 64-bit integers. Twin of rng_portable.wgsl, bit for bit.
+
+// The ray's part of the stream selector: ray_id * 0x9E3779B97F4A7C15.
+alias RayKey = u64;
+
+fn ray_key(id_lo: u32, id_hi: u32) -> RayKey {
+    return (u64(id_lo) | (u64(id_hi) << 32u)) * 0x9E3779B97F4A7C15lu;
+}
+
+// Finaliser of SplitMix64 (Steele, Lea, Flood, Fast Splittable Pseudorandom Number Generators, 2014).
+fn splitmix64(key: u64) -> u64 {
+    let a = key + 0x9E3779B97F4A7C15lu;
+    let b = (a ^ (a >> 30u)) * 0xBF58476D1CE4E5B9lu;
+    let c = (b ^ (b >> 27u)) * 0x94D049BB133111EBlu;
+    return c ^ (c >> 31u);
+}
+
+// The 32 bits of (ray, slot, step), where step = bounce + offset. A literal slot costs nothing: its product folds.
+fn draw(key: RayKey, slot: u32, step: u32) -> u32 {
+    let inc = (splitmix64(key ^ (u64(slot) * 0xC2B2AE3D27D4EB4Flu)) << 1u) | 1lu;
+    let jump = rng_table[step];
+    let p = u64(jump.x) | (u64(jump.y) << 32u);
+    let q = u64(jump.z) | (u64(jump.w) << 32u);
+    let state = p + q * inc;
+    let xorshifted = u32((((state >> 18u) ^ state) >> 27u) & 0xFFFFFFFFlu);
+    let rotation = u32(state >> 59u);
+    return (xorshifted >> rotation) | (xorshifted << ((32u - rotation) & 31u));
+}

@@ -1,0 +1,18 @@
+// Slots of the keyed draws: Optiland's EventSlot, number for number. A decision draws from its own slot, so that no
+// decision can shift the numbers of another.
+const SOURCE_U1: u32 = 0u;
+const SOURCE_U2: u32 = 1u;
+const SOURCE_U3: u32 = 2u;
+const SOURCE_U4: u32 = 3u;
+const SOURCE_WAVELENGTH: u32 = 4u;
+const FRESNEL_BRANCH: u32 = 5u;
+const SCATTER_BRANCH: u32 = 6u;
+const BSDF_U1: u32 = 7u;
+const BSDF_U2: u32 = 8u;
+const RR: u32 = 9u;
+const BSDF_LOBE_BRANCH: u32 = 10u;
+const PATH_SAMPLE: u32 = 11u;
+
+// Per step k the words (P.lo, P.hi, Q.lo, Q.hi) of state_k = P_k + Q_k * inc, from program::rng::step_table. It must
+// hold one entry for every step that is drawn: bounce + offset.
+@group(0) @binding(1) var<storage, read> rng_table: array<vec4<u32>>;

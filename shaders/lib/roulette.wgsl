@@ -1,0 +1,16 @@
+// Russian roulette below the threshold, drawn at the bounce count after the event; survival probability
+// clip(weight / threshold, 0.05, 1), survivors boosted by its inverse. A ray of weight 0 is left alone.
+
+fn roulette(ray: ptr<function, Ray>) {
+    let before = (*ray).weight;
+    if !(before < ROULETTE_THRESHOLD && before > 0.0) {
+        return;
+    }
+    let survival = clamp(before / ROULETTE_THRESHOLD, 0.05, 1.0);
+    if below(draw((*ray).key, RR, (*ray).bounce), survival) {
+        (*ray).weight = before / survival;
+        book_loss(CELL_ROULETTE_GAIN, (*ray).weight, before);
+    } else {
+        (*ray).fate = ROULETTE_KILLED;
+    }
+}

@@ -1,0 +1,5 @@
+// One wavelength in the whole scene: nothing is drawn.
+
+fn draw_wavelength(key: RayKey) -> u32 {
+    return 0u;
+}

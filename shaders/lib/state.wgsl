@@ -1,0 +1,86 @@
+// The state of a ray, and what the stages hand to each other.
+// Positions [mm] and directions are in the frame that the host re-centred on the scene.
+
+// "No surface": nothing was hit, or the ray has not left any surface yet.
+const NONE: u32 = 0xffffffffu;
+// A distance that no hit has [mm]; finite in both tiers, because WGSL may assume that infinities do not occur.
+const MISS: real = 1e38;
+
+// How a ray ended; ALIVE while it has not.
+const ALIVE: u32 = 0u;
+const DETECTED: u32 = 1u;
+const ABSORBED: u32 = 2u;
+const ESCAPED: u32 = 3u;
+const DEPTH_KILLED: u32 = 4u;
+const ROULETTE_KILLED: u32 = 5u;
+
+struct Ray {
+    position: vec3<real>,
+    direction: vec3<real>,
+    weight: real,
+    key: RayKey,
+    // Position in the dispatch's range of ray ids.
+    index: u32,
+    bounce: u32,
+    // The primitive that the ray leaves; surfaces first, then sensors.
+    last: u32,
+    wavelength: u32,
+    medium: u32,
+    // True if the ray entered a solid after it was last in vacuum. Optiland's medium stack is empty exactly when this
+    // is false: a pop never empties it (depth 1 has only vacuum below, and entering vacuum clears the whole stack).
+    entered_solid: bool,
+    fate: u32,
+}
+
+struct Hit {
+    distance: real,
+    primitive: u32,
+}
+
+// The nearer of two hits; the earlier in the list wins a tie.
+fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
+    let closer = distance < best.distance;
+    return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
+}
+
+// What one dispatch traces: rays first..first+count of one emitter. One per dispatch, so that every invocation reads
+// the same values.
+struct Range {
+    first_lo: u32,
+    first_hi: u32,
+    count: u32,
+    emitter: u32,
+    medium: u32,
+    spectrum_first: u32,
+    spectrum_count: u32,
+    kind: u32,
+    weight: real,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    xx: real,
+    xy: real,
+    xz: real,
+    yx: real,
+    yy: real,
+    yz: real,
+    zx: real,
+    zy: real,
+    zz: real,
+    // What the kind of emitter needs: see shaders/emitters/.
+    p0: real,
+    p1: real,
+    p2: real,
+}
+
+@group(0) @binding(0) var<storage, read> range: Range;
+
+fn key_of(index: u32) -> RayKey {
+    let lo = range.first_lo + index;
+    return ray_key(lo, range.first_hi + select(0u, 1u, lo < range.first_lo));
+}
+
+// One Newton step towards unit length, for a vector whose length is 1 to rounding.
+fn renormalize(v: vec3<real>) -> vec3<real> {
+    return v * (1.5 - 0.5 * dot(v, v));
+}

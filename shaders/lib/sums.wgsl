@@ -1,0 +1,69 @@
+// Exact sums. A weight is an integer number of quanta (one unit of weight is 2^52 quanta), and a cell is a 96-bit
+// integer, which cannot overflow below 2^44 units: so a sum depends neither on the order of the deposits nor on how
+// they were batched.
+
+// Quanta as words (lo, hi, top); one unit of top is 2^64 quanta, 4096 units of weight.
+alias Quanta = vec3<u32>;
+
+const NO_QUANTA: vec3<u32> = vec3<u32>(0u, 0u, 0u);
+
+// Deposits that no sum can hold: NaN, infinite, negative, or 2^43 and more.
+const INVALID_DEPOSITS: u32 = 0u;
+
+// Numbers of events.
+@group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
+
+fn count(counter: u32) {
+    atomicAdd(&counters[counter], 1u);
+}
+
+// floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no
+// sum can hold gives none, uncounted: see quantize_counted.
+fn quantize(w: real) -> Quanta {
+    // Not w itself in the unchosen case: converting what no integer holds is undefined.
+    let depositable = is_depositable(w);
+    return select(NO_QUANTA, quanta_words(choose(0.0, w, depositable)), depositable);
+}
+
+// quantize, which counts what no sum can hold.
+fn quantize_counted(w: real) -> Quanta {
+    if is_depositable(w) {
+        return quanta_words(w);
+    }
+    count(INVALID_DEPOSITS);
+    return NO_QUANTA;
+}
+
+fn q_is_zero(a: Quanta) -> bool {
+    return (a.x | a.y | a.z) == 0u;
+}
+
+fn q_less(a: Quanta, b: Quanta) -> bool {
+    let below_top = select(a.x < b.x, a.y < b.y, a.y != b.y);
+    return select(below_top, a.z < b.z, a.z != b.z);
+}
+
+// a - b, for b <= a.
+fn q_sub(a: Quanta, b: Quanta) -> Quanta {
+    let hi = a.y - b.y;
+    let borrow = select(0u, 1u, a.x < b.x);
+    let borrow_top = select(0u, 1u, a.y < b.y) + select(0u, 1u, hi < borrow);
+    return vec3<u32>(a.x - b.x, hi - borrow, a.z - b.z - borrow_top);
+}
+
+fn q_min(a: Quanta, b: Quanta) -> Quanta {
+    return select(a, b, q_less(b, a));
+}
+
+fn deposit_weight(cell: u32, w: real) {
+    deposit(cell, quantize_counted(w));
+}
+
+// Splat, one tap: deposits this tap's share of what is left. A splat starts from rest = quantize_counted(weight), gives
+// each tap but the last deposit_tap(cell, weight * tap, &rest), and the last one deposit(cell, rest): so that the taps
+// add up to the weight to the last bit.
+fn deposit_tap(cell: u32, share: real, rest: ptr<function, Quanta>) {
+    let taken = q_min(quantize(share), *rest);
+    *rest = q_sub(*rest, taken);
+    deposit(cell, taken);
+}

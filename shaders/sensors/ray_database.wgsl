@@ -1,0 +1,6 @@
+// Ray database: every ray that crosses.
+
+fn record_ray_database(ray: Ray, sensor: Sensor, index: u32) {
+    book(sensor.cell, ray.weight);
+    append_event(ray, EVENT_RECORDED, index);
+}

@@ -1,0 +1,20 @@
+// The plane z = 0, unbounded or within a rectangle or disk. A ray that leaves a plane never meets it again.
+
+fn plane_distance(o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
+    let t = -o.z / d.z;
+    return select(MISS, t, d.z != 0.0 && !leaving && t > 0.0 && t < MISS);
+}
+
+fn rectangle_distance(o: vec3<real>, d: vec3<real>, half_width: real, half_height: real, leaving: bool) -> real {
+    let t = plane_distance(o, d, leaving);
+    let inside = abs(o.x + t * d.x) <= half_width && abs(o.y + t * d.y) <= half_height;
+    return select(MISS, t, inside);
+}
+
+// `aperture` is the squared radius.
+fn disk_distance(o: vec3<real>, d: vec3<real>, aperture: real, leaving: bool) -> real {
+    let t = plane_distance(o, d, leaving);
+    let x = o.x + t * d.x;
+    let y = o.y + t * d.y;
+    return select(MISS, t, x * x + y * y <= aperture);
+}

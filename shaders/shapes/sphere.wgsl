@@ -1,0 +1,11 @@
+// Sphere about the local origin, its normal inward.
+
+// `aperture` is the squared limit of the distance from local z. As in Optiland, the crossing ahead that comes first
+// decides: where it is outside the aperture, the ray misses.
+fn sphere_distance(o: vec3<real>, d: vec3<real>, radius: real, aperture: real, leaving: bool) -> real {
+    let curvature = 1.0 / radius;
+    let c = crossings(o, d, Quadric(-curvature, -curvature, 0.0, radius), leaving);
+    let t = min(ahead(c.first, c.shift, true), ahead(c.second, c.shift, true));
+    let p = o + t * d;
+    return select(MISS, t, p.x * p.x + p.y * p.y <= aperture);
+}

@@ -1,0 +1,110 @@
+// Stage splat: a detector records the ray that has arrived on it.
+
+fn splat(ray: ptr<function, Ray>, index: u32) {
+    let sensor = sensor_of(index);
+    record(*ray, sensor, index);
+    if sensor.absorb != 0u {
+        (*ray).fate = DETECTED;
+    }
+}
+
+fn local_position(ray: Ray, sensor: Sensor) -> vec3<real> {
+    let origin = vec3<real>(sensor.origin_x, sensor.origin_y, sensor.origin_z);
+    return to_sensor(sensor, ray.position - origin);
+}
+
+// The pixel that holds x: edges are edge_i = i * pitch - half, each pixel owns its lower edge, and what lies outside
+// belongs to the edge pixels. The division only guesses; comparison with the edges themselves decides.
+fn pixel_of(x: real, half: real, pitch: real, num_pixels: u32) -> u32 {
+    let last = i32(num_pixels) - 1;
+    var i = clamp(i32(floor((x + half) / pitch)), 0, last);
+    if i > 0 && x < real(i) * pitch - half {
+        i -= 1;
+    } else if i < last && x >= real(i + 1) * pitch - half {
+        i += 1;
+    }
+    return u32(i);
+}
+
+fn hit_pixel(p: vec3<real>, sensor: Sensor) -> u32 {
+    let ix = pixel_of(p.x, sensor.half_width, sensor.pitch_x, sensor.num_x);
+    let iy = pixel_of(p.y, sensor.half_height, sensor.pitch_y, sensor.num_y);
+    return iy * sensor.num_x + ix;
+}
+
+// Flux goes to cell base + pixel * stride: stride is 1 for an irradiance map, the number of wavelength bins for a
+// spectral one.
+fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32) {
+    let pixel = hit_pixel(p, sensor);
+    count(base + pixel * stride);
+    if HAS_BILINEAR && sensor.splat == SPLAT_BILINEAR {
+        splat_bilinear(ray.weight, sensor, p, base, stride);
+    } else if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
+        splat_gaussian(ray.weight, sensor, p, base, stride);
+    } else if HAS_HARD {
+        deposit_weight(base + pixel * stride, ray.weight);
+    }
+}
+
+const SPLAT_HARD: u32 = 0u;
+const SPLAT_BILINEAR: u32 = 1u;
+const SPLAT_GAUSSIAN: u32 = 2u;
+
+// Position in pixels from the centre of pixel (0, 0).
+fn pixel_position(p: vec3<real>, sensor: Sensor) -> vec2<real> {
+    return vec2<real>(
+        (p.x + sensor.half_width) / sensor.pitch_x - 0.5,
+        (p.y + sensor.half_height) / sensor.pitch_y - 0.5,
+    );
+}
+
+// The pixel of a tap; taps beyond the map fall into its edge pixels.
+fn tap_cell(ix: i32, iy: i32, sensor: Sensor, base: u32, stride: u32) -> u32 {
+    let x = u32(clamp(ix, 0, i32(sensor.num_x) - 1));
+    let y = u32(clamp(iy, 0, i32(sensor.num_y) - 1));
+    return base + (y * sensor.num_x + x) * stride;
+}
+
+// Shares of four taps; the last takes what the others left, so that the taps add up to the weight exactly.
+fn splat_bilinear(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride: u32) {
+    let position = pixel_position(p, sensor);
+    let corner_x = floor(position.x);
+    let corner_y = floor(position.y);
+    let fx = position.x - corner_x;
+    let fy = position.y - corner_y;
+    let ix = i32(corner_x);
+    let iy = i32(corner_y);
+    var rest = quantize_counted(weight);
+    deposit_tap(tap_cell(ix, iy, sensor, base, stride), weight * ((1.0 - fx) * (1.0 - fy)), &rest);
+    deposit_tap(tap_cell(ix + 1, iy, sensor, base, stride), weight * (fx * (1.0 - fy)), &rest);
+    deposit_tap(tap_cell(ix, iy + 1, sensor, base, stride), weight * ((1.0 - fx) * fy), &rest);
+    deposit(tap_cell(ix + 1, iy + 1, sensor, base, stride), rest);
+}
+
+// Shares exp(-(i - position)^2 / (2 sigma^2)) over the taps within the radius, renormalised.
+fn splat_gaussian(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride: u32) {
+    let position = pixel_position(p, sensor);
+    let ix = i32(floor(position.x));
+    let iy = i32(floor(position.y));
+    let radius = i32(sensor.splat_radius);
+    var sum_x: real = 0.0;
+    var sum_y: real = 0.0;
+    for (var i = -radius; i <= radius; i++) {
+        sum_x += gaussian_share(ix + i, position.x, sensor);
+        sum_y += gaussian_share(iy + i, position.y, sensor);
+    }
+    var rest = quantize_counted(weight);
+    for (var j = -radius; j <= radius; j++) {
+        let share_y = gaussian_share(iy + j, position.y, sensor) / sum_y;
+        for (var i = -radius; i <= radius; i++) {
+            let share = gaussian_share(ix + i, position.x, sensor) / sum_x * share_y;
+            deposit_tap(tap_cell(ix + i, iy + j, sensor, base, stride), weight * share, &rest);
+        }
+    }
+    deposit(tap_cell(ix, iy, sensor, base, stride), rest);
+}
+
+fn gaussian_share(i: i32, position: real, sensor: Sensor) -> real {
+    let offset = real(i) - position;
+    return exp_real(-sensor.splat_falloff * offset * offset);
+}

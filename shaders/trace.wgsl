@@ -1,0 +1,65 @@
+// The loop within a pass: a few events in registers per dispatch, then the survivors go to the queue.
+
+@compute @workgroup_size(WORKGROUP_SIZE)
+fn trace_new(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local_index: u32,
+) {
+    let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
+    var ray: Ray;
+    ray.fate = DETECTED;
+    if index < range.count {
+        ray = generate(index);
+        record_birth(ray);
+        follow(&ray);
+    }
+    if HAS_QUEUE {
+        compact(ray, ray.fate == ALIVE, local_index);
+    }
+}
+
+// Up to EVENTS_PER_DISPATCH events.
+fn follow(ray: ptr<function, Ray>) {
+    for (var step = 0u; step < EVENTS_PER_DISPATCH && (*ray).fate == ALIVE; step++) {
+        next_event(ray);
+    }
+    book_fate(*ray);
+}
+
+// One event, in the reference's order: bulk absorption over the segment, the event itself, depth, roulette.
+fn next_event(ray: ptr<function, Ray>) {
+    let hit = intersect(*ray);
+    if hit.primitive == NONE {
+        (*ray).fate = ESCAPED;
+        return;
+    }
+    attenuate(ray, hit.distance);
+    (*ray).position += hit.distance * (*ray).direction;
+    (*ray).last = hit.primitive;
+    if hit.primitive < NUM_SURFACES {
+        record_surface(*ray, hit.primitive);
+        interact(ray, hit.primitive);
+    } else {
+        record_sensor(*ray, hit.primitive - NUM_SURFACES);
+        splat(ray, hit.primitive - NUM_SURFACES);
+    }
+    (*ray).bounce += 1u;
+    if (*ray).fate == ALIVE {
+        if (*ray).bounce >= MAX_DEPTH {
+            (*ray).fate = DEPTH_KILLED;
+        } else {
+            roulette(ray);
+        }
+    }
+}
+
+// Where the ray ended takes its whole weight. Detectors took it when they recorded it.
+fn book_fate(ray: Ray) {
+    record_death(ray);
+    if ray.fate == ABSORBED {
+        book(CELL_SURFACES + ray.last, ray.weight);
+    } else if ray.fate >= ESCAPED {
+        book(CELL_ESCAPED + (ray.fate - ESCAPED), ray.weight);
+    }
+}

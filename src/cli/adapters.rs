@@ -1,0 +1,40 @@
+//! `nsq-gpu adapters`: what can trace here.
+
+use crate::error::{Error, Result};
+use crate::gpu::{self, AdapterChoice, AdapterInfo, Gpu};
+use std::fmt::Write;
+
+/// Arguments of `nsq-gpu adapters`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Measure the rates of f32 and f64 arithmetic.
+    #[arg(long)]
+    measure: bool,
+}
+
+/// One paragraph an adapter, the one that `trace` takes first.
+pub fn run(args: &Args) -> Result<String> {
+    let adapters = gpu::list_adapters();
+    if adapters.is_empty() {
+        // The message with what to install is the device's.
+        return Gpu::open(&AdapterChoice::default()).map(|_| String::new());
+    }
+    adapters.iter().map(|info| describe(info, args.measure)).collect()
+}
+
+fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {
+    let mut text = format!("{} ({}, {}; {})\n", info.name, info.backend, info.kind, info.driver);
+    let yes_no = |has| if has { "yes" } else { "no" };
+    let _ = writeln!(text, "  64-bit floats: {}", yes_no(info.f64));
+    let _ = writeln!(text, "  64-bit integers and atomics: {}", yes_no(info.int64));
+    let _ = writeln!(text, "  largest binding: {} MiB", info.max_binding_size >> 20);
+    if measure {
+        let choice = AdapterChoice { name: Some(info.name.clone()), ..Default::default() };
+        let rates = Gpu::open(&choice)?.arithmetic_rates()?;
+        let _ = writeln!(text, "  f32: {:.1} G multiply-adds/s", rates.f32 / 1e9);
+        if let Some(f64) = rates.f64 {
+            let _ = writeln!(text, "  f64: {:.1} G multiply-adds/s ({:.2} of f32)", f64 / 1e9, f64 / rates.f32);
+        }
+    }
+    if text.is_empty() { Err(Error::Internal("an adapter without a name".into())) } else { Ok(text) }
+}

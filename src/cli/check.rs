@@ -1,0 +1,33 @@
+//! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
+
+use crate::error::Result;
+use crate::scene::Scene;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Arguments of `nsq-gpu check`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The scene file.
+    scene: PathBuf,
+}
+
+/// What the scene holds, and what deserves a warning.
+pub fn run(args: &Args) -> Result<String> {
+    let scene = Scene::from_path(&args.scene)?;
+    let ir = scene.lower()?;
+    let mut text = format!("{} can be traced.\n", args.scene.display());
+    let mut list = |title: &str, names: Vec<&str>| {
+        let _ = writeln!(text, "  {title} ({}): {}", names.len(), names.join(", "));
+    };
+    list("surfaces", ir.surfaces.iter().map(|s| s.name.as_str()).collect());
+    list("sources", ir.emitters.iter().map(|e| e.name.as_str()).collect());
+    list("detectors", ir.sensors.iter().map(|s| s.name.as_str()).collect());
+    list("media", ir.media.iter().map(|m| m.name.as_str()).collect());
+    let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
+    let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
+    for warning in &scene.warnings {
+        let _ = writeln!(text, "  warning: {warning}");
+    }
+    Ok(text)
+}

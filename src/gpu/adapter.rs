@@ -1,0 +1,183 @@
+//! Adapters and devices.
+
+use crate::error::{Error, Result};
+use std::sync::{Arc, Mutex};
+
+/// How to choose an adapter.
+#[derive(Debug, Clone, Default)]
+pub struct AdapterChoice {
+    /// Part of the adapter's name, in any case; the best of all where not given.
+    pub name: Option<String>,
+    /// Native features of the device may be used. Off: the portable baseline, the same bits.
+    pub native: Native,
+    /// The compiler's bounds checks and loop bounding in shaders: on in tests, off where speed counts.
+    pub runtime_checks: bool,
+}
+
+/// Whether optional features of the device are used.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Native {
+    /// Whatever the device has.
+    #[default]
+    Allowed,
+    /// None of them: plain WebGPU.
+    Off,
+}
+
+/// What is known of an adapter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AdapterInfo {
+    /// The adapter's name.
+    pub name: String,
+    /// Driver and its version.
+    pub driver: String,
+    /// Vulkan, Metal or DX12.
+    pub backend: String,
+    /// Discrete GPU, integrated GPU, CPU.
+    pub kind: String,
+    /// 64-bit floats in shaders.
+    pub f64: bool,
+    /// 64-bit integers and their atomics in shaders.
+    pub int64: bool,
+    /// Largest storage buffer binding \[bytes\].
+    pub max_binding_size: u64,
+}
+
+/// An open device.
+#[derive(Debug)]
+pub struct Gpu {
+    /// The device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    /// The adapter it was opened on.
+    pub info: AdapterInfo,
+    /// 64-bit floats are enabled.
+    pub f64: bool,
+    /// 64-bit integers and their atomics are enabled.
+    pub int64: bool,
+    /// Bounds checks in shaders.
+    pub runtime_checks: bool,
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+fn instance() -> wgpu::Instance {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    // wgpu's own check of every indirect dispatch costs a dispatch each; our counts come from our own shader.
+    descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+    wgpu::Instance::new(descriptor)
+}
+
+fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
+    let info = adapter.get_info();
+    let features = adapter.features();
+    AdapterInfo {
+        name: info.name,
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
+        backend: info.backend.to_string(),
+        kind: format!("{:?}", info.device_type),
+        f64: features.contains(wgpu::Features::SHADER_F64),
+        int64: features.contains(int64_features()),
+        max_binding_size: adapter.limits().max_storage_buffer_binding_size,
+    }
+}
+
+fn int64_features() -> wgpu::Features {
+    wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS
+}
+
+/// The adapters that can compute, best first: discrete, integrated, virtual, then software.
+fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    adapters.retain(|a| a.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS));
+    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Cpu => 3,
+        wgpu::DeviceType::Other => 4,
+    });
+    adapters
+}
+
+/// Every adapter that can compute, best first.
+pub fn list_adapters() -> Vec<AdapterInfo> {
+    adapters(&instance()).iter().map(describe).collect()
+}
+
+const HOW_TO_GET_AN_ADAPTER: &str = "install your GPU's Vulkan driver, or software Vulkan: \
+     `apt-get install libvulkan1 mesa-vulkan-drivers` on Debian or Ubuntu";
+
+impl Gpu {
+    /// Opens the best adapter that fits.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`] if there is none, with what is there and how to get one.
+    pub fn open(choice: &AdapterChoice) -> Result<Self> {
+        let adapters = adapters(&instance());
+        if adapters.is_empty() {
+            return Err(Error::NoAdapter(format!("no GPU adapter was found; {HOW_TO_GET_AN_ADAPTER}")));
+        }
+        let wanted = choice.name.as_deref().unwrap_or("").to_lowercase();
+        let fits = |a: &&wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted);
+        let adapter = adapters.iter().find(fits).ok_or_else(|| {
+            let names: Vec<String> = adapters.iter().map(|a| format!("`{}`", a.get_info().name)).collect();
+            Error::NoAdapter(format!("no adapter is named like `{wanted}`; there are {}", names.join(", ")))
+        })?;
+        Self::from_adapter(adapter, choice)
+    }
+
+    fn from_adapter(adapter: &wgpu::Adapter, choice: &AdapterChoice) -> Result<Self> {
+        let info = describe(adapter);
+        let native = choice.native == Native::Allowed;
+        let mut features = wgpu::Features::empty();
+        // 64-bit floats are a tier of their own, not a shortcut: they stay with native features off.
+        if info.f64 {
+            features |= wgpu::Features::SHADER_F64;
+        }
+        if native && info.int64 {
+            features |= int64_features();
+        }
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("nsq-gpu"),
+            required_features: features,
+            required_limits: adapter.limits(),
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|e| Error::NoAdapter(format!("the adapter `{}` gives no device: {e}", info.name)))?;
+        let failure = Arc::new(Mutex::new(None));
+        let (lost, uncaptured) = (failure.clone(), failure.clone());
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note(&lost, format!("the device was lost: {message}"));
+            }
+        });
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            note(&uncaptured, match error {
+                wgpu::Error::OutOfMemory { .. } => "the device is out of memory".to_string(),
+                other => other.to_string(),
+            });
+        }));
+        let (f64, int64) = (info.f64, native && info.int64);
+        Ok(Gpu { device, queue, info, f64, int64, runtime_checks: choice.runtime_checks, failure })
+    }
+
+    /// Fails if the device was lost, ran out of memory or reported an error.
+    pub fn check(&self) -> Result<()> {
+        let failure = self.failure.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        failure.as_ref().map_or(Ok(()), |message| Err(Error::Device(message.clone())))
+    }
+
+    /// Waits until everything submitted is done.
+    pub fn wait(&self) -> Result<()> {
+        let polled = self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: None });
+        self.check()?;
+        polled.map(|_| ()).map_err(|e| Error::Device(format!("waiting for the device: {e}")))
+    }
+}
+
+/// Keeps the first failure: what follows is its consequence.
+fn note(failure: &Mutex<Option<String>>, message: String) {
+    failure.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(message);
+}

@@ -1,0 +1,164 @@
+//! Buffers, bind groups and pipelines of compute shaders.
+
+use super::Gpu;
+use crate::error::{Error, Result};
+use wgpu::util::DeviceExt;
+
+/// One variable of a module's bind groups.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Binding {
+    /// Bind group.
+    pub group: u32,
+    /// Number in the group.
+    pub number: u32,
+    /// True if shaders only read it.
+    pub read_only: bool,
+}
+
+/// The storage buffers that a module declares.
+pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
+    let mut bindings: Vec<Binding> = module
+        .global_variables
+        .iter()
+        .filter_map(|(_, variable)| {
+            let binding = variable.binding.as_ref()?;
+            let read_only = match variable.space {
+                naga::AddressSpace::Storage { access } => !access.contains(naga::StorageAccess::STORE),
+                _ => return None,
+            };
+            Some(Binding { group: binding.group, number: binding.binding, read_only })
+        })
+        .collect();
+    bindings.sort_by_key(|b| (b.group, b.number));
+    bindings
+}
+
+impl Gpu {
+    /// Compiles a module.
+    pub fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
+        let descriptor =
+            wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) };
+        if self.runtime_checks {
+            return self.device.create_shader_module(descriptor);
+        }
+        // SAFETY: every index is built from counts that the host sized its buffers by, and every loop has a bound of
+        // its own; the tests run the same shaders with the checks on.
+        #[allow(unsafe_code)]
+        unsafe {
+            self.device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
+        }
+    }
+
+    /// The layout of one bind group.
+    pub fn bind_group_layout(&self, label: &str, bindings: &[Binding], group: u32) -> wgpu::BindGroupLayout {
+        let entries: Vec<wgpu::BindGroupLayoutEntry> = bindings
+            .iter()
+            .filter(|b| b.group == group)
+            .map(|b| wgpu::BindGroupLayoutEntry {
+                binding: b.number,
+                visibility: wgpu::ShaderStages::COMPUTE,
+                ty: wgpu::BindingType::Buffer {
+                    ty: wgpu::BufferBindingType::Storage { read_only: b.read_only },
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+                count: None,
+            })
+            .collect();
+        self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+    }
+
+    /// A bind group of whole buffers.
+    pub fn bind_group<'a>(
+        &self,
+        label: &str,
+        layout: &wgpu::BindGroupLayout,
+        buffers: impl IntoIterator<Item = (u32, &'a wgpu::Buffer)>,
+    ) -> wgpu::BindGroup {
+        let entries: Vec<wgpu::BindGroupEntry> = buffers
+            .into_iter()
+            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+    }
+
+    /// A compute pipeline.
+    pub fn pipeline(
+        &self,
+        entry_point: &str,
+        shader: &wgpu::ShaderModule,
+        layouts: &[&wgpu::BindGroupLayout],
+        constants: &[(&str, f64)],
+    ) -> wgpu::ComputePipeline {
+        let layouts: Vec<Option<&wgpu::BindGroupLayout>> = layouts.iter().map(|l| Some(*l)).collect();
+        let layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(entry_point),
+            bind_group_layouts: &layouts,
+            immediate_size: 0,
+        });
+        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry_point),
+            layout: Some(&layout),
+            module: shader,
+            entry_point: Some(entry_point),
+            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
+            cache: None,
+        })
+    }
+
+    /// A zeroed storage buffer that can be copied from and to.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the adapter cannot bind so much.
+    pub fn buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
+        let limit = self.device.limits().max_storage_buffer_binding_size.min(self.device.limits().max_buffer_size);
+        if size > limit {
+            return Err(Error::Device(format!(
+                "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use fewer pixels or another adapter",
+                self.info.name
+            )));
+        }
+        let usage = wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_SRC
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::INDIRECT;
+        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: size.max(16).next_multiple_of(4),
+            usage,
+            mapped_at_creation: false,
+        }))
+    }
+
+    /// A read-only storage buffer with contents.
+    pub fn constant_buffer(&self, label: &str, contents: &[u8]) -> wgpu::Buffer {
+        let mut padded = contents.to_vec();
+        padded.resize(contents.len().max(16).next_multiple_of(4), 0);
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(label),
+            contents: &padded,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        })
+    }
+
+    /// Reads the first `size` bytes of a buffer, after everything submitted before.
+    pub fn read(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
+        if size == 0 {
+            return Ok(Vec::new());
+        }
+        let size = size.next_multiple_of(4);
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read-back"),
+            size,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
+        self.queue.submit([encoder.finish()]);
+        staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let bytes = staging.get_mapped_range(..).map_err(|e| Error::Device(format!("reading back: {e}")))?;
+        Ok(bytes.to_vec())
+    }
+}

@@ -1,0 +1,8 @@
+//! Mechanics of wgpu: adapters, pipelines, buffers, read-back. No optics.
+
+pub mod adapter;
+pub mod compute;
+pub mod rates;
+pub mod sums;
+
+pub use adapter::{AdapterChoice, AdapterInfo, Gpu, Native, list_adapters};

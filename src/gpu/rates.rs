@@ -1,0 +1,84 @@
+//! How fast the adapter does arithmetic: measured, because a name tells nothing.
+
+use super::Gpu;
+use super::compute::bindings_of;
+use crate::error::{Error, Result};
+use crate::program::Precision;
+use std::time::Instant;
+
+/// Multiply-adds per second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArithmeticRates {
+    /// In f32.
+    pub f32: f64,
+    /// In f64, where the adapter has it.
+    pub f64: Option<f64>,
+}
+
+/// f64 is taken where it runs at this part of the rate of f32 or more: measured traces are then at most about twice as
+/// slow, because draws, sums and memory cost the same in both.
+const GOOD_RATE: f64 = 1.0 / 3.0;
+
+const INVOCATIONS: u32 = 1 << 14;
+const MULTIPLY_ADDS: u32 = 1 << 10;
+
+/// Four independent chains, which a superscalar machine can overlap.
+const SHADER: &str = "
+@group(0) @binding(0) var<storage, read_write> values: array<real>;
+@compute @workgroup_size(64)
+fn measure(@builtin(global_invocation_id) id: vec3<u32>) {
+    let seed = values[id.x];
+    var v = vec4<real>(seed, seed + 0.25, seed + 0.5, seed + 0.75);
+    for (var i = 0u; i < 256u; i++) {
+        v = v * real(0.999) + vec4<real>(seed);
+    }
+    values[id.x] = v.x + v.y + v.z + v.w;
+}
+";
+
+impl Gpu {
+    /// Measures both precisions.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn arithmetic_rates(&self) -> Result<ArithmeticRates> {
+        let f64 = if self.f64 { Some(self.rate(Precision::F64)?) } else { None };
+        Ok(ArithmeticRates { f32: self.rate(Precision::F32)?, f64 })
+    }
+
+    /// f64 where the adapter runs it at a good rate, else f32.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn preferred_precision(&self) -> Result<Precision> {
+        let rates = self.arithmetic_rates()?;
+        let good = rates.f64.is_some_and(|f64| f64 >= GOOD_RATE * rates.f32);
+        Ok(if good { Precision::F64 } else { Precision::F32 })
+    }
+
+    fn rate(&self, precision: Precision) -> Result<f64> {
+        let wgsl = format!("alias real = {};{SHADER}", precision.name());
+        let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| Error::Internal(e.to_string()))?;
+        let layout = self.bind_group_layout("rates", &bindings_of(&module), 0);
+        let pipeline = self.pipeline("measure", &self.shader("rates", &wgsl), &[&layout], &[]);
+        let buffer = self.buffer("rates", u64::from(INVOCATIONS) * 8)?;
+        let group = self.bind_group("rates", &layout, [(0, &buffer)]);
+        let run = || -> Result<f64> {
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            {
+                let mut pass = encoder.begin_compute_pass(&Default::default());
+                pass.set_pipeline(&pipeline);
+                pass.set_bind_group(0, &group, &[]);
+                pass.dispatch_workgroups(INVOCATIONS / 64, 1, 1);
+            }
+            let start = Instant::now();
+            self.queue.submit([encoder.finish()]);
+            self.wait()?;
+            Ok(start.elapsed().as_secs_f64())
+        };
+        // The first dispatch compiles.
+        run()?;
+        let fastest = run()?.min(run()?).max(1e-9);
+        Ok(f64::from(INVOCATIONS) * f64::from(MULTIPLY_ADDS) / fastest)
+    }
+}

@@ -1,0 +1,306 @@
+//! Composition of the WGSL for one scene: files of shaders/ as they are, and around them only constants, records and
+//! calls. No formula is written here.
+
+use super::features::{Features, Precision, ShapeKind};
+use super::library::{self, Integers, Real};
+use super::lowered::{self, Cells, LEDGER_CELLS};
+use super::records::literal;
+use super::{PathSampling, ProgramOptions};
+use crate::error::Result;
+use crate::ir::{ReflectProb, SceneIr};
+use glam::DVec3;
+use std::fmt::Write;
+
+/// Embeds a file of shaders/.
+macro_rules! shader {
+    ($path:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $path))
+    };
+}
+
+/// The shader that prepares the next dispatch of a pass.
+pub const ADVANCE: &str = shader!("advance.wgsl");
+
+/// What a composition is made from.
+pub struct Composition<'a> {
+    /// The scene.
+    pub ir: &'a SceneIr,
+    /// Its features.
+    pub features: &'a Features,
+    /// The centre of the scene \[mm\].
+    pub centre: DVec3,
+    /// Its cells.
+    pub cells: &'a Cells,
+    /// How to specialise.
+    pub options: &'a ProgramOptions,
+}
+
+impl Composition<'_> {
+    /// The whole module.
+    pub fn compose(&self) -> Result<String> {
+        let real = match self.precision() {
+            Precision::F32 => Real::F32,
+            Precision::F64 => Real::F64,
+        };
+        let integers = if self.options.native { Integers::Native } else { Integers::Portable };
+        let mut text = library::source(real, integers);
+        text.push_str(&self.constants()?);
+        for file in self.files() {
+            text.push_str(file);
+            text.push('\n');
+        }
+        text.push_str(&self.records()?);
+        text.push_str(&self.nearest_primitive()?);
+        text.push_str(&self.record());
+        text.push_str(&self.emit());
+        text.push_str(&self.reflect_probability()?);
+        Ok(text)
+    }
+
+    fn precision(&self) -> Precision {
+        self.options.precision
+    }
+
+    fn constants(&self) -> Result<String> {
+        let f = self.features;
+        let o = self.options;
+        let mut text = String::new();
+        let mut uint = |name: &str, value: u32| {
+            let _ = writeln!(text, "const {name}: u32 = {value}u;");
+        };
+        uint("WORKGROUP_SIZE", o.workgroup_size);
+        uint("EVENTS_PER_DISPATCH", o.events_per_dispatch);
+        uint("MAX_DEPTH", o.max_depth);
+        uint("NUM_SURFACES", self.ir.surfaces.len() as u32);
+        uint("NUM_PRIMITIVES", (self.ir.surfaces.len() + self.ir.sensors.len()) as u32);
+        uint("NUM_WAVELENGTHS", self.ir.wavelengths.len() as u32);
+        for (i, name) in (0..).zip(LEDGER_CELLS) {
+            uint(name, i);
+        }
+        uint("CELL_SURFACES", self.cells.surfaces);
+        uint("COUNTER_REACHED", self.cells.reached);
+        if let PathSampling::Hashed { threshold } = o.paths {
+            uint("PATH_THRESHOLD", threshold);
+        } else {
+            uint("PATH_THRESHOLD", 0);
+        }
+        for (name, value) in [
+            ("HAS_REFRACTIVE", f.refractive),
+            ("HAS_REFLECTIVE", f.reflective),
+            ("HAS_HARD", f.splats[0]),
+            ("HAS_BILINEAR", f.splats[1]),
+            ("HAS_GAUSSIAN", f.splats[2]),
+            ("HAS_QUEUE", o.has_queue()),
+            ("UNIT_GRADIENTS", f.unit_gradients),
+            ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
+        ] {
+            let _ = writeln!(text, "const {name}: bool = {value};");
+        }
+        let threshold = literal(o.roulette_threshold, o.precision)?;
+        let _ = writeln!(text, "const ROULETTE_THRESHOLD: real = {threshold};");
+        Ok(text)
+    }
+
+    /// The files that the scene needs, each once.
+    fn files(&self) -> Vec<&'static str> {
+        let f = self.features;
+        let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
+        let mut files = vec![
+            shader!("lib/state.wgsl"),
+            shader!("lib/transforms.wgsl"),
+            shader!("lib/quadric.wgsl"),
+            shader!("lib/bookkeeping.wgsl"),
+            shader!("lib/counts.wgsl"),
+            pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
+            pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
+            pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
+            pick(f.importance, shader!("lib/branch_importance.wgsl"), shader!("lib/branch_fresnel.wgsl")),
+            pick(
+                self.options.paths == PathSampling::None,
+                shader!("lib/paths_none.wgsl"),
+                shader!("lib/paths_recorded.wgsl"),
+            ),
+            shader!("shapes/plane.wgsl"),
+            shader!("generate.wgsl"),
+            shader!("intersect.wgsl"),
+            shader!("interact.wgsl"),
+            shader!("splat.wgsl"),
+            shader!("trace.wgsl"),
+        ];
+        for kind in &f.shapes {
+            match kind {
+                ShapeKind::Conic => files.push(shader!("shapes/conic.wgsl")),
+                ShapeKind::Annulus => files.push(shader!("shapes/annulus.wgsl")),
+                ShapeKind::Frustum => files.push(shader!("shapes/frustum.wgsl")),
+                ShapeKind::Sphere => files.push(shader!("shapes/sphere.wgsl")),
+                ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk => {}
+            }
+        }
+        files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
+        let optional = [
+            (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
+            (f.refractive, pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl"))),
+            (!f.refractive, shader!("lib/indices_none.wgsl")),
+            (
+                f.reflective,
+                pick(
+                    f.spectral_reflectance,
+                    shader!("lib/reflectance_table.wgsl"),
+                    shader!("lib/reflectance.wgsl"),
+                ),
+            ),
+            (!f.reflective, shader!("lib/reflectance_none.wgsl")),
+            (self.options.has_events(f), shader!("lib/events.wgsl")),
+            (self.options.has_queue(), shader!("compact.wgsl")),
+            (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
+            (f.irradiance, shader!("sensors/irradiance.wgsl")),
+            (f.spectral, shader!("sensors/spectral.wgsl")),
+            (f.far_field, shader!("sensors/far_field.wgsl")),
+            (f.ray_database, shader!("sensors/ray_database.wgsl")),
+        ];
+        files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
+        files
+    }
+
+    fn records(&self) -> Result<String> {
+        let surfaces = lowered::surface_records(self.ir, self.centre, self.features);
+        let sensors = lowered::sensor_records(self.ir, self.centre, self.cells);
+        let rotated_surfaces = lowered::any_rotated(self.ir.surfaces.iter().map(|s| &s.frame));
+        let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
+        let mut text = String::new();
+        for records in [&surfaces, &sensors] {
+            text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
+        }
+        text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
+        text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
+        if !self.options.baked {
+            text.push_str(&lowered::primitive_records(self.ir, self.centre).table());
+        }
+        Ok(text)
+    }
+
+    /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records.
+    fn nearest_primitive(&self) -> Result<String> {
+        if self.options.baked { self.nearest_primitive_baked() } else { Ok(self.nearest_primitive_table()) }
+    }
+
+    fn nearest_primitive_baked(&self) -> Result<String> {
+        let real = |value: f64| literal(value, self.precision());
+        let vector = |v: DVec3| -> Result<String> {
+            Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
+        };
+        let mut text = String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
+            let (function, _) = ShapeKind::of(shape).name();
+            let mut arguments = String::new();
+            for argument in lowered::shape_arguments(shape) {
+                let _ = write!(arguments, "{}, ", real(argument)?);
+            }
+            let v = format!("ray.position - {}", vector(frame.origin - self.centre)?);
+            let (o, d) = if lowered::is_rotated(frame.rotation) {
+                let r = frame.rotation;
+                let rotation =
+                    format!("Rotation({}, {}, {})", vector(r.x_axis)?, vector(r.y_axis)?, vector(r.z_axis)?);
+                (format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})"))
+            } else {
+                (v, "ray.direction".into())
+            };
+            let _ = writeln!(
+                text,
+                "    best = nearer(best, {function}({o}, {d}, {arguments}ray.last == {i}u), {i}u);"
+            );
+        }
+        text.push_str("    return best;\n}\n");
+        Ok(text)
+    }
+
+    fn nearest_primitive_table(&self) -> String {
+        let rotated = lowered::any_rotated(lowered::primitives(self.ir).iter().map(|(frame, _)| frame));
+        let mut text = frame_functions("Primitive", "primitive", rotated);
+        text.push_str(
+            "fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool) -> real {\n    switch p.shape {\n",
+        );
+        for kind in &self.features.shapes {
+            let arguments: String = ["p.a0, ", "p.a1, ", "p.a2, ", "p.a3, "][..kind.num_arguments()].concat();
+            let _ = writeln!(
+                text,
+                "        case {}u: {{ return {}(o, d, {arguments}leaving); }}",
+                *kind as u32,
+                kind.name().0
+            );
+        }
+        text.push_str("        default: { return MISS; }\n    }\n}\n");
+        text.push_str(shader!("lib/primitives_table.wgsl"));
+        text
+    }
+
+    /// Dispatch over the kinds of sensors that occur; the codes are those of [`lowered::sensor_code`].
+    fn record(&self) -> String {
+        let mut text = String::from("fn record(ray: Ray, sensor: Sensor, index: u32) {\n");
+        let f = self.features;
+        for (present, code, call) in [
+            (f.irradiance, 0, "record_irradiance(ray, sensor)"),
+            (f.spectral, 1, "record_spectral(ray, sensor)"),
+            (f.far_field, 2, "record_far_field(ray, sensor)"),
+            (f.ray_database, 3, "record_ray_database(ray, sensor, index)"),
+        ] {
+            if present {
+                let _ = writeln!(text, "    if sensor.kind == {code}u {{ {call}; }}");
+            }
+        }
+        text.push_str("}\n");
+        text
+    }
+
+    /// Dispatch over the kinds of emitters that occur.
+    fn emit(&self) -> String {
+        let mut text = String::from("fn emit(key: RayKey) -> LocalRay {\n");
+        let (last, others) = match self.features.emitters.split_last() {
+            Some(kinds) => kinds,
+            None => return String::new(),
+        };
+        for kind in others {
+            let _ =
+                writeln!(text, "    if range.kind == {}u {{ return emit_{}(key); }}", *kind as u32, kind.name());
+        }
+        let _ = writeln!(text, "    return emit_{}(key);\n}}", last.name());
+        text
+    }
+
+    fn reflect_probability(&self) -> Result<String> {
+        if !self.features.importance {
+            return Ok(String::new());
+        }
+        let probability = match self.ir.sampling.reflect_prob {
+            ReflectProb::Fresnel => "reflectance".into(),
+            ReflectProb::Auto => "clamp(reflectance, 0.25, 0.75)".into(),
+            ReflectProb::Constant(p) => literal(p, self.precision())?,
+        };
+        Ok(format!("fn reflect_probability(reflectance: real) -> real {{\n    return {probability};\n}}\n"))
+    }
+}
+
+fn emitter_file(kind: super::features::EmitterName) -> &'static str {
+    use super::features::EmitterName as E;
+    match kind {
+        E::Point => shader!("emitters/point.wgsl"),
+        E::CollimatedTophat => shader!("emitters/collimated_tophat.wgsl"),
+        E::CollimatedGaussian => shader!("emitters/collimated_gaussian.wgsl"),
+        E::ExtendedRectangle => shader!("emitters/extended_rectangle.wgsl"),
+        E::ExtendedDisk => shader!("emitters/extended_disk.wgsl"),
+    }
+}
+
+/// `to_<row>` and `from_<row>`: into and out of a record's frame; no code where no frame of the table is rotated.
+fn frame_functions(name: &str, row: &str, rotated: bool) -> String {
+    let (to, from) = if rotated {
+        let rotation = "Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz))";
+        (format!("to_local(v, {rotation})"), format!("to_global(v, {rotation})"))
+    } else {
+        ("v".to_string(), "v".to_string())
+    };
+    format!(
+        "fn to_{row}(r: {name}, v: vec3<real>) -> vec3<real> {{\n    return {to};\n}}\n\
+         fn from_{row}(r: {name}, v: vec3<real>) -> vec3<real> {{\n    return {from};\n}}\n"
+    )
+}

@@ -1,0 +1,212 @@
+//! What a scene needs of the tracer. Whatever is absent here produces no code.
+
+use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat};
+
+/// Precision of the physics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Precision {
+    /// 32-bit floats: every adapter.
+    F32,
+    /// 64-bit floats: adapters with the feature.
+    F64,
+}
+
+impl Precision {
+    /// The name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Precision::F32 => "f32",
+            Precision::F64 => "f64",
+        }
+    }
+}
+
+/// Shape functions of the shaders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum ShapeKind {
+    /// shaders/shapes/conic.wgsl
+    Conic,
+    /// shaders/shapes/plane.wgsl, unbounded
+    Plane,
+    /// shaders/shapes/plane.wgsl, rectangle
+    Rectangle,
+    /// shaders/shapes/plane.wgsl, disk
+    Disk,
+    /// shaders/shapes/annulus.wgsl
+    Annulus,
+    /// shaders/shapes/frustum.wgsl
+    Frustum,
+    /// shaders/shapes/sphere.wgsl
+    Sphere,
+}
+
+/// What the scene and the options of the trace need.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Features {
+    /// Shapes of surfaces and detectors.
+    pub shapes: Vec<ShapeKind>,
+    /// Some surface refracts.
+    pub refractive: bool,
+    /// Some surface reflects.
+    pub reflective: bool,
+    /// The reflectance of some surface depends on the wavelength.
+    pub spectral_reflectance: bool,
+    /// More than one wavelength.
+    pub polychromatic: bool,
+    /// Some medium absorbs.
+    pub bulk_absorption: bool,
+    /// Branches are not drawn with their own probability.
+    pub importance: bool,
+    /// Some weight can fall below the threshold of roulette.
+    pub roulette: bool,
+    /// Every surface has a gradient of unit length on it (spheres, planes).
+    pub unit_gradients: bool,
+    /// Splats of irradiance and spectral detectors: hard, bilinear, Gaussian.
+    pub splats: [bool; 3],
+    /// Some detector is spectral.
+    pub spectral: bool,
+    /// Some detector is an irradiance map.
+    pub irradiance: bool,
+    /// Some detector is a far field.
+    pub far_field: bool,
+    /// Some detector is a ray database.
+    pub ray_database: bool,
+    /// Kinds of emitters, without repetition.
+    pub emitters: Vec<EmitterName>,
+}
+
+/// Emitter functions of the shaders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum EmitterName {
+    /// shaders/emitters/point.wgsl
+    Point,
+    /// shaders/emitters/collimated_tophat.wgsl
+    CollimatedTophat,
+    /// shaders/emitters/collimated_gaussian.wgsl
+    CollimatedGaussian,
+    /// shaders/emitters/extended_rectangle.wgsl
+    ExtendedRectangle,
+    /// shaders/emitters/extended_disk.wgsl
+    ExtendedDisk,
+}
+
+impl EmitterName {
+    /// The name in the shaders.
+    pub fn name(self) -> &'static str {
+        match self {
+            EmitterName::Point => "point",
+            EmitterName::CollimatedTophat => "collimated_tophat",
+            EmitterName::CollimatedGaussian => "collimated_gaussian",
+            EmitterName::ExtendedRectangle => "extended_rectangle",
+            EmitterName::ExtendedDisk => "extended_disk",
+        }
+    }
+
+    /// The function that emits this kind of source.
+    pub fn of(kind: &EmitterKind) -> Self {
+        match kind {
+            EmitterKind::Point { .. } => EmitterName::Point,
+            EmitterKind::CollimatedTophat { .. } => EmitterName::CollimatedTophat,
+            EmitterKind::CollimatedGaussian { .. } => EmitterName::CollimatedGaussian,
+            EmitterKind::Extended { area: Outline::Disk { .. }, .. } => EmitterName::ExtendedDisk,
+            EmitterKind::Extended { .. } => EmitterName::ExtendedRectangle,
+        }
+    }
+}
+
+impl Features {
+    /// Derives the features of a scene whose lowest weight at birth is `lowest_weight`, with roulette below
+    /// `roulette_threshold` (both in units of the mean weight of a new ray).
+    pub fn of(ir: &SceneIr, lowest_weight: f64, roulette_threshold: f64) -> Self {
+        let mut shapes: Vec<ShapeKind> = ir.surfaces.iter().map(|s| ShapeKind::of(&s.shape)).collect();
+        shapes.extend(ir.sensors.iter().map(|s| ShapeKind::of(&Shape::Plane(s.outline()))));
+        shapes.sort();
+        shapes.dedup();
+        let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| EmitterName::of(&e.kind)).collect();
+        emitters.sort();
+        emitters.dedup();
+        let reflectances = || {
+            ir.surfaces.iter().filter_map(|s| match &s.interaction {
+                Interaction::Reflective { reflectance } => Some(reflectance),
+                _ => None,
+            })
+        };
+        let bulk_absorption = ir.media.iter().any(|m| m.k.iter().any(|&k| k != 0.0));
+        let importance = ir.sampling.reflect_prob != ReflectProb::Fresnel
+            && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
+        let loses_weight = bulk_absorption || importance || reflectances().flatten().any(|&r| r != 1.0);
+        let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
+        Features {
+            shapes,
+            refractive: ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive),
+            reflective: reflectances().next().is_some(),
+            spectral_reflectance: reflectances().any(|r| r.iter().any(|&value| value != r[0])),
+            polychromatic: ir.wavelengths.len() > 1,
+            bulk_absorption,
+            importance,
+            roulette: loses_weight && roulette_threshold > 0.0 || lowest_weight < roulette_threshold,
+            unit_gradients: ir.surfaces.iter().all(|s| has_unit_gradient(&s.shape)),
+            splats: [
+                grids.contains(&Splat::Hard),
+                grids.contains(&Splat::Bilinear),
+                grids.iter().any(|s| matches!(s, Splat::Gaussian { .. })),
+            ],
+            spectral: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::Spectral { .. })),
+            irradiance: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::Irradiance(_))),
+            far_field: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::FarField { .. })),
+            ray_database: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::RayDatabase { .. })),
+            emitters,
+        }
+    }
+}
+
+impl ShapeKind {
+    /// The shape function of a shape.
+    pub fn of(shape: &Shape) -> Self {
+        match shape {
+            Shape::Conic { curvature: 0.0, .. } => ShapeKind::Disk,
+            Shape::Conic { .. } => ShapeKind::Conic,
+            Shape::Plane(Outline::Infinite) => ShapeKind::Plane,
+            Shape::Plane(Outline::Rectangle { .. }) => ShapeKind::Rectangle,
+            Shape::Plane(Outline::Disk { .. }) => ShapeKind::Disk,
+            Shape::Annulus { .. } => ShapeKind::Annulus,
+            Shape::Frustum { .. } => ShapeKind::Frustum,
+            Shape::Sphere { .. } => ShapeKind::Sphere,
+        }
+    }
+
+    /// The function in the shaders, and the file under shaders/shapes/.
+    pub fn name(self) -> (&'static str, &'static str) {
+        match self {
+            ShapeKind::Conic => ("conic_distance", "conic"),
+            ShapeKind::Plane => ("plane_distance", "plane"),
+            ShapeKind::Rectangle => ("rectangle_distance", "plane"),
+            ShapeKind::Disk => ("disk_distance", "plane"),
+            ShapeKind::Annulus => ("annulus_distance", "annulus"),
+            ShapeKind::Frustum => ("frustum_distance", "frustum"),
+            ShapeKind::Sphere => ("sphere_distance", "sphere"),
+        }
+    }
+}
+
+/// On a sphere |grad| = 1 with the scale used in the shaders; so it is on every plane.
+fn has_unit_gradient(shape: &Shape) -> bool {
+    match shape {
+        Shape::Conic { curvature, conic, .. } => *conic == 0.0 || *curvature == 0.0,
+        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Sphere { .. } => true,
+        Shape::Frustum { .. } => false,
+    }
+}
+
+impl ShapeKind {
+    /// How many numbers the shape's function takes.
+    pub fn num_arguments(self) -> usize {
+        match self {
+            ShapeKind::Plane => 0,
+            ShapeKind::Disk => 1,
+            ShapeKind::Rectangle | ShapeKind::Sphere => 2,
+            ShapeKind::Conic | ShapeKind::Annulus => 3,
+            ShapeKind::Frustum => 4,
+        }
+    }
+}

@@ -1,0 +1,292 @@
+//! What the shaders need of surfaces, sensors and primitives, as records. Origins are relative to the scene's centre.
+
+use super::features::{Features, ShapeKind};
+use super::records::Records;
+use crate::ir::{Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat};
+use glam::{DMat3, DVec3};
+
+/// Binding numbers in group 0 that the records take.
+const SURFACES: u32 = 9;
+const SENSORS: u32 = 10;
+const PRIMITIVES: u32 = 11;
+
+/// A value beyond any distance of a scene that both tiers hold: "no limit".
+const UNLIMITED: f64 = 1e38;
+
+/// The sums that a trace keeps, as indices of cells.
+#[derive(Debug, Clone)]
+pub struct Cells {
+    /// First cell of the surfaces; before it lie the ledger's bins.
+    pub surfaces: u32,
+    /// First cell of each sensor.
+    pub sensors: Vec<u32>,
+    /// Number of cells.
+    pub num_cells: u32,
+    /// First of the counters that tell whether a primitive was reached.
+    pub reached: u32,
+    /// Number of counters: one a cell, then one a primitive.
+    pub num_counters: u32,
+}
+
+/// Bins of the ledger, by their names in the shaders; the order of fates follows shaders/lib/state.wgsl.
+pub const LEDGER_CELLS: [&str; 9] = [
+    "CELL_INVALID",
+    "CELL_UNDERFLOWS",
+    "CELL_ROULETTE_GAIN",
+    "CELL_BULK",
+    "CELL_IMPORTANCE_LOSS",
+    "CELL_IMPORTANCE_GAIN",
+    "CELL_ESCAPED",
+    "CELL_DEPTH_KILLED",
+    "CELL_ROULETTE_KILLED",
+];
+
+impl Cells {
+    /// The cells of a scene.
+    pub fn of(ir: &SceneIr) -> Self {
+        let surfaces = LEDGER_CELLS.len() as u32;
+        let mut next = surfaces + ir.surfaces.len() as u32;
+        let sensors = ir
+            .sensors
+            .iter()
+            .map(|sensor| {
+                let first = next;
+                // A ray database has one cell, for its total.
+                next += sensor.num_cells().max(1) as u32;
+                first
+            })
+            .collect();
+        let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
+        Cells { surfaces, sensors, num_cells: next, reached: next, num_counters: next + primitives }
+    }
+}
+
+/// True if some frame is rotated.
+pub fn any_rotated<'a>(mut frames: impl Iterator<Item = &'a Frame>) -> bool {
+    frames.any(|frame| is_rotated(frame.rotation))
+}
+
+/// True unless the local axes are the global ones, exactly.
+pub fn is_rotated(rotation: DMat3) -> bool {
+    rotation != DMat3::IDENTITY
+}
+
+/// The surfaces' records.
+pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Records {
+    let mut records = Records::new("Surface", "surface", SURFACES);
+    records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
+    put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
+    let gradients: Vec<[f64; 3]> = ir.surfaces.iter().map(|s| gradient(&s.shape)).collect();
+    records.real("radial", gradients.iter().map(|g| g[0]));
+    records.real("axial", gradients.iter().map(|g| g[1]));
+    records.real("offset", gradients.iter().map(|g| g[2]));
+    records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
+    records.uint("back", ir.surfaces.iter().map(|s| s.back as u32));
+    if features.refractive && !features.polychromatic {
+        records.real("n_front", ir.surfaces.iter().map(|s| ir.media[s.front].n[0]));
+        records.real("n_back", ir.surfaces.iter().map(|s| ir.media[s.back].n[0]));
+    }
+    if features.reflective && !features.spectral_reflectance {
+        records.real(
+            "reflectance",
+            ir.surfaces.iter().map(|s| match &s.interaction {
+                Interaction::Reflective { reflectance } => reflectance[0],
+                Interaction::Refractive | Interaction::Absorbing => 1.0,
+            }),
+        );
+    }
+    records
+}
+
+/// Codes of shaders/interact.wgsl.
+fn interaction_code(interaction: &Interaction) -> u32 {
+    match interaction {
+        Interaction::Absorbing => 0,
+        Interaction::Reflective { .. } => 1,
+        Interaction::Refractive => 2,
+    }
+}
+
+/// Origin relative to the centre, and the rotation's columns if any frame of the table is rotated.
+fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame> + Clone, centre: DVec3) {
+    records.real("origin_x", frames.clone().map(|f| f.origin.x - centre.x));
+    records.real("origin_y", frames.clone().map(|f| f.origin.y - centre.y));
+    records.real("origin_z", frames.clone().map(|f| f.origin.z - centre.z));
+    if any_rotated(frames.clone()) {
+        for (c, column) in ["x", "y", "z"].into_iter().enumerate() {
+            for (r, row) in ["x", "y", "z"].into_iter().enumerate() {
+                records.real(&format!("{column}{row}"), frames.clone().map(|f| f.rotation.col(c)[r]));
+            }
+        }
+    }
+}
+
+/// (radial, axial, offset) of shaders/lib/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
+fn gradient(shape: &Shape) -> [f64; 3] {
+    match *shape {
+        Shape::Conic { curvature, conic, .. } => [-curvature, -(1.0 + conic) * curvature, 1.0],
+        Shape::Plane(_) | Shape::Annulus { .. } => [0.0, 0.0, 1.0],
+        Shape::Sphere { radius, .. } => [-1.0 / radius, -1.0 / radius, 0.0],
+        Shape::Frustum { .. } => {
+            let [r0, slope, ..] = frustum_arguments(shape);
+            [1.0, -slope * slope, -slope * r0]
+        }
+    }
+}
+
+/// What the shape's distance function takes between the direction and `leaving`.
+pub fn shape_arguments(shape: &Shape) -> Vec<f64> {
+    match *shape {
+        Shape::Conic { curvature: 0.0, aperture_radius, .. } => vec![aperture_radius * aperture_radius],
+        Shape::Conic { curvature, conic, aperture_radius } => {
+            vec![curvature, (1.0 + conic) * curvature, aperture_radius * aperture_radius]
+        }
+        Shape::Plane(Outline::Infinite) => vec![],
+        Shape::Plane(Outline::Rectangle { width, height }) => vec![width / 2.0, height / 2.0],
+        Shape::Plane(Outline::Disk { radius }) => vec![radius * radius],
+        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
+            vec![inner_radius * inner_radius, outer_radius * outer_radius, z_offset]
+        }
+        Shape::Frustum { .. } => frustum_arguments(shape).to_vec(),
+        Shape::Sphere { radius, aperture_radius } => {
+            vec![radius, aperture_radius.map_or(UNLIMITED, |a| a * a)]
+        }
+    }
+}
+
+/// Radius at z = 0, slope, z_front, z_back. Without height nothing can be hit: an empty range of z.
+fn frustum_arguments(shape: &Shape) -> [f64; 4] {
+    let Shape::Frustum { r_front, r_back, z_front, z_back } = *shape else {
+        return [0.0; 4];
+    };
+    let height = z_back - z_front;
+    if height.abs() < 1e-15 {
+        return [r_front, 0.0, 1.0, -1.0];
+    }
+    let slope = (r_back - r_front) / height;
+    [r_front - slope * z_front, slope, z_front, z_back]
+}
+
+/// Every primitive: surfaces, then sensors.
+pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
+    let surfaces = ir.surfaces.iter().map(|s| (s.frame, s.shape));
+    surfaces.chain(ir.sensors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
+}
+
+/// The primitives' records, for the table version.
+pub fn primitive_records(ir: &SceneIr, centre: DVec3) -> Records {
+    let primitives = primitives(ir);
+    let mut records = Records::new("Primitive", "primitive", PRIMITIVES);
+    records.uint("shape", primitives.iter().map(|(_, shape)| ShapeKind::of(shape) as u32));
+    put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
+    for (i, name) in ["a0", "a1", "a2", "a3"].into_iter().enumerate() {
+        records.real(name, primitives.iter().map(|(_, s)| shape_arguments(s).get(i).copied().unwrap_or(0.0)));
+    }
+    records
+}
+
+/// The sensors' records.
+pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
+    let mut records = Records::new("Sensor", "sensor", SENSORS);
+    let sensors = &ir.sensors;
+    records.uint("kind", sensors.iter().map(|s| sensor_code(&s.kind)));
+    records.uint("absorb", sensors.iter().map(|s| u32::from(s.absorb)));
+    records.uint("cell", cells.sensors.iter().copied());
+    put_frames(&mut records, sensors.iter().map(|s| &s.frame), centre);
+    let grids: Vec<Grid> = sensors.iter().map(|s| Grid::of(&s.kind)).collect();
+    records.real("half_width", grids.iter().map(|g| g.half_width));
+    records.real("half_height", grids.iter().map(|g| g.half_height));
+    records.real("pitch_x", grids.iter().map(|g| g.pitch_x));
+    records.real("pitch_y", grids.iter().map(|g| g.pitch_y));
+    records.uint("num_x", grids.iter().map(|g| g.num_x));
+    records.uint("num_y", grids.iter().map(|g| g.num_y));
+    records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
+    records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
+    records.real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
+    let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
+    let num_wavelengths = ir.wavelengths.len() as u32;
+    records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));
+    records.uint("num_bins", bins);
+    records
+}
+
+/// Codes of [`super::compose`]'s dispatch over kinds of sensors.
+pub fn sensor_code(kind: &SensorKind) -> u32 {
+    match kind {
+        SensorKind::Irradiance(_) => 0,
+        SensorKind::Spectral { .. } => 1,
+        SensorKind::FarField { .. } => 2,
+        SensorKind::RayDatabase { .. } => 3,
+    }
+}
+
+/// Codes of shaders/splat.wgsl.
+fn splat_code(splat: Splat) -> u32 {
+    match splat {
+        Splat::Hard => 0,
+        Splat::Bilinear => 1,
+        Splat::Gaussian { .. } => 2,
+    }
+}
+
+fn splat_radius(splat: Splat) -> u32 {
+    match splat {
+        Splat::Gaussian { sigma } => (3.0 * sigma).ceil().max(1.0) as u32,
+        Splat::Hard | Splat::Bilinear => 0,
+    }
+}
+
+fn splat_falloff(splat: Splat) -> f64 {
+    match splat {
+        Splat::Gaussian { sigma } => 0.5 / (sigma * sigma),
+        Splat::Hard | Splat::Bilinear => 0.0,
+    }
+}
+
+fn num_bins(kind: &SensorKind) -> u32 {
+    match kind {
+        SensorKind::Spectral { wavelength_edges, .. } => wavelength_edges.len() as u32 - 1,
+        SensorKind::Irradiance(_) | SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => 1,
+    }
+}
+
+/// A grid of pixels, or of directions: x is the azimuth from -pi, y the polar angle from 0.
+struct Grid {
+    half_width: f64,
+    half_height: f64,
+    pitch_x: f64,
+    pitch_y: f64,
+    num_x: u32,
+    num_y: u32,
+}
+
+impl Grid {
+    fn of(kind: &SensorKind) -> Self {
+        match *kind {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => Grid {
+                half_width: grid.width / 2.0,
+                half_height: grid.height / 2.0,
+                pitch_x: grid.width / f64::from(grid.num_pixels_x),
+                pitch_y: grid.height / f64::from(grid.num_pixels_y),
+                num_x: grid.num_pixels_x,
+                num_y: grid.num_pixels_y,
+            },
+            SensorKind::FarField { num_theta, num_phi } => Grid {
+                half_width: std::f64::consts::PI,
+                half_height: 0.0,
+                pitch_x: std::f64::consts::TAU / f64::from(num_phi),
+                pitch_y: std::f64::consts::FRAC_PI_2 / f64::from(num_theta),
+                num_x: num_phi,
+                num_y: num_theta,
+            },
+            SensorKind::RayDatabase { width, height, .. } => Grid {
+                half_width: width / 2.0,
+                half_height: height / 2.0,
+                pitch_x: width,
+                pitch_y: height,
+                num_x: 1,
+                num_y: 1,
+            },
+        }
+    }
+}

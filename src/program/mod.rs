@@ -1,0 +1,313 @@
+//! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
+
+pub mod compose;
+pub mod features;
+pub mod lowered;
+pub mod library;
+pub mod records;
+pub mod rng;
+
+use crate::error::{Error, Result};
+use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, SensorKind};
+use compose::Composition;
+pub use features::{EmitterName, Features, Precision};
+use glam::DVec3;
+pub use lowered::Cells;
+use records::{StructLayout, put_real};
+
+/// Up to so many primitives the scene is compiled in; above, it lies in tables.
+pub const MAX_BAKED_PRIMITIVES: usize = 24;
+
+/// Which rays have their paths recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PathSampling {
+    /// None.
+    None,
+    /// Rays whose hash is below `threshold`, of 2^32.
+    Hashed {
+        /// The bound of the hash.
+        threshold: u32,
+    },
+    /// All.
+    All,
+}
+
+/// How a program is specialised.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProgramOptions {
+    /// Precision of the physics.
+    pub precision: Precision,
+    /// 64-bit integers and atomics of the device, instead of pairs of 32-bit ones. The results are the same bits.
+    pub native: bool,
+    /// The scene compiled in, instead of in tables.
+    pub baked: bool,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Roulette starts below this weight.
+    pub roulette_threshold: f64,
+    /// Events a ray goes through in registers before the survivors are compacted.
+    pub events_per_dispatch: u32,
+    /// Invocations a workgroup.
+    pub workgroup_size: u32,
+    /// Which paths are recorded.
+    pub paths: PathSampling,
+}
+
+impl ProgramOptions {
+    /// True if rays can outlive a dispatch.
+    pub fn has_queue(&self) -> bool {
+        self.events_per_dispatch < self.max_depth
+    }
+
+    /// True if rows go to the host: rays of a database, or events of paths.
+    pub fn has_events(&self, features: &Features) -> bool {
+        features.ray_database || self.paths != PathSampling::None
+    }
+}
+
+/// A composed, validated shader module and the constant buffers it reads.
+#[derive(Debug)]
+pub struct Program {
+    /// The WGSL.
+    pub wgsl: String,
+    /// Its module, for reflection.
+    pub module: naga::Module,
+    /// What the scene needs.
+    pub features: Features,
+    /// How it was specialised.
+    pub options: ProgramOptions,
+    /// Its sums.
+    pub cells: Cells,
+    /// The scene's centre: positions on the device are relative to it \[mm\].
+    pub centre: DVec3,
+    /// Contents of the read-only buffers of group 0, by binding.
+    pub buffers: Vec<(u32, Vec<u8>)>,
+    /// Largest number of rows for the host that one ray can make.
+    pub max_events_per_ray: u32,
+}
+
+/// Binding of the random generator's table.
+const RNG_TABLE: u32 = 1;
+const MEDIA: u32 = 5;
+const SPECTRA: u32 = 6;
+const REFLECTANCES: u32 = 7;
+const SPECTRAL_BINS: u32 = 8;
+
+/// Steps that a source may draw beyond the events of a ray: Gaussian beams attempt 32 times and then fall back.
+const SOURCE_STEPS: u32 = 33;
+
+impl Program {
+    /// Composes and packs a scene for a seed. `lowest_weight` is the least weight that a ray is born with.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the precision cannot hold one of the scene's numbers.
+    pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64, lowest_weight: f64) -> Result<Self> {
+        let features = Features::of(ir, lowest_weight, options.roulette_threshold);
+        let centre = centre_of(ir);
+        let cells = Cells::of(ir);
+        let wgsl =
+            Composition { ir, features: &features, centre, cells: &cells, options: &options }.compose()?;
+        let module = naga::front::wgsl::parse_str(&wgsl)
+            .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
+        let max_events_per_ray = max_events_per_ray(ir, &features, &options);
+        let mut program =
+            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray };
+        program.buffers = program.pack(ir, seed)?;
+        Ok(program)
+    }
+
+    fn pack(&self, ir: &SceneIr, seed: u64) -> Result<Vec<(u32, Vec<u8>)>> {
+        let mut buffers = vec![(RNG_TABLE, rng_table(seed, self.options.max_depth + SOURCE_STEPS))];
+        if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
+            buffers.push((MEDIA, self.media(ir)?));
+        }
+        if self.features.polychromatic {
+            buffers.push((SPECTRA, spectra(ir)));
+        }
+        if self.features.spectral_reflectance {
+            buffers.push((REFLECTANCES, self.reflectances(ir)?));
+        }
+        if self.features.spectral {
+            buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
+        }
+        if !self.options.baked {
+            let surfaces = lowered::surface_records(ir, self.centre, &self.features);
+            let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
+            let primitives = lowered::primitive_records(ir, self.centre);
+            for records in [surfaces, sensors, primitives] {
+                buffers.push((records.binding, records.bytes(&self.module, self.options.precision)?));
+            }
+        }
+        Ok(buffers)
+    }
+
+    fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
+        let size = self.real_size();
+        let mut bytes = Vec::new();
+        for value in values {
+            let start = bytes.len();
+            bytes.resize(start + size, 0);
+            put_real(&mut bytes[start..], value, self.options.precision)?;
+        }
+        Ok(bytes)
+    }
+
+    /// Bytes of a real.
+    pub fn real_size(&self) -> usize {
+        match self.options.precision {
+            Precision::F32 => 4,
+            Precision::F64 => 8,
+        }
+    }
+
+    /// n, and 4 pi k / lambda per mm, per medium and wavelength.
+    fn media(&self, ir: &SceneIr) -> Result<Vec<u8>> {
+        const UM_PER_MM: f64 = 1e3;
+        self.reals(ir.media.iter().flat_map(|medium| {
+            ir.wavelengths.iter().enumerate().flat_map(|(w, wavelength)| {
+                [medium.n[w], 4.0 * std::f64::consts::PI * medium.k[w] / wavelength * UM_PER_MM]
+            })
+        }))
+    }
+
+    fn reflectances(&self, ir: &SceneIr) -> Result<Vec<u8>> {
+        self.reals(ir.surfaces.iter().flat_map(|surface| match &surface.interaction {
+            Interaction::Reflective { reflectance } => reflectance.clone(),
+            Interaction::Refractive | Interaction::Absorbing => vec![1.0; ir.wavelengths.len()],
+        }))
+    }
+
+    /// The buffer of one dispatch: which rays of which emitter (shaders/lib/state.wgsl, `Range`).
+    pub fn range_bytes(&self, ir: &SceneIr, range: &RayRange) -> Result<Vec<u8>> {
+        let layout = StructLayout::of(&self.module, "Range")?;
+        let mut bytes = vec![0; layout.stride];
+        let emitter = &ir.emitters[range.emitter];
+        let first_spectrum: usize = ir.emitters[..range.emitter].iter().map(|e| e.spectrum.cdf.len()).sum();
+        let uints = [
+            ("first_lo", range.first as u32),
+            ("first_hi", (range.first >> 32) as u32),
+            ("count", range.count),
+            ("emitter", range.emitter as u32),
+            ("medium", emitter.medium as u32),
+            ("spectrum_first", first_spectrum as u32),
+            ("spectrum_count", emitter.spectrum.cdf.len() as u32),
+            ("kind", EmitterName::of(&emitter.kind) as u32),
+        ];
+        for (field, value) in uints {
+            let offset = layout.offset(field)?;
+            bytes[offset..offset + 4].copy_from_slice(&value.to_le_bytes());
+        }
+        let origin = emitter.frame.origin - self.centre;
+        let rotation = emitter.frame.rotation;
+        let [p0, p1, p2] = emitter_arguments(emitter);
+        let mut reals = vec![
+            ("weight", range.weight),
+            ("origin_x", origin.x),
+            ("origin_y", origin.y),
+            ("origin_z", origin.z),
+            ("p0", p0),
+            ("p1", p1),
+            ("p2", p2),
+        ];
+        const COLUMNS: [[&str; 3]; 3] = [["xx", "xy", "xz"], ["yx", "yy", "yz"], ["zx", "zy", "zz"]];
+        for (c, names) in COLUMNS.iter().enumerate() {
+            for (r, name) in names.iter().enumerate() {
+                reals.push((name, rotation.col(c)[r]));
+            }
+        }
+        for (field, value) in reals {
+            put_real(&mut bytes[layout.offset(field)?..], value, self.options.precision)?;
+        }
+        Ok(bytes)
+    }
+}
+
+/// Rays `first..first + count` of one emitter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayRange {
+    /// First ray id.
+    pub first: u64,
+    /// Number of rays.
+    pub count: u32,
+    /// The emitter they come from.
+    pub emitter: usize,
+    /// The weight they are born with.
+    pub weight: f64,
+}
+
+/// p0, p1, p2 of shaders/emitters/.
+fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
+    match emitter.kind {
+        EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
+        EmitterKind::CollimatedTophat { aperture_radius } => [aperture_radius, 0.0, 0.0],
+        EmitterKind::CollimatedGaussian { aperture_radius, sigma } => [aperture_radius, sigma, 0.0],
+        EmitterKind::Extended { area, half_angle } => {
+            const LAMBERTIAN: f64 = -1.0;
+            let height =
+                if half_angle >= std::f64::consts::FRAC_PI_2 { LAMBERTIAN } else { cap_height(half_angle) };
+            match area {
+                Outline::Rectangle { width, height: area_height } => [width, area_height, height],
+                Outline::Disk { radius } => [radius, 0.0, height],
+                Outline::Infinite => [0.0, 0.0, height],
+            }
+        }
+    }
+}
+
+/// 1 - cos(half angle), without cancellation.
+fn cap_height(half_angle: f64) -> f64 {
+    let s = (half_angle / 2.0).sin();
+    2.0 * s * s
+}
+
+fn rng_table(seed: u64, num_steps: u32) -> Vec<u8> {
+    rng::step_table(seed, num_steps as usize).into_iter().flatten().flat_map(u32::to_le_bytes).collect()
+}
+
+/// (threshold, wavelength) per entry: bits <= threshold decides as bits / 2^32 <= cdf does.
+fn spectra(ir: &SceneIr) -> Vec<u8> {
+    const TWO_POW_32: f64 = 4294967296.0;
+    let entries = ir.emitters.iter().flat_map(|e| e.spectrum.cdf.iter().zip(&e.spectrum.wavelengths));
+    // The conversion saturates: a cdf of 1 gives the largest of all bits.
+    entries
+        .flat_map(|(cdf, wavelength)| [(cdf * TWO_POW_32).floor() as u32, *wavelength as u32])
+        .flat_map(u32::to_le_bytes)
+        .collect()
+}
+
+/// The bin of each wavelength, per sensor: Optiland's searchsorted(edges, wavelength, "right") - 1, clamped.
+fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
+    let bins = ir.sensors.iter().flat_map(|sensor| {
+        ir.wavelengths.iter().map(|wavelength| match &sensor.kind {
+            SensorKind::Spectral { wavelength_edges: edges, .. } => {
+                let above = edges.partition_point(|edge| edge <= wavelength);
+                above.saturating_sub(1).min(edges.len() - 2) as u32
+            }
+            SensorKind::Irradiance(_) | SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => 0,
+        })
+    });
+    bins.flat_map(u32::to_le_bytes).collect()
+}
+
+/// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
+fn centre_of(ir: &SceneIr) -> DVec3 {
+    let frames = lowered::primitives(ir).into_iter().map(|(frame, _)| frame);
+    let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
+    let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
+        None => Some((origin, origin)),
+        Some((low, high)) => Some((low.min(origin), high.max(origin))),
+    });
+    bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
+}
+
+fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
+    let recorded = if features.ray_database {
+        let all_absorb = ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
+        if all_absorb { 1 } else { options.max_depth }
+    } else {
+        0
+    };
+    // Birth, every event, death.
+    let path = if options.paths == PathSampling::None { 0 } else { options.max_depth + 2 };
+    recorded + path
+}

@@ -1,0 +1,205 @@
+//! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
+
+use super::Precision;
+use crate::error::{Error, Result};
+use std::collections::HashMap;
+use std::fmt::Write;
+
+/// A table with one row per surface, sensor or primitive.
+#[derive(Debug, Clone)]
+pub struct Records {
+    /// Name of the struct in the shader.
+    pub name: &'static str,
+    /// Name of the variable and, with `_of`, of the function that gives a row.
+    pub rows: &'static str,
+    /// Binding in group 0 where the table lies in a buffer.
+    pub binding: u32,
+    columns: Vec<Column>,
+}
+
+#[derive(Debug, Clone)]
+struct Column {
+    name: String,
+    values: Values,
+}
+
+#[derive(Debug, Clone)]
+enum Values {
+    Real(Vec<f64>),
+    Uint(Vec<u32>),
+}
+
+impl Records {
+    /// An empty table.
+    pub fn new(name: &'static str, rows: &'static str, binding: u32) -> Self {
+        Records { name, rows, binding, columns: Vec::new() }
+    }
+
+    /// Adds a column of reals.
+    pub fn real(&mut self, name: &str, values: impl IntoIterator<Item = f64>) {
+        self.columns.push(Column { name: name.into(), values: Values::Real(values.into_iter().collect()) });
+    }
+
+    /// Adds a column of unsigned integers.
+    pub fn uint(&mut self, name: &str, values: impl IntoIterator<Item = u32>) {
+        self.columns.push(Column { name: name.into(), values: Values::Uint(values.into_iter().collect()) });
+    }
+
+    /// The struct, and the function that gives row `i` from constants: what all rows share is a constant, the rest is
+    /// chosen by selects.
+    pub fn baked(&self, precision: Precision) -> Result<String> {
+        let mut text = self.declaration();
+        let fields: Result<Vec<String>> = self.columns.iter().map(|c| c.chosen(precision)).collect();
+        let _ = write!(
+            text,
+            "fn {}_of(i: u32) -> {} {{\n    return {}(\n        {},\n    );\n}}\n",
+            self.rows,
+            self.name,
+            self.name,
+            fields?.join(",\n        ")
+        );
+        Ok(text)
+    }
+
+    /// The struct, its buffer, and the function that gives row `i` from it.
+    pub fn table(&self) -> String {
+        format!(
+            "{}@group(0) @binding({}) var<storage, read> {}_table: array<{}>;\n\
+             fn {}_of(i: u32) -> {} {{\n    return {}_table[i];\n}}\n",
+            self.declaration(),
+            self.binding,
+            self.rows,
+            self.name,
+            self.rows,
+            self.name,
+            self.rows
+        )
+    }
+
+    fn declaration(&self) -> String {
+        let mut text = format!("struct {} {{\n", self.name);
+        for column in &self.columns {
+            let kind = match column.values {
+                Values::Real(_) => "real",
+                Values::Uint(_) => "u32",
+            };
+            let _ = writeln!(text, "    {}: {kind},", column.name);
+        }
+        text.push_str("}\n");
+        text
+    }
+
+    /// The bytes of the buffer, with each field where the composed module has it.
+    pub fn bytes(&self, module: &naga::Module, precision: Precision) -> Result<Vec<u8>> {
+        let layout = StructLayout::of(module, self.name)?;
+        let num_rows = self.columns.first().map_or(0, Column::len);
+        let mut bytes = vec![0; layout.stride * num_rows.max(1)];
+        for column in &self.columns {
+            let offset = layout.offset(&column.name)?;
+            for row in 0..num_rows {
+                let place = &mut bytes[row * layout.stride + offset..];
+                match &column.values {
+                    Values::Real(values) => put_real(place, values[row], precision)?,
+                    Values::Uint(values) => place[..4].copy_from_slice(&values[row].to_le_bytes()),
+                }
+            }
+        }
+        Ok(bytes)
+    }
+}
+
+impl Column {
+    fn len(&self) -> usize {
+        match &self.values {
+            Values::Real(values) => values.len(),
+            Values::Uint(values) => values.len(),
+        }
+    }
+
+    fn chosen(&self, precision: Precision) -> Result<String> {
+        let literals: Vec<String> = match &self.values {
+            Values::Real(values) => values.iter().map(|&v| literal(v, precision)).collect::<Result<_>>()?,
+            Values::Uint(values) => values.iter().map(|v| format!("{v}u")).collect(),
+        };
+        Ok(choose(&literals))
+    }
+}
+
+/// A select over rows; the most frequent value needs none.
+fn choose(literals: &[String]) -> String {
+    let mut rows: HashMap<&str, Vec<usize>> = HashMap::new();
+    for (row, literal) in literals.iter().enumerate() {
+        rows.entry(literal).or_default().push(row);
+    }
+    let mut values: Vec<(&str, Vec<usize>)> = rows.into_iter().collect();
+    values.sort_by_key(|(_, rows)| (std::cmp::Reverse(rows.len()), rows[0]));
+    let mut values = values.into_iter();
+    let first = values.next().map_or("0", |(literal, _)| literal).to_string();
+    values.fold(first, |chosen, (literal, rows)| {
+        let conditions: Vec<String> = rows.iter().map(|row| format!("i == {row}u")).collect();
+        format!("select({chosen}, {literal}, {})", conditions.join(" || "))
+    })
+}
+
+/// A WGSL literal of a real. Refused where the precision cannot hold it.
+pub fn literal(value: f64, precision: Precision) -> Result<String> {
+    let rounded = round_to(value, precision)?;
+    // `real(...)` keeps selects of abstract literals in the tier's own type.
+    Ok(format!("real({rounded:?})"))
+}
+
+fn round_to(value: f64, precision: Precision) -> Result<f64> {
+    let rounded = match precision {
+        Precision::F32 => f64::from(value as f32),
+        Precision::F64 => value,
+    };
+    if rounded.is_finite() {
+        Ok(rounded)
+    } else {
+        Err(Error::Usage(format!("{value:e} does not fit {}; use --precision f64", precision.name())))
+    }
+}
+
+/// Writes a real in the tier's precision.
+pub fn put_real(place: &mut [u8], value: f64, precision: Precision) -> Result<()> {
+    let rounded = round_to(value, precision)?;
+    match precision {
+        Precision::F32 => place[..4].copy_from_slice(&(rounded as f32).to_le_bytes()),
+        Precision::F64 => place[..8].copy_from_slice(&rounded.to_le_bytes()),
+    }
+    Ok(())
+}
+
+/// Where a struct's fields lie in memory, as naga lays them out.
+pub struct StructLayout {
+    /// Distance from one element of an array to the next \[bytes\].
+    pub stride: usize,
+    offsets: HashMap<String, usize>,
+    name: String,
+}
+
+impl StructLayout {
+    /// The layout of a struct of a composed module.
+    pub fn of(module: &naga::Module, name: &str) -> Result<Self> {
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).map_err(|e| Error::Internal(format!("layout of {name}: {e}")))?;
+        let (handle, kind) = module
+            .types
+            .iter()
+            .find(|(_, kind)| kind.name.as_deref() == Some(name))
+            .ok_or_else(|| Error::Internal(format!("the composed module has no struct {name}")))?;
+        let naga::TypeInner::Struct { members, .. } = &kind.inner else {
+            return Err(Error::Internal(format!("{name} is not a struct")));
+        };
+        let offsets = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+        Ok(StructLayout { stride: layouter[handle].to_stride() as usize, offsets, name: name.into() })
+    }
+
+    /// Offset of a field \[bytes\].
+    pub fn offset(&self, field: &str) -> Result<usize> {
+        self.offsets
+            .get(field)
+            .copied()
+            .ok_or_else(|| Error::Internal(format!("struct {} of the composed module has no field {field}", self.name)))
+    }
+}

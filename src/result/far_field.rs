@@ -1,0 +1,55 @@
+//! Flux per solid angle over directions.
+
+use ndarray::{Array1, Array2};
+
+use crate::error::Result;
+use crate::result::irradiance::{bin_centres, bin_edges};
+use crate::result::npz::NpzFile;
+use crate::result::{FluxUnit, SensorTally};
+
+/// Largest polar angle \[deg\]: both hemispheres are folded into one.
+pub const THETA_MAX: f64 = 90.0;
+
+/// Intensity over directions in the detector's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FarFieldPattern {
+    /// Intensity \[W/sr\], shape (n_theta, n_phi).
+    pub intensity: Array2<f64>,
+    /// Centres of the polar angle bins, from local z \[deg\], shape (n_theta,).
+    pub theta: Array1<f64>,
+    /// Centres of the azimuth bins, from local x towards local y \[deg\], shape (n_phi,).
+    pub phi: Array1<f64>,
+    /// Rays per bin, shape (n_theta, n_phi).
+    pub hits: Array2<u64>,
+}
+
+impl FarFieldPattern {
+    /// The solid angle of a bin is Optiland's: sin(theta centre) times the widths.
+    pub(crate) fn new(num_theta: u32, num_phi: u32, sums: &SensorTally, unit: FluxUnit) -> Self {
+        let (rows, columns) = (num_theta as usize, num_phi as usize);
+        let theta = bin_centres(0.0, THETA_MAX, rows);
+        let width = |edges: Vec<f64>| (edges[1] - edges[0]).to_radians();
+        let d_theta = width(bin_edges(0.0, THETA_MAX, rows));
+        let d_phi = width(bin_edges(-180.0, 180.0, columns));
+        let solid_angle = theta.mapv(|centre| centre.to_radians().sin() * d_theta * d_phi);
+        FarFieldPattern {
+            intensity: Array2::from_shape_fn((rows, columns), |(row, column)| {
+                unit.watts(sums.quanta[row * columns + column]) / solid_angle[row]
+            }),
+            theta,
+            phi: bin_centres(-180.0, 180.0, columns),
+            hits: Array2::from_shape_fn((rows, columns), |(row, column)| sums.hits[row * columns + column]),
+        }
+    }
+
+    pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
+        file.add("intensity", &self.intensity)?;
+        file.add("theta", &self.theta)?;
+        file.add("phi", &self.phi)?;
+        file.add("hits", &self.hits)
+    }
+
+    /// Units of the arrays in the file.
+    pub(crate) const UNITS: &'static [(&'static str, &'static str)] =
+        &[("intensity", "W/sr"), ("theta", "deg"), ("phi", "deg"), ("total_flux", "W"), ("hits", "rays")];
+}

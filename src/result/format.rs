@@ -1,0 +1,83 @@
+//! Numbers for people.
+
+/// `value` with `digits` significant digits, trailing zeros dropped; an exponent outside 1e-4 to 1e9.
+pub(crate) fn significant(value: f64, digits: usize) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value == 0.0 { "0".into() } else { value.to_string() };
+    }
+    let scientific = format!("{value:.*e}", digits - 1);
+    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
+    let exponent: i32 = exponent.parse().unwrap_or(0);
+    if (-4..9).contains(&exponent) {
+        let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
+        trim_zeros(&format!("{value:.decimals$}")).into()
+    } else {
+        format!("{}e{exponent}", trim_zeros(mantissa))
+    }
+}
+
+fn trim_zeros(number: &str) -> &str {
+    if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
+}
+
+/// `count` with separators: 1,234,567.
+pub(crate) fn thousands(count: u64) -> String {
+    let digits = count.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|group| std::str::from_utf8(group).unwrap_or("")).collect();
+    groups.join(",")
+}
+
+/// A fraction as a percentage.
+pub(crate) fn percent(fraction: f64) -> String {
+    format!("{} %", significant(100.0 * fraction, 4))
+}
+
+/// `value` with an SI prefix: (0.00123, "W") is "1.23 mW".
+pub(crate) fn with_prefix(value: f64, unit: &str) -> String {
+    let (factor, prefix) = si_prefix(value);
+    format!("{} {prefix}{unit}", significant(value / factor, 4))
+}
+
+/// The largest SI prefix that leaves `value` at 1 or more: its factor and its letter.
+pub(crate) fn si_prefix(value: f64) -> (f64, &'static str) {
+    const PREFIXES: [(f64, &str); 11] = [
+        (1e12, "T"),
+        (1e9, "G"),
+        (1e6, "M"),
+        (1e3, "k"),
+        (1.0, ""),
+        (1e-3, "m"),
+        (1e-6, "µ"),
+        (1e-9, "n"),
+        (1e-12, "p"),
+        (1e-15, "f"),
+        (1e-18, "a"),
+    ];
+    let fits = |&&(factor, _): &&(f64, &str)| value.abs() >= factor * (1.0 - 1e-9);
+    if value == 0.0 { (1.0, "") } else { *PREFIXES.iter().find(fits).unwrap_or(&PREFIXES[10]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_as_people_write_them() {
+        assert_eq!(significant(0.0, 4), "0");
+        assert_eq!(significant(0.90449, 3), "0.904");
+        assert_eq!(significant(1.0, 6), "1");
+        assert_eq!(significant(1234.5678, 6), "1234.57");
+        assert_eq!(significant(120.0, 2), "120");
+        assert_eq!(significant(-2.5e-7, 4), "-2.5e-7");
+        assert_eq!(significant(1e12, 4), "1e12");
+        assert_eq!(thousands(0), "0");
+        assert_eq!(thousands(999), "999");
+        assert_eq!(thousands(1_234_567), "1,234,567");
+        assert_eq!(percent(0.5), "50 %");
+        assert_eq!(with_prefix(0.00123, "W"), "1.23 mW");
+        assert_eq!(with_prefix(0.0, "W"), "0 W");
+        assert_eq!(with_prefix(1.0, "W"), "1 W");
+        assert_eq!(with_prefix(2e-6, "W/mm²"), "2 µW/mm²");
+    }
+}

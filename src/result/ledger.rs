@@ -1,0 +1,157 @@
+//! Where every quantum went: integers, so that the books close to the last bit or show that they do not.
+
+use serde::{Serialize, Serializer};
+
+use crate::ir::{Interaction, SceneIr};
+use crate::result::{Booking, FluxUnit, Tally};
+
+/// One line of the ledger.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Entry {
+    /// Rays or events.
+    pub count: u64,
+    /// Their quanta, exact.
+    #[serde(serialize_with = "as_string")]
+    pub quanta: u128,
+    /// The same as flux \[W\].
+    pub flux: f64,
+}
+
+/// launched + roulette_gain + importance_gain = detected + absorbed + surface + coating + bsdf + bulk + escaped + depth
+/// + roulette_loss + importance_loss, in quanta.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Ledger {
+    /// Rays launched.
+    pub launched: Entry,
+    /// Weight gained by survivors of roulette.
+    pub roulette_gain: Entry,
+    /// Weight gained where a branch was drawn less often than its share.
+    pub importance_gain: Entry,
+    /// Recorded by detectors that end rays; every ray, also those that a ray database did not keep.
+    pub detected: Entry,
+    /// Ended on absorbing surfaces.
+    pub absorbed: Entry,
+    /// Taken by mirrors.
+    pub surface: Entry,
+    /// Taken by coatings.
+    pub coating: Entry,
+    /// Taken by scattering surfaces.
+    pub bsdf: Entry,
+    /// Taken by absorbing media.
+    pub bulk: Entry,
+    /// Met nothing any more.
+    pub escaped: Entry,
+    /// Reached the largest number of events.
+    pub depth: Entry,
+    /// Ended by roulette.
+    pub roulette_loss: Entry,
+    /// Weight lost where a branch was drawn more often than its share.
+    pub importance_loss: Entry,
+    /// Read in passing by transmissive detectors: a memo, no part of the balance.
+    pub tapped: Entry,
+    /// Sources minus destinations \[quanta\]; anything but 0 is a defect of this program.
+    #[serde(serialize_with = "as_string")]
+    pub imbalance_quanta: i128,
+    /// The same as flux \[W\].
+    pub imbalance_flux: f64,
+    /// Deposits that no sum can hold; anything but 0 is a defect of this program.
+    pub invalid_deposits: u64,
+}
+
+impl Entry {
+    /// The line of a booking.
+    pub fn new(booking: Booking, unit: FluxUnit) -> Self {
+        Entry { count: booking.count, quanta: booking.quanta, flux: unit.watts(booking.quanta) }
+    }
+}
+
+impl Ledger {
+    /// The ledger of a trace.
+    pub fn new(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Self {
+        let entry = |booking| Entry::new(booking, unit);
+        let sensors = |absorb: bool| {
+            let sensors =
+                ir.sensors.iter().zip(&tally.sensors).filter(move |(sensor, _)| sensor.absorb == absorb);
+            total(sensors.map(|(_, sums)| sums.total()))
+        };
+        let surfaces = |absorbing: bool| {
+            let surfaces = ir.surfaces.iter().zip(&tally.surfaces);
+            total(
+                surfaces
+                    .filter(|(surface, _)| (surface.interaction == Interaction::Absorbing) == absorbing)
+                    .map(|(_, sums)| sums.absorbed),
+            )
+        };
+        let mut ledger = Ledger {
+            launched: entry(tally.launched),
+            roulette_gain: entry(tally.roulette_gain),
+            importance_gain: entry(tally.importance_gain),
+            detected: entry(sensors(true)),
+            absorbed: entry(surfaces(true)),
+            surface: entry(surfaces(false)),
+            coating: Entry::default(),
+            bsdf: Entry::default(),
+            bulk: entry(tally.bulk),
+            escaped: entry(tally.escaped),
+            depth: entry(tally.depth_killed),
+            roulette_loss: entry(tally.roulette_loss),
+            importance_loss: entry(tally.importance_loss),
+            tapped: entry(sensors(false)),
+            imbalance_quanta: 0,
+            imbalance_flux: 0.0,
+            invalid_deposits: tally.invalid_deposits,
+        };
+        ledger.imbalance_quanta = ledger.imbalance();
+        ledger.imbalance_flux = unit.watts(ledger.imbalance_quanta.unsigned_abs())
+            * if ledger.imbalance_quanta < 0 { -1.0 } else { 1.0 };
+        ledger
+    }
+
+    /// True if every quantum is accounted for and every deposit was valid.
+    pub fn closes(&self) -> bool {
+        self.imbalance_quanta == 0 && self.invalid_deposits == 0
+    }
+
+    /// What came in: launched, and gained by sampling.
+    pub fn sources(&self) -> [(&'static str, Entry); 3] {
+        [
+            ("launched", self.launched),
+            ("roulette gain", self.roulette_gain),
+            ("importance gain", self.importance_gain),
+        ]
+    }
+
+    /// Where it went.
+    pub fn destinations(&self) -> [(&'static str, Entry); 10] {
+        [
+            ("detected", self.detected),
+            ("absorbed", self.absorbed),
+            ("mirror loss", self.surface),
+            ("coating loss", self.coating),
+            ("scatter loss", self.bsdf),
+            ("bulk absorbed", self.bulk),
+            ("escaped", self.escaped),
+            ("depth limit", self.depth),
+            ("roulette loss", self.roulette_loss),
+            ("importance loss", self.importance_loss),
+        ]
+    }
+
+    fn imbalance(&self) -> i128 {
+        let sum = |lines: &[(&str, Entry)]| lines.iter().map(|(_, entry)| entry.quanta).sum::<u128>();
+        // Two's complement: the difference is right whichever sum is the larger.
+        sum(&self.sources()).wrapping_sub(sum(&self.destinations())) as i128
+    }
+}
+
+fn total(bookings: impl Iterator<Item = Booking>) -> Booking {
+    bookings.fold(Booking::default(), |mut sum, booking| {
+        sum += booking;
+        sum
+    })
+}
+
+/// Quanta go into JSON as decimal strings, because most readers of JSON keep 53 bits of a number.
+fn as_string<S: Serializer>(value: &impl ToString, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.serialize_str(&value.to_string())
+}

@@ -1,0 +1,201 @@
+//! The files of a result: `report.json`, one `.npz` and one `.png` per detector, `ray_paths.npz` if paths were recorded.
+//!
+//! Written whole or not at all. Everything is written to a hidden folder on the same file system first; a new folder
+//! then appears in one rename, and in an existing one the files are renamed one by one, `report.json` last, with the
+//! old ones put back if any rename fails.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::error::{Error, Result};
+use crate::result::report::Files;
+use crate::result::{Report, TraceResult, npz, png};
+
+/// Name of the document in the folder.
+pub const REPORT: &str = "report.json";
+/// Name of the file of recorded paths.
+pub const RAY_PATHS: &str = "ray_paths.npz";
+
+/// Writes all files of `result` into `dir`, which is created if it does not exist, and returns their paths.
+///
+/// # Errors
+/// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
+pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
+    let (base, missing) = split_existing(dir)?;
+    let staging = tempfile::Builder::new()
+        .prefix(".nsq-gpu-")
+        .tempdir_in(&base)
+        .map_err(|error| Error::file(dir, error))?;
+    let new = staging.path().join("new");
+    let staged = new.join(&missing);
+    fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
+    let names = write_files(&staged, result).map_err(|error| relocate(error, &staged, dir))?;
+    match missing.iter().next() {
+        Some(top) => fs::rename(new.join(top), base.join(top)).map_err(|error| Error::file(dir, error))?,
+        None => install(&staged, &staging.path().join("old"), dir, &names)?,
+    }
+    sync_folder(&base);
+    Ok(names.iter().map(|name| dir.join(name)).collect())
+}
+
+/// The deepest existing ancestor of `dir`, and what is missing below it.
+fn split_existing(dir: &Path) -> Result<(PathBuf, PathBuf)> {
+    for ancestor in dir.ancestors() {
+        let base = if ancestor.as_os_str().is_empty() { Path::new(".") } else { ancestor };
+        if base.is_dir() {
+            let missing = dir.strip_prefix(ancestor).unwrap_or(Path::new(""));
+            return Ok((base.into(), missing.into()));
+        }
+        if base.exists() {
+            return Err(Error::file(base, "is not a folder"));
+        }
+    }
+    Err(Error::file(dir, "no folder to write to"))
+}
+
+/// Writes every file into `folder`; returns their names, `report.json` last.
+fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    let mut files = Files::default();
+    for (detector, stem) in result.detectors.iter().zip(file_stems(result)) {
+        let (data, picture) = (format!("{stem}.npz"), format!("{stem}.png"));
+        npz::write_detector(&folder.join(&data), result, detector)?;
+        png::write_detector(&folder.join(&picture), detector)?;
+        files.detectors.insert(detector.name.clone(), data.clone());
+        names.extend([data, picture]);
+    }
+    if let Some(paths) = &result.ray_paths {
+        npz::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
+        files.ray_paths = Some(RAY_PATHS.into());
+        names.push(RAY_PATHS.into());
+    }
+    write_text(&folder.join(REPORT), &Report::new(result, &files).to_json())?;
+    names.push(REPORT.into());
+    for name in &names {
+        sync_file(&folder.join(name))?;
+    }
+    Ok(names)
+}
+
+fn write_text(path: &Path, text: &str) -> Result<()> {
+    let write = || -> io::Result<()> { File::create(path)?.write_all(text.as_bytes()) };
+    write().map_err(|error| Error::file(path, error))
+}
+
+/// Moves `names` from `staged` to `dir`; what they replace goes to `old`, and back if something fails.
+fn install(staged: &Path, old: &Path, dir: &Path, names: &[String]) -> Result<()> {
+    fs::create_dir(old).map_err(|error| Error::file(dir, error))?;
+    if let Some(name) = names.iter().find(|name| dir.join(name).is_dir()) {
+        return Err(Error::file(dir.join(name), "is a folder"));
+    }
+    let moved = retire(dir, old, names)
+        .and_then(|()| names.iter().try_for_each(|name| rename(&staged.join(name), &dir.join(name))));
+    if moved.is_err() {
+        put_back(staged, old, dir, names);
+    }
+    moved
+}
+
+/// Takes the old files away, `report.json` first: whoever finds a report finds the files that it describes.
+fn retire(dir: &Path, old: &Path, names: &[String]) -> Result<()> {
+    let existing = names.iter().rev().filter(|name| dir.join(name).symlink_metadata().is_ok());
+    existing
+        .map(|name| (dir.join(name), old.join(name)))
+        .try_for_each(|(from, to)| fs::rename(&from, to).map_err(|error| Error::file(from, error)))
+}
+
+/// Undoes [`retire`] and the moves after it as far as they went. What cannot be undone has no better place to go.
+fn put_back(staged: &Path, old: &Path, dir: &Path, names: &[String]) {
+    for name in names {
+        if !staged.join(name).exists() {
+            let _ = fs::remove_file(dir.join(name));
+        }
+        if old.join(name).exists() {
+            let _ = fs::rename(old.join(name), dir.join(name));
+        }
+    }
+}
+
+fn rename(from: &Path, to: &Path) -> Result<()> {
+    fs::rename(from, to).map_err(|error| Error::file(to, error))
+}
+
+fn sync_file(path: &Path) -> Result<()> {
+    // Windows syncs only what is open for writing.
+    let file = OpenOptions::new().write(true).open(path);
+    file.and_then(|file| file.sync_all()).map_err(|error| Error::file(path, error))
+}
+
+/// Makes the renames durable where folders can be synced; elsewhere the file system does what it does.
+fn sync_folder(folder: &Path) {
+    let _ = File::open(folder).and_then(|folder| folder.sync_all());
+}
+
+/// Names the place that the user asked for, not the one where the file was first written.
+fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
+    match error {
+        Error::File { path, problem } => {
+            let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
+            Error::File { path, problem }
+        }
+        other => other,
+    }
+}
+
+/// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
+/// and lower case are the same.
+fn file_stems(result: &TraceResult) -> Vec<String> {
+    let mut taken = vec!["ray_paths".to_string()];
+    let mut distinct = |name: &str| {
+        let stem = safe_stem(name);
+        let numbered = (2..).map(|number| format!("{stem}_{number}"));
+        let free =
+            std::iter::once(stem.clone()).chain(numbered).find(|stem| !taken.contains(&stem.to_lowercase()));
+        let free = free.unwrap_or(stem);
+        taken.push(free.to_lowercase());
+        free
+    };
+    result.detectors.iter().map(|detector| distinct(&detector.name)).collect()
+}
+
+fn safe_stem(name: &str) -> String {
+    const MAX_CHARS: usize = 60;
+    let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    let stem: String = name.trim().chars().map(safe).take(MAX_CHARS).collect();
+    let reserved = |stem: &str| {
+        let base = stem.split('.').next().unwrap_or("").to_uppercase();
+        let numbered = base.len() == 4 && (base.starts_with("COM") || base.starts_with("LPT"));
+        ["CON", "PRN", "AUX", "NUL"].contains(&base.as_str()) || numbered
+    };
+    match stem {
+        stem if stem.is_empty() => "detector".into(),
+        // A leading dot hides a file, a leading dash reads as an option, and Windows keeps a few names for devices.
+        stem if stem.starts_with(['.', '-']) || reserved(&stem) => format!("_{stem}"),
+        stem => stem,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_move_that_fails_halfway_is_undone() {
+        let (staging, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let staged = staging.path().join("new");
+        fs::create_dir(&staged).unwrap();
+        // The second file was never staged, so that its move fails after the first has replaced an old file.
+        fs::write(staged.join("a.npz"), "new").unwrap();
+        fs::write(staged.join(REPORT), "new").unwrap();
+        fs::write(folder.path().join("a.npz"), "old").unwrap();
+        fs::write(folder.path().join(REPORT), "old").unwrap();
+        let names = ["a.npz", "b.npz", REPORT].map(String::from);
+        let error = install(&staged, &staging.path().join("old"), folder.path(), &names).unwrap_err();
+        assert!(matches!(error, Error::File { path, .. } if path == folder.path().join("b.npz")));
+        for name in ["a.npz", REPORT] {
+            assert_eq!(fs::read_to_string(folder.path().join(name)).unwrap(), "old");
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+}

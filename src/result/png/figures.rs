@@ -1,0 +1,387 @@
+//! One figure per kind of detector.
+
+use std::path::Path;
+
+use plotters::style::text_anchor::{HPos, VPos};
+
+use crate::result::format::{si_prefix, significant, thousands, with_prefix};
+use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, text_width, with_unit};
+use crate::result::png::raster::{self, Raster};
+use crate::result::{Detector, FarFieldPattern, IrradianceMap, RayDatabase, SpectralMap};
+
+/// Sizes in multiples of the text size.
+const PAD: f64 = 1.0;
+const HEAD: f64 = 4.6;
+const FOOT: f64 = 4.2;
+const BAR_GAP: f64 = 1.0;
+const BAR_WIDTH: f64 = 1.1;
+const LEAST_HEIGHT: f64 = 9.0;
+const LEAST_WIDTH: f64 = 22.0;
+
+/// Text grows with the data, so that a large picture shrunk to a page still reads.
+fn text_size(data: (usize, usize)) -> f64 {
+    let (long, short) = (data.0.max(data.1) as f64, data.0.min(data.1) as f64);
+    ((0.6 * long + 0.4 * short) / 38.0).clamp(20.0, 60.0).round()
+}
+
+/// Where the parts of a figure go: data on the left, a key on the right, a head above, axes around.
+struct Layout {
+    data: Place,
+    /// The place of the colours of a colour bar.
+    bar: Place,
+    head: (i32, i32),
+    size: (i32, i32),
+}
+
+/// What a layout has to make room for.
+struct Parts<'a> {
+    data: (usize, usize),
+    text: f64,
+    /// Width of the labels of the y axis, and of all right of the colour bar \[pixels\].
+    y_labels: i32,
+    key: i32,
+    /// Height of what comes below the x axis \[pixels\].
+    below: i32,
+    title: &'a str,
+    numbers: &'a str,
+}
+
+impl Layout {
+    fn new(parts: &Parts) -> Self {
+        let px = |times: f64| (times * parts.text).round() as i32;
+        let (width, height) = (parts.data.0 as i32, parts.data.1 as i32);
+        let room = height.max(px(LEAST_HEIGHT));
+        let left = px(PAD) + px(2.1) + parts.y_labels;
+        let data = Place { left, top: px(HEAD), width, height };
+        let bar =
+            Place { left: data.right() + px(BAR_GAP), top: px(HEAD), width: px(BAR_WIDTH), height: room };
+        let head_width =
+            text_width(parts.title, 1.45 * parts.text).max(text_width(parts.numbers, 0.95 * parts.text));
+        let right = (bar.right() + parts.key).max(left + head_width).max(px(LEAST_WIDTH)) + px(PAD);
+        let bottom = px(HEAD) + (height + px(FOOT)).max(room + px(PAD)) + parts.below;
+        Layout { data, bar, head: (left, px(PAD)), size: (right, bottom) }
+    }
+}
+
+/// The line of numbers below a title.
+fn numbers(detector: &Detector, peak: Option<(f64, &str)>) -> String {
+    let mut parts =
+        vec![format!("{} rays", thousands(detector.num_rays_hit)), with_prefix(detector.total_flux, "W")];
+    parts.extend(peak.map(|(peak, unit)| format!("peak {}", with_prefix(peak, unit))));
+    parts.join(" · ")
+}
+
+/// Irradiance over x and y, true to scale.
+pub(super) fn irradiance(path: &Path, detector: &Detector, map: &IrradianceMap) -> Drawn {
+    let numbers = numbers(detector, Some((raster::maximum(&map.irradiance), "W/mm²")));
+    let panel = MapPanel::new((map.width, map.height), &map.irradiance);
+    let layout = panel.layout(detector, &numbers, 0);
+    let canvas = Canvas::new(path, layout.size, panel.text)?;
+    canvas.title(layout.head, &detector.name, &numbers)?;
+    panel.draw(&canvas, &layout)?;
+    canvas.finish()
+}
+
+/// Irradiance over all wavelengths, and below it the spectrum.
+pub(super) fn spectral(path: &Path, detector: &Detector, map: &SpectralMap) -> Drawn {
+    let broadband = map.broadband();
+    let numbers = numbers(detector, Some((raster::maximum(&broadband), "W/mm²")));
+    let panel = MapPanel::new((map.width, map.height), &broadband);
+    let text = panel.text;
+    let px = |times: f64| (times * text).round() as i32;
+    let layout = panel.layout(detector, &numbers, px(9.0 + FOOT));
+    let canvas = Canvas::new(path, layout.size, text)?;
+    canvas.title(layout.head, &detector.name, &numbers)?;
+    panel.draw(&canvas, &layout)?;
+    let width = layout.data.width.max(px(16.0)).min(layout.size.0 - layout.data.left - px(PAD));
+    let place = Place { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
+    spectrum(&canvas, place, text, map)?;
+    canvas.finish()
+}
+
+fn spectrum(canvas: &Canvas, place: Place, text: f64, map: &SpectralMap) -> Drawn {
+    let top = map.spectrum.iter().copied().fold(0.0, f64::max);
+    let (factor, prefix) = si_prefix(top);
+    let heights: Vec<f64> = map.spectrum.iter().map(|flux| flux / factor).collect();
+    let edges = map.wavelength_edges.to_vec();
+    let x = Axis::horizontal(
+        &with_unit("Wavelength", "µm"),
+        (edges[0], edges[edges.len() - 1]),
+        place.width,
+        text,
+    );
+    let high = if top > 0.0 { 1.08 * top / factor } else { 1.0 };
+    let y = Axis::vertical(
+        &with_unit("Flux per bin", &format!("{prefix}W")),
+        (0.0, high),
+        place.height / 2,
+        text,
+    );
+    canvas.grid(place, &x, &y)?;
+    canvas.staircase(place, (&x, &y), &edges, &heights)?;
+    canvas.frame(place)?;
+    canvas.x_axis(place, &x)?;
+    canvas.y_axis(place, &y)
+}
+
+/// A map with its axes and its colour bar.
+struct MapPanel {
+    shown: raster::Shown,
+    text: f64,
+    x: Axis,
+    y: Axis,
+    bar: ColorBar,
+}
+
+impl MapPanel {
+    fn new((width, height): (f64, f64), values: &ndarray::Array2<f64>) -> Self {
+        let (ny, nx) = values.dim();
+        let size = raster::map_size((width, height), (nx, ny));
+        let text = text_size(size);
+        let shown = raster::map(values, size);
+        let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
+        MapPanel {
+            text,
+            x: Axis::horizontal(&with_unit("x", "mm"), (-width / 2.0, width / 2.0), size.0 as i32, text),
+            y: Axis::vertical(&with_unit("y", "mm"), (-height / 2.0, height / 2.0), size.1 as i32, text),
+            bar: ColorBar::new("Irradiance", "W/mm²", shown.top, bar_length, text),
+            shown,
+        }
+    }
+
+    fn layout(&self, detector: &Detector, numbers: &str, below: i32) -> Layout {
+        Layout::new(&Parts {
+            data: (self.shown.raster.width, self.shown.raster.height),
+            text: self.text,
+            y_labels: self.y.label_width(self.text),
+            key: self.bar.margin(self.text),
+            below,
+            title: &detector.name,
+            numbers,
+        })
+    }
+
+    fn draw(self, canvas: &Canvas, layout: &Layout) -> Drawn {
+        canvas.raster(layout.data, self.shown.raster)?;
+        if self.shown.top == 0.0 {
+            canvas.note(layout.data, "no rays")?;
+        }
+        canvas.frame(layout.data)?;
+        canvas.x_axis(layout.data, &self.x)?;
+        canvas.y_axis(layout.data, &self.y)?;
+        canvas.color_bar(layout.bar, &self.bar)
+    }
+}
+
+/// Intensity over directions: a disc seen along the detector's axis, out to the last direction that holds flux.
+pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPattern) -> Drawn {
+    const SIZE: usize = 1100;
+    let limit = shown_angle(pattern);
+    let text = text_size((SIZE, SIZE));
+    let px = |times: f64| (times * text).round() as i32;
+    let numbers = numbers(detector, Some((raster::maximum(&pattern.intensity), "W/sr")));
+    let mut shown = raster::polar(&pattern.intensity, limit, SIZE);
+    let bar = ColorBar::new("Intensity", "W/sr", shown.top, SIZE as i32, text);
+    let axis = polar_axis(limit);
+    for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
+        let radius = angle / limit * SIZE as f64 / 2.0;
+        shown.raster.circle(radius, 1.5, [255; 3], 0.35);
+    }
+    shown.raster.circle(SIZE as f64 / 2.0 - 1.0, 2.0, [34; 3], 1.0);
+
+    let rim = text_width("−135°", text) + px(0.6);
+    let mut layout = Layout::new(&Parts {
+        data: (SIZE, SIZE),
+        text,
+        y_labels: rim,
+        key: bar.margin(text) + rim,
+        below: px(2.6),
+        title: &detector.name,
+        numbers: &numbers,
+    });
+    layout.data.top += px(1.3);
+    layout.bar.top += px(1.3);
+    layout.bar.left += rim;
+    let canvas = Canvas::new(path, layout.size, text)?;
+    canvas.title(layout.head, &detector.name, &numbers)?;
+    canvas.raster(layout.data, shown.raster)?;
+    if shown.top == 0.0 {
+        canvas.note(layout.data, "no rays")?;
+    }
+    azimuth_labels(&canvas, layout.data, px(0.5))?;
+    let below = Place { height: layout.data.height + px(1.5), ..layout.data };
+    canvas.base_line(below)?;
+    canvas.x_axis(below, &axis)?;
+    canvas.color_bar(layout.bar, &bar)?;
+    canvas.finish()
+}
+
+/// The polar angle, counted from the middle to either side.
+fn polar_axis(limit: f64) -> Axis {
+    // Thirds of 90, 60, 45, 30 and 15 degrees are round, halves of the others.
+    let parts = if limit % 15.0 == 0.0 { 3 } else { 2 };
+    let tick = |part: i32| {
+        let angle = limit * f64::from(part) / f64::from(parts);
+        (angle, format!("{}°", significant(angle.abs(), 3)))
+    };
+    Axis {
+        label: "polar angle θ".into(),
+        range: (-limit, limit),
+        ticks: (-parts..=parts).map(tick).collect(),
+    }
+}
+
+fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
+    let (radius, middle) = (disc.width / 2, (disc.left + disc.width / 2, disc.top + disc.height / 2));
+    for angle in [-135, -90, -45, 0, 45, 90, 135, 180] {
+        let (sin, cos) = f64::from(angle).to_radians().sin_cos();
+        let reach = f64::from(radius + gap);
+        let at = (middle.0 + (reach * cos).round() as i32, middle.1 - (reach * sin).round() as i32);
+        let horizontal = if cos > 0.1 {
+            HPos::Left
+        } else if cos < -0.1 {
+            HPos::Right
+        } else {
+            HPos::Center
+        };
+        let vertical = if sin > 0.9 {
+            VPos::Bottom
+        } else if sin < -0.9 {
+            VPos::Top
+        } else {
+            VPos::Center
+        };
+        let label = format!("{angle}°").replace('-', "−");
+        canvas.label(&label, at, horizontal, vertical)?;
+    }
+    Ok(())
+}
+
+/// The smallest of a few round angles that leaves no flux out \[deg\].
+fn shown_angle(pattern: &FarFieldPattern) -> f64 {
+    let rows = pattern.intensity.nrows();
+    let last = (0..rows).rev().find(|&row| pattern.intensity.row(row).iter().any(|&value| value > 0.0));
+    let reach = last.map_or(90.0, |row| 90.0 * (row + 1) as f64 / rows as f64);
+    let round = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0];
+    round.into_iter().find(|&angle| angle >= reach - 1e-9).unwrap_or(90.0)
+}
+
+/// Where rays crossed the detector, in its own frame, coloured by wavelength.
+pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Drawn {
+    const SIZE: usize = 1100;
+    const MOST_SPOTS: usize = 200_000;
+    let text = text_size((SIZE, SIZE));
+    let points = rays.local_points();
+    let stride = points.len().div_ceil(MOST_SPOTS).max(1);
+    let drawn = points.iter().step_by(stride).count();
+    let mut numbers = numbers(detector, None);
+    if drawn < detector.num_rays_hit as usize {
+        numbers += &format!(" · {} drawn", thousands(drawn as u64));
+    }
+    let ((x_low, x_high), (y_low, y_high)) = square_around(&points);
+    let x = Axis::horizontal(&with_unit("x", "mm"), (x_low, x_high), SIZE as i32, text);
+    let y = Axis::vertical(&with_unit("y", "mm"), (y_low, y_high), SIZE as i32, text);
+    let key = WavelengthKey::new(rays);
+    let layout = Layout::new(&Parts {
+        data: (SIZE, SIZE),
+        text,
+        y_labels: y.label_width(text),
+        key: key.width(text),
+        below: 0,
+        title: &detector.name,
+        numbers: &numbers,
+    });
+    let canvas = Canvas::new(path, layout.size, text)?;
+    canvas.title(layout.head, &detector.name, &numbers)?;
+
+    let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
+    let inner = Place { left: 0, top: 0, ..layout.data };
+    raster.lines(
+        x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
+        y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
+    );
+    let (radius, alpha) = spot_style(drawn);
+    for (index, &(px, py)) in points.iter().enumerate().step_by(stride) {
+        let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
+        let color = raster::wavelength_color(rays.wavelength[index], key.range);
+        raster.disc((at.0 * SIZE as f64, at.1 * SIZE as f64), radius, color, alpha);
+    }
+    canvas.raster(layout.data, raster)?;
+    if points.is_empty() {
+        canvas.note(layout.data, "no rays")?;
+    }
+    canvas.frame(layout.data)?;
+    canvas.x_axis(layout.data, &x)?;
+    canvas.y_axis(layout.data, &y)?;
+    key.draw(&canvas, layout.bar, text)?;
+    canvas.finish()
+}
+
+/// Radius and opacity of a spot: the more there are, the smaller and fainter, so that density shows.
+fn spot_style(count: usize) -> (f64, f64) {
+    match count {
+        0..2_000 => (4.0, 0.8),
+        2_000..20_000 => (2.5, 0.55),
+        _ => (1.2, 0.35),
+    }
+}
+
+/// A square that holds all points, with a margin; one point alone gets a millimetre.
+fn square_around(points: &[(f64, f64)]) -> ((f64, f64), (f64, f64)) {
+    let bounds = |value: fn(&(f64, f64)) -> f64| {
+        let values = points.iter().map(value);
+        values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+    };
+    if points.is_empty() {
+        return ((-0.5, 0.5), (-0.5, 0.5));
+    }
+    let (x, y) = (bounds(|point| point.0), bounds(|point| point.1));
+    let size = (x.1 - x.0).max(y.1 - y.0);
+    let half = if size > 0.0 { 0.55 * size } else { 0.5 };
+    let around = |(low, high): (f64, f64)| (0.5 * (low + high) - half, 0.5 * (low + high) + half);
+    (around(x), around(y))
+}
+
+/// The key to the colours of wavelengths: one dot each while they are few, else the shortest, middle and longest.
+struct WavelengthKey {
+    wavelengths: Vec<f64>,
+    range: (f64, f64),
+}
+
+impl WavelengthKey {
+    fn new(rays: &RayDatabase) -> Self {
+        const FEW: usize = 12;
+        let mut wavelengths = rays.wavelength.to_vec();
+        wavelengths.sort_by(f64::total_cmp);
+        wavelengths.dedup();
+        let range = (wavelengths.first().copied().unwrap_or(0.0), wavelengths.last().copied().unwrap_or(0.0));
+        let step = wavelengths.len().div_ceil(FEW).max(1);
+        let last = wavelengths.last().copied();
+        let mut wavelengths: Vec<f64> = wavelengths.into_iter().step_by(step).collect();
+        if last != wavelengths.last().copied() {
+            wavelengths.extend(last);
+        }
+        WavelengthKey { wavelengths, range }
+    }
+
+    fn labels(&self) -> Vec<String> {
+        self.wavelengths.iter().map(|wavelength| format!("{} µm", significant(*wavelength, 5))).collect()
+    }
+
+    fn width(&self, text: f64) -> i32 {
+        self.labels().iter().map(|label| text_width(label, text)).max().unwrap_or(0)
+    }
+
+    fn draw(&self, canvas: &Canvas, place: Place, text: f64) -> Drawn {
+        for (row, (wavelength, label)) in self.wavelengths.iter().zip(self.labels()).enumerate() {
+            let middle = place.top + ((row as f64 * 1.6 + 0.6) * text) as i32;
+            canvas.dot(
+                (place.left + (0.3 * text) as i32, middle),
+                raster::wavelength_color(*wavelength, self.range),
+            )?;
+            canvas.label(&label, (place.right(), middle), HPos::Left, VPos::Center)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,232 @@
+//! Pictures of data: maps, polar patterns and spots as RGB pixels, top row first.
+
+use colorous::{Color, Gradient};
+use ndarray::Array2;
+
+/// Colours of maps: zero is black, and brightness rises with the value.
+pub(super) const MAP: Gradient = colorous::INFERNO;
+/// Colours of wavelengths, from short to long; the bright end is left out, since it would not show on white.
+const SPECTRUM: Gradient = colorous::PLASMA;
+const SPECTRUM_SPAN: f64 = 0.85;
+
+/// RGB pixels.
+pub(super) struct Raster {
+    pub width: usize,
+    pub height: usize,
+    pub rgb: Vec<u8>,
+}
+
+/// A map, or a part of it that is shown, as picture pixels.
+pub(super) struct Shown {
+    pub raster: Raster,
+    /// The value that has the top colour.
+    pub top: f64,
+}
+
+impl Raster {
+    pub fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
+        Raster { width, height, rgb: color.repeat(width * height) }
+    }
+
+    fn set(&mut self, x: usize, y: usize, color: Color) {
+        let at = 3 * (y * self.width + x);
+        self.rgb[at..at + 3].copy_from_slice(&[color.r, color.g, color.b]);
+    }
+
+    /// Mixes a colour in; outside the raster nothing happens.
+    fn blend(&mut self, x: i64, y: i64, color: [u8; 3], alpha: f64) {
+        if x < 0 || y < 0 || x >= self.width as i64 || y >= self.height as i64 {
+            return;
+        }
+        let at = 3 * (y as usize * self.width + x as usize);
+        for (pixel, ink) in self.rgb[at..at + 3].iter_mut().zip(color) {
+            *pixel = (f64::from(*pixel) * (1.0 - alpha) + f64::from(ink) * alpha).round() as u8;
+        }
+    }
+
+    /// Light lines at columns and rows, such as a grid.
+    pub fn lines(&mut self, columns: impl Iterator<Item = i32>, rows: impl Iterator<Item = i32>) {
+        const LIGHT: [u8; 3] = [228; 3];
+        for x in columns {
+            (0..self.height).for_each(|y| self.blend(i64::from(x), y as i64, LIGHT, 1.0));
+        }
+        for y in rows {
+            (0..self.width).for_each(|x| self.blend(x as i64, i64::from(y), LIGHT, 1.0));
+        }
+    }
+
+    /// A disc about (x, y), its rim smoothed.
+    pub fn disc(&mut self, (x, y): (f64, f64), radius: f64, color: [u8; 3], alpha: f64) {
+        let reach = |at: f64| ((at - radius - 1.0).floor() as i64, (at + radius + 1.0).ceil() as i64);
+        let ((x0, x1), (y0, y1)) = (reach(x), reach(y));
+        for row in y0..=y1 {
+            for column in x0..=x1 {
+                let distance = (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y);
+                let cover = (radius + 0.5 - distance).clamp(0.0, 1.0);
+                if cover > 0.0 {
+                    self.blend(column, row, color, alpha * cover);
+                }
+            }
+        }
+    }
+
+    /// A circle about the middle, one thin smoothed line.
+    pub fn circle(&mut self, radius: f64, thickness: f64, color: [u8; 3], alpha: f64) {
+        let middle = (self.width as f64 / 2.0, self.height as f64 / 2.0);
+        for y in 0..self.height {
+            for x in 0..self.width {
+                let distance = (x as f64 + 0.5 - middle.0).hypot(y as f64 + 0.5 - middle.1);
+                let cover = (thickness / 2.0 + 0.5 - (distance - radius).abs()).clamp(0.0, 1.0);
+                if cover > 0.0 {
+                    self.blend(x as i64, y as i64, color, alpha * cover);
+                }
+            }
+        }
+    }
+}
+
+/// The colour of a fraction of the top value.
+pub(super) fn map_color(fraction: f64) -> Color {
+    MAP.eval_continuous(fraction.clamp(0.0, 1.0))
+}
+
+/// The colour of a wavelength within a range; the middle of the colours if the range is one wavelength.
+pub(super) fn wavelength_color(wavelength: f64, (shortest, longest): (f64, f64)) -> [u8; 3] {
+    let fraction = if longest > shortest { (wavelength - shortest) / (longest - shortest) } else { 0.0 };
+    let color = SPECTRUM.eval_continuous(SPECTRUM_SPAN * fraction);
+    [color.r, color.g, color.b]
+}
+
+/// The size in picture pixels of a map of `width` x `height` with `nx` x `ny` pixels: true to scale, and with a whole
+/// number of picture pixels per map pixel where that fits.
+pub(super) fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) -> (usize, usize) {
+    const USUAL: f64 = 1200.0;
+    const LARGE: f64 = 2400.0;
+    // Beyond this the narrow side would vanish, and the axes have scales of their own.
+    const MAX_ASPECT: f64 = 12.0;
+    let aspect = (height / width).clamp(1.0 / MAX_ASPECT, MAX_ASPECT);
+    let limit = if nx.max(ny) as f64 > USUAL { LARGE } else { USUAL };
+    let whole = (limit / nx as f64).min(limit / (nx as f64 * aspect)).floor();
+    let shown = if whole >= 1.0 { whole * nx as f64 } else { limit * (1.0 / aspect).min(1.0) };
+    (shown.round().max(1.0) as usize, (shown * aspect).round().max(1.0) as usize)
+}
+
+/// A map with its first row at the bottom. Where it has more pixels than the picture, each picture pixel shows the mean
+/// of those it covers, so that the flux per area stays true.
+pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize)) -> Shown {
+    let (ny, nx) = values.dim();
+    let shown = Array2::from_shape_fn((height, width), |(y, x)| {
+        let rows = covered(height - 1 - y, ny, height);
+        let columns = covered(x, nx, width);
+        let count = rows.len() * columns.len();
+        rows.flat_map(|row| columns.clone().map(move |column| values[[row, column]])).sum::<f64>()
+            / count as f64
+    });
+    let top = maximum(&shown);
+    let mut raster = Raster::filled(width, height, [0, 0, 0]);
+    for ((y, x), &value) in shown.indexed_iter() {
+        raster.set(x, y, map_color(if top > 0.0 { value / top } else { 0.0 }));
+    }
+    Shown { raster, top }
+}
+
+/// The cells, of `cells` along an axis, that pixel `index` of `pixels` shows: the one at its middle, or all it covers.
+fn covered(index: usize, cells: usize, pixels: usize) -> std::ops::Range<usize> {
+    if cells <= pixels {
+        let middle = (2 * index + 1) * cells / (2 * pixels);
+        middle..middle + 1
+    } else {
+        let first = index * cells / pixels;
+        first..((index + 1) * cells / pixels).max(first + 1)
+    }
+}
+
+/// A far-field pattern as a disc of directions out to `limit` \[deg\]: the polar angle grows from the middle, the azimuth
+/// turns counter-clockwise from the right. The rim is smoothed on white.
+pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
+    const SAMPLES: usize = 3;
+    let top = maximum(intensity);
+    let mut raster = Raster::filled(size, size, [255; 3]);
+    for y in 0..size {
+        for x in 0..size {
+            let mut sum = [0.0; 3];
+            for sample in 0..SAMPLES * SAMPLES {
+                let at = |pixel: usize, part: usize| {
+                    (pixel as f64 + (part as f64 + 0.5) / SAMPLES as f64) / size as f64 * 2.0 - 1.0
+                };
+                let color = direction_color(
+                    intensity,
+                    limit,
+                    (at(x, sample % SAMPLES), -at(y, sample / SAMPLES)),
+                    top,
+                );
+                sum.iter_mut()
+                    .zip([color.r, color.g, color.b])
+                    .for_each(|(sum, part)| *sum += f64::from(part));
+            }
+            let [r, g, b] = sum.map(|part| (part / (SAMPLES * SAMPLES) as f64).round() as u8);
+            raster.set(x, y, Color { r, g, b });
+        }
+    }
+    Shown { raster, top }
+}
+
+fn direction_color(intensity: &Array2<f64>, limit: f64, (x, y): (f64, f64), top: f64) -> Color {
+    let radius = x.hypot(y);
+    if radius > 1.0 {
+        return Color { r: 255, g: 255, b: 255 };
+    }
+    let (rows, columns) = intensity.dim();
+    let bin = |fraction: f64, bins: usize| ((fraction * bins as f64) as usize).min(bins - 1);
+    let row = bin(radius * limit / 90.0, rows);
+    let column = bin((y.atan2(x).to_degrees() + 180.0) / 360.0, columns);
+    map_color(if top > 0.0 { intensity[[row, column]] / top } else { 0.0 })
+}
+
+/// The largest value; 0 if there is none above.
+pub(super) fn maximum(values: &Array2<f64>) -> f64 {
+    values.iter().copied().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn a_map_is_shown_true_to_scale() {
+        assert_eq!(map_size((4.0, 2.0), (4, 2)), (1200, 600));
+        assert_eq!(map_size((4.0, 2.0), (100, 100)), (1200, 600), "pixels that are not square");
+        assert_eq!(map_size((1.0, 1.0), (256, 256)), (1024, 1024), "whole picture pixels per map pixel");
+        assert_eq!(map_size((20.0, 3.0), (2000, 300)), (2000, 300));
+        assert_eq!(map_size((1.0, 1.0), (9000, 9000)), (2400, 2400));
+        assert_eq!(map_size((1.0, 1000.0), (1, 100)), (100, 1200), "a sliver is widened");
+    }
+
+    #[test]
+    fn a_picture_with_fewer_pixels_shows_means() {
+        let shown = map(&array![[1.0, 3.0, 0.0, 0.0], [2.0, 2.0, 0.0, 4.0]], (2, 1));
+        assert_eq!(shown.top, 2.0);
+        let [r, g, b] = [map_color(0.5).r, map_color(0.5).g, map_color(0.5).b];
+        assert_eq!(shown.raster.rgb, [252, 255, 164, r, g, b]);
+    }
+
+    #[test]
+    fn every_cell_is_covered_once() {
+        for (cells, pixels) in [(7, 3), (3000, 2400), (5, 5)] {
+            let covered: Vec<usize> = (0..pixels).flat_map(|pixel| covered(pixel, cells, pixels)).collect();
+            assert_eq!(covered, (0..cells).collect::<Vec<_>>(), "{cells} cells on {pixels} pixels");
+        }
+    }
+
+    #[test]
+    fn azimuth_turns_from_right_to_up() {
+        // One ring of four sectors: -180 to -90, -90 to 0, 0 to 90, 90 to 180 degrees.
+        let shown = polar(&array![[0.0, 0.0, 1.0, 0.0]], 90.0, 100);
+        let at = |x: usize, y: usize| &shown.raster.rgb[3 * (100 * y + x)..][..3];
+        assert_eq!(at(65, 35), [252, 255, 164], "the upper right");
+        assert_eq!(at(35, 35), [0, 0, 4]);
+        assert_eq!(at(65, 65), [0, 0, 4]);
+        assert_eq!(at(2, 2), [255, 255, 255], "outside the disc");
+    }
+}

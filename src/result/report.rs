@@ -1,0 +1,166 @@
+//! `report.json`: one versioned document per trace.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::result::{DetectorData, Diagnostics, Ledger, SurfaceResult, TraceResult};
+
+/// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
+pub const SCHEMA: u32 = 1;
+
+/// The document. Fluxes are in W, times in s; the fields from `num_rays_total` to `trace_time_sec` are those of
+/// Optiland's `SimulationResult`, by their names and meanings ([`TraceResult`]).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Version of the document: [`SCHEMA`].
+    pub schema: u32,
+    /// Name of the program.
+    pub program: String,
+    /// Version of the program.
+    pub version: String,
+    /// Path of the scene file; null if the scene did not come from one.
+    pub scene: Option<String>,
+    /// Rays that the trace was planned with.
+    pub num_rays_requested: u64,
+    /// True if the trace stopped before all of them were launched.
+    pub partial: bool,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Largest number of events per ray.
+    pub max_depth: u32,
+    /// Roulette threshold that was asked for, as a fraction of the mean flux of a new ray.
+    pub min_flux_fraction: f64,
+    /// Arithmetic: `f32` or `f64`.
+    pub precision: String,
+    /// Name of the adapter.
+    pub adapter: String,
+    /// Its driver.
+    pub driver: String,
+    /// Rays launched per second.
+    pub rays_per_sec: f64,
+    /// Rays launched.
+    pub num_rays_total: u64,
+    /// Rays that ended on absorbing surfaces.
+    pub num_rays_absorbed: u64,
+    /// Rays that met nothing any more.
+    pub num_rays_escaped: u64,
+    /// Rays ended by Russian roulette.
+    pub num_rays_flux_killed: u64,
+    /// Rays that reached the largest number of events.
+    pub num_rays_depth_killed: u64,
+    /// Flux launched \[W\].
+    pub total_flux_in: f64,
+    /// Flux read by all detectors \[W\].
+    pub total_flux_detected: f64,
+    /// The part of it read in passing \[W\].
+    pub total_flux_tapped: f64,
+    /// Flux that ended on absorbing surfaces \[W\].
+    pub total_flux_absorbed: f64,
+    /// Flux taken by absorbing media \[W\].
+    pub total_flux_bulk_absorbed: f64,
+    /// Flux of the rays that escaped \[W\].
+    pub total_flux_escaped: f64,
+    /// Flux ended by the depth limit and by roulette \[W\].
+    pub total_flux_lost: f64,
+    /// Optiland's figure; the ledger is the exact one.
+    pub flux_conservation_error: f64,
+    /// Wall-clock time of the trace \[s\].
+    pub trace_time_sec: f64,
+    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, file}}` in scene order. `total_flux` is in W;
+    /// `num_rays_stored`, the rows kept, stands for ray databases only; `file` is null if no file was written.
+    pub detectors: Map<String, Value>,
+    /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
+    pub surfaces: Vec<Value>,
+    /// `{launched: {count, quanta, flux}, ..., imbalance_quanta, imbalance_flux, invalid_deposits}`: [`Ledger`]. Quanta
+    /// are decimal strings, exact; fluxes are in W.
+    pub ledger: Ledger,
+    /// Optiland's diagnostics, and `warnings`: [`Diagnostics`].
+    pub diagnostics: Diagnostics,
+    /// File of the recorded paths; null if there is none.
+    pub ray_paths: Option<String>,
+}
+
+/// Names of the files that were written beside the document.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Files {
+    /// `.npz` file per detector name.
+    pub detectors: HashMap<String, String>,
+    /// File of the recorded paths.
+    pub ray_paths: Option<String>,
+}
+
+impl Report {
+    /// The document of a result whose `files` were written.
+    pub fn new(result: &TraceResult, files: &Files) -> Self {
+        let run = &result.run;
+        Report {
+            schema: SCHEMA,
+            program: run.program.clone(),
+            version: run.version.clone(),
+            scene: run.scene.clone(),
+            num_rays_requested: run.num_rays,
+            partial: run.partial,
+            seed: run.seed,
+            max_depth: run.max_depth,
+            min_flux_fraction: run.min_flux_fraction,
+            precision: run.precision.clone(),
+            adapter: run.adapter.clone(),
+            driver: run.driver.clone(),
+            rays_per_sec: run.rays_per_sec(result.num_rays_total),
+            num_rays_total: result.num_rays_total,
+            num_rays_absorbed: result.num_rays_absorbed,
+            num_rays_escaped: result.num_rays_escaped,
+            num_rays_flux_killed: result.num_rays_flux_killed,
+            num_rays_depth_killed: result.num_rays_depth_killed,
+            total_flux_in: result.total_flux_in,
+            total_flux_detected: result.total_flux_detected,
+            total_flux_tapped: result.total_flux_tapped,
+            total_flux_absorbed: result.total_flux_absorbed,
+            total_flux_bulk_absorbed: result.total_flux_bulk_absorbed,
+            total_flux_escaped: result.total_flux_escaped,
+            total_flux_lost: result.total_flux_lost,
+            flux_conservation_error: result.flux_conservation_error,
+            trace_time_sec: run.trace_time_sec,
+            detectors: detectors(result, files),
+            surfaces: result.surfaces.iter().map(surface).collect(),
+            ledger: result.ledger.clone(),
+            diagnostics: result.diagnostics.clone(),
+            ray_paths: files.ray_paths.clone(),
+        }
+    }
+
+    /// The document as indented JSON, with a final line break.
+    pub fn to_json(&self) -> String {
+        // Every key is a string and every value a plain one: serialisation has no way to fail.
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+}
+
+fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
+    let entries = result.detectors.iter().map(|detector| {
+        let mut entry = json!({
+            "kind": detector.data.kind(),
+            "absorb": detector.absorb,
+            "total_flux": detector.total_flux,
+            "num_rays_hit": detector.num_rays_hit,
+            "file": files.detectors.get(&detector.name),
+        });
+        if let DetectorData::RayDatabase(rays) = &detector.data {
+            entry["num_rays_stored"] = json!(rays.num_rays());
+        }
+        (detector.name.clone(), entry)
+    });
+    entries.collect()
+}
+
+fn surface(surface: &SurfaceResult) -> Value {
+    json!({
+        "name": surface.name,
+        "kind": surface.kind,
+        "reached": surface.reached,
+        "num_rays_absorbed": surface.num_rays_absorbed,
+        "total_flux_absorbed": surface.total_flux_absorbed,
+    })
+}

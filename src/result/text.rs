@@ -1,0 +1,94 @@
+//! The result as text for a terminal.
+
+use std::fmt::Write;
+
+use crate::result::format::{significant, thousands};
+use crate::result::{Entry, TraceResult};
+
+impl TraceResult {
+    /// The report: how the trace was run, where the flux went, what the detectors read, whether the ledger closes, and
+    /// warnings.
+    pub fn report(&self) -> String {
+        [self.header(), self.flux_table(), self.detector_table(), self.ledger_line(), self.warning_list()]
+            .join("\n")
+    }
+
+    fn header(&self) -> String {
+        let run = &self.run;
+        let scene = run.scene.as_ref().map_or(String::new(), |scene| format!(" of {scene}"));
+        let partial = if run.partial {
+            format!(" (partial: {} requested)", thousands(run.num_rays))
+        } else {
+            String::new()
+        };
+        let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
+        format!(
+            "{} {}: {} rays{partial}{scene}\nseed {}, {} on {}{driver}\n{} s, {} rays/s\n",
+            run.program,
+            run.version,
+            thousands(self.num_rays_total),
+            run.seed,
+            run.precision,
+            run.adapter,
+            significant(run.trace_time_sec, 3),
+            thousands(run.rays_per_sec(self.num_rays_total).round() as u64),
+        )
+    }
+
+    /// One line per bin of the ledger that took something; the main ones always.
+    fn flux_table(&self) -> String {
+        const ALWAYS: [&str; 4] = ["launched", "detected", "absorbed", "escaped"];
+        let mut table = format!("{:<18}{:>14}{:>14}{:>18}\n", "flux", "W", "% of launched", "rays or events");
+        let lines = self.ledger.sources().into_iter().chain(self.ledger.destinations());
+        for (name, entry) in lines.filter(|(name, entry)| ALWAYS.contains(name) || entry.count > 0) {
+            self.flux_line(&mut table, name, entry);
+        }
+        if self.ledger.tapped.count > 0 {
+            self.flux_line(&mut table, "read in passing", self.ledger.tapped);
+        }
+        table
+    }
+
+    fn flux_line(&self, table: &mut String, name: &str, entry: Entry) {
+        let share = format!("{:.4}", 100.0 * self.fraction_of_launched(entry.flux));
+        let flux = significant(entry.flux, 7);
+        let _ = writeln!(table, "{name:<18}{flux:>14}{share:>14}{:>18}", thousands(entry.count));
+    }
+
+    fn detector_table(&self) -> String {
+        let widest = self.detectors.iter().map(|detector| detector.name.chars().count()).max().unwrap_or(0);
+        let width = widest.max(16) + 2;
+        let mut table = format!("{:<width$}{:<14}{:>14}{:>16}\n", "detector", "kind", "W", "rays");
+        for detector in &self.detectors {
+            let passing = if detector.absorb { "" } else { "  (transmissive)" };
+            let _ = writeln!(
+                table,
+                "{:<width$}{:<14}{:>14}{:>16}{passing}",
+                detector.name,
+                detector.data.kind(),
+                significant(detector.total_flux, 7),
+                thousands(detector.num_rays_hit),
+            );
+        }
+        table
+    }
+
+    fn ledger_line(&self) -> String {
+        let ledger = &self.ledger;
+        if ledger.closes() {
+            format!("ledger closes: 0 quanta of {}\n", ledger.launched.quanta)
+        } else {
+            format!(
+                "LEDGER DOES NOT CLOSE: {} quanta of {} unaccounted for, {} invalid deposits\n",
+                ledger.imbalance_quanta, ledger.launched.quanta, ledger.invalid_deposits
+            )
+        }
+    }
+
+    fn warning_list(&self) -> String {
+        match self.diagnostics.warnings.as_slice() {
+            [] => "no warnings\n".into(),
+            warnings => warnings.iter().map(|warning| format!("warning: {warning}\n")).collect(),
+        }
+    }
+}

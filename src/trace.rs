@@ -1,0 +1,624 @@
+//! A trace is a fold: `Tally += pass(range of ray ids)`.
+//!
+//! [`Tracer::pass`] runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
+//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
+//! callers of the fold.
+
+use crate::error::{Error, Result};
+use crate::gpu::{self, Gpu};
+use crate::ir::SceneIr;
+use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange};
+use crate::result::{
+    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, SurfaceTally, Tally,
+};
+use std::time::{Duration, Instant};
+
+/// Options of a trace, with Optiland's defaults.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TraceOptions {
+    /// Rays to launch.
+    pub num_rays: u64,
+    /// Seed of every draw.
+    pub seed: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Roulette starts below the larger of this and the scene's `rr_start_flux`, times the mean flux of a new ray.
+    pub min_flux_fraction: f64,
+    /// Rays per dispatch; chosen where not given. It never changes a result.
+    pub batch_size: Option<u32>,
+    /// Precision of the physics.
+    pub precision: Precision,
+    /// Which paths are recorded.
+    pub paths: RecordPaths,
+    /// The scene compiled in or in tables; chosen by its size where not given.
+    pub baked: Option<bool>,
+    /// Invocations a workgroup.
+    pub workgroup_size: u32,
+    /// Events a ray goes through in registers before the survivors are compacted.
+    pub events_per_dispatch: u32,
+}
+
+/// Which paths are recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecordPaths {
+    /// None.
+    None,
+    /// About so many, chosen by a hash of the ray id.
+    About(u64),
+    /// All.
+    All,
+}
+
+impl Default for TraceOptions {
+    fn default() -> Self {
+        TraceOptions {
+            num_rays: 1_000_000,
+            seed: 0,
+            max_depth: 16,
+            min_flux_fraction: 1e-6,
+            batch_size: None,
+            precision: Precision::F64,
+            paths: RecordPaths::None,
+            baked: None,
+            workgroup_size: 64,
+            events_per_dispatch: 16,
+        }
+    }
+}
+
+impl RecordPaths {
+    /// As Optiland samples: the ray is recorded when its 32-bit hash is below n / num_rays of 2^32.
+    fn sampling(self, num_rays: u64) -> PathSampling {
+        match self {
+            RecordPaths::None | RecordPaths::About(0) => PathSampling::None,
+            RecordPaths::All => PathSampling::All,
+            RecordPaths::About(n) if n >= num_rays => PathSampling::All,
+            RecordPaths::About(n) => {
+                let share = n as f64 / num_rays as f64;
+                PathSampling::Hashed { threshold: (share * 4294967296.0) as u32 }
+            }
+        }
+    }
+}
+
+/// Rays of one emitter, numbered from `first`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct EmitterRays {
+    first: u64,
+    count: u64,
+    weight: f64,
+}
+
+/// Rays in one dispatch of a trace with no limit of its own.
+const DEFAULT_BATCH: u32 = 1 << 18;
+/// Rows for the host in one pass.
+const MAX_EVENTS: u32 = 1 << 18;
+/// A submission should keep the device for about so long: a desktop stays usable and no watchdog fires.
+const SUBMISSION_TIME: Duration = Duration::from_millis(40);
+/// Counters are 32 bits wide: they are drained before they can overflow.
+const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
+
+/// A scene ready to trace on a device.
+pub struct Tracer<'a> {
+    gpu: &'a Gpu,
+    ir: &'a SceneIr,
+    options: TraceOptions,
+    program: Program,
+    rays: Vec<EmitterRays>,
+    batch: u32,
+    device: DeviceState,
+    counts_undrained: u64,
+    launched: Booking,
+    events: Vec<DeviceEvent>,
+}
+
+struct DeviceState {
+    trace_new: wgpu::ComputePipeline,
+    trace_queued: Option<wgpu::ComputePipeline>,
+    advance: wgpu::ComputePipeline,
+    scene: wgpu::BindGroup,
+    /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
+    queues: [wgpu::BindGroup; 2],
+    advancing: wgpu::BindGroup,
+    range: wgpu::Buffer,
+    counts: wgpu::Buffer,
+    workgroups: wgpu::Buffer,
+    sums: wgpu::Buffer,
+    tops: Option<wgpu::Buffer>,
+    counters: wgpu::Buffer,
+    events: Option<wgpu::Buffer>,
+}
+
+/// A row as the device wrote it; positions are relative to the scene's centre.
+struct DeviceEvent {
+    kind: u32,
+    subject: u32,
+    row: RayRow,
+}
+
+impl<'a> Tracer<'a> {
+    /// Prepares a scene: composes, compiles and packs.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that make no sense or that the device cannot do, [`Error::Device`] if the scene does
+    /// not fit it.
+    pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        check_options(gpu, options)?;
+        let rays = distribute(ir, options.num_rays)?;
+        let lowest_weight = rays.iter().map(|r| r.weight).fold(f64::INFINITY, f64::min);
+        let primitives = ir.surfaces.len() + ir.sensors.len();
+        let program_options = ProgramOptions {
+            precision: options.precision,
+            native: gpu.int64,
+            baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
+            max_depth: options.max_depth,
+            roulette_threshold: options.min_flux_fraction.max(ir.sampling.rr_start_flux),
+            events_per_dispatch: options.events_per_dispatch.min(options.max_depth),
+            workgroup_size: options.workgroup_size,
+            paths: options.paths.sampling(options.num_rays),
+        };
+        let program = Program::new(ir, program_options, options.seed, lowest_weight)?;
+        let batch = batch_size(gpu, &program, options);
+        let device = DeviceState::new(gpu, &program, batch)?;
+        Ok(Tracer {
+            gpu,
+            ir,
+            options: options.clone(),
+            program,
+            rays,
+            batch,
+            device,
+            counts_undrained: 0,
+            launched: Booking::default(),
+            events: Vec::new(),
+        })
+    }
+
+    /// The composed program.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
+    /// Traces every ray, in passes of about [`SUBMISSION_TIME`]; after each one `keep_going` is told how many rays are
+    /// done, and stops the trace by returning false.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
+        let mut tally = self.empty_tally();
+        let mut done = 0;
+        let mut pass_rays = u64::from(self.batch);
+        while done < self.options.num_rays {
+            let end = self.options.num_rays.min(done + pass_rays);
+            let start = Instant::now();
+            self.pass(done, end)?;
+            pass_rays = self.next_pass_rays(end - done, start.elapsed());
+            done = end;
+            if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1) {
+                tally += &self.drain()?;
+            }
+            if !keep_going(done) {
+                break;
+            }
+        }
+        tally += &self.drain()?;
+        Ok(tally)
+    }
+
+    /// So many rays that the next pass takes about [`SUBMISSION_TIME`].
+    fn next_pass_rays(&self, rays: u64, elapsed: Duration) -> u64 {
+        let ratio = SUBMISSION_TIME.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
+        let batch = u64::from(self.batch);
+        let wanted = (rays as f64 * ratio.min(4.0)) as u64;
+        let most = MAX_COUNTS_UNDRAINED / 4 / u64::from(self.options.max_depth + 1);
+        // Rows for the host are fetched once a pass, and there is room for those of one batch.
+        let limit = if self.device.events.is_some() { batch } else { most.max(batch) };
+        wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
+    }
+
+    /// Traces rays `first..end` into the device's sums.
+    fn pass(&mut self, first: u64, end: u64) -> Result<()> {
+        for range in self.ranges(first, end) {
+            self.dispatch(&range)?;
+            self.launched += self.launch(&range);
+            self.counts_undrained += u64::from(range.count) * u64::from(self.options.max_depth + 1);
+            if self.device.events.is_some() {
+                self.fetch_events(range.first)?;
+            }
+        }
+        self.gpu.wait()
+    }
+
+    /// What a range is born with, quantised as the device does it.
+    fn launch(&self, range: &RayRange) -> Booking {
+        let weight = match self.options.precision {
+            Precision::F32 => f64::from(range.weight as f32),
+            Precision::F64 => range.weight,
+        };
+        let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
+        Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
+    }
+
+    /// Ranges of at most one batch, each of one emitter.
+    fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
+        let mut ranges = Vec::new();
+        for (emitter, rays) in self.rays.iter().enumerate() {
+            let last = end.min(rays.first + rays.count);
+            let mut next = first.max(rays.first);
+            while next < last {
+                let count = (last - next).min(u64::from(self.batch)) as u32;
+                ranges.push(RayRange { first: next, count, emitter, weight: rays.weight });
+                next += u64::from(count);
+            }
+        }
+        ranges
+    }
+
+    /// One batch: new rays through their first events, then the survivors until none can be left.
+    fn dispatch(&self, range: &RayRange) -> Result<()> {
+        let device = &self.device;
+        let bytes = self.program.range_bytes(self.ir, range)?;
+        self.gpu.queue.write_buffer(&device.range, 0, &bytes);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("trace"),
+                timestamp_writes: None,
+            });
+            pass.set_pipeline(&device.trace_new);
+            pass.set_bind_group(0, &device.scene, &[]);
+            pass.set_bind_group(1, &device.queues[0], &[]);
+            let (x, y) = grid(range.count.div_ceil(self.options.workgroup_size), self.gpu);
+            pass.dispatch_workgroups(x, y, 1);
+            if let Some(trace_queued) = &device.trace_queued {
+                let rounds = self.options.max_depth.div_ceil(self.program.options.events_per_dispatch);
+                for round in 1..rounds as usize {
+                    pass.set_pipeline(&device.advance);
+                    pass.set_bind_group(0, &device.advancing, &[]);
+                    pass.dispatch_workgroups(1, 1, 1);
+                    pass.set_pipeline(trace_queued);
+                    pass.set_bind_group(0, &device.scene, &[]);
+                    pass.set_bind_group(1, &device.queues[round % 2], &[]);
+                    pass.dispatch_workgroups_indirect(&device.workgroups, 0);
+                }
+            }
+        }
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.check()
+    }
+
+    /// Takes the rows of the range that began at ray `first`.
+    fn fetch_events(&mut self, first: u64) -> Result<()> {
+        let Some(buffer) = &self.device.events else {
+            return Ok(());
+        };
+        let counts = self.gpu.read(&self.device.counts, 12)?;
+        let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
+        let layout = program::records::StructLayout::of(&self.program.module, "Event")?;
+        let size = u64::from(num_events) * layout.stride as u64;
+        if size > buffer.size() {
+            return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
+        }
+        let bytes = self.gpu.read(buffer, size)?;
+        for row in bytes.chunks_exact(layout.stride) {
+            self.events.push(self.device_event(row, &layout, first)?);
+        }
+        self.gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
+        Ok(())
+    }
+
+    fn device_event(
+        &self,
+        row: &[u8],
+        layout: &program::records::StructLayout,
+        first: u64,
+    ) -> Result<DeviceEvent> {
+        let uint = |field: &str| -> Result<u32> {
+            let offset = layout.offset(field)?;
+            Ok(u32::from_le_bytes(row[offset..offset + 4].try_into().unwrap_or_default()))
+        };
+        let real = |field: &str| -> Result<f64> {
+            let offset = layout.offset(field)?;
+            Ok(match self.options.precision {
+                Precision::F32 => {
+                    f64::from(f32::from_le_bytes(row[offset..offset + 4].try_into().unwrap_or_default()))
+                }
+                Precision::F64 => f64::from_le_bytes(row[offset..offset + 8].try_into().unwrap_or_default()),
+            })
+        };
+        let centre = self.program.centre;
+        Ok(DeviceEvent {
+            kind: uint("kind")?,
+            subject: uint("subject")?,
+            row: RayRow {
+                ray_id: first + u64::from(uint("index")?),
+                bounce: uint("bounce")?,
+                wavelength: uint("wavelength")?,
+                position: [
+                    real("position_x")? + centre.x,
+                    real("position_y")? + centre.y,
+                    real("position_z")? + centre.z,
+                ],
+                direction: [real("direction_x")?, real("direction_y")?, real("direction_z")?],
+                weight: real("weight")?,
+            },
+        })
+    }
+
+    /// A tally of no rays, in the scene's shape.
+    fn empty_tally(&self) -> Tally {
+        let sensors = self.ir.sensors.iter().map(|sensor| SensorTally {
+            quanta: vec![0; sensor.num_cells()],
+            hits: vec![0; sensor.num_cells()],
+            ..Default::default()
+        });
+        Tally {
+            sensors: sensors.collect(),
+            surfaces: vec![SurfaceTally::default(); self.ir.surfaces.len()],
+            ..Default::default()
+        }
+    }
+
+    /// Takes what the device has summed up since the last drain, and clears it.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn drain(&mut self) -> Result<Tally> {
+        let sums = self.device.read_sums(self.gpu, &self.program)?;
+        let counters = self.device.read_counters(self.gpu, &self.program)?;
+        self.device.clear(self.gpu);
+        self.counts_undrained = 0;
+        let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
+        let mut tally = self.empty_tally();
+        tally.launched = std::mem::take(&mut self.launched);
+        tally.invalid_deposits = u64::from(counters[0]);
+        tally.medium_stack_underflows = u64::from(counters[1]);
+        tally.roulette_gain = booking(2);
+        tally.bulk = booking(3);
+        tally.importance_loss = booking(4);
+        tally.importance_gain = booking(5);
+        tally.escaped = booking(6);
+        tally.depth_killed = booking(7);
+        tally.roulette_loss = booking(8);
+        let cells = &self.program.cells;
+        for (i, surface) in tally.surfaces.iter_mut().enumerate() {
+            surface.reached = counters[cells.reached as usize + i] != 0;
+            surface.absorbed = booking(cells.surfaces as usize + i);
+        }
+        for (i, sensor) in tally.sensors.iter_mut().enumerate() {
+            let first = cells.sensors[i] as usize;
+            let num_cells = sensor.quanta.len();
+            if num_cells == 0 {
+                sensor.recorded = booking(first);
+            }
+            sensor.quanta.copy_from_slice(&sums[first..first + num_cells]);
+            let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
+            sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
+        }
+        self.take_events(&mut tally);
+        Ok(tally)
+    }
+
+    /// Sorts the rows into databases and paths, in the order of (ray id, event).
+    fn take_events(&mut self, tally: &mut Tally) {
+        self.events.sort_by_key(|event| (event.row.ray_id, event.row.bounce, event.kind));
+        for DeviceEvent { kind, subject, row } in self.events.drain(..) {
+            let index = subject as usize;
+            let kind = match (kind, subject) {
+                (0, _) => {
+                    tally.sensors[index].rows.push(row);
+                    continue;
+                }
+                (1, _) => PathEventKind::Birth(index),
+                (2, _) => PathEventKind::Surface(index),
+                (3, _) => PathEventKind::Sensor(index),
+                (_, 3) => PathEventKind::Escaped,
+                (_, 4) => PathEventKind::DepthKilled,
+                (..) => PathEventKind::FluxKilled,
+            };
+            tally.paths.push(PathEvent { ray: row, kind });
+        }
+    }
+}
+
+impl DeviceState {
+    fn new(gpu: &Gpu, program: &Program, batch: u32) -> Result<Self> {
+        let bindings = gpu::compute::bindings_of(&program.module);
+        let shader = gpu.shader("trace", &program.wgsl);
+        let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
+        let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
+        let layouts = [&scene_layout, &queue_layout];
+        let has_queue = program.options.has_queue();
+        let trace_new = gpu.pipeline("trace_new", &shader, &layouts, &[]);
+        let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
+
+        let num_cells = u64::from(program.cells.num_cells);
+        let sums = gpu.buffer("the sums", num_cells * cell_bytes(program))?;
+        let tops = match program.options.native {
+            true => Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?),
+            false => None,
+        };
+        let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
+        let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
+        let events = match program.options.has_events(&program.features) {
+            true => {
+                let rows = u64::from(program.max_events_per_ray) * u64::from(batch);
+                Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
+            }
+            false => None,
+        };
+        let constants: Vec<(u32, wgpu::Buffer)> =
+            program.buffers.iter().map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes))).collect();
+        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
+        scene.extend(tops.as_ref().map(|tops| (3, tops)));
+        scene.extend(events.as_ref().map(|events| (12, events)));
+        scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
+        let scene = gpu.bind_group("scene", &scene_layout, scene);
+
+        let counts = gpu.buffer("queue counts", 12)?;
+        let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
+        let queue = [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
+        let direction = |from: usize, to: usize| {
+            let mut buffers = vec![(0, &counts)];
+            if has_queue {
+                buffers.extend([(1, &queue[from]), (2, &queue[to])]);
+            }
+            gpu.bind_group("queues", &queue_layout, buffers)
+        };
+        let queues = [direction(1, 0), direction(0, 1)];
+
+        let workgroups = gpu.buffer("workgroups", 12)?;
+        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding { group: 0, number, read_only: false });
+        let advance_layout = gpu.bind_group_layout("advance", &advance_bindings, 0);
+        let advance_shader = gpu.shader("advance", program::compose::ADVANCE);
+        let size = f64::from(program.options.workgroup_size);
+        let advance = gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
+        let advancing = gpu.bind_group("advance", &advance_layout, [(0, &counts), (1, &workgroups)]);
+        gpu.check()?;
+        Ok(DeviceState {
+            trace_new,
+            trace_queued,
+            advance,
+            scene,
+            queues,
+            advancing,
+            range,
+            counts,
+            workgroups,
+            sums,
+            tops,
+            counters,
+            events,
+        })
+    }
+
+    fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {
+        let num_cells = u64::from(program.cells.num_cells);
+        let sums = gpu.read(&self.sums, num_cells * cell_bytes(program))?;
+        Ok(match &self.tops {
+            Some(tops) => {
+                let tops = gpu.read(tops, num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?;
+                gpu::sums::read_native(&sums, &tops)
+            }
+            None => gpu::sums::read_portable(&sums),
+        })
+    }
+
+    fn read_counters(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u32>> {
+        let bytes = gpu.read(&self.counters, u64::from(program.cells.num_counters) * 4)?;
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    }
+
+    fn clear(&self, gpu: &Gpu) {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for buffer in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
+            encoder.clear_buffer(buffer, 0, None);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+}
+
+fn cell_bytes(program: &Program) -> u64 {
+    let bytes = if program.options.native { gpu::sums::NATIVE_CELL_BYTES } else { gpu::sums::PORTABLE_CELL_BYTES };
+    bytes as u64
+}
+
+fn stride_of(program: &Program, name: &str) -> Result<u64> {
+    Ok(program::records::StructLayout::of(&program.module, name)?.stride as u64)
+}
+
+/// Workgroups as a grid, within the limit of one dimension.
+fn grid(workgroups: u32, gpu: &Gpu) -> (u32, u32) {
+    let limit = gpu.device.limits().max_compute_workgroups_per_dimension;
+    let y = workgroups.div_ceil(limit).max(1);
+    (workgroups.div_ceil(y), y)
+}
+
+fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
+    let usage = |message: String| Err(Error::Usage(message));
+    if options.num_rays == 0 {
+        return usage("the number of rays is 0; at least one ray is needed".into());
+    }
+    if options.max_depth == 0 || options.max_depth > MAX_DEPTH_LIMIT {
+        return usage(format!("max_depth is {}; it must lie in 1..={MAX_DEPTH_LIMIT}", options.max_depth));
+    }
+    if !(0.0..=1.0).contains(&options.min_flux_fraction) {
+        return usage(format!("min_flux_fraction is {}; it must lie in 0..=1", options.min_flux_fraction));
+    }
+    if options.batch_size == Some(0) {
+        return usage("the batch size is 0; at least one ray is needed".into());
+    }
+    if options.precision == Precision::F64 && !gpu.f64 {
+        return usage(format!("the adapter `{}` has no 64-bit floats; use --precision f32", gpu.info.name));
+    }
+    Ok(())
+}
+
+/// The table of draws has a row an event: 16 bytes each.
+const MAX_DEPTH_LIMIT: u32 = 1 << 20;
+
+fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
+    let wanted = options.batch_size.unwrap_or(DEFAULT_BATCH).min(options.num_rays.min(1 << 30) as u32);
+    let events = match program.max_events_per_ray {
+        0 => u32::MAX,
+        per_ray => (MAX_EVENTS / per_ray).max(1),
+    };
+    let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
+        (true, Ok(stride)) => (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32,
+        _ => u32::MAX,
+    };
+    wanted.min(events).min(queued).max(1)
+}
+
+/// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by
+/// flux with the largest remainders first (of equal ones the larger flux, then the first).
+fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<EmitterRays>> {
+    let fluxes: Vec<f64> = ir.emitters.iter().map(|e| e.total_flux).collect();
+    let total: f64 = fluxes.iter().sum();
+    let counts = distribute_ray_budget(num_rays, &fluxes);
+    let mean = total / num_rays as f64;
+    let mut first = 0;
+    let mut rays = Vec::new();
+    for ((&count, &flux), emitter) in counts.iter().zip(&fluxes).zip(&ir.emitters) {
+        let weight = if count == 0 || total == 0.0 { 0.0 } else { flux / count as f64 / mean };
+        if weight > 0.0 && weight * QUANTA_PER_WEIGHT < SMALLEST_BIRTH_QUANTA {
+            return Err(Error::Usage(format!(
+                "source `{}` emits {flux:e} W, less than the other sources' sums can resolve (a quantum is {:e} W); \
+                 trace it on its own",
+                emitter.name,
+                mean / QUANTA_PER_WEIGHT
+            )));
+        }
+        rays.push(EmitterRays { first, count, weight });
+        first += count;
+    }
+    Ok(rays)
+}
+
+/// A new ray must weigh so many quanta that rounding to whole ones does not matter.
+const SMALLEST_BIRTH_QUANTA: f64 = (1u64 << 30) as f64;
+
+fn distribute_ray_budget(num_rays: u64, fluxes: &[f64]) -> Vec<u64> {
+    let num_sources = fluxes.len() as u64;
+    if num_sources == 1 {
+        return vec![num_rays];
+    }
+    let total: f64 = fluxes.iter().sum();
+    if total <= 0.0 {
+        let extra = num_rays % num_sources.max(1);
+        return (0..num_sources).map(|i| num_rays / num_sources + u64::from(i < extra)).collect();
+    }
+    let mut counts: Vec<u64> = (0..num_sources).map(|i| u64::from(i < num_rays)).collect();
+    let remaining = num_rays.saturating_sub(num_sources);
+    if remaining == 0 {
+        return counts;
+    }
+    let shares: Vec<f64> = fluxes.iter().map(|flux| remaining as f64 * (flux / total)).collect();
+    counts.iter_mut().zip(&shares).for_each(|(count, share)| *count += *share as u64);
+    let leftover = num_rays.saturating_sub(counts.iter().sum());
+    let mut order: Vec<usize> = (0..fluxes.len()).collect();
+    let key = |i: usize| (shares[i] - shares[i].floor(), fluxes[i]);
+    order.sort_by(|&a, &b| key(b).partial_cmp(&key(a)).unwrap_or(std::cmp::Ordering::Equal));
+    order.into_iter().take(leftover as usize).for_each(|i| counts[i] += 1);
+    counts
+}
