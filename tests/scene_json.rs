@@ -267,3 +267,15 @@ fn the_schema_describes_every_type() {
     }
     assert!(!schema.contains(r"\\["), "escapes of the code's documentation");
 }
+
+#[test]
+fn every_scene_of_the_collection_is_valid() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let scenes: Vec<_> = files.filter(|path| path.extension().is_some_and(|kind| kind == "json")).collect();
+    assert!(scenes.len() >= 30, "{} scenes", scenes.len());
+    for path in scenes {
+        let scene = Scene::from_path(&path).unwrap_or_else(|err| panic!("{}: {err}", path.display()));
+        assert!(!scene.lower().unwrap().surfaces.is_empty(), "{}", path.display());
+    }
+}

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use super::compounds::{Part, curvature};
 use super::frame::frame_of;
 use super::json::{
-    Block, Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
+    Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
 };
 use super::place::{did_you_mean, key_of, quoted};
 use crate::ir::{self, Frame, Outline};
@@ -297,20 +297,5 @@ fn in_order(groups: Vec<Group<'_>>, order: &[String]) -> Result<Vec<SceneSurface
             "name every component and every surface once",
         )),
         None => Ok(surfaces),
-    }
-}
-
-impl Block {
-    /// The block of a scene file that has none.
-    pub(super) fn empty() -> Self {
-        Block {
-            version: 1,
-            media: BTreeMap::new(),
-            surfaces: Vec::new(),
-            overrides: BTreeMap::new(),
-            order: None,
-            detectors: BTreeMap::new(),
-            sampling: Default::default(),
-        }
     }
 }
