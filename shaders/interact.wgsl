@@ -83,7 +83,7 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>
 fn leave_medium(ray: ptr<function, Ray>, medium: u32) {
     let ambient = medium == 0u;
     if ambient && !(*ray).entered_solid {
-        count(CELL_UNDERFLOWS);
+        add_to_bin(CELL_UNDERFLOWS, NO_QUANTA);
     }
     (*ray).entered_solid = !ambient;
     (*ray).medium = medium;

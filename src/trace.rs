@@ -382,7 +382,10 @@ impl<'a> Tracer<'a> {
         tally.roulette_loss = booking(8);
         let cells = &self.program.cells;
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached = counters[cells.reached as usize + i] != 0;
+            surface.reached = match self.program.options.baked {
+                true => counters[cells.reached as usize] >> i & 1 != 0,
+                false => counters[cells.reached as usize + i] != 0,
+            };
             surface.absorbed = booking(cells.surfaces as usize + i);
         }
         for (i, sensor) in tally.sensors.iter_mut().enumerate() {
