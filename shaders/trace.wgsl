@@ -53,6 +53,8 @@ fn next_event(ray: ptr<function, Ray>) {
     }
     if (*ray).fate == ALIVE {
         (*ray).bounce += 1u;
+        (*ray).fresnel = stream_next((*ray).fresnel);
+        (*ray).roulette = stream_next((*ray).roulette);
         if (*ray).bounce >= MAX_DEPTH {
             (*ray).fate = DEPTH_KILLED;
         } else {

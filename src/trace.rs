@@ -471,7 +471,11 @@ impl DeviceState {
         let queues = [direction(1, 0), direction(0, 1)];
 
         let workgroups = gpu.buffer("workgroups", 12)?;
-        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding { group: 0, number, read_only: false });
+        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding {
+            group: 0,
+            number,
+            access: gpu::compute::Access::ReadWrite,
+        });
         let advance_layout = gpu.bind_group_layout("advance", &advance_bindings, 0);
         let advance_shader = gpu.shader("advance", program::compose::ADVANCE);
         let size = f64::from(program.options.workgroup_size);
