@@ -28,7 +28,16 @@ fn frame(z: f64) -> Frame {
 
 fn surface(name: &str, interaction: Interaction) -> Surface {
     let shape = Shape::Plane(Outline::Infinite);
-    Surface { name: name.into(), frame: frame(5.0), shape, interaction, front: 0, back: 0 }
+    Surface {
+        name: name.into(),
+        frame: frame(5.0),
+        shape,
+        interaction,
+        coating: None,
+        scatter: None,
+        front: 0,
+        back: 0,
+    }
 }
 
 fn grid(width: f64, height: f64, num_pixels_x: u32, num_pixels_y: u32) -> PixelGrid {
