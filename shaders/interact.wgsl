@@ -77,20 +77,20 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     let reflects = draw_reflection(ray, bits, reflectance, total_reflection);
     let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
     (*ray).direction = select(refracted, mirrored(d, n), reflects);
+    // The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.
+    let front = surface.front;
+    let medium = select(front, surface.back, entering_back != reflects);
+    (*ray).medium = medium;
     if !reflects {
         pass_coating(ray, surface, primitive);
-        let back = surface.back;
-        let medium = select(surface.front, back, entering_back);
-        leave_medium(ray, medium);
+        track_solids(ray, medium == 0u);
     }
 }
 
 // Entering vacuum without having entered a solid is a defect of the geometry, or a ray born in glass.
-fn leave_medium(ray: ptr<function, Ray>, medium: u32) {
-    let ambient = medium == 0u;
+fn track_solids(ray: ptr<function, Ray>, ambient: bool) {
     if ambient && !(*ray).entered_solid {
         add_to_bin(CELL_UNDERFLOWS, NO_QUANTA);
     }
     (*ray).entered_solid = !ambient;
-    (*ray).medium = medium;
 }

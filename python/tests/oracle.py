@@ -12,16 +12,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optiland.backend as be
+from optiland.coatings import SimpleCoating
 from optiland.coordinate_system import CoordinateSystem
 from optiland.materials import IdealMaterial
 from optiland.materials.base import BaseMaterial
 from optiland.nonsequential import NSQMaterial, NSQScene
 from optiland.nonsequential.backends.numpy_backend import NumpyBackend
+from optiland.nonsequential.bsdf import BaseBSDF, HarveyShackBSDF, LambertianBSDF, SpecularBRDF, TabulatedBSDF
 from optiland.nonsequential.components.absorbing import AbsorbingComponent
 from optiland.nonsequential.components.base import BaseComponent
 from optiland.nonsequential.components.configs import (
@@ -55,6 +58,8 @@ from optiland.nonsequential.sources.configs import (
 )
 
 Json = dict[str, Any]
+
+SCENES_DIR = Path(__file__).resolve().parents[2] / "scenes"
 
 SCHEMA_VERSION = 1
 BLOCK_VERSION = 1
@@ -148,18 +153,19 @@ def _medium(spec: Json) -> BaseMaterial:
 
 def load_scene(path: str | Path) -> NSQScene:
     """Build the scene of a file."""
-    return scene_from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
+    path = Path(path)
+    return scene_from_dict(json.loads(path.read_text(encoding="utf-8")), path.parent)
 
 
-def scene_from_dict(document: Json) -> NSQScene:
-    """Build the scene of a parsed file."""
+def scene_from_dict(document: Json, folder: Path = SCENES_DIR) -> NSQScene:
+    """Build the scene of a parsed file, whose paths start from a folder."""
     be.set_backend("numpy")
     be.set_precision("float64")
     block = document.get("nsq_gpu", {})
     _check_versions(document, block)
     materials = Materials(block.get("media", {}))
     scene = NSQScene()
-    _add_components(scene, document, block, materials)
+    _add_components(scene, document, block, materials, folder)
     for spec in document.get("sources", []):
         scene.add_source(spec["name"], _frame(spec["cs"]), _source_config(spec, materials))
     for spec in document.get("detectors", []):
@@ -182,19 +188,19 @@ def _frame(spec: Json) -> CoordinateSystem:
     return CoordinateSystem(**placement, reference_cs=_frame(reference) if reference else None)
 
 
-def _add_components(scene: NSQScene, document: Json, block: Json, materials: Materials) -> None:
+def _add_components(scene: NSQScene, document: Json, block: Json, materials: Materials, folder: Path) -> None:
     """Add v1 components and raw surfaces in the file's component order."""
     components = {spec["name"]: spec for spec in document.get("components", [])}
     surfaces = {spec["name"]: spec for spec in block.get("surfaces", [])}
     overrides = block.get("overrides", {})
     for name in block.get("order", [*components, *surfaces]):
         if name in components:
-            _add_compound(scene, components[name], overrides, materials)
+            _add_compound(scene, components[name], overrides, materials, folder)
         else:
-            scene.add_component(name, _raw_surface(surfaces[name], materials))
+            scene.add_component(name, _raw_surface(surfaces[name], materials, folder))
 
 
-def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Materials) -> None:
+def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Materials, folder: Path) -> None:
     name, kind = spec["name"], spec["type"]
     config = dict(spec["config"])
     for key in ("material", "material1", "material2"):
@@ -205,7 +211,7 @@ def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Mater
         if any(override != chosen[0] for override in chosen):
             raise ValueError(f"Optiland cannot override {name}'s surfaces {parts} differently")
         if chosen[0] is not None:
-            config[slot] = _surface_config(chosen[0])
+            config[slot] = _surface_config(chosen[0], folder)
     if "reflectance" in config:
         config["reflectance"] = reflectance(config["reflectance"])
     if kind == "lens":
@@ -216,13 +222,57 @@ def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Mater
         scene.add_mirror(name, _frame(spec["cs"]), MirrorConfig(**config))
 
 
-def _surface_config(spec: Json) -> SurfaceConfig:
+def _surface_config(spec: Json, folder: Path) -> SurfaceConfig:
     interaction = spec.get("interaction")
+    finish = _finish(spec, folder)
     return SurfaceConfig(
         interaction=InteractionType(interaction) if interaction else None,
         aperture_radius=spec.get("aperture_radius"),
-        reflectance=reflectance(spec.get("reflectance")),
+        coating=finish.pop("coating"),
+        reflectance=_mirror_reflectance(spec),
+        **finish,
     )
+
+
+def _finish(spec: Json, folder: Path) -> Json:
+    """Return how a surface scatters, and its coating."""
+    return {
+        "bsdf": _bsdf(spec["bsdf"], folder) if spec.get("bsdf") else None,
+        "scatter_fraction": spec.get("scatter_fraction", 1.0),
+        "coating": _coating(spec["coating"]) if spec.get("coating") else None,
+    }
+
+
+def _bsdf(spec: Json, folder: Path) -> BaseBSDF:
+    parameters = {key: value for key, value in spec.items() if key != "type"}
+    if spec["type"] == "tabulated":
+        return _tabulated(parameters, folder)
+    kinds = {"specular": SpecularBRDF, "lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF}
+    return kinds[spec["type"]](**parameters)
+
+
+def _tabulated(spec: Json, folder: Path) -> TabulatedBSDF:
+    """Load a table with Optiland's reader; one that stands in the scene is written to a file first."""
+    fraction = spec.get("transmissive_fraction", 0.0)
+    if "path" in spec:
+        return TabulatedBSDF(folder / spec["path"], fraction)
+    rows = [[theta_i, theta_s, value] for theta_i, row in zip(spec["theta_i"], spec["bsdf"], strict=True)
+            for theta_s, value in zip(spec["theta_s"], row, strict=True)]
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(temporary) / "table.csv"
+        path.write_text("\n".join(",".join(map(repr, row)) for row in rows), encoding="utf-8")
+        return TabulatedBSDF(path, fraction)
+
+
+def _coating(spec: Json) -> SimpleCoating:
+    return SimpleCoating(spec["transmittance"], spec["reflectance"])
+
+
+def _mirror_reflectance(spec: Json) -> Any:
+    """Return a mirror's reflectance: its own, or its coating."""
+    if spec.get("reflectance") is None and spec.get("coating"):
+        return _coating(spec["coating"])
+    return reflectance(spec.get("reflectance"))
 
 
 def reflectance(value: Any) -> Any:
@@ -233,14 +283,17 @@ def reflectance(value: Any) -> Any:
     return lambda wavelength: np.interp(wavelength, wavelengths, values)
 
 
-def _raw_surface(spec: Json, materials: Materials) -> BaseComponent:
+def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponent:
     frame, shape, name = _frame(spec["cs"]), _shape(spec["shape"]), spec["name"]
     front = materials.shared(spec.get("material_front"))
+    finish = _finish(spec, folder)
     if spec["interaction"] == "refractive":
-        return RefractiveComponent(frame, shape, front, materials.shared(spec.get("material_back")), name=name)
+        back = materials.shared(spec.get("material_back"))
+        return RefractiveComponent(frame, shape, front, back, name=name, **finish)
     if spec["interaction"] == "reflective":
+        del finish["coating"]
         return ReflectiveComponent(
-            frame, shape, reflectance(spec["reflectance"]), material_front=front, name=name
+            frame, shape, _mirror_reflectance(spec), material_front=front, name=name, **finish
         )
     return AbsorbingComponent(frame, shape, front, name=name)
 
@@ -290,8 +343,9 @@ def detector_kinds(document: Json) -> dict[str, str]:
 
 def run(path: str | Path, num_rays: int, seed: int = 0, **kwargs: Any) -> Json:
     """Trace a scene file; ``kwargs`` go to ``NSQScene.trace``."""
-    document = json.loads(Path(path).read_text(encoding="utf-8"))
-    return trace(scene_from_dict(document), detector_kinds(document), num_rays, seed, **kwargs)
+    path = Path(path)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    return trace(scene_from_dict(document, path.parent), detector_kinds(document), num_rays, seed, **kwargs)
 
 
 def trace(scene: NSQScene, kinds: dict[str, str], num_rays: int, seed: int = 0, **kwargs: Any) -> Json:

@@ -63,10 +63,10 @@ def _load_detector(folder: Path, spec: Json) -> Json:
     return {"kind": spec["kind"], "total_flux": spec["total_flux"], "num_rays_hit": spec["num_rays_hit"], **loaded}
 
 
-def trace_with_oracle(document: Json, num_rays: int, seed: int) -> Json:
+def trace_with_oracle(document: Json, num_rays: int, seed: int, folder: Path = oracle.SCENES_DIR) -> Json:
     """Trace a parsed file with NumpyBackend, its ray databases without their caps."""
     uncapped = {**document, "nsq_gpu": {**document.get("nsq_gpu", {"version": 1}), "detectors": {}}}
-    return oracle.trace(oracle.scene_from_dict(uncapped), oracle.detector_kinds(document), num_rays, seed)
+    return oracle.trace(oracle.scene_from_dict(uncapped, folder), oracle.detector_kinds(document), num_rays, seed)
 
 
 def caps(document: Json) -> Json:
@@ -87,7 +87,7 @@ def check(command: list[str], scene: Path, options: argparse.Namespace) -> Agree
     if is_chaotic(scene):
         return check_statistically(command, scene, document, options)
     ours = trace_with_binary(command, scene, options.num_rays, options.seed, options.precision)
-    theirs = trace_with_oracle(document, options.num_rays, options.seed)
+    theirs = trace_with_oracle(document, options.num_rays, options.seed, scene.parent)
     agreement = compare(ours, theirs, caps(document))
     if options.precision == "f32":
         return f32_agreement(agreement, theirs)
@@ -99,7 +99,7 @@ def check_statistically(command: list[str], scene: Path, document: Json, options
     num_rays = max(options.num_rays // STATISTICAL_RUNS, 1)
     seeds = range(options.seed, options.seed + STATISTICAL_RUNS)
     ours = [trace_with_binary(command, scene, num_rays, seed, options.precision) for seed in seeds]
-    theirs = [trace_with_oracle(document, num_rays, ORACLE_SEEDS + seed) for seed in seeds]
+    theirs = [trace_with_oracle(document, num_rays, ORACLE_SEEDS + seed, scene.parent) for seed in seeds]
     return compare_statistically(ours, theirs)
 
 
