@@ -284,10 +284,12 @@ impl MapView {
         if self.is_far_field { self.shape[1] } else { 0 }
     }
 
+    /// Sums over all axes but one. The ring at the pole stays out of the sums of the azimuth.
     fn sums_along(&self, axis: usize) -> Vec<f64> {
         let stride: usize = self.shape[axis + 1..].iter().product();
+        let first = if axis == 1 { self.pole_bins() } else { 0 };
         let mut sums = vec![0.0; self.shape[axis]];
-        for (bin, value) in self.values.iter().enumerate() {
+        for (bin, value) in self.values.iter().enumerate().skip(first) {
             sums[bin / stride % self.shape[axis]] += value;
         }
         sums
