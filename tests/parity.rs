@@ -3,7 +3,11 @@
 //! f64 decides as the reference does at every event: counts are equal, maps and totals agree to rounding. Scenes in
 //! which rounding decides paths are compared as samples of one distribution. f32 may decide otherwise for a ray that
 //! passes an edge or a draw within its precision: such rays are counted.
-#![allow(clippy::unwrap_used, clippy::panic, reason = "clippy's exemption of tests does not reach their helpers")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
 
 #[path = "parity/agreement.rs"]
 mod agreement;
@@ -49,7 +53,8 @@ fn trace_as(oracle: &Oracle, name: &str) -> TraceResult {
 }
 
 fn table_line(name: &str, agreement: &Agreement) -> String {
-    let worst: Vec<String> = agreement.worst.iter().map(|(kind, value)| format!("{kind} {value:.1e}")).collect();
+    let worst: Vec<String> =
+        agreement.worst.iter().map(|(kind, value)| format!("{kind} {value:.1e}")).collect();
     format!("{name:28} {}", worst.join("  "))
 }
 
@@ -72,7 +77,8 @@ fn f64_agrees_with_the_reference_ray_for_ray() {
         let agreement = Agreement::of(&result, &oracle);
         eprintln!("{}", table_line(&name, &agreement));
         if !result.ledger.closes() {
-            violations.push(format!("{name}: the ledger is off by {} quanta", result.ledger.imbalance_quanta));
+            violations
+                .push(format!("{name}: the ledger is off by {} quanta", result.ledger.imbalance_quanta));
         }
         violations.extend(agreement.violations.iter().map(|violation| format!("{name}: {violation}")));
     }
@@ -128,7 +134,9 @@ fn a_cap_keeps_the_last_rows_of_a_ray_database() {
             .detectors
             .iter()
             .find_map(|detector| match &detector.data {
-                nsq_gpu::result::DetectorData::RayDatabase(rays) => Some((detector.num_rays_hit, rays.clone())),
+                nsq_gpu::result::DetectorData::RayDatabase(rays) => {
+                    Some((detector.num_rays_hit, rays.clone()))
+                }
                 _ => None,
             })
             .unwrap()
@@ -165,7 +173,8 @@ fn interactions(fates: &Fates) -> usize {
 }
 
 fn surface_hits(ir: &SceneIr, fates: &Fates) -> BTreeMap<String, u64> {
-    let mut hits: BTreeMap<String, u64> = ir.surfaces.iter().map(|surface| (surface.name.clone(), 0)).collect();
+    let mut hits: BTreeMap<String, u64> =
+        ir.surfaces.iter().map(|surface| (surface.name.clone(), 0)).collect();
     for kind in fates.values().flatten() {
         if let PathEventKind::Surface(surface) = kind {
             *hits.get_mut(&ir.surfaces[*surface].name).unwrap() += 1;
@@ -208,10 +217,13 @@ fn f32_changes_the_fate_of_less_than_one_ray_in_1e5_interactions() {
     let (mut all_flips, mut all_interactions) = (0, 0);
     for name in zoo::scenes().into_iter().filter(|name| !oracle::load(name).chaotic) {
         let ir = zoo::load(&name);
-        let [wide, narrow] =
-            [Precision::F64, Precision::F32].map(|precision| fates(&ir, &zoo::options(NUM_RAYS, 0, precision)));
+        let [wide, narrow] = [Precision::F64, Precision::F32]
+            .map(|precision| fates(&ir, &zoo::options(NUM_RAYS, 0, precision)));
         let (flips, interactions) = (flips(&narrow, &wide), interactions(&wide));
-        eprintln!("{name:28} {flips:3} flips in {interactions:7}: {:.1e}", flips as f64 / interactions as f64);
+        eprintln!(
+            "{name:28} {flips:3} flips in {interactions:7}: {:.1e}",
+            flips as f64 / interactions as f64
+        );
         all_flips += flips;
         all_interactions += interactions;
     }
@@ -350,7 +362,8 @@ fn every_kind_of_source_shape_and_detector_is_in_two_scenes() {
         }
     }
     let kinds = kinds::SOURCES.iter().chain(&kinds::SHAPES).chain(&kinds::DETECTORS);
-    let rare: Vec<_> = kinds.filter(|kind| scenes_with.get(**kind).is_none_or(|names| names.len() < 2)).collect();
+    let rare: Vec<_> =
+        kinds.filter(|kind| scenes_with.get(**kind).is_none_or(|names| names.len() < 2)).collect();
     assert!(rare.is_empty(), "in fewer than two scenes: {rare:?}");
 }
 
@@ -386,7 +399,9 @@ const PLANTED: [Plant; 18] = [
     ("a detector's flux", |oracle| oracle.detectors.get_mut("rest").unwrap().total_flux *= 1.0 + 3e-11),
     ("a bin of a whole map", |oracle| bin_of(oracle, "returned", |map| map.values.as_mut().unwrap())),
     ("a bin of a large map", |oracle| bin_of(oracle, "behind", |map| map.bin_values.as_mut().unwrap())),
-    ("a sum of a large map", |oracle| bin_of(oracle, "behind", |map| &mut map.axis_sums.as_mut().unwrap()[1])),
+    ("a sum of a large map", |oracle| {
+        bin_of(oracle, "behind", |map| &mut map.axis_sums.as_mut().unwrap()[1])
+    }),
     ("an axis", |oracle| map_of(oracle, "rest").axis_ends.get_mut("theta").unwrap()[1] += 1e-9),
     ("a row's sum", |oracle| rows_of(oracle).column_sums[3] += 1e-5),
     ("a row", |oracle| rows_of(oracle).first_rows[7][2] += 1e-5),

@@ -86,8 +86,8 @@ impl Figure {
             return if (mean - self.mean).abs() <= CONSTANT * scale { 1.0 } else { 0.0 };
         }
         let t = (mean - self.mean) / (mine + other).sqrt();
-        let freedom =
-            (mine + other).powi(2) / (mine.powi(2) / (runs - 1.0) + other.powi(2) / (their_runs as f64 - 1.0));
+        let freedom = (mine + other).powi(2)
+            / (mine.powi(2) / (runs - 1.0) + other.powi(2) / (their_runs as f64 - 1.0));
         let distribution = StudentsT::new(0.0, 1.0, freedom).expect("the degrees of freedom are positive");
         2.0 * distribution.sf(t.abs())
     }

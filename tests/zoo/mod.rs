@@ -1,6 +1,10 @@
 //! The scene collection and the devices that tests trace it on.
 #![allow(dead_code, reason = "each test binary compiles the helpers and uses its part of them")]
-#![allow(clippy::unwrap_used, clippy::panic, reason = "clippy's exemption of tests does not reach their helpers")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
