@@ -31,25 +31,25 @@ NUMBERS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 def events(scene: Path) -> list[Json]:
     """Return the events of a scene's recorded paths.
 
-    Optiland's sources do not know the names that a scene gives them, so births are logged at ``source_0``; here they
-    get the name that the log means.
+    Optiland logs the names of its sources and detectors, but a scene's registry does not tell them theirs.
     """
     live = oracle.load_scene(scene)
-    names = {f"source_{i}": name for i, name in enumerate(live.source_names)}
+    for name, item in (*zip(live.source_names, live.sources, strict=True),
+                       *zip(live.detector_names, live.detectors, strict=True)):
+        item.name = name
     result = live.trace(num_rays=NUM_RAYS, seed=SEED, backend=NumpyBackend(seed=SEED), record_paths=NUM_RECORDED)
     rows = result.ray_paths["events"]
     rank = np.array([RANKS[kind] for kind in rows["event_type"]])
     order = np.lexsort((rank, rows["bounce"], rows["ray_id"]))
-    return [_event(row, names) for row in rows[order]]
+    return [_event(row) for row in rows[order]]
 
 
-def _event(row: np.void, source_names: dict[str, str]) -> Json:
-    name = str(row["component_name"])
+def _event(row: np.void) -> Json:
     return {
         "ray_id": int(row["ray_id"]),
         "event_type": str(row["event_type"]),
         "bounce": int(row["bounce"]),
-        "component_name": source_names.get(name, name) if row["event_type"] == "birth" else name,
+        "component_name": str(row["component_name"]),
         "numbers": [float(row[name]) for name in NUMBERS],
     }
 
