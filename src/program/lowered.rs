@@ -59,6 +59,11 @@ impl Cells {
         let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
         Cells { surfaces, sensors, num_cells: next, reached: next, num_counters: next + primitives }
     }
+
+    /// True if the primitives reached are bits of one counter, not a counter each.
+    pub fn reached_is_mask(&self, baked: bool) -> bool {
+        baked && self.num_counters - self.reached <= u32::BITS
+    }
 }
 
 /// True if some frame is rotated.
@@ -211,7 +216,8 @@ pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     records.uint("num_y", grids.iter().map(|g| g.num_y));
     records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
     records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
-    records.real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
+    records
+        .real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
     let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
     let num_wavelengths = ir.wavelengths.len() as u32;
     records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));
