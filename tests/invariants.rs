@@ -186,10 +186,6 @@ fn counts(tally: &Tally) -> Vec<u64> {
     bookings.chain(hits).chain(reached).chain(rest).collect()
 }
 
-/// Convex mirrors magnify a rounding error at each of many reflections: here shaders that round differently agree as
-/// well as the reference does with itself when its source moves by a rounding error.
-const CHAOTIC: &str = "mirror_ball_billiard";
-
 #[test]
 fn scenes_in_tables_agree_with_scenes_compiled_in() {
     for name in zoo::scenes() {
@@ -199,8 +195,7 @@ fn scenes_in_tables_agree_with_scenes_compiled_in() {
             .map(|baked| zoo::trace(&ir, &TraceOptions { baked: Some(baked), ..options.clone() }));
         let deviation = deviation(&tables, &baked);
         eprintln!("{name:28} {deviation:.1e}");
-        let limit = if name == CHAOTIC { 1e-6 } else { 1e-12 };
-        assert!(deviation <= limit, "{name}: {deviation:e}");
+        assert!(deviation <= 1e-12, "{name}: {deviation:e}");
     }
 }
 
