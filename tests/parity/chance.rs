@@ -28,8 +28,7 @@ pub fn differences(ours: &[TraceResult], theirs: &Statistics) -> (Vec<String>, u
     let level = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / figures.len() as f64);
     let differ = figures.iter().filter_map(|figure| {
         let p = figure.probability(theirs.runs);
-        // A NaN differs.
-        (!(p >= level)).then(|| format!("{}: p = {p:.2e} < {level:.2e}", figure.name))
+        (p.is_nan() || p < level).then(|| format!("{}: p = {p:.2e} < {level:.2e}", figure.name))
     });
     (differ.collect(), figures.len())
 }
