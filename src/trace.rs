@@ -121,6 +121,7 @@ struct DeviceState {
     queues: [wgpu::BindGroup; 2],
     advancing: wgpu::BindGroup,
     range: wgpu::Buffer,
+    emitter: wgpu::Buffer,
     counts: wgpu::Buffer,
     workgroups: wgpu::Buffer,
     sums: wgpu::Buffer,
@@ -145,7 +146,6 @@ impl<'a> Tracer<'a> {
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
         check_options(gpu, options)?;
         let rays = distribute(ir, options.num_rays)?;
-        let lowest_weight = rays.iter().map(|r| r.weight).fold(f64::INFINITY, f64::min);
         let primitives = ir.surfaces.len() + ir.sensors.len();
         let program_options = ProgramOptions {
             precision: options.precision,
@@ -156,8 +156,9 @@ impl<'a> Tracer<'a> {
             events_per_dispatch: options.events_per_dispatch.min(options.max_depth),
             workgroup_size: options.workgroup_size,
             paths: options.paths.sampling(options.num_rays),
+            weights: rays.iter().map(|r| r.weight).collect(),
         };
-        let program = Program::new(ir, program_options, options.seed, lowest_weight)?;
+        let program = Program::new(ir, program_options, options.seed)?;
         let batch = batch_size(gpu, &program, options);
         let device = DeviceState::new(gpu, &program, batch)?;
         Ok(Tracer {
@@ -231,9 +232,10 @@ impl<'a> Tracer<'a> {
 
     /// What a range is born with, quantised as the device does it.
     fn launch(&self, range: &RayRange) -> Booking {
+        let weight = self.rays[range.emitter].weight;
         let weight = match self.options.precision {
-            Precision::F32 => f64::from(range.weight as f32),
-            Precision::F64 => range.weight,
+            Precision::F32 => f64::from(weight as f32),
+            Precision::F64 => weight,
         };
         let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
         Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
@@ -247,7 +249,7 @@ impl<'a> Tracer<'a> {
             let mut next = first.max(rays.first);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
-                ranges.push(RayRange { first: next, count, emitter, weight: rays.weight });
+                ranges.push(RayRange { first: next, count, emitter });
                 next += u64::from(count);
             }
         }
@@ -257,8 +259,10 @@ impl<'a> Tracer<'a> {
     /// One batch: new rays through their first events, then the survivors until none can be left.
     fn dispatch(&self, range: &RayRange) -> Result<()> {
         let device = &self.device;
-        let bytes = self.program.range_bytes(self.ir, range)?;
-        self.gpu.queue.write_buffer(&device.range, 0, &bytes);
+        self.gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
+        if let Some(emitter) = self.program.emitters.get(range.emitter) {
+            self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
+        }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -443,6 +447,7 @@ impl DeviceState {
         };
         let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
         let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
+        let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
             true => {
                 let rows = u64::from(program.max_events_per_ray) * u64::from(batch);
@@ -453,6 +458,9 @@ impl DeviceState {
         let constants: Vec<(u32, wgpu::Buffer)> =
             program.buffers.iter().map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes))).collect();
         let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
+        if !program.emitters.is_empty() {
+            scene.push((program::lowered::EMITTER, &emitter));
+        }
         scene.extend(tops.as_ref().map(|tops| (3, tops)));
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
@@ -490,6 +498,7 @@ impl DeviceState {
             queues,
             advancing,
             range,
+            emitter,
             counts,
             workgroups,
             sums,

@@ -175,12 +175,25 @@ impl Composition<'_> {
         for records in [&surfaces, &sensors] {
             text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
         }
+        text.push_str(&self.emitter()?);
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
             text.push_str(&lowered::primitive_records(self.ir, self.centre).table());
         }
         Ok(text)
+    }
+
+    /// A lone emitter is compiled in; of several, the one of the dispatch lies in a uniform.
+    fn emitter(&self) -> Result<String> {
+        let emitters = lowered::emitter_records(self.ir, self.centre, &self.options.weights);
+        let rotated = lowered::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));
+        let (row, source) = match self.ir.emitters.len() {
+            1 => (emitters.baked(self.precision())?, "emitter_of(0u)"),
+            _ => (emitters.uniform(), "emitter_uniform"),
+        };
+        let functions = frame_functions("Emitter", "emitter", rotated);
+        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n"))
     }
 
     /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records.
@@ -278,15 +291,14 @@ impl Composition<'_> {
         for (i, (cell, has_quanta)) in bins.iter().enumerate() {
             let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
-            let quanta = if *has_quanta {
+            if *has_quanta {
                 let _ = writeln!(variables, "var<private> bin_{i}: Quanta = NO_QUANTA;");
                 let _ = writeln!(add, "        bin_{i} = q_add(bin_{i}, q);");
-                format!("bin_{i}")
+                let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, bin_{i});");
             } else {
-                "NO_QUANTA".into()
-            };
+                let _ = writeln!(flush, "    flush_count({cell}, bin_{i}_events);");
+            }
             let _ = writeln!(add, "        return;\n    }}");
-            let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, {quanta});");
         }
         if !self.options.baked {
             add.push_str("    count(cell);\n    deposit(cell, q);\n");
@@ -296,16 +308,16 @@ impl Composition<'_> {
 
     /// Dispatch over the kinds of emitters that occur.
     fn emit(&self) -> String {
-        let mut text = String::from("fn emit(key: RayKey) -> LocalRay {\n");
+        let mut text = String::from("fn emit(key: RayKey, e: Emitter) -> LocalRay {\n");
         let (last, others) = match self.features.emitters.split_last() {
             Some(kinds) => kinds,
             None => return String::new(),
         };
         for kind in others {
             let _ =
-                writeln!(text, "    if range.kind == {}u {{ return emit_{}(key); }}", *kind as u32, kind.name());
+                writeln!(text, "    if e.kind == {}u {{ return emit_{}(key, e); }}", *kind as u32, kind.name());
         }
-        let _ = writeln!(text, "    return emit_{}(key);\n}}", last.name());
+        let _ = writeln!(text, "    return emit_{}(key, e);\n}}", last.name());
         text
     }
 
