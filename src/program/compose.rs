@@ -139,7 +139,10 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         let optional = [
             (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
-            (f.refractive, pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl"))),
+            (
+                f.refractive,
+                pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
+            ),
             (!f.refractive, shader!("lib/indices_none.wgsl")),
             (
                 f.reflective,
@@ -169,7 +172,11 @@ impl Composition<'_> {
         let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         let mut text = String::new();
         for records in [&surfaces, &sensors] {
-            text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
+            text.push_str(&if self.options.baked {
+                records.baked(self.precision())?
+            } else {
+                records.table()
+            });
         }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
@@ -189,7 +196,8 @@ impl Composition<'_> {
         let vector = |v: DVec3| -> Result<String> {
             Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
         };
-        let mut text = String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        let mut text =
+            String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
             let (function, _) = ShapeKind::of(shape).name();
             let mut arguments = String::new();
@@ -260,8 +268,12 @@ impl Composition<'_> {
             None => return String::new(),
         };
         for kind in others {
-            let _ =
-                writeln!(text, "    if range.kind == {}u {{ return emit_{}(key); }}", *kind as u32, kind.name());
+            let _ = writeln!(
+                text,
+                "    if range.kind == {}u {{ return emit_{}(key); }}",
+                *kind as u32,
+                kind.name()
+            );
         }
         let _ = writeln!(text, "    return emit_{}(key);\n}}", last.name());
         text

@@ -2,8 +2,8 @@
 
 pub mod compose;
 pub mod features;
-pub mod lowered;
 pub mod library;
+pub mod lowered;
 pub mod records;
 pub mod rng;
 
@@ -110,8 +110,16 @@ impl Program {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
-        let mut program =
-            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray };
+        let mut program = Program {
+            wgsl,
+            module,
+            features,
+            options,
+            cells,
+            centre,
+            buffers: Vec::new(),
+            max_events_per_ray,
+        };
         program.buffers = program.pack(ir, seed)?;
         Ok(program)
     }
@@ -302,7 +310,8 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
 
 fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
     let recorded = if features.ray_database {
-        let all_absorb = ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
+        let all_absorb =
+            ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
         if all_absorb { 1 } else { options.max_depth }
     } else {
         0
