@@ -194,7 +194,15 @@ impl Bench {
         self.surface(name, cs, shape, media)
     }
 
+    /// A scene needs a detector: where the bench has none, two small ones out of every ray's way, which leave the
+    /// scene's centre where it is.
     fn json(&self) -> String {
+        if self.detectors.is_empty() {
+            let unused = |bench: Bench, side: f64| {
+                bench.pixels(&format!("unused {side}"), at(side * 170.0, side * 190.0, 0.0), 1e-6, 1)
+            };
+            return unused(unused(self.clone(), 1.0), -1.0).json();
+        }
         json!({
             "nsq_schema_version": 1,
             "sources": self.sources,

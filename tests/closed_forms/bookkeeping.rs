@@ -1,6 +1,6 @@
 //! Where the flux goes: depth, roulette, mirrors.
 
-use crate::bench::{Bench, Tier, at, disk, hits, rows, tiers};
+use crate::bench::{Bench, Tier, at, disk, rows, tiers};
 use crate::deviation::{binomial, exact, mean};
 use glam::DVec3;
 use serde_json::json;
@@ -94,7 +94,6 @@ fn roulette_in_a_cavity_gives_the_mirrors_what_the_series_gives_them() {
         let variance = cavity_gain_variance();
         let z = gained / (variance / RAYS as f64).sqrt();
         exact(&tier.name("roulette in a cavity: gain less loss"), [(z / 4.0, 0.0)], 1.0).accepted();
-        assert_eq!(hits(&played, "unused"), 0);
     }
 }
 
