@@ -71,9 +71,7 @@ fn print(text: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
     let written = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
     match written {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(crate::Error::file("stdout", error))
-        }
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(crate::Error::file("stdout", error)),
         _ => Ok(()),
     }
 }

@@ -52,6 +52,7 @@ impl Composition<'_> {
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
         text.push_str(&self.record());
+        text.push_str(&self.bins());
         text.push_str(&self.emit());
         text.push_str(&self.reflect_probability()?);
         Ok(text)
@@ -90,6 +91,7 @@ impl Composition<'_> {
             ("HAS_HARD", f.splats[0]),
             ("HAS_BILINEAR", f.splats[1]),
             ("HAS_GAUSSIAN", f.splats[2]),
+            ("HAS_TRANSMISSIVE", f.transmissive),
             ("HAS_QUEUE", o.has_queue()),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
@@ -104,6 +106,7 @@ impl Composition<'_> {
     /// The files that the scene needs, each once.
     fn files(&self) -> Vec<&'static str> {
         let f = self.features;
+        let o = self.options;
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
         let mut files = vec![
             shader!("lib/state.wgsl"),
@@ -111,6 +114,7 @@ impl Composition<'_> {
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
+            pick(o.baked, shader!("lib/reached_mask.wgsl"), shader!("lib/reached_table.wgsl")),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
@@ -139,10 +143,7 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         let optional = [
             (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
-            (
-                f.refractive,
-                pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
-            ),
+            (f.refractive, pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl"))),
             (!f.refractive, shader!("lib/indices_none.wgsl")),
             (
                 f.reflective,
@@ -172,11 +173,7 @@ impl Composition<'_> {
         let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         let mut text = String::new();
         for records in [&surfaces, &sensors] {
-            text.push_str(&if self.options.baked {
-                records.baked(self.precision())?
-            } else {
-                records.table()
-            });
+            text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
         }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
@@ -196,8 +193,7 @@ impl Composition<'_> {
         let vector = |v: DVec3| -> Result<String> {
             Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
         };
-        let mut text =
-            String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        let mut text = String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
             let (function, _) = ShapeKind::of(shape).name();
             let mut arguments = String::new();
@@ -260,6 +256,44 @@ impl Composition<'_> {
         text
     }
 
+    /// Bins that rays meet on their way, in registers; a table's mirrors book in memory.
+    fn bins(&self) -> String {
+        let f = self.features;
+        let mut bins: Vec<(String, bool)> = [
+            (f.refractive, "CELL_UNDERFLOWS", false),
+            (f.roulette, "CELL_ROULETTE_GAIN", true),
+            (f.bulk_absorption, "CELL_BULK", true),
+            (f.importance, "CELL_IMPORTANCE_LOSS", true),
+            (f.importance, "CELL_IMPORTANCE_GAIN", true),
+        ]
+        .into_iter()
+        .filter_map(|(present, name, has_quanta)| present.then(|| (name.to_string(), has_quanta)))
+        .collect();
+        if self.options.baked {
+            bins.extend(lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)));
+        }
+        let mut variables = String::new();
+        let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
+        let mut flush = String::from("fn flush_bins() {\n");
+        for (i, (cell, has_quanta)) in bins.iter().enumerate() {
+            let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
+            let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
+            let quanta = if *has_quanta {
+                let _ = writeln!(variables, "var<private> bin_{i}: Quanta = NO_QUANTA;");
+                let _ = writeln!(add, "        bin_{i} = q_add(bin_{i}, q);");
+                format!("bin_{i}")
+            } else {
+                "NO_QUANTA".into()
+            };
+            let _ = writeln!(add, "        return;\n    }}");
+            let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, {quanta});");
+        }
+        if !self.options.baked {
+            add.push_str("    count(cell);\n    deposit(cell, q);\n");
+        }
+        format!("{variables}{add}}}\n{flush}}}\n")
+    }
+
     /// Dispatch over the kinds of emitters that occur.
     fn emit(&self) -> String {
         let mut text = String::from("fn emit(key: RayKey) -> LocalRay {\n");
@@ -268,12 +302,8 @@ impl Composition<'_> {
             None => return String::new(),
         };
         for kind in others {
-            let _ = writeln!(
-                text,
-                "    if range.kind == {}u {{ return emit_{}(key); }}",
-                *kind as u32,
-                kind.name()
-            );
+            let _ =
+                writeln!(text, "    if range.kind == {}u {{ return emit_{}(key); }}", *kind as u32, kind.name());
         }
         let _ = writeln!(text, "    return emit_{}(key);\n}}", last.name());
         text

@@ -121,6 +121,15 @@ fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame>
     }
 }
 
+/// Surfaces that take a part of the rays they reflect.
+pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
+    let lossy = |interaction: &Interaction| match interaction {
+        Interaction::Reflective { reflectance } => reflectance.iter().any(|&r| r != 1.0),
+        Interaction::Refractive | Interaction::Absorbing => false,
+    };
+    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
+}
+
 /// (radial, axial, offset) of shaders/lib/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
 fn gradient(shape: &Shape) -> [f64; 3] {
     match *shape {
@@ -202,8 +211,7 @@ pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     records.uint("num_y", grids.iter().map(|g| g.num_y));
     records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
     records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
-    records
-        .real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
+    records.real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
     let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
     let num_wavelengths = ir.wavelengths.len() as u32;
     records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));
