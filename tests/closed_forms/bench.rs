@@ -25,7 +25,9 @@ pub fn tiers(test: &str) -> Vec<Tier> {
     let open =
         || Gpu::open(&AdapterChoice { name: None, native: Native::Allowed, runtime_checks: true }).ok();
     // Straight to the stream: the test runner hides what a passing test prints.
-    let skip = |what: &str| writeln!(std::io::stderr(), "SKIPPED: {test}: {what}").unwrap();
+    let skip = |what: &str| {
+        writeln!(std::io::stderr(), "SKIPPED: {test}: {what}").expect("standard error takes a line")
+    };
     let Some(gpu) = GPU.get_or_init(open) else {
         skip("no adapter");
         return Vec::new();

@@ -110,6 +110,9 @@ fn a_lambertian_disk_lights_a_disk_by_the_view_factor_and_its_axis_by_sin2_theta
     }
 }
 
+/// The share of the flux below a polar angle.
+type Law = fn(f64) -> f64;
+
 /// Probabilities of far-field bins, theta-major, where the flux below theta is `below(theta)` and azimuth is uniform.
 fn polar_bins(num_theta: usize, num_phi: usize, below: impl Fn(f64) -> f64) -> Vec<f64> {
     let edge = |i: usize| 0.5 * PI * i as f64 / num_theta as f64;
@@ -119,20 +122,20 @@ fn polar_bins(num_theta: usize, num_phi: usize, below: impl Fn(f64) -> f64) -> V
 
 #[test]
 fn directions_of_lambertian_and_uniform_sources_are_distributed_by_their_laws() {
-    let sphere = |theta: f64| 1.0 - theta.cos();
-    let cap = |theta: f64| ((1.0 - theta.cos()) / (1.0 - 60f64.to_radians().cos())).min(1.0);
-    let lambert = |theta: f64| theta.sin() * theta.sin();
+    let sphere: Law = |theta| 1.0 - theta.cos();
+    let cap: Law = |theta| ((1.0 - theta.cos()) / (1.0 - 60f64.to_radians().cos())).min(1.0);
+    let lambert: Law = |theta| theta.sin() * theta.sin();
     for tier in tiers("directions of sources") {
         let wide = json!({ "half_angle_deg": 180.0 });
         let narrow = json!({ "half_angle_deg": 60.0 });
         let area = json!({ "width": 2.0, "height": 1.0 });
         let area_narrow = json!({ "width": 2.0, "height": 1.0, "half_angle_deg": 60.0 });
         // A full sphere about a far-field detector folds both hemispheres into one: 1 - cos theta of them together.
-        let cases: [(&str, &str, _, &dyn Fn(f64) -> f64); 4] = [
-            ("uniform over the sphere", "point", wide, &sphere),
-            ("uniform in a cap", "point", narrow, &cap),
-            ("far field of a Lambertian area", "extended", area, &lambert),
-            ("uniform cap of an area", "extended", area_narrow, &cap),
+        let cases: [(&str, &str, _, Law); 4] = [
+            ("uniform over the sphere", "point", wide, sphere),
+            ("uniform in a cap", "point", narrow, cap),
+            ("far field of a Lambertian area", "extended", area, lambert),
+            ("uniform cap of an area", "extended", area_narrow, cap),
         ];
         for (form, kind, source, below) in cases {
             let bins = json!({ "num_bins_theta": 18, "num_bins_phi": 12 });
