@@ -78,7 +78,7 @@ fn roulette_keeps_the_mean_and_the_survivors_share() {
 }
 
 #[test]
-fn roulette_in_a_cavity_gives_the_mirrors_what_the_series_gives_them() {
+fn roulette_in_a_cavity_gains_what_it_loses() {
     const RAYS: u64 = 100_000;
     for tier in tiers("roulette in a cavity") {
         let plain = cavity(0.5, 60).trace(&tier, RAYS);
@@ -90,8 +90,7 @@ fn roulette_in_a_cavity_gives_the_mirrors_what_the_series_gives_them() {
             tier.pick(1e-12, 1e-6),
         )
         .accepted();
-        // Roulette starts at weight 1/4: survival 5/6, and the survivor's weight is 0.3 again; then 0.15 at 1/2. What a
-        // ray leaves in all later meetings is bounded by its gain, so that a sample lies in [0, 2] times 0.3.
+        // Every play is fair, so that gain and loss have the same mean; sigma is that of their difference over the rays.
         let gained = played.ledger.roulette_gain.flux - played.ledger.roulette_loss.flux;
         let variance = cavity_gain_variance();
         let z = gained / (variance / RAYS as f64).sqrt();

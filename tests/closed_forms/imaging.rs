@@ -131,7 +131,7 @@ fn a_corner_cube_returns_every_ray_antiparallel() {
 }
 
 #[test]
-fn a_kaleidoscope_of_two_mirrors_turns_by_twice_their_angle() {
+fn two_mirrors_turn_a_ray_by_twice_their_angle() {
     // Two reflections at planes of angle alpha rotate by 2 alpha about their edge; the y component stays.
     let alpha = 0.5f64;
     for tier in tiers("two mirrors") {
@@ -155,7 +155,7 @@ fn a_kaleidoscope_of_two_mirrors_turns_by_twice_their_angle() {
 }
 
 #[test]
-fn a_concave_mirror_of_a_right_angle_cone_returns_the_axis_direction() {
+fn a_right_angle_cone_returns_a_ray_along_its_axis() {
     // A cone whose wall stands at 45 degrees turns a ray parallel to its axis by 90 degrees, and again on the far wall.
     for tier in tiers("axicon") {
         let cone =

@@ -170,7 +170,8 @@ fn two_plates_transmit_the_sum_over_all_reflections_between_them() {
 
 // A face at distance 0 is not ahead, so that the second of two touching faces is never met: 0.372 = (1 - R) / (1 + 2 R)
 // is transmitted at normal incidence, and of a 40-degree cone 0.050, since the last face then turns a ray from vacuum
-// as if it came from glass. The reference has the same gap.
+// as if it came from glass. So it is in f32 with a plate of 1e-9 mm away from the scene's centre, where it has no
+// thickness. The reference has the same gap.
 #[test]
 #[ignore = "known defect: of two faces in contact the second is never met"]
 fn two_plates_in_contact_transmit_as_two_plates_apart() {
@@ -399,7 +400,7 @@ fn a_thin_lens_images_by_gauss_and_focuses_at_its_focal_length() {
         let bench = lens(n, 0.0, -r, t);
         let focus = paraxial_crossing(&tier, &bench, DVec3::NAN, -1.0, heights) - t;
         exact(&tier.name("thin lens: focus"), [(focus, f)], f * tier.pick(1e-11, 1e-4)).accepted();
-        let bench = lens(n, 0.0, -r, t).within(at(0.0, 0.0, 0.0));
+        let bench = lens(n, 0.0, -r, t);
         let s = 1.5 * f;
         let image = paraxial_crossing(&tier, &bench, DVec3::new(0.0, 0.0, t / n - s), 0.0, heights) - t;
         let expected = 1.0 / (1.0 / f - 1.0 / s);

@@ -175,9 +175,8 @@ fn a_whispering_ray_keeps_its_radius_and_its_step() {
 }
 
 #[test]
-fn a_ray_grazes_along_a_concave_conic_and_its_edge_without_meeting_it_twice_at_once() {
-    // Along the inside of a paraboloid z = r^2 / 2 in its meridian the chords go on for ever in both directions; every
-    // chord is longer than rounding, so that no bounce is a second meeting of the last point.
+fn a_whispering_ray_in_a_conic_never_meets_the_point_it_leaves() {
+    // A sphere as a conic: in its meridian 50 chords of 0.04 rad each lead from -1.2 rad through the vertex to 0.8 rad.
     for tier in tiers("concave conic") {
         let shape = conic(10.0, 0.0, 9.99);
         let start = 1.2f64;
