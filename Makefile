@@ -22,7 +22,6 @@ BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) -o demo-out
-	@echo; echo "written:"; ls -1 demo-out/*
 
 test: test-rust test-python
 
