@@ -267,7 +267,8 @@ impl Composition<'_> {
             (f.importance, "CELL_IMPORTANCE_GAIN", true),
         ]
         .into_iter()
-        .filter_map(|(present, name, has_quanta)| present.then(|| (name.to_string(), has_quanta)))
+        .filter(|(present, ..)| *present)
+        .map(|(_, name, has_quanta)| (name.to_string(), has_quanta))
         .collect();
         if self.options.baked {
             bins.extend(lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)));
