@@ -1,6 +1,6 @@
 //! A trace is a fold: `Tally += pass(range of ray ids)`.
 //!
-//! [`Tracer::pass`] runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
+//! A pass runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
 //! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
 //! callers of the fold.
 
@@ -179,7 +179,7 @@ impl<'a> Tracer<'a> {
         &self.program
     }
 
-    /// Traces every ray, in passes of about [`SUBMISSION_TIME`]; after each one `keep_going` is told how many rays are
+    /// Traces every ray, in passes of about 40 ms; after each one `keep_going` is told how many rays are
     /// done, and stops the trace by returning false.
     ///
     /// # Errors
