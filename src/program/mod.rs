@@ -2,8 +2,8 @@
 
 pub mod compose;
 pub mod features;
-pub mod lowered;
 pub mod library;
+pub mod lowered;
 pub mod records;
 pub mod rng;
 
@@ -113,8 +113,17 @@ impl Program {
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
         let first_step = rng::step_table(seed, 1)[0];
-        let mut program =
-            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray, first_step };
+        let mut program = Program {
+            wgsl,
+            module,
+            features,
+            options,
+            cells,
+            centre,
+            buffers: Vec::new(),
+            max_events_per_ray,
+            first_step,
+        };
         program.buffers = program.pack(ir, seed)?;
         Ok(program)
     }
@@ -308,7 +317,8 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
 
 fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
     let recorded = if features.ray_database {
-        let all_absorb = ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
+        let all_absorb =
+            ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
         if all_absorb { 1 } else { options.max_depth }
     } else {
         0
