@@ -34,7 +34,7 @@ pub struct Args {
     /// Rays per dispatch; it changes memory and speed, never a result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
-    /// Arithmetic: auto takes f64 where the adapter runs it at a good rate, which is measured.
+    /// Arithmetic: auto takes f64 where the adapter runs it at a good rate.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
@@ -66,7 +66,7 @@ pub struct Args {
 /// The `--precision` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PrecisionArg {
-    /// By the adapter's measured rates.
+    /// f64 on a processor; on a GPU by its measured rates.
     Auto,
     /// 32-bit floats.
     F32,
