@@ -1,6 +1,6 @@
 //! A trace is a fold: `Tally += pass(range of ray ids)`.
 //!
-//! [`Tracer::pass`] runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
+//! A pass runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
 //! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
 //! callers of the fold.
 
@@ -180,7 +180,7 @@ impl<'a> Tracer<'a> {
         &self.program
     }
 
-    /// Traces every ray, in passes of about [`SUBMISSION_TIME`]; after each one `keep_going` is told how many rays are
+    /// Traces every ray, in passes of about 40 ms; after each one `keep_going` is told how many rays are
     /// done, and stops the trace by returning false.
     ///
     /// # Errors
@@ -195,7 +195,9 @@ impl<'a> Tracer<'a> {
             self.pass(done, end)?;
             pass_rays = self.next_pass_rays(end - done, start.elapsed());
             done = end;
-            if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1) {
+            if self.counts_undrained
+                > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1)
+            {
                 tally += &self.drain()?;
             }
             if !keep_going(done) {
@@ -442,7 +444,9 @@ impl DeviceState {
         let num_cells = u64::from(program.cells.num_cells);
         let sums = gpu.buffer("the sums", num_cells * cell_bytes(program))?;
         let tops = match program.options.native {
-            true => Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?),
+            true => {
+                Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?)
+            }
             false => None,
         };
         let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
@@ -455,8 +459,11 @@ impl DeviceState {
             }
             false => None,
         };
-        let constants: Vec<(u32, wgpu::Buffer)> =
-            program.buffers.iter().map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes))).collect();
+        let constants: Vec<(u32, wgpu::Buffer)> = program
+            .buffers
+            .iter()
+            .map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes)))
+            .collect();
         let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
         if !program.emitters.is_empty() {
             scene.push((program::lowered::EMITTER, &emitter));
@@ -468,7 +475,8 @@ impl DeviceState {
 
         let counts = gpu.buffer("queue counts", 12)?;
         let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
-        let queue = [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
+        let queue =
+            [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
         let direction = |from: usize, to: usize| {
             let mut buffers = vec![(0, &counts)];
             if has_queue {
@@ -487,7 +495,8 @@ impl DeviceState {
         let advance_layout = gpu.bind_group_layout("advance", &advance_bindings, 0);
         let advance_shader = gpu.shader("advance", program::compose::ADVANCE);
         let size = f64::from(program.options.workgroup_size);
-        let advance = gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
+        let advance =
+            gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
         let advancing = gpu.bind_group("advance", &advance_layout, [(0, &counts), (1, &workgroups)]);
         gpu.check()?;
         Ok(DeviceState {
@@ -535,7 +544,8 @@ impl DeviceState {
 }
 
 fn cell_bytes(program: &Program) -> u64 {
-    let bytes = if program.options.native { gpu::sums::NATIVE_CELL_BYTES } else { gpu::sums::PORTABLE_CELL_BYTES };
+    let bytes =
+        if program.options.native { gpu::sums::NATIVE_CELL_BYTES } else { gpu::sums::PORTABLE_CELL_BYTES };
     bytes as u64
 }
 
@@ -580,7 +590,9 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         per_ray => (MAX_EVENTS / per_ray).max(1),
     };
     let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
-        (true, Ok(stride)) => (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32,
+        (true, Ok(stride)) => {
+            (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32
+        }
         _ => u32::MAX,
     };
     wanted.min(events).min(queued).max(1)

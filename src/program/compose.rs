@@ -143,7 +143,10 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         let optional = [
             (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
-            (f.refractive, pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl"))),
+            (
+                f.refractive,
+                pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
+            ),
             (!f.refractive, shader!("lib/indices_none.wgsl")),
             (
                 f.reflective,
@@ -173,7 +176,11 @@ impl Composition<'_> {
         let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         let mut text = String::new();
         for records in [&surfaces, &sensors] {
-            text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
+            text.push_str(&if self.options.baked {
+                records.baked(self.precision())?
+            } else {
+                records.table()
+            });
         }
         text.push_str(&self.emitter()?);
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
@@ -206,7 +213,8 @@ impl Composition<'_> {
         let vector = |v: DVec3| -> Result<String> {
             Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
         };
-        let mut text = String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        let mut text =
+            String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
             let (function, _) = ShapeKind::of(shape).name();
             let mut arguments = String::new();
@@ -280,10 +288,13 @@ impl Composition<'_> {
             (f.importance, "CELL_IMPORTANCE_GAIN", true),
         ]
         .into_iter()
-        .filter_map(|(present, name, has_quanta)| present.then(|| (name.to_string(), has_quanta)))
+        .filter(|(present, ..)| *present)
+        .map(|(_, name, has_quanta)| (name.to_string(), has_quanta))
         .collect();
         if self.options.baked {
-            bins.extend(lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)));
+            bins.extend(
+                lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)),
+            );
         }
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");

@@ -235,7 +235,8 @@ pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     records.uint("num_y", grids.iter().map(|g| g.num_y));
     records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
     records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
-    records.real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
+    records
+        .real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
     let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
     let num_wavelengths = ir.wavelengths.len() as u32;
     records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));

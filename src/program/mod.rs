@@ -2,8 +2,8 @@
 
 pub mod compose;
 pub mod features;
-pub mod lowered;
 pub mod library;
+pub mod lowered;
 pub mod records;
 pub mod rng;
 
@@ -268,7 +268,8 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
 
 fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
     let recorded = if features.ray_database {
-        let all_absorb = ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
+        let all_absorb =
+            ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
         if all_absorb { 1 } else { options.max_depth }
     } else {
         0

@@ -209,15 +209,15 @@ impl StructLayout {
         let naga::TypeInner::Struct { members, .. } = &kind.inner else {
             return Err(Error::Internal(format!("{name} is not a struct")));
         };
-        let offsets = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+        let offsets =
+            members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
         Ok(StructLayout { stride: layouter[handle].to_stride() as usize, offsets, name: name.into() })
     }
 
     /// Offset of a field \[bytes\].
     pub fn offset(&self, field: &str) -> Result<usize> {
-        self.offsets
-            .get(field)
-            .copied()
-            .ok_or_else(|| Error::Internal(format!("struct {} of the composed module has no field {field}", self.name)))
+        self.offsets.get(field).copied().ok_or_else(|| {
+            Error::Internal(format!("struct {} of the composed module has no field {field}", self.name))
+        })
     }
 }
