@@ -143,6 +143,17 @@ impl<'a> Tracer<'a> {
     /// [`Error::Usage`] for options that make no sense or that the device cannot do, [`Error::Device`] if the scene does
     /// not fit it.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        Self::with_wgsl_edit(gpu, ir, options, |wgsl| wgsl)
+    }
+
+    /// As [`Tracer::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    #[doc(hidden)]
+    pub fn with_wgsl_edit(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
         check_options(gpu, options)?;
         let rays = distribute(ir, options.num_rays)?;
         let lowest_weight = rays.iter().map(|r| r.weight).fold(f64::INFINITY, f64::min);
@@ -157,7 +168,7 @@ impl<'a> Tracer<'a> {
             workgroup_size: options.workgroup_size,
             paths: options.paths.sampling(options.num_rays),
         };
-        let program = Program::new(ir, program_options, options.seed, lowest_weight)?;
+        let program = Program::with_wgsl_edit(ir, program_options, options.seed, lowest_weight, edit)?;
         let batch = batch_size(gpu, &program, options);
         let device = DeviceState::new(gpu, &program, batch)?;
         Ok(Tracer {

@@ -102,11 +102,23 @@ impl Program {
     /// # Errors
     /// [`Error::Usage`] if the precision cannot hold one of the scene's numbers.
     pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64, lowest_weight: f64) -> Result<Self> {
+        Self::with_wgsl_edit(ir, options, seed, lowest_weight, |wgsl| wgsl)
+    }
+
+    /// As [`Program::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    #[doc(hidden)]
+    pub fn with_wgsl_edit(
+        ir: &SceneIr,
+        options: ProgramOptions,
+        seed: u64,
+        lowest_weight: f64,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
         let cells = Cells::of(ir);
-        let wgsl =
-            Composition { ir, features: &features, centre, cells: &cells, options: &options }.compose()?;
+        let composition = Composition { ir, features: &features, centre, cells: &cells, options: &options };
+        let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);

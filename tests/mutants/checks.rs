@@ -1,0 +1,168 @@
+//! The checks that mutants must fail, found by name: `<kind> <scene>[, setting]...`, or a closed form's own name.
+
+use crate::bench::{Bench, Setting, precision, scene};
+use crate::closed_forms;
+use crate::oracle::Oracle;
+use nsq_gpu::ir::{SensorKind, Splat};
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::{PathEventKind, QUANTA_PER_WEIGHT, Tally};
+use nsq_gpu::trace::RecordPaths;
+use std::collections::BTreeMap;
+
+/// A check; its error says what was wrong.
+pub type Outcome = Result<(), String>;
+
+/// A named check.
+pub enum Check {
+    /// Agreement with what Optiland computed.
+    Parity(Scene),
+    /// Every quantum is accounted for.
+    Ledger(Scene),
+    /// The sums are the same integers whatever the setting.
+    SameBits(Scene),
+    /// Recorded paths tell what the sums tell.
+    Paths(Scene),
+    /// Where nothing is spread nor lost, the flux of a pixel is its hits.
+    Hits(Scene),
+    /// A scene whose result is known in closed form.
+    ClosedForm(fn(&Bench) -> Outcome),
+}
+
+/// A scene and how it is traced.
+pub struct Scene {
+    name: String,
+    setting: Setting,
+}
+
+impl Check {
+    /// Finds a check.
+    pub fn named(name: &str) -> Self {
+        if let Some(check) = closed_forms::named(name) {
+            return Check::ClosedForm(check);
+        }
+        let (kind, scene) = name.split_once(' ').unwrap_or_else(|| panic!("no check is named {name}"));
+        let scene = Scene::parse(scene);
+        match kind {
+            "parity" => Check::Parity(scene),
+            "ledger" => Check::Ledger(scene),
+            "same_bits" => Check::SameBits(scene),
+            "paths" => Check::Paths(scene),
+            "hits" => Check::Hits(scene),
+            _ => panic!("no check is named {name}"),
+        }
+    }
+
+    /// Runs it.
+    pub fn run(&self, bench: &Bench) -> Outcome {
+        match self {
+            Check::Parity(scene) => parity(bench, scene),
+            Check::Ledger(scene) => ledger(bench, scene),
+            Check::SameBits(scene) => same_bits(bench, scene),
+            Check::Paths(scene) => paths(bench, scene),
+            Check::Hits(scene) => hits(bench, scene),
+            Check::ClosedForm(check) => check(bench),
+        }
+    }
+}
+
+impl Scene {
+    fn parse(text: &str) -> Self {
+        let mut words = text.split(", ");
+        let name = words.next().unwrap_or_default().to_string();
+        let mut setting = Setting::default();
+        for word in words {
+            match (word, precision(word)) {
+                (_, Some(precision)) => setting.options.precision = precision,
+                ("portable", _) => setting.native = false,
+                ("table", _) => setting.options.baked = Some(false),
+                ("queued", _) => setting.options.events_per_dispatch = 3,
+                _ => panic!("no setting is named {word}"),
+            }
+        }
+        Scene { name, setting }
+    }
+}
+
+fn parity(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let mut setting = scene_of.setting.clone();
+    let oracle = Oracle::load(&scene_of.name);
+    setting.options.num_rays = oracle.num_rays();
+    let result = bench.result(&scene(&scene_of.name), &setting);
+    match setting.options.precision {
+        Precision::F64 => oracle.compare(&result),
+        Precision::F32 => oracle.compare_roughly(&result),
+    }
+}
+
+fn ledger(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let mut setting = scene_of.setting.clone();
+    setting.options.num_rays = 20_000;
+    let ledger = bench.result(&scene(&scene_of.name), &setting).ledger;
+    if ledger.closes() { Ok(()) } else { Err(format!("{} quanta are missing", ledger.imbalance_quanta)) }
+}
+
+/// Batches of another size, with and without queue, native and portable integers.
+fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let ir = scene(&scene_of.name);
+    let mut first = scene_of.setting.clone();
+    first.options.num_rays = 20_000;
+    let mut other = first.clone();
+    other.native = false;
+    other.options.batch_size = Some(7_777);
+    other.options.events_per_dispatch = 3;
+    if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }
+}
+
+/// Counts of each kind of event against the counts of the trace.
+fn paths(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let mut setting = scene_of.setting.clone();
+    setting.options.paths = RecordPaths::All;
+    let ir = scene(&scene_of.name);
+    let oracle = Oracle::load(&scene_of.name);
+    setting.options.num_rays = oracle.num_rays();
+    let tally = bench.tally(&ir, &setting);
+    let mut events: BTreeMap<String, u64> = BTreeMap::new();
+    for event in &tally.paths {
+        *events.entry(label(event.kind)).or_default() += 1;
+    }
+    let mut expected = fates(&tally);
+    for (i, surface) in ir.surfaces.iter().enumerate() {
+        expected.insert(label(PathEventKind::Surface(i)), oracle.surface_hits(&surface.name));
+    }
+    for (i, sensor) in tally.sensors.iter().enumerate() {
+        expected.insert(label(PathEventKind::Sensor(i)), sensor.total().count);
+    }
+    expected.retain(|_, count| *count > 0);
+    if events == expected { Ok(()) } else { Err(format!("{events:?} instead of {expected:?}")) }
+}
+
+fn fates(tally: &Tally) -> BTreeMap<String, u64> {
+    [
+        (PathEventKind::Birth(0), tally.launched.count),
+        (PathEventKind::Escaped, tally.escaped.count),
+        (PathEventKind::DepthKilled, tally.depth_killed.count),
+        (PathEventKind::FluxKilled, tally.roulette_loss.count),
+    ]
+    .map(|(kind, count)| (label(kind), count))
+    .into()
+}
+
+fn label(kind: PathEventKind) -> String {
+    format!("{kind:?}")
+}
+
+fn hits(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let ir = scene(&scene_of.name);
+    let tally = bench.tally(&ir, &scene_of.setting);
+    for (sensor, sums) in ir.sensors.iter().zip(&tally.sensors) {
+        let spread = sensor.kind.grid().is_some_and(|grid| grid.splat != Splat::Hard);
+        if spread || matches!(sensor.kind, SensorKind::RayDatabase { .. }) {
+            continue;
+        }
+        let expected = sums.hits.iter().map(|&hits| u128::from(hits) * QUANTA_PER_WEIGHT as u128);
+        if !expected.eq(sums.quanta.iter().copied()) {
+            return Err(format!("{}: pixels have flux without hits", sensor.name));
+        }
+    }
+    Ok(())
+}
