@@ -2,7 +2,7 @@
 
 use crate::table::Mutant;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
-use nsq_gpu::ir::SceneIr;
+use nsq_gpu::ir::{SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
@@ -93,10 +93,17 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()
 }
 
-/// A scene of scenes/.
+/// A scene of scenes/, its ray databases without caps, as the oracle has them.
 pub fn scene(name: &str) -> SceneIr {
     let path = root().join("scenes").join(format!("{name}.json"));
-    Scene::from_path(&path).and_then(|scene| scene.lower()).unwrap_or_else(|error| panic!("{name}: {error}"))
+    let lowered = Scene::from_path(&path).and_then(|scene| scene.lower());
+    let mut ir = lowered.unwrap_or_else(|error| panic!("{name}: {error}"));
+    for sensor in &mut ir.sensors {
+        if let SensorKind::RayDatabase { max_rays, .. } = &mut sensor.kind {
+            *max_rays = None;
+        }
+    }
+    ir
 }
 
 /// A precision by its name.

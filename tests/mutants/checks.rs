@@ -3,9 +3,9 @@
 use crate::bench::{Bench, Setting, precision, scene};
 use crate::closed_forms;
 use crate::oracle::Oracle;
-use nsq_gpu::ir::{SensorKind, Splat};
+use nsq_gpu::ir::{Sensor, Splat};
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::{PathEventKind, QUANTA_PER_WEIGHT, Tally};
+use nsq_gpu::result::{PathEventKind, Tally};
 use nsq_gpu::trace::RecordPaths;
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ pub enum Check {
     SameBits(Scene),
     /// Recorded paths tell what the sums tell.
     Paths(Scene),
-    /// Where nothing is spread nor lost, the flux of a pixel is its hits.
+    /// Where no flux is spread over pixels, the lit pixels are those that were hit.
     Hits(Scene),
     /// A scene whose result is known in closed form.
     ClosedForm(fn(&Bench) -> Outcome),
@@ -154,14 +154,15 @@ fn label(kind: PathEventKind) -> String {
 fn hits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let tally = bench.tally(&ir, &scene_of.setting);
-    for (sensor, sums) in ir.sensors.iter().zip(&tally.sensors) {
-        let spread = sensor.kind.grid().is_some_and(|grid| grid.splat != Splat::Hard);
-        if spread || matches!(sensor.kind, SensorKind::RayDatabase { .. }) {
-            continue;
-        }
-        let expected = sums.hits.iter().map(|&hits| u128::from(hits) * QUANTA_PER_WEIGHT as u128);
-        if !expected.eq(sums.quanta.iter().copied()) {
-            return Err(format!("{}: pixels have flux without hits", sensor.name));
+    let sharp = |sensor: &Sensor| sensor.kind.grid().is_some_and(|grid| grid.splat == Splat::Hard);
+    let sensors: Vec<_> = ir.sensors.iter().zip(&tally.sensors).filter(|(sensor, _)| sharp(sensor)).collect();
+    if sensors.is_empty() {
+        return Err("no detector of the scene keeps a ray in one pixel".into());
+    }
+    for (sensor, sums) in sensors {
+        let lit = |cell: &usize| (sums.quanta[*cell] > 0) != (sums.hits[*cell] > 0);
+        if let Some(cell) = (0..sums.quanta.len()).find(lit) {
+            return Err(format!("{}: cell {cell} has hits without flux, or flux without hits", sensor.name));
         }
     }
     Ok(())

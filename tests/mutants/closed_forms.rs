@@ -18,6 +18,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "total reflection" => total_reflection,
         "absorbing slab" => absorbing_slab,
         "mirrors and roulette" => mirrors_and_roulette,
+        "roulette in passing" => roulette_in_passing,
         "cap" => cap,
         "lambertian" => lambertian,
         "extended cap" => extended_cap,
@@ -159,6 +160,20 @@ fn mirrors_and_roulette(bench: &Bench) -> Outcome {
     let result = trace(bench, &ir, num_rays);
     // 1 towards the far mirror and R back from it, then R^2 towards it, and so on: 1 / (1 - R).
     near("flux read", result.detectors[0].total_flux, 2.0, num_rays, 4.0)
+}
+
+/// In an absorbing medium a ray may fall below the threshold on its way to a transmissive detector.
+fn roulette_in_passing(bench: &Bench) -> Outcome {
+    let num_rays = 50_000;
+    let mut passed = pixels("passed", 4.0);
+    passed.absorb = false;
+    let mut ir = scene(beam(), vec![], vec![passed, pixels("end", 8.0)]);
+    ir.emitters[0].medium = 2;
+    ir.media[2].k[0] = 1e-5;
+    ir.sampling.rr_start_flux = 0.9;
+    let result = trace(bench, &ir, num_rays);
+    let survival = (-4.0 * std::f64::consts::PI * 1e-5 * 4e3 / 0.5_f64).exp() / 0.9;
+    near("survivors", result.detectors[1].num_rays_hit as f64 / num_rays as f64, survival, num_rays, 1.0)
 }
 
 /// Shares of the flux within the first polar bins of the sky.
