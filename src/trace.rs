@@ -393,7 +393,10 @@ impl<'a> Tracer<'a> {
         tally.roulette_loss = booking(8);
         let cells = &self.program.cells;
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached = counters[cells.reached as usize + i] != 0;
+            surface.reached = match self.program.options.baked {
+                true => counters[cells.reached as usize] >> i & 1 != 0,
+                false => counters[cells.reached as usize + i] != 0,
+            };
             surface.absorbed = booking(cells.surfaces as usize + i);
         }
         for (i, sensor) in tally.sensors.iter_mut().enumerate() {
@@ -479,7 +482,11 @@ impl DeviceState {
         let queues = [direction(1, 0), direction(0, 1)];
 
         let workgroups = gpu.buffer("workgroups", 12)?;
-        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding { group: 0, number, read_only: false });
+        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding {
+            group: 0,
+            number,
+            access: gpu::compute::Access::ReadWrite,
+        });
         let advance_layout = gpu.bind_group_layout("advance", &advance_bindings, 0);
         let advance_shader = gpu.shader("advance", program::compose::ADVANCE);
         let size = f64::from(program.options.workgroup_size);

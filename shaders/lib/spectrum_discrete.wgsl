@@ -5,7 +5,7 @@
 
 fn draw_wavelength(key: RayKey) -> u32 {
     // Optiland draws nothing for a spectrum of one line; nor does it matter, since draws are keyed by their slot.
-    let bits = draw(key, SOURCE_WAVELENGTH, 0u);
+    let bits = draw_first(key, SOURCE_WAVELENGTH);
     var low = 0u;
     var high = range.spectrum_count - 1u;
     for (var step = 0u; step < 32u && low < high; step++) {

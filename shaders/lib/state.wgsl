@@ -19,6 +19,10 @@ struct Ray {
     direction: vec3<real>,
     weight: real,
     key: RayKey,
+    // The draws that every event may need, at the step of its bounce count: moving a stream on by one step costs less
+    // than jumping to it from the key.
+    fresnel: Stream,
+    roulette: Stream,
     // Position in the dispatch's range of ray ids.
     index: u32,
     bounce: u32,
@@ -54,6 +58,9 @@ struct Range {
     spectrum_first: u32,
     spectrum_count: u32,
     kind: u32,
+    // P of step 0 (program::rng::step_table).
+    seed_lo: u32,
+    seed_hi: u32,
     weight: real,
     origin_x: real,
     origin_y: real,
@@ -73,7 +80,18 @@ struct Range {
     p2: real,
 }
 
-@group(0) @binding(0) var<storage, read> range: Range;
+// Uniform, because every invocation reads the same values.
+@group(0) @binding(0) var<uniform> range: Range;
+
+// The jump to step 0: P from the seed, Q = MULT + 1.
+fn first_jump() -> vec4<u32> {
+    return vec4<u32>(range.seed_lo, range.seed_hi, 0x4C957F2Eu, 0x5851F42Du);
+}
+
+// The 32 bits of (ray, slot, 0).
+fn draw_first(key: RayKey, slot: u32) -> u32 {
+    return stream_bits(stream_at(key, slot, first_jump()));
+}
 
 fn key_of(index: u32) -> RayKey {
     let lo = range.first_lo + index;

@@ -52,6 +52,7 @@ impl Composition<'_> {
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
         text.push_str(&self.record());
+        text.push_str(&self.bins());
         text.push_str(&self.emit());
         text.push_str(&self.reflect_probability()?);
         Ok(text)
@@ -90,6 +91,7 @@ impl Composition<'_> {
             ("HAS_HARD", f.splats[0]),
             ("HAS_BILINEAR", f.splats[1]),
             ("HAS_GAUSSIAN", f.splats[2]),
+            ("HAS_TRANSMISSIVE", f.transmissive),
             ("HAS_QUEUE", o.has_queue()),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
@@ -104,6 +106,7 @@ impl Composition<'_> {
     /// The files that the scene needs, each once.
     fn files(&self) -> Vec<&'static str> {
         let f = self.features;
+        let o = self.options;
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
         let mut files = vec![
             shader!("lib/state.wgsl"),
@@ -111,6 +114,7 @@ impl Composition<'_> {
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
+            pick(o.baked, shader!("lib/reached_mask.wgsl"), shader!("lib/reached_table.wgsl")),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
@@ -250,6 +254,44 @@ impl Composition<'_> {
         }
         text.push_str("}\n");
         text
+    }
+
+    /// Bins that rays meet on their way, in registers; a table's mirrors book in memory.
+    fn bins(&self) -> String {
+        let f = self.features;
+        let mut bins: Vec<(String, bool)> = [
+            (f.refractive, "CELL_UNDERFLOWS", false),
+            (f.roulette, "CELL_ROULETTE_GAIN", true),
+            (f.bulk_absorption, "CELL_BULK", true),
+            (f.importance, "CELL_IMPORTANCE_LOSS", true),
+            (f.importance, "CELL_IMPORTANCE_GAIN", true),
+        ]
+        .into_iter()
+        .filter_map(|(present, name, has_quanta)| present.then(|| (name.to_string(), has_quanta)))
+        .collect();
+        if self.options.baked {
+            bins.extend(lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)));
+        }
+        let mut variables = String::new();
+        let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
+        let mut flush = String::from("fn flush_bins() {\n");
+        for (i, (cell, has_quanta)) in bins.iter().enumerate() {
+            let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
+            let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
+            let quanta = if *has_quanta {
+                let _ = writeln!(variables, "var<private> bin_{i}: Quanta = NO_QUANTA;");
+                let _ = writeln!(add, "        bin_{i} = q_add(bin_{i}, q);");
+                format!("bin_{i}")
+            } else {
+                "NO_QUANTA".into()
+            };
+            let _ = writeln!(add, "        return;\n    }}");
+            let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, {quanta});");
+        }
+        if !self.options.baked {
+            add.push_str("    count(cell);\n    deposit(cell, q);\n");
+        }
+        format!("{variables}{add}}}\n{flush}}}\n")
     }
 
     /// Dispatch over the kinds of emitters that occur.

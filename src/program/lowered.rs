@@ -121,6 +121,15 @@ fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame>
     }
 }
 
+/// Surfaces that take a part of the rays they reflect.
+pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
+    let lossy = |interaction: &Interaction| match interaction {
+        Interaction::Reflective { reflectance } => reflectance.iter().any(|&r| r != 1.0),
+        Interaction::Refractive | Interaction::Absorbing => false,
+    };
+    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
+}
+
 /// (radial, axial, offset) of shaders/lib/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
 fn gradient(shape: &Shape) -> [f64; 3] {
     match *shape {

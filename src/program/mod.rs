@@ -84,6 +84,8 @@ pub struct Program {
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Largest number of rows for the host that one ray can make.
     pub max_events_per_ray: u32,
+    /// The words of step 0 of the random generator's table.
+    first_step: [u32; 4],
 }
 
 /// Binding of the random generator's table.
@@ -122,8 +124,9 @@ impl Program {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
+        let first_step = rng::step_table(seed, 1)[0];
         let mut program =
-            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray };
+            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray, first_step };
         program.buffers = program.pack(ir, seed)?;
         Ok(program)
     }
@@ -195,7 +198,10 @@ impl Program {
         let mut bytes = vec![0; layout.stride];
         let emitter = &ir.emitters[range.emitter];
         let first_spectrum: usize = ir.emitters[..range.emitter].iter().map(|e| e.spectrum.cdf.len()).sum();
+        let [seed_lo, seed_hi, ..] = self.first_step;
         let uints = [
+            ("seed_lo", seed_lo),
+            ("seed_hi", seed_hi),
             ("first_lo", range.first as u32),
             ("first_hi", (range.first >> 32) as u32),
             ("count", range.count),
