@@ -393,7 +393,7 @@ impl<'a> Tracer<'a> {
         tally.roulette_loss = booking(8);
         let cells = &self.program.cells;
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached = match self.program.options.baked {
+            surface.reached = match self.program.options.baked && cells.fit_reached_mask() {
                 true => counters[cells.reached as usize] >> i & 1 != 0,
                 false => counters[cells.reached as usize + i] != 0,
             };

@@ -45,7 +45,11 @@ impl Said {
         let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
         let said =
             Said { code: output.status.code(), stdout: text(&output.stdout), stderr: text(&output.stderr) };
-        assert!(!said.stderr.contains("panicked") && !said.stderr.contains("nsq-gpu: internal error"), "{}", said.stderr);
+        assert!(
+            !said.stderr.contains("panicked") && !said.stderr.contains("nsq-gpu: internal error"),
+            "{}",
+            said.stderr
+        );
         assert!(!said.stderr.contains('\x1b') && !said.stdout.contains('\x1b'), "colour without a terminal");
         said
     }
@@ -112,10 +116,28 @@ fn json_is_one_document_with_the_fields_of_the_contract() {
     let said = trace("bench_cavity", &["--json", "--seed", "3"]);
     let report = said.json();
     let fields = [
-        "schema", "seed", "precision", "adapter", "trace_time_sec", "rays_per_sec", "num_rays_total",
-        "num_rays_absorbed", "num_rays_escaped", "num_rays_flux_killed", "num_rays_depth_killed", "total_flux_in",
-        "total_flux_detected", "total_flux_tapped", "total_flux_absorbed", "total_flux_bulk_absorbed",
-        "total_flux_escaped", "total_flux_lost", "flux_conservation_error", "detectors", "ledger", "diagnostics",
+        "schema",
+        "seed",
+        "precision",
+        "adapter",
+        "trace_time_sec",
+        "rays_per_sec",
+        "num_rays_total",
+        "num_rays_absorbed",
+        "num_rays_escaped",
+        "num_rays_flux_killed",
+        "num_rays_depth_killed",
+        "total_flux_in",
+        "total_flux_detected",
+        "total_flux_tapped",
+        "total_flux_absorbed",
+        "total_flux_bulk_absorbed",
+        "total_flux_escaped",
+        "total_flux_lost",
+        "flux_conservation_error",
+        "detectors",
+        "ledger",
+        "diagnostics",
     ];
     let missing: Vec<&str> = fields.into_iter().filter(|field| report[field].is_null()).collect();
     assert_eq!(missing, Vec::<&str>::new());
@@ -340,7 +362,17 @@ fn interrupt_keeps_what_was_traced_and_marks_it() {
     let path = scene_path("bench_cavity");
     let mut child = std::process::Command::cargo_bin("nsq-gpu")
         .unwrap()
-        .args(["trace", path.to_str().unwrap(), "-n", "1e13", "--precision", "f32", "--json", "--progress", "json"])
+        .args([
+            "trace",
+            path.to_str().unwrap(),
+            "-n",
+            "1e13",
+            "--precision",
+            "f32",
+            "--json",
+            "--progress",
+            "json",
+        ])
         .args(["-o", out.to_str().unwrap()])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

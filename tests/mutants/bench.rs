@@ -47,7 +47,10 @@ impl Bench {
             (Ok(native), Ok(portable)) if native.f64 && native.int64 => (native, portable),
             _ => {
                 // Straight to the stream: the test runner hides what a passing test prints.
-                let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: no adapter with 64-bit floats and integers");
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "SKIPPED: {test}: no adapter with 64-bit floats and integers"
+                );
                 return None;
             }
         };

@@ -5,8 +5,8 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::TraceResult;
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
+    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::result::DetectorData;
 
@@ -39,8 +39,7 @@ fn plane(name: &str, z: f64, interaction: Interaction, front: usize, back: usize
 }
 
 fn pixels(name: &str, z: f64) -> Sensor {
-    let grid =
-        PixelGrid { width: 1e3, height: 1e3, num_pixels_x: 8, num_pixels_y: 8, splat: Splat::Hard };
+    let grid = PixelGrid { width: 1e3, height: 1e3, num_pixels_x: 8, num_pixels_y: 8, splat: Splat::Hard };
     Sensor { name: name.into(), frame: at(z), kind: SensorKind::Irradiance(grid), absorb: true }
 }
 
@@ -55,7 +54,8 @@ fn beam() -> EmitterKind {
 
 /// Media: vacuum, glass, and a vapour of index 1 that absorbs.
 fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
-    let medium = |name: &str, n, k| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![k] };
+    let medium =
+        |name: &str, n, k| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![k] };
     SceneIr {
         wavelengths: vec![0.5],
         media: vec![medium("vacuum", 1.0, 0.0), medium("glass", INDEX, 0.0), medium("vapour", 1.0, 0.0)],
@@ -189,9 +189,9 @@ fn compare_shares(bench: &Bench, kind: EmitterKind, share: impl Fn(f64) -> f64) 
     let num_rays = 50_000;
     let result = trace(bench, &scene(kind, vec![], vec![sky()]), num_rays);
     near("flux seen", result.detectors[0].total_flux, 1.0, num_rays, 1.0)?;
-    polar_shares(&result)
-        .into_iter()
-        .try_for_each(|(angle, seen)| near(&format!("share within {angle}"), seen, share(angle), num_rays, 1.0))
+    polar_shares(&result).into_iter().try_for_each(|(angle, seen)| {
+        near(&format!("share within {angle}"), seen, share(angle), num_rays, 1.0)
+    })
 }
 
 const HALF_ANGLE: f64 = 1.0;

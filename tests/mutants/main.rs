@@ -46,7 +46,13 @@ fn every_check_passes_on_the_shaders_as_they_are() {
 fn every_mutant_fails_the_check_that_is_named_for_it() {
     let Some(bench) = Bench::open("mutants") else { return };
     let survivors: Vec<String> = MUTANTS.iter().filter_map(|mutant| survival(&bench, mutant)).collect();
-    assert!(survivors.is_empty(), "{} of {} survive:\n{}", survivors.len(), MUTANTS.len(), survivors.join("\n"));
+    assert!(
+        survivors.is_empty(),
+        "{} of {} survive:\n{}",
+        survivors.len(),
+        MUTANTS.len(),
+        survivors.join("\n")
+    );
 }
 
 /// Says how a mutant survived; `None` if it was noticed.

@@ -19,7 +19,8 @@ impl Oracle {
     /// The oracle of a scene.
     pub fn load(scene: &str) -> Self {
         let path = root().join("tests/oracle").join(format!("{scene}.json"));
-        let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let text =
+            std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         Oracle(serde_json::from_str(&text).unwrap())
     }
 
@@ -30,7 +31,9 @@ impl Oracle {
 
     /// Rays that met a surface.
     pub fn surface_hits(&self, surface: &str) -> u64 {
-        self.0["surface_hits"][surface].as_u64().unwrap_or_else(|| panic!("the oracle has no surface {surface}"))
+        self.0["surface_hits"][surface]
+            .as_u64()
+            .unwrap_or_else(|| panic!("the oracle has no surface {surface}"))
     }
 
     /// Ray by ray the same: counts are equal, maps agree to rounding.
@@ -166,9 +169,15 @@ fn listed_bins(theirs: &Value) -> Vec<(usize, f64)> {
 /// A map's values in C order, and its shape.
 fn map_of(data: &DetectorData) -> (Vec<f64>, Vec<usize>) {
     match data {
-        DetectorData::Irradiance(map) => (map.irradiance.iter().copied().collect(), map.irradiance.shape().to_vec()),
-        DetectorData::Spectral(map) => (map.irradiance.iter().copied().collect(), map.irradiance.shape().to_vec()),
-        DetectorData::FarField(map) => (map.intensity.iter().copied().collect(), map.intensity.shape().to_vec()),
+        DetectorData::Irradiance(map) => {
+            (map.irradiance.iter().copied().collect(), map.irradiance.shape().to_vec())
+        }
+        DetectorData::Spectral(map) => {
+            (map.irradiance.iter().copied().collect(), map.irradiance.shape().to_vec())
+        }
+        DetectorData::FarField(map) => {
+            (map.intensity.iter().copied().collect(), map.intensity.shape().to_vec())
+        }
         DetectorData::RayDatabase(_) => (Vec::new(), Vec::new()),
     }
 }

@@ -25,7 +25,9 @@ pub fn root() -> PathBuf {
 pub fn scene_names() -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(root().join("scenes"))
         .unwrap()
-        .filter_map(|entry| entry.unwrap().file_name().into_string().unwrap().strip_suffix(".json").map(String::from))
+        .filter_map(|entry| {
+            entry.unwrap().file_name().into_string().unwrap().strip_suffix(".json").map(String::from)
+        })
         .collect();
     names.sort();
     names
@@ -59,7 +61,9 @@ fn check_all(tier: Tier, variants: impl Iterator<Item = (String, Variant)>) {
         let name = format!("{name}, {tier:?}");
         if seen.insert(program.wgsl.clone()) {
             let checks = [seen.len() % 2 == 0];
-            check(&name, &program, &checks).into_iter().for_each(|target| *written.entry(target).or_default() += 1);
+            check(&name, &program, &checks)
+                .into_iter()
+                .for_each(|target| *written.entry(target).or_default() += 1);
         }
     }
     println!("{tier:?}: {} different shaders, written: {written:?}", seen.len());
@@ -132,7 +136,9 @@ fn the_shader_between_dispatches_is_valid_everywhere() {
 fn every_shader_file_is_composed_by_some_variant() {
     let mut texts = vec![nsq_gpu::program::compose::ADVANCE.to_string()];
     for tier in Tier::all() {
-        for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain([(String::new(), everything())]) {
+        for (_, variant) in
+            Choice::all().into_iter().map(Variant::of_choice).chain([(String::new(), everything())])
+        {
             texts.push(variant.program(tier).wgsl);
         }
     }
@@ -163,10 +169,13 @@ fn portable_shaders_bind_few_storage_buffers() {
         }
     }
     println!("at most {most}");
-    let known = targets::BEYOND_WEBGPU.map(|(name, buffers)| (name.to_string(), buffers));
-    assert_eq!(beyond, BTreeMap::from(known), "scenes that plain WebGPU cannot bind");
-    let (compiled, tables) = (everything().program(tier), everything().program(Tier { baked: false, ..tier }));
-    assert_eq!((storage_buffers(&compiled.module), storage_buffers(&tables.module)), targets::MOST_STORAGE_BUFFERS);
+    assert_eq!(beyond, BTreeMap::new(), "scenes that plain WebGPU cannot bind");
+    let (compiled, tables) =
+        (everything().program(tier), everything().program(Tier { baked: false, ..tier }));
+    assert_eq!(
+        (storage_buffers(&compiled.module), storage_buffers(&tables.module)),
+        targets::MOST_STORAGE_BUFFERS
+    );
 }
 
 /// Two scenes are shown as they are composed: what changes them is seen in review.

@@ -9,10 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Storage buffers that plain WebGPU binds per stage.
 pub const WEBGPU_STORAGE_BUFFERS: usize = 8;
-/// Scenes that need more: rows for the host, a spectrum, absorbing media and spectral bins at once.
-pub const BEYOND_WEBGPU: [(&str, usize); 2] = [("filter_stack", 9), ("telephoto_spectral", 9)];
 /// Storage buffers of the portable shader of everything at once: compiled in, and in tables.
-pub const MOST_STORAGE_BUFFERS: (usize, usize) = (12, 15);
+pub const MOST_STORAGE_BUFFERS: (usize, usize) = (11, 14);
 
 /// What shaders are written as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -67,7 +65,10 @@ pub fn validate(name: &str, program: &Program) -> ModuleInfo {
     let mut bindings = BTreeSet::new();
     for (_, variable) in program.module.global_variables.iter() {
         if let Some(binding) = variable.binding {
-            assert!(bindings.insert((binding.group, binding.binding)), "{name}: two variables at {binding:?}");
+            assert!(
+                bindings.insert((binding.group, binding.binding)),
+                "{name}: two variables at {binding:?}"
+            );
         }
     }
     Validator::new(ValidationFlags::all(), capabilities(&program.options))
@@ -82,7 +83,12 @@ pub fn storage_buffers(module: &Module) -> usize {
 
 fn policies(checks: bool) -> BoundsCheckPolicies {
     let policy = if checks { BoundsCheckPolicy::Restrict } else { BoundsCheckPolicy::Unchecked };
-    BoundsCheckPolicies { index: policy, buffer: policy, image_load: policy, binding_array: BoundsCheckPolicy::Unchecked }
+    BoundsCheckPolicies {
+        index: policy,
+        buffer: policy,
+        image_load: policy,
+        binding_array: BoundsCheckPolicy::Unchecked,
+    }
 }
 
 /// Vulkan 1.1 has SPIR-V 1.3. The capabilities are those that wgpu lets a device with the tier's features use.
@@ -101,7 +107,10 @@ fn spir_v(module: &Module, info: &ModuleInfo, checks: bool) -> Result<(), String
 fn metal(module: &Module, info: &ModuleInfo, checks: bool) -> Result<(), String> {
     let resources: msl::BindingMap = numbered(module)
         .map(|(slot, binding)| {
-            (binding, msl::BindTarget { buffer: Some(slot as msl::Slot), mutable: true, ..Default::default() })
+            (
+                binding,
+                msl::BindTarget { buffer: Some(slot as msl::Slot), mutable: true, ..Default::default() },
+            )
         })
         .collect();
     let sizes_buffer = Some(resources.len() as msl::Slot);
@@ -122,7 +131,10 @@ fn metal(module: &Module, info: &ModuleInfo, checks: bool) -> Result<(), String>
         };
         let (_, translation) =
             msl::write_string(module, info, &options, &pipeline).map_err(|error| error.to_string())?;
-        translation.entry_point_names.into_iter().try_for_each(|name| name.map(|_| ()).map_err(|e| e.to_string()))?;
+        translation
+            .entry_point_names
+            .into_iter()
+            .try_for_each(|name| name.map(|_| ()).map_err(|e| e.to_string()))?;
     }
     Ok(())
 }
@@ -130,7 +142,9 @@ fn metal(module: &Module, info: &ModuleInfo, checks: bool) -> Result<(), String>
 /// Shader model 6.0 where nothing native is used; 64-bit atomics came with 6.6.
 fn hlsl(module: &Module, info: &ModuleInfo, native: bool, checks: bool) -> Result<(), String> {
     let binding_map = numbered(module)
-        .map(|(register, binding)| (binding, hlsl::BindTarget { register: register as u32, ..Default::default() }))
+        .map(|(register, binding)| {
+            (binding, hlsl::BindTarget { register: register as u32, ..Default::default() })
+        })
         .collect();
     let options = hlsl::Options {
         shader_model: if native { hlsl::ShaderModel::V6_6 } else { hlsl::ShaderModel::V6_0 },
@@ -153,7 +167,8 @@ fn hlsl(module: &Module, info: &ModuleInfo, native: bool, checks: bool) -> Resul
 
 /// What is written as WGSL reads back as a valid module with the same entry points.
 fn round_trip(module: &Module, info: &ModuleInfo) -> Result<(), String> {
-    let text = wgsl::write_string(module, info, wgsl::WriterFlags::empty()).map_err(|error| error.to_string())?;
+    let text =
+        wgsl::write_string(module, info, wgsl::WriterFlags::empty()).map_err(|error| error.to_string())?;
     let again = naga::front::wgsl::parse_str(&text).map_err(|error| error.emit_to_string(&text))?;
     let names = |module: &Module| -> Vec<String> {
         module.entry_points.iter().map(|entry| entry.name.clone()).collect()
@@ -174,7 +189,9 @@ pub fn check_advance() {
     let (module, info) = pipeline_constants::process_overrides(&module, &info, None, &constants).unwrap();
     for target in [Target::SpirV, Target::Msl, Target::Hlsl, Target::Wgsl] {
         for checks in [true, false] {
-            target.translate(&module, &info, false, checks).unwrap_or_else(|error| panic!("{target:?}: {error}"));
+            target
+                .translate(&module, &info, false, checks)
+                .unwrap_or_else(|error| panic!("{target:?}: {error}"));
         }
     }
 }

@@ -35,7 +35,8 @@ fn interactions_have_the_codes_of_the_shaders() {
             Interaction::Reflective { .. } => "REFLECTIVE",
             Interaction::Refractive => "REFRACTIVE",
         };
-        let same = |other: &Interaction| std::mem::discriminant(other) == std::mem::discriminant(&interaction);
+        let same =
+            |other: &Interaction| std::mem::discriminant(other) == std::mem::discriminant(&interaction);
         let row = variant.ir.surfaces.iter().position(|surface| same(&surface.interaction)).unwrap();
         assert_eq!(codes[row], constant(&program.module, name), "{name}");
     }
@@ -51,7 +52,8 @@ fn splats_have_the_codes_of_the_shaders() {
             Splat::Bilinear => "SPLAT_BILINEAR",
             Splat::Gaussian { .. } => "SPLAT_GAUSSIAN",
         };
-        let row = variant.ir.sensors.iter().position(|s| s.kind.grid().is_some_and(|grid| grid.splat == splat));
+        let row =
+            variant.ir.sensors.iter().position(|s| s.kind.grid().is_some_and(|grid| grid.splat == splat));
         assert_eq!(codes[row.unwrap()], constant(&program.module, name), "{name}");
     }
 }
@@ -96,7 +98,8 @@ fn shapes_have_the_codes_of_the_dispatch() {
 fn shapes_take_the_numbers_of_the_host() {
     let (_, program) = tables();
     for kind in shapes() {
-        let function = program.module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(kind.name().0));
+        let function =
+            program.module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(kind.name().0));
         assert_eq!(function.unwrap().1.arguments.len(), kind.num_arguments() + 3, "{kind:?}");
         let arguments = nsq_gpu::program::lowered::shape_arguments(&crate::variants::shape_of(kind));
         assert_eq!(arguments.len(), kind.num_arguments(), "{kind:?}");

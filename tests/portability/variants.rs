@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
+    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::features::ShapeKind;
 use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions};
@@ -134,8 +134,11 @@ pub fn interactions() -> Vec<Interaction> {
         Interaction::Reflective { .. } => 1,
         Interaction::Refractive => 2,
     };
-    let interactions =
-        vec![Interaction::Absorbing, Interaction::Reflective { reflectance: vec![0.5] }, Interaction::Refractive];
+    let interactions = vec![
+        Interaction::Absorbing,
+        Interaction::Reflective { reflectance: vec![0.5] },
+        Interaction::Refractive,
+    ];
     assert!(interactions.iter().map(position).eq(0..interactions.len()));
     interactions
 }
@@ -168,7 +171,9 @@ impl Choice {
         let mut choices: Vec<Choice> = shapes().into_iter().map(Choice::Shape).collect();
         choices.extend(emitters().into_iter().map(Choice::Emitter));
         choices.extend((0..sensors().len()).flat_map(|i| [Choice::Sensor(i), Choice::TransmissiveSensor(i)]));
-        choices.extend(splats().into_iter().flat_map(|splat| [Choice::Splat(splat), Choice::SpectralSplat(splat)]));
+        choices.extend(
+            splats().into_iter().flat_map(|splat| [Choice::Splat(splat), Choice::SpectralSplat(splat)]),
+        );
         choices.extend(policies().into_iter().map(Choice::Policy));
         choices.extend(path_samplings().into_iter().map(Choice::Paths));
         choices.extend([
@@ -222,7 +227,8 @@ impl Choice {
 impl Default for Variant {
     /// A lamp in the void: no surface, no sensor.
     fn default() -> Self {
-        let medium = |name: &str, n| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![0.0] };
+        let medium =
+            |name: &str, n| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![0.0] };
         let ir = SceneIr {
             wavelengths: vec![0.45],
             media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
@@ -294,9 +300,13 @@ pub fn emitter_of(name: EmitterName) -> EmitterKind {
     let kind = match name {
         EmitterName::Point => EmitterKind::Point { half_angle: 0.5 },
         EmitterName::CollimatedTophat => EmitterKind::CollimatedTophat { aperture_radius: 2.0 },
-        EmitterName::CollimatedGaussian => EmitterKind::CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 },
+        EmitterName::CollimatedGaussian => {
+            EmitterKind::CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 }
+        }
         EmitterName::ExtendedRectangle => EmitterKind::Extended { area: rectangle, half_angle: 0.5 },
-        EmitterName::ExtendedDisk => EmitterKind::Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 },
+        EmitterName::ExtendedDisk => {
+            EmitterKind::Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 }
+        }
     };
     assert_eq!(EmitterName::of(&kind), name);
     kind

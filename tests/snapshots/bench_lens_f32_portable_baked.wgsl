@@ -30,6 +30,7 @@ const HAS_REFLECTIVE: bool = false;
 const HAS_HARD: bool = false;
 const HAS_BILINEAR: bool = true;
 const HAS_GAUSSIAN: bool = false;
+const HAS_TRANSMISSIVE: bool = false;
 const HAS_QUEUE: bool = false;
 const UNIT_GRADIENTS: bool = false;
 const RECORD_ALL_PATHS: bool = false;
@@ -43,6 +44,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/bookkeeping.wgsl
 
 // <- shaders/lib/counts.wgsl
+
+// <- shaders/lib/reached_mask.wgsl
 
 // <- shaders/lib/spectrum_single.wgsl
 
@@ -170,6 +173,16 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
 }
 fn record(ray: Ray, sensor: Sensor, index: u32) {
     if sensor.kind == 0u { record_irradiance(ray, sensor); }
+}
+var<private> bin_0_events: u32 = 0u;
+fn add_to_bin(cell: u32, q: Quanta) {
+    if cell == CELL_UNDERFLOWS {
+        bin_0_events += 1u;
+        return;
+    }
+}
+fn flush_bins() {
+    flush_bin(CELL_UNDERFLOWS, bin_0_events, NO_QUANTA);
 }
 fn emit(key: RayKey) -> LocalRay {
     return emit_collimated_tophat(key);

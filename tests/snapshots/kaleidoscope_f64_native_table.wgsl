@@ -30,6 +30,7 @@ const HAS_REFLECTIVE: bool = true;
 const HAS_HARD: bool = true;
 const HAS_BILINEAR: bool = true;
 const HAS_GAUSSIAN: bool = false;
+const HAS_TRANSMISSIVE: bool = true;
 const HAS_QUEUE: bool = false;
 const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
@@ -43,6 +44,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/bookkeeping.wgsl
 
 // <- shaders/lib/counts.wgsl
+
+// <- shaders/lib/reached_table.wgsl
 
 // <- shaders/lib/spectrum_discrete.wgsl
 
@@ -178,6 +181,12 @@ fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool) -> 
 fn record(ray: Ray, sensor: Sensor, index: u32) {
     if sensor.kind == 0u { record_irradiance(ray, sensor); }
     if sensor.kind == 1u { record_spectral(ray, sensor); }
+}
+fn add_to_bin(cell: u32, q: Quanta) {
+    count(cell);
+    deposit(cell, q);
+}
+fn flush_bins() {
 }
 fn emit(key: RayKey) -> LocalRay {
     if range.kind == 3u { return emit_extended_rectangle(key); }
