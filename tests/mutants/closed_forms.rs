@@ -23,6 +23,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "lambertian" => lambertian,
         "extended cap" => extended_cap,
         "ties" => ties,
+        "many faces" => many_faces,
         _ => return None,
     })
 }
@@ -224,4 +225,22 @@ fn ties(bench: &Bench) -> Outcome {
     let result = trace(bench, &ir, 1_000);
     let taken: Vec<u64> = result.surfaces.iter().map(|surface| surface.num_rays_absorbed).collect();
     if taken == [1_000, 0] { Ok(()) } else { Err(format!("the surfaces took {taken:?} rays")) }
+}
+
+/// Through faces between media of one index a beam goes straight: it reaches each, and none behind the detector.
+fn many_faces(bench: &Bench) -> Outcome {
+    let face = |i: u32| plane("face", 5.0 + f64::from(i), Interaction::Refractive, 0, 2);
+    let mut surfaces: Vec<Surface> = (0..40).map(face).collect();
+    surfaces.push(plane("behind", 99.0, Interaction::Absorbing, 0, 0));
+    let ir = scene(beam(), surfaces, vec![pixels("end", 50.0)]);
+    let mut setting = Setting::default();
+    setting.options.max_depth = 64;
+    setting.options.baked = Some(true);
+    let result = bench.result(&ir, &setting);
+    let reached = result.surfaces.iter().filter(|surface| surface.reached).count();
+    if reached == 40 && !result.surfaces[40].reached {
+        Ok(())
+    } else {
+        Err(format!("{reached} faces are reached"))
+    }
 }

@@ -486,7 +486,7 @@ pub const MUTANTS: &[Mutant] = &[
     mutant("reached marks of many primitives never written", "lib/reached_table.wgsl",
         "atomicLoad(&counters[COUNTER_REACHED + primitive]) == 0u",
         "false",
-        "parity double_gauss, baked"),
+        "many faces"),
     mutant("reached marks never written, table", "lib/reached_table.wgsl",
         "atomicStore(&counters[COUNTER_REACHED + primitive], 1u);",
         "",
