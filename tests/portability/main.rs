@@ -14,7 +14,7 @@ use nsq_gpu::program::{Precision, Program};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use targets::{Target, storage_buffers, validate};
-use variants::{Choice, Tier, Variant, everything, prefix};
+use variants::{Choice, Tier, Variant, everything};
 
 /// The folder of the project.
 pub fn root() -> PathBuf {
@@ -183,5 +183,4 @@ fn portable_shaders_bind_few_storage_buffers() {
 fn the_composition_is_the_one_that_was_reviewed() {
     snapshots::compare("bench_lens", Tier { precision: Precision::F32, native: false, baked: true });
     snapshots::compare("kaleidoscope", Tier { precision: Precision::F64, native: true, baked: false });
-    assert!(prefix(&Variant::default()).starts_with("alias real"));
 }

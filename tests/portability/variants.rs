@@ -273,12 +273,6 @@ pub fn everything() -> Variant {
     variant
 }
 
-/// The head of a composed module.
-pub fn prefix(variant: &Variant) -> String {
-    let wgsl = variant.program(Tier { precision: Precision::F32, native: false, baked: true }).wgsl;
-    wgsl.lines().next().unwrap_or_default().to_string()
-}
-
 /// A shape that its function draws.
 pub fn shape_of(kind: ShapeKind) -> Shape {
     let shape = match kind {
