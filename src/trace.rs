@@ -144,6 +144,17 @@ impl<'a> Tracer<'a> {
     /// [`Error::Usage`] for options that make no sense or that the device cannot do, [`Error::Device`] if the scene does
     /// not fit it.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        Self::with_wgsl_edit(gpu, ir, options, |wgsl| wgsl)
+    }
+
+    /// As [`Tracer::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    #[doc(hidden)]
+    pub fn with_wgsl_edit(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
         check_options(gpu, options)?;
         let rays = distribute(ir, options.num_rays)?;
         let primitives = ir.surfaces.len() + ir.sensors.len();
@@ -388,7 +399,7 @@ impl<'a> Tracer<'a> {
         tally.roulette_loss = booking(8);
         let cells = &self.program.cells;
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached = match self.program.options.baked {
+            surface.reached = match self.program.options.baked && cells.fit_reached_mask() {
                 true => counters[cells.reached as usize] >> i & 1 != 0,
                 false => counters[cells.reached as usize + i] != 0,
             };

@@ -114,7 +114,11 @@ impl Composition<'_> {
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
-            pick(o.baked, shader!("lib/reached_mask.wgsl"), shader!("lib/reached_table.wgsl")),
+            pick(
+                o.baked && self.cells.fit_reached_mask(),
+                shader!("lib/reached_mask.wgsl"),
+                shader!("lib/reached_table.wgsl"),
+            ),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),

@@ -63,6 +63,13 @@ impl Cells {
     }
 }
 
+impl Cells {
+    /// True if a compiled-in scene marks the primitives that were reached as bits of one counter.
+    pub fn fit_reached_mask(&self) -> bool {
+        self.num_counters - self.num_cells <= u32::BITS
+    }
+}
+
 /// True if some frame is rotated.
 pub fn any_rotated<'a>(mut frames: impl Iterator<Item = &'a Frame>) -> bool {
     frames.any(|frame| is_rotated(frame.rotation))

@@ -112,8 +112,8 @@ impl Program {
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
         let cells = Cells::of(ir);
-        let wgsl =
-            Composition { ir, features: &features, centre, cells: &cells, options: &options }.compose()?;
+        let composition = Composition { ir, features: &features, centre, cells: &cells, options: &options };
+        let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
