@@ -447,21 +447,3 @@ fn files_of_another_precision_differ() {
     assert!(f32["eye.npz"] != f64["eye.npz"]);
     assert!(f32["report.json"] != f64["report.json"]);
 }
-
-// Ray ids.
-
-#[test]
-fn ray_ids_beyond_32_bits_reach_the_device_whole() {
-    let ir = zoo::load("bench_lens");
-    let tracer = nsq_gpu::Tracer::new(zoo::gpu(), &ir, &zoo::options(100, 0, Precision::F64)).unwrap();
-    let program = tracer.program();
-    let layout = nsq_gpu::program::records::StructLayout::of(&program.module, "Range").unwrap();
-    let first = (7 << 32) + 5;
-    let range = nsq_gpu::program::RayRange { first, count: 1, emitter: 0, weight: 1.0 };
-    let bytes = program.range_bytes(&ir, &range).unwrap();
-    let word = |field: &str| {
-        let offset = layout.offset(field).unwrap();
-        u32::from_le_bytes(bytes[offset..offset + 4].try_into().unwrap())
-    };
-    assert_eq!((word("first_lo"), word("first_hi")), (5, 7));
-}
