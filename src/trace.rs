@@ -169,7 +169,7 @@ impl<'a> Tracer<'a> {
             paths: options.paths.sampling(options.num_rays),
             weights: rays.iter().map(|r| r.weight).collect(),
         };
-        let program = Program::new(ir, program_options, options.seed)?;
+        let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         let batch = batch_size(gpu, &program, options);
         let device = DeviceState::new(gpu, &program, batch)?;
         Ok(Tracer {

@@ -544,8 +544,9 @@ fn compose(text: &str) -> Result<(), Error> {
             events_per_dispatch: 4,
             workgroup_size: 64,
             paths: PathSampling::None,
+            weights: vec![1.0; ir.emitters.len()],
         };
-        let program = Program::new(&ir, options, 0, 1.0)?;
+        let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)
             .validate(&program.module)
             .unwrap_or_else(|error| panic!("{}", error.emit_to_string(&program.wgsl)));

@@ -329,8 +329,12 @@ impl Composition<'_> {
             None => return String::new(),
         };
         for kind in others {
-            let _ =
-                writeln!(text, "    if e.kind == {}u {{ return emit_{}(key, e); }}", *kind as u32, kind.name());
+            let _ = writeln!(
+                text,
+                "    if e.kind == {}u {{ return emit_{}(key, e); }}",
+                *kind as u32,
+                kind.name()
+            );
         }
         let _ = writeln!(text, "    return emit_{}(key, e);\n}}", last.name());
         text

@@ -108,6 +108,17 @@ impl Program {
     /// # Errors
     /// [`Error::Usage`] if the precision cannot hold one of the scene's numbers.
     pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64) -> Result<Self> {
+        Self::with_wgsl_edit(ir, options, seed, |wgsl| wgsl)
+    }
+
+    /// As [`Program::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    #[doc(hidden)]
+    pub fn with_wgsl_edit(
+        ir: &SceneIr,
+        options: ProgramOptions,
+        seed: u64,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
         let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
@@ -118,8 +129,18 @@ impl Program {
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
         let first_step = rng::step_table(seed, 1)[0];
-        let mut program =
-            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray, emitters: Vec::new(), first_step };
+        let mut program = Program {
+            wgsl,
+            module,
+            features,
+            options,
+            cells,
+            centre,
+            buffers: Vec::new(),
+            max_events_per_ray,
+            emitters: Vec::new(),
+            first_step,
+        };
         program.buffers = program.pack(ir, seed)?;
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)

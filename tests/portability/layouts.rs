@@ -70,7 +70,9 @@ fn tiers_in_tables() -> [Tier; 2] {
 fn structs_shared_with_the_host_are_packed_scalars() {
     for tier in tiers_in_tables() {
         let program = everything().program(tier);
-        for name in ["Range", "Event", "QueuedRay", "Surface", "Sensor", "Primitive", "QueueCounts"] {
+        for name in
+            ["Range", "Emitter", "Event", "QueuedRay", "Surface", "Sensor", "Primitive", "QueueCounts"]
+        {
             assert_packed(&program.module, name, program.real_size());
         }
     }
@@ -114,14 +116,19 @@ fn host_writes_every_field_of_a_range() {
     for tier in tiers_in_tables() {
         let (ir, program) = range_scene(tier);
         let emitter = ir.emitters.len() - 1;
-        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, weight: 1.25 };
-        let bytes = program.range_bytes(&ir, &range).unwrap();
-        let (fields, stride) = fields(&program.module, "Range");
-        assert_eq!(bytes.len(), stride);
-        let written: Vec<(String, f64)> =
-            fields.iter().map(|field| (field.name.clone(), read(&bytes, field))).collect();
-        assert_eq!(written, expected_range(&ir, &program, emitter), "{tier:?}");
+        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter };
+        let bytes = program.range_bytes(&range).unwrap();
+        assert_eq!(written(&program, "Range", &bytes), expected_range(emitter), "{tier:?}");
+        let written = written(&program, "Emitter", &program.emitters[emitter]);
+        assert_eq!(written, expected_emitter(&ir, &program, emitter), "{tier:?}");
     }
+}
+
+/// The fields of a uniform, as its shader reads them.
+fn written(program: &Program, name: &str, bytes: &[u8]) -> Vec<(String, f64)> {
+    let (fields, stride) = fields(&program.module, name);
+    assert_eq!(bytes.len(), stride, "{name}");
+    fields.iter().map(|field| (field.name.clone(), read(bytes, field))).collect()
 }
 
 /// Two sources; the last one's numbers are all different and none is zero.
@@ -139,24 +146,30 @@ fn range_scene(tier: Tier) -> (SceneIr, Program) {
     (variant.ir, program)
 }
 
-fn expected_range(ir: &SceneIr, program: &Program, emitter: usize) -> Vec<(String, f64)> {
-    let lamp = &ir.emitters[emitter];
-    let origin = lamp.frame.origin - program.centre;
-    let s = (0.5_f64 / 2.0).sin();
-    let height = 2.0 * s * s;
+fn expected_range(emitter: usize) -> Vec<(String, f64)> {
     let [seed_lo, seed_hi, ..] = nsq_gpu::program::rng::step_table(SEED, 1)[0];
-    let height = if program.options.precision == Precision::F32 { f64::from(height as f32) } else { height };
-    let mut expected = vec![
+    let expected = [
         ("first_lo", 5.0),
         ("first_hi", 7.0),
         ("count", 11.0),
         ("emitter", emitter as f64),
+        ("seed_lo", f64::from(seed_lo)),
+        ("seed_hi", f64::from(seed_hi)),
+    ];
+    expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+}
+
+fn expected_emitter(ir: &SceneIr, program: &Program, emitter: usize) -> Vec<(String, f64)> {
+    let lamp = &ir.emitters[emitter];
+    let origin = lamp.frame.origin - program.centre;
+    let s = (0.5_f64 / 2.0).sin();
+    let height = 2.0 * s * s;
+    let height = if program.options.precision == Precision::F32 { f64::from(height as f32) } else { height };
+    let mut expected = vec![
+        ("kind", f64::from(nsq_gpu::program::EmitterName::ExtendedRectangle as u32)),
         ("medium", 1.0),
         ("spectrum_first", 2.0),
         ("spectrum_count", 2.0),
-        ("kind", f64::from(nsq_gpu::program::EmitterName::ExtendedRectangle as u32)),
-        ("seed_lo", f64::from(seed_lo)),
-        ("seed_hi", f64::from(seed_hi)),
         ("weight", 1.25),
         ("origin_x", origin.x),
         ("origin_y", origin.y),
@@ -217,8 +230,8 @@ fn tables_hold_the_scene_where_the_shaders_look() {
 /// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
-    // Of the trace, not of the program: range, sums, tops, counters, rows.
-    let traced = [0, 2, 3, 4, 12];
+    // Of the trace, not of the program: range, sums, tops, counters, rows, emitter.
+    let traced = [0, 2, 3, 4, 12, nsq_gpu::program::lowered::EMITTER];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

@@ -6,7 +6,7 @@ use naga::{Expression, Literal, Module};
 use nsq_gpu::gpu::sums;
 use nsq_gpu::ir::{Interaction, SensorKind, Splat};
 use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
-use nsq_gpu::program::{Precision, Program, RayRange, rng};
+use nsq_gpu::program::{Precision, Program, rng};
 
 fn tables() -> (Variant, Program) {
     let variant = everything();
@@ -112,16 +112,15 @@ fn emitters_have_the_codes_of_the_dispatch() {
     let last = emitters().into_iter().max().unwrap();
     for name in emitters() {
         let call = match name == last {
-            true => format!("    return emit_{}(key);", name.name()),
-            false => format!("if range.kind == {}u {{ return emit_{}(key); }}", name as u32, name.name()),
+            true => format!("    return emit_{}(key, e);", name.name()),
+            false => format!("if e.kind == {}u {{ return emit_{}(key, e); }}", name as u32, name.name()),
         };
         assert!(program.wgsl.contains(&call), "no `{call}`");
         let kind = crate::variants::emitter_of(name);
         let emitter = variant.ir.emitters.iter().position(|emitter| emitter.kind == kind).unwrap();
-        let range = RayRange { first: 0, count: 1, emitter, weight: 1.0 };
-        let layout = nsq_gpu::program::records::StructLayout::of(&program.module, "Range").unwrap();
+        let layout = nsq_gpu::program::records::StructLayout::of(&program.module, "Emitter").unwrap();
         let offset = layout.offset("kind").unwrap();
-        let bytes = program.range_bytes(&variant.ir, &range).unwrap();
+        let bytes = &program.emitters[emitter];
         assert_eq!(bytes[offset..offset + 4], (name as u32).to_le_bytes(), "{name:?}");
     }
 }

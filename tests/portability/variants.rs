@@ -260,8 +260,9 @@ impl Variant {
             events_per_dispatch: if self.queue { 4 } else { 16 },
             workgroup_size: 64,
             paths: self.paths,
+            weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
         };
-        Program::new(&self.ir, options, 0, 1.0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
+        Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
 }
 

@@ -151,6 +151,43 @@ fn sensor_of(i: u32) -> Sensor {
         1u,
     );
 }
+struct Emitter {
+    kind: u32,
+    medium: u32,
+    spectrum_first: u32,
+    spectrum_count: u32,
+    weight: real,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    p0: real,
+    p1: real,
+    p2: real,
+}
+fn emitter_of(i: u32) -> Emitter {
+    return Emitter(
+        1u,
+        0u,
+        0u,
+        1u,
+        real(1.0),
+        real(0.0),
+        real(0.0),
+        real(-87.5),
+        real(10.0),
+        real(0.0),
+        real(0.0),
+    );
+}
+fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn emitter() -> Emitter {
+    return emitter_of(0u);
+}
 fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
     return v;
 }
@@ -182,8 +219,8 @@ fn add_to_bin(cell: u32, q: Quanta) {
     }
 }
 fn flush_bins() {
-    flush_bin(CELL_UNDERFLOWS, bin_0_events, NO_QUANTA);
+    flush_count(CELL_UNDERFLOWS, bin_0_events);
 }
-fn emit(key: RayKey) -> LocalRay {
-    return emit_collimated_tophat(key);
+fn emit(key: RayKey, e: Emitter) -> LocalRay {
+    return emit_collimated_tophat(key, e);
 }

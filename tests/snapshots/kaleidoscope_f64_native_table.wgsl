@@ -130,6 +130,38 @@ struct Sensor {
 fn sensor_of(i: u32) -> Sensor {
     return sensor_table[i];
 }
+struct Emitter {
+    kind: u32,
+    medium: u32,
+    spectrum_first: u32,
+    spectrum_count: u32,
+    weight: real,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    xx: real,
+    xy: real,
+    xz: real,
+    yx: real,
+    yy: real,
+    yz: real,
+    zx: real,
+    zy: real,
+    zz: real,
+    p0: real,
+    p1: real,
+    p2: real,
+}
+@group(0) @binding(13) var<uniform> emitter_uniform: Emitter;
+fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn emitter() -> Emitter {
+    return emitter_uniform;
+}
 fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
     return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
@@ -188,7 +220,7 @@ fn add_to_bin(cell: u32, q: Quanta) {
 }
 fn flush_bins() {
 }
-fn emit(key: RayKey) -> LocalRay {
-    if range.kind == 3u { return emit_extended_rectangle(key); }
-    return emit_extended_disk(key);
+fn emit(key: RayKey, e: Emitter) -> LocalRay {
+    if e.kind == 3u { return emit_extended_rectangle(key, e); }
+    return emit_extended_disk(key, e);
 }
