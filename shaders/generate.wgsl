@@ -7,19 +7,14 @@ struct LocalRay {
 
 fn generate(index: u32) -> Ray {
     let key = key_of(index);
-    let born = emit(key);
-    let r = Rotation(
-        vec3<real>(range.xx, range.xy, range.xz),
-        vec3<real>(range.yx, range.yy, range.yz),
-        vec3<real>(range.zx, range.zy, range.zz),
-    );
-    let origin = vec3<real>(range.origin_x, range.origin_y, range.origin_z);
-    let position = origin + to_global(born.position, r);
-    let direction = to_global(born.direction, r);
+    let e = emitter();
+    let born = emit(key, e);
+    let position = vec3<real>(e.origin_x, e.origin_y, e.origin_z) + from_emitter(e, born.position);
+    let direction = from_emitter(e, born.direction);
     return Ray(
-        position, direction, range.weight, key,
+        position, direction, e.weight, key,
         stream_at(key, FRESNEL_BRANCH, first_jump()), stream_at(key, RR, first_jump()),
-        index, 0u, NONE, draw_wavelength(key), range.medium, false, ALIVE,
+        index, 0u, NONE, draw_wavelength(key, e), e.medium, false, ALIVE,
     );
 }
 

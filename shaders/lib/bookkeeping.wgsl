@@ -21,3 +21,9 @@ fn flush_bin(cell: u32, events: u32, quanta: Quanta) {
         deposit(cell, quanta);
     }
 }
+
+fn flush_count(cell: u32, events: u32) {
+    if events != 0u {
+        atomicAdd(&counters[cell], events);
+    }
+}

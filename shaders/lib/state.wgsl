@@ -47,37 +47,15 @@ fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 
-// What one dispatch traces: rays first..first+count of one emitter. One per dispatch, so that every invocation reads
-// the same values.
+// What one dispatch traces: rays first..first+count of one emitter.
 struct Range {
     first_lo: u32,
     first_hi: u32,
     count: u32,
     emitter: u32,
-    medium: u32,
-    spectrum_first: u32,
-    spectrum_count: u32,
-    kind: u32,
     // P of step 0 (program::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
-    weight: real,
-    origin_x: real,
-    origin_y: real,
-    origin_z: real,
-    xx: real,
-    xy: real,
-    xz: real,
-    yx: real,
-    yy: real,
-    yz: real,
-    zx: real,
-    zy: real,
-    zz: real,
-    // What the kind of emitter needs: see shaders/emitters/.
-    p0: real,
-    p1: real,
-    p2: real,
 }
 
 // Uniform, because every invocation reads the same values.

@@ -51,8 +51,10 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
 impl Gpu {
     /// Compiles a module.
     pub fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
-        let descriptor =
-            wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) };
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(wgsl.into()),
+        };
         if self.runtime_checks {
             return self.device.create_shader_module(descriptor);
         }
@@ -84,7 +86,10 @@ impl Gpu {
                 count: None,
             })
             .collect();
-        self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+        self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some(label),
+            entries: &entries,
+        })
     }
 
     /// A bind group of whole buffers.
@@ -98,7 +103,11 @@ impl Gpu {
             .into_iter()
             .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
-        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(label),
+            layout,
+            entries: &entries,
+        })
     }
 
     /// A compute pipeline.
@@ -130,7 +139,8 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
-        let limit = self.device.limits().max_storage_buffer_binding_size.min(self.device.limits().max_buffer_size);
+        let limit =
+            self.device.limits().max_storage_buffer_binding_size.min(self.device.limits().max_buffer_size);
         if size > limit {
             return Err(Error::Device(format!(
                 "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use fewer pixels or another adapter",

@@ -117,7 +117,11 @@ impl Composition<'_> {
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
-            pick(o.baked, shader!("lib/reached_mask.wgsl"), shader!("lib/reached_table.wgsl")),
+            pick(
+                o.baked && self.cells.fit_reached_mask(),
+                shader!("lib/reached_mask.wgsl"),
+                shader!("lib/reached_table.wgsl"),
+            ),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
@@ -149,7 +153,10 @@ impl Composition<'_> {
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
             (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
-            (f.refractive, pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl"))),
+            (
+                f.refractive,
+                pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
+            ),
             (!f.refractive, shader!("lib/indices_none.wgsl")),
             (
                 f.reflective || f.coated,
@@ -188,14 +195,31 @@ impl Composition<'_> {
         let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         let mut text = String::new();
         for records in [&surfaces, &sensors] {
-            text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
+            text.push_str(&if self.options.baked {
+                records.baked(self.precision())?
+            } else {
+                records.table()
+            });
         }
+        text.push_str(&self.emitter()?);
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
             text.push_str(&lowered::primitive_records(self.ir, self.centre).table());
         }
         Ok(text)
+    }
+
+    /// A lone emitter is compiled in; of several, the one of the dispatch lies in a uniform.
+    fn emitter(&self) -> Result<String> {
+        let emitters = lowered::emitter_records(self.ir, self.centre, &self.options.weights);
+        let rotated = lowered::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));
+        let (row, source) = match self.ir.emitters.len() {
+            1 => (emitters.baked(self.precision())?, "emitter_of(0u)"),
+            _ => (emitters.uniform(), "emitter_uniform"),
+        };
+        let functions = frame_functions("Emitter", "emitter", rotated);
+        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n"))
     }
 
     /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records.
@@ -208,7 +232,8 @@ impl Composition<'_> {
         let vector = |v: DVec3| -> Result<String> {
             Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
         };
-        let mut text = String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        let mut text =
+            String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
             let (function, _) = ShapeKind::of(shape).name();
             let mut arguments = String::new();
@@ -285,10 +310,13 @@ impl Composition<'_> {
             (!f.bsdfs.is_empty(), "CELL_BSDF_GAIN", true),
         ]
         .into_iter()
-        .filter_map(|(present, name, has_quanta)| present.then(|| (name.to_string(), has_quanta)))
+        .filter(|(present, ..)| *present)
+        .map(|(_, name, has_quanta)| (name.to_string(), has_quanta))
         .collect();
         if self.options.baked {
-            bins.extend(lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)));
+            bins.extend(
+                lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)),
+            );
         }
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
@@ -296,15 +324,14 @@ impl Composition<'_> {
         for (i, (cell, has_quanta)) in bins.iter().enumerate() {
             let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
-            let quanta = if *has_quanta {
+            if *has_quanta {
                 let _ = writeln!(variables, "var<private> bin_{i}: Quanta = NO_QUANTA;");
                 let _ = writeln!(add, "        bin_{i} = q_add(bin_{i}, q);");
-                format!("bin_{i}")
+                let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, bin_{i});");
             } else {
-                "NO_QUANTA".into()
-            };
+                let _ = writeln!(flush, "    flush_count({cell}, bin_{i}_events);");
+            }
             let _ = writeln!(add, "        return;\n    }}");
-            let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, {quanta});");
         }
         if !self.options.baked {
             add.push_str("    count(cell);\n    deposit(cell, q);\n");
@@ -314,16 +341,20 @@ impl Composition<'_> {
 
     /// Dispatch over the kinds of emitters that occur.
     fn emit(&self) -> String {
-        let mut text = String::from("fn emit(key: RayKey) -> LocalRay {\n");
+        let mut text = String::from("fn emit(key: RayKey, e: Emitter) -> LocalRay {\n");
         let (last, others) = match self.features.emitters.split_last() {
             Some(kinds) => kinds,
             None => return String::new(),
         };
         for kind in others {
-            let _ =
-                writeln!(text, "    if range.kind == {}u {{ return emit_{}(key); }}", *kind as u32, kind.name());
+            let _ = writeln!(
+                text,
+                "    if e.kind == {}u {{ return emit_{}(key, e); }}",
+                *kind as u32,
+                kind.name()
+            );
         }
-        let _ = writeln!(text, "    return emit_{}(key);\n}}", last.name());
+        let _ = writeln!(text, "    return emit_{}(key, e);\n}}", last.name());
         text
     }
 
