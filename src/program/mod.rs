@@ -99,7 +99,7 @@ const MEDIA: u32 = 5;
 const SPECTRA: u32 = 6;
 const REFLECTANCES: u32 = 7;
 const SPECTRAL_BINS: u32 = 8;
-const BSDF_TABLE: u32 = 13;
+const BSDF_TABLE: u32 = 14;
 
 /// Steps that a source may draw beyond the events of a ray: Gaussian beams attempt 32 times and then fall back.
 const SOURCE_STEPS: u32 = 33;
@@ -216,7 +216,9 @@ impl Program {
     /// Per surface and wavelength: reflectances of mirrors and coatings, then what coatings let pass.
     fn reflectances(&self, ir: &SceneIr) -> Result<Vec<u8>> {
         let table = |value: fn(&Surface, usize) -> f64| {
-            ir.surfaces.iter().flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
+            ir.surfaces
+                .iter()
+                .flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
         };
         self.reals(table(lowered::reflectance).chain(table(lowered::coating_pass)))
     }
