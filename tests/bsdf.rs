@@ -266,7 +266,7 @@ fn a_tabulated_ray_carries_pi_times_the_table() {
         for (angle, transmissive_fraction) in
             [(0.0, 0.0), (12.5, 0.0), (30.0, 0.0), (77.0, 0.0), (77.0, 1.0), (20.0, 1.0)]
         {
-            let z = if transmissive_fraction > 0.0 { 5.0 } else { -5.0 };
+            let z = if transmissive_fraction > 0.0 { 20.0 } else { -20.0 };
             let database = json!({ "type": "ray_database", "name": "rays", "cs": { "z": z }, "width": 1e6, "height": 1e6 });
             let mirror = scatterer(tabulated(&table, transmissive_fraction));
             let num_rays = 3000;

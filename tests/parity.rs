@@ -367,6 +367,16 @@ fn every_kind_of_source_shape_and_detector_is_in_two_scenes() {
     assert!(rare.is_empty(), "in fewer than two scenes: {rare:?}");
 }
 
+#[test]
+fn every_kind_of_finish_is_in_a_scene() {
+    let irs: Vec<SceneIr> = zoo::scenes().iter().map(|name| zoo::load(name)).collect();
+    let found: BTreeSet<&str> = irs.iter().flat_map(|ir| &ir.surfaces).flat_map(kinds::of_finish).collect();
+    assert_eq!(found, BTreeSet::from(kinds::FINISHES));
+    let transmits = |fraction: f64| (0.01..0.99).contains(&fraction);
+    let scatters = irs.iter().flat_map(|ir| &ir.surfaces).filter_map(|surface| surface.scatter.as_ref());
+    assert!(scatters.filter(|scatter| transmits(scatter.bsdf.transmissive_fraction())).count() >= 3);
+}
+
 // The comparison can fail.
 
 #[test]

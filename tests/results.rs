@@ -122,6 +122,9 @@ fn everything() -> (SceneIr, Tally) {
     tally.roulette_gain = booking(4, 5);
     tally.importance_loss = booking(90, 30);
     tally.importance_gain = booking(10, 15);
+    tally.coating = booking(6, 5);
+    tally.bsdf_loss = booking(7, 8);
+    tally.bsdf_gain = booking(3, 13);
     (ir, tally)
 }
 
@@ -707,7 +710,7 @@ mod addition {
         fn any_tally()(
             sensors in proptest::collection::vec(any_sensor(), 2),
             surfaces in proptest::collection::vec((any::<bool>(), any_booking()), 2),
-            bookings in proptest::collection::vec(any_booking(), 8),
+            bookings in proptest::collection::vec(any_booking(), 11),
             counts in (0..1u64 << 40, 0..1u64 << 40),
         ) -> Tally {
             let surfaces = surfaces.into_iter();
@@ -722,6 +725,9 @@ mod addition {
                 bulk: bookings[5],
                 importance_loss: bookings[6],
                 importance_gain: bookings[7],
+                coating: bookings[8],
+                bsdf_loss: bookings[9],
+                bsdf_gain: bookings[10],
                 medium_stack_underflows: counts.0,
                 invalid_deposits: counts.1,
                 paths: Vec::new(),
@@ -755,7 +761,7 @@ mod addition {
             let sum = sum(&[&a, &b]);
             let fields = |t: &Tally| [
                 t.launched, t.escaped, t.depth_killed, t.roulette_loss, t.roulette_gain, t.bulk, t.importance_loss,
-                t.importance_gain, t.sensors[1].recorded, t.sensors[0].total(), t.surfaces[1].absorbed,
+                t.importance_gain, t.coating, t.bsdf_loss, t.bsdf_gain, t.sensors[1].recorded, t.sensors[0].total(), t.surfaces[1].absorbed,
                 Booking { count: t.medium_stack_underflows, quanta: t.invalid_deposits.into() },
                 Booking { count: t.sensors[1].hits[2], quanta: t.sensors[1].quanta[2] },
             ];

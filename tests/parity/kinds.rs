@@ -1,6 +1,6 @@
 //! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
 
-use nsq_gpu::ir::{Emitter, EmitterKind, Outline, Sensor, SensorKind, Shape, Splat};
+use nsq_gpu::ir::{Bsdf, Emitter, EmitterKind, Outline, Sensor, SensorKind, Shape, Splat, Surface};
 
 /// Every kind of source.
 pub const SOURCES: [&str; 6] = [
@@ -33,6 +33,20 @@ pub const DETECTORS: [&str; 7] = [
     "far field",
     "ray database",
 ];
+
+/// What surfaces do beside Fresnel's laws and reflection. A lobe to the far side is a matter of the same function.
+pub const FINISHES: [&str; 5] = ["coating", "specular", "Lambertian", "Harvey-Shack", "tabulated"];
+
+/// The finishes of a surface, of [`FINISHES`].
+pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
+    let bsdf = surface.scatter.as_ref().map(|scatter| match scatter.bsdf {
+        Bsdf::Specular => "specular",
+        Bsdf::Lambertian { .. } => "Lambertian",
+        Bsdf::HarveyShack { .. } => "Harvey-Shack",
+        Bsdf::Tabulated { .. } => "tabulated",
+    });
+    bsdf.into_iter().chain(surface.coating.as_ref().map(|_| "coating")).collect()
+}
 
 /// The kind of a source, of [`SOURCES`].
 pub fn of_source(emitter: &Emitter) -> &'static str {

@@ -22,8 +22,11 @@ const CELL_IMPORTANCE_GAIN: u32 = 5u;
 const CELL_ESCAPED: u32 = 6u;
 const CELL_DEPTH_KILLED: u32 = 7u;
 const CELL_ROULETTE_KILLED: u32 = 8u;
-const CELL_SURFACES: u32 = 9u;
-const COUNTER_REACHED: u32 = 7948u;
+const CELL_COATING: u32 = 9u;
+const CELL_BSDF: u32 = 10u;
+const CELL_BSDF_GAIN: u32 = 11u;
+const CELL_SURFACES: u32 = 12u;
+const COUNTER_REACHED: u32 = 7951u;
 const PATH_THRESHOLD: u32 = 0u;
 const HAS_REFRACTIVE: bool = false;
 const HAS_REFLECTIVE: bool = true;
@@ -31,6 +34,7 @@ const HAS_HARD: bool = true;
 const HAS_BILINEAR: bool = true;
 const HAS_GAUSSIAN: bool = false;
 const HAS_TRANSMISSIVE: bool = true;
+const HAS_TRANSMISSIVE_LOBES: bool = false;
 const HAS_QUEUE: bool = false;
 const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
@@ -54,6 +58,10 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/roulette_none.wgsl
 
 // <- shaders/lib/branch_fresnel.wgsl
+
+// <- shaders/lib/coating_none.wgsl
+
+// <- shaders/lib/scatter_none.wgsl
 
 // <- shaders/lib/paths_none.wgsl
 
