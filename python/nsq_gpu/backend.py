@@ -13,7 +13,7 @@ from optiland.nonsequential.backends.base import TracerBackend
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import UsageError
+from nsq_gpu.errors import UnsupportedSceneError, UsageError
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.process import ProgressBar, ProgressCallback, run
 from nsq_gpu.results import fill_scene, read_report
@@ -73,6 +73,8 @@ class NsqGpuBackend(TracerBackend):
         """
         binary = find_binary(self.binary)
         exported = export(scene)
+        if record_paths:
+            _check_names(scene, exported.surface_labels)
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
@@ -111,3 +113,11 @@ class NsqGpuBackend(TracerBackend):
         finally:
             if bar is not None:
                 bar.close()
+
+
+def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:
+    """Refuse paths that could not tell a detector from a surface, since an event knows both by name alone."""
+    for name in scene.detector_names:
+        if name in surface_labels:
+            raise UnsupportedSceneError(f"a detector and a surface are both called {name!r}, so recorded paths could "
+                                        "not tell them apart; rename one, or trace without record_paths")

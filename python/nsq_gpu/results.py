@@ -29,6 +29,8 @@ _SAME = (
     "total_flux_in", "total_flux_detected", "total_flux_tapped", "total_flux_absorbed", "total_flux_bulk_absorbed",
     "total_flux_escaped", "total_flux_lost", "flux_conservation_error", "trace_time_sec",
 )
+#: Longest name in an event [characters].
+_NAME_LENGTH = _EVENT_DTYPE["component_name"].itemsize // 4
 _ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 
 
@@ -149,13 +151,14 @@ def _optilands_names(scene: NSQScene, events: np.ndarray, surface_labels: list[s
     """
     sources = {name: getattr(live, "name", f"source_{index}")
                for index, (name, live) in enumerate(zip(scene.source_names, scene.sources, strict=True))}
-    hits = {label: live.name or f"component_{index}"
-            for index, (label, live) in enumerate(zip(surface_labels, scene.surfaces, strict=True))}
+    surfaces = {label: live.name or f"component_{index}"
+                for index, (label, live) in enumerate(zip(surface_labels, scene.surfaces, strict=True))}
+    detectors = {name: live.name for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
     names = events["component_name"].copy()
-    for which, known in (("birth", sources), ("hit", hits)):
+    for which, known in (("birth", sources), ("hit", surfaces | detectors)):
         chosen = events["event_type"] == which
         found, inverse = np.unique(events["component_name"][chosen], return_inverse=True)
-        # A hit on something that is no surface is one on a detector.
-        renamed = np.array([known.get(str(name), "") for name in found], dtype=names.dtype)
-        names[chosen] = renamed[inverse]
+        # The field cuts long names.
+        cut = {name[:_NAME_LENGTH]: renamed for name, renamed in known.items()}
+        names[chosen] = np.array([cut[str(name)] for name in found], dtype=names.dtype)[inverse]
     return names

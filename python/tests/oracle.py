@@ -15,9 +15,9 @@ from optiland.nonsequential.components.absorbing import AbsorbingComponent
 from optiland.nonsequential.components.base import BaseComponent
 
 from nsq_gpu import scene_file
-from nsq_gpu.scene_file import Materials, TableMaterial, reflectance
+from nsq_gpu.scene_file import TableMaterial
 
-__all__ = ["Materials", "TableMaterial", "reflectance"]
+__all__ = ["TableMaterial"]
 
 Json = dict[str, Any]
 
