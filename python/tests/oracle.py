@@ -79,21 +79,29 @@ def trace(scene: NSQScene, kinds: dict[str, str], num_rays: int, seed: int = 0, 
     """Trace a live scene and return every figure of the result as plain Python and NumPy values."""
     hits = _count_surface_hits(scene)
     result = scene.trace(num_rays=num_rays, seed=seed, backend=NumpyBackend(seed=seed), **kwargs)
+    found = figures(scene, kinds, result)
+    recorded = sum(detector["num_rays_hit"] for detector in found["detectors"].values())
+    return {
+        **found,
+        "seed": seed,
+        "surface_hits": hits,
+        "interactions_per_ray": (sum(hits.values()) + recorded) / num_rays,
+    }
+
+
+def figures(scene: NSQScene, kinds: dict[str, str], result: Any) -> Json:
+    """Return every figure of a result, and of the live scene that it was traced in."""
     detectors = {
         name: _detector_result(kinds[name], live, result.detectors[name])
         for name, live in zip(scene.detector_names, scene.detectors, strict=True)
     }
-    recorded = sum(detector["num_rays_hit"] for detector in detectors.values())
     return {
         **{name: int(getattr(result, name)) for name in COUNTS},
         **{name: float(getattr(result, name)) for name in FLUXES},
         "flux_conservation_error": float(result.flux_conservation_error),
         "trace_time_sec": float(result.trace_time_sec),
-        "seed": seed,
         "detectors": detectors,
         "absorbers": _absorbers(scene),
-        "surface_hits": hits,
-        "interactions_per_ray": (sum(hits.values()) + recorded) / num_rays,
         "diagnostics": _diagnostics(result),
     }
 
