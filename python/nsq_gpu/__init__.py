@@ -59,4 +59,3 @@ __all__ = [
     "find_binary",
     "load_scene",
 ]
-__version__ = "0.1.0"

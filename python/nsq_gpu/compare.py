@@ -111,8 +111,9 @@ def differences(side: Side, reference: Side) -> list[Difference]:
         ours = side.result.detectors[name]
         found.append(_of_counts(f"{name}: hits", side.hits[name], reference.hits[name], num_rays))
         found.append(_of_fluxes(f"{name}: flux", _number(ours.total_flux), _number(theirs.total_flux), weight))
-        if map_of(theirs) is not None:
-            found.append(_of_maps(f"{name}: map", map_of(ours), map_of(theirs), reference.hits[name]))
+        maps = map_of(ours), map_of(theirs)
+        if maps[0] is not None and maps[1] is not None:
+            found.append(_of_maps(f"{name}: map", maps[0], maps[1], reference.hits[name]))
     return found
 
 

@@ -36,7 +36,8 @@ _ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 
 def read_report(folder: Path) -> Json:
     """Return ``report.json``."""
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    report: Json = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return report
 
 
 def fill_scene(scene: NSQScene, report: Json, folder: Path, surface_labels: list[str]) -> SimulationResult:
@@ -80,7 +81,7 @@ def _fill_detector(live: Any, spec: Json, folder: Path) -> None:
 
 
 def _pixel_area(live: Any) -> float:
-    return (float(live.width) / live.num_pixels_x) * (float(live.height) / live.num_pixels_y)
+    return float(live.width) / int(live.num_pixels_x) * (float(live.height) / int(live.num_pixels_y))
 
 
 def _fill_irradiance(live: Any, spec: Json, arrays: Any) -> None:
@@ -137,7 +138,7 @@ def _ray_paths(scene: NSQScene, report: Json, folder: Path, surface_labels: list
         return None
     with np.load(folder / report["ray_paths"]) as columns:
         events = np.empty(len(columns["ray_id"]), dtype=_EVENT_DTYPE)
-        for key in _EVENT_DTYPE.names:
+        for key in _EVENT_DTYPE.names or ():
             events[key] = columns[key]
     events["component_name"] = _optilands_names(scene, events, surface_labels)
     return {"events": events}

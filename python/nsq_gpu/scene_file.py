@@ -25,7 +25,6 @@ from optiland.materials.base import BaseMaterial
 from optiland.materials.material_file import MaterialFile
 from optiland.nonsequential import NSQMaterial, NSQScene
 from optiland.nonsequential.bsdf import HarveyShackBSDF, LambertianBSDF, SpecularBRDF, TabulatedBSDF
-from optiland.nonsequential.bsdf.base import BaseBSDF
 from optiland.nonsequential.components.absorbing import AbsorbingComponent
 from optiland.nonsequential.components.base import BaseComponent
 from optiland.nonsequential.components.configs import (
@@ -40,7 +39,6 @@ from optiland.nonsequential.components.geometry.analytic.conic import ConicGeome
 from optiland.nonsequential.components.geometry.analytic.frustum import CylindricalFrustumGeometry
 from optiland.nonsequential.components.geometry.analytic.plane import FinitePlaneGeometry, PlaneGeometry
 from optiland.nonsequential.components.geometry.analytic.sphere import SphereGeometry
-from optiland.nonsequential.components.geometry.base import ComponentGeometry
 from optiland.nonsequential.components.geometry.mesh.mesh_geometry import MeshGeometry
 from optiland.nonsequential.components.reflective import ReflectiveComponent
 from optiland.nonsequential.components.refractive import RefractiveComponent
@@ -83,10 +81,10 @@ class TableMaterial(BaseMaterial):
         self.index = np.asarray(n, dtype=np.float64)
         self.extinction = np.zeros_like(self.index) if k is None else np.asarray(k, dtype=np.float64)
 
-    def _calculate_n(self, wavelength: np.ndarray, **kwargs: Any) -> np.ndarray:
+    def _calculate_n(self, wavelength: Any, **kwargs: Any) -> Any:
         return _interpolate(wavelength, self.wavelengths, self.index)
 
-    def _calculate_k(self, wavelength: np.ndarray, **kwargs: Any) -> np.ndarray:
+    def _calculate_k(self, wavelength: Any, **kwargs: Any) -> Any:
         return _interpolate(wavelength, self.wavelengths, self.extinction)
 
 
@@ -98,7 +96,7 @@ class Materials:
     """Resolves the material values of one scene file to NSQMaterial objects."""
 
     def __init__(self, media: Json) -> None:
-        self._media = {name: NSQMaterial(optiland_material=_medium(spec)) for name, spec in media.items()}
+        self._media = {name: _named(name, spec) for name, spec in media.items()}
         self._catalog: dict[str, NSQMaterial] = {}
 
     def shared(self, value: Any) -> NSQMaterial:
@@ -129,7 +127,14 @@ def _from_catalog(name: str) -> NSQMaterial:
     return NSQMaterial(optiland_material=MaterialFile(str(entry)))
 
 
-def _medium(spec: Json) -> BaseMaterial:
+def _named(name: str, spec: Json) -> NSQMaterial:
+    material = NSQMaterial(optiland_material=_medium(spec))
+    # For the exporter; an attribute `name` of the inner material would pass for a catalog name with Optiland.
+    material.nsq_gpu_name = name  # type: ignore[attr-defined]
+    return material
+
+
+def _medium(spec: Json) -> BaseMaterial | None:
     kind = spec["type"]
     if kind == "constant":
         return IdealMaterial(n=spec["n"], k=spec.get("k", 0.0))
@@ -238,13 +243,13 @@ def _coating(spec: Json | None) -> SimpleCoating | None:
     return SimpleCoating(transmittance=spec["transmittance"], reflectance=spec["reflectance"])
 
 
-def _bsdf(spec: Json | None, folder: Path) -> BaseBSDF | None:
+def _bsdf(spec: Json | None, folder: Path) -> Any:
     if spec is None:
         return None
     parameters = {key: value for key, value in spec.items() if key != "type"}
     if spec["type"] == "tabulated":
         return _tabulated(spec, folder)
-    models = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
+    models: dict[str, Any] = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
     return models[spec["type"]](**parameters)
 
 
@@ -276,13 +281,13 @@ def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponen
     return AbsorbingComponent(frame, shape, front, name=name)
 
 
-def _shape(spec: Json, folder: Path) -> ComponentGeometry:
+def _shape(spec: Json, folder: Path) -> Any:
     parameters = {key: value for key, value in spec.items() if key != "type" and value is not None}
     if spec["type"] == "plane":
         return FinitePlaneGeometry(**parameters) if parameters else PlaneGeometry()
     if spec["type"] == "mesh":
         return _mesh(spec, folder)
-    shapes = {
+    shapes: dict[str, Any] = {
         "conic": ConicGeometry,
         "annulus": AnnularPlaneGeometry,
         "frustum": CylindricalFrustumGeometry,

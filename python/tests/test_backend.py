@@ -24,17 +24,24 @@ from optiland.nonsequential.detectors.configs import (
     RayDatabaseConfig,
     SpectralDetectorConfig,
 )
+from optiland.nonsequential.units import to_photometric
 from optiland.samples.objectives import CookeTriplet
 
 import nsq_gpu
 from nsq_gpu import compare
 from tests import live, parity
 from tests.live import SCENES, agreement, assert_equals_numpy, assert_same_paths, backend, bench, cs, glass, traced
+from tests.oracle import Json
 
 matplotlib.use("Agg")
 NUM_RAYS = 4000
 
 posix_only = pytest.mark.skipif(os.name == "nt", reason="the stand-ins for the program are shell scripts")
+
+
+def side(name: str, result: Any, figures: Json) -> compare.Side:
+    hits = {detector: found["num_rays_hit"] for detector, found in figures["detectors"].items()}
+    return compare.Side(name, result, hits, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -43,9 +50,7 @@ def test_equals_numpy(path: Path) -> None:
     result, ours = traced(scene, NUM_RAYS, backend(), record_paths=300)
     reference, theirs = traced(live.load_uncapped(path), NUM_RAYS, NumpyBackend(), record_paths=300)
     if parity.is_chaotic(path):
-        sides = [compare.Side(name, found, {key: detector["num_rays_hit"] for key, detector in data["detectors"].items()},
-                              1.0, 1.0) for name, found, data in (("a", result, ours), ("b", reference, theirs))]
-        text, agrees = compare.verdict(*sides, statistical=True)
+        text, agrees = compare.verdict(side("ours", result, ours), side("theirs", reference, theirs), statistical=True)
         assert agrees, text
         return
     assert not agreement(ours, theirs, capped).violations
@@ -114,14 +119,13 @@ def test_is_a_backend_of_optiland_and_its_result_works_on() -> None:
 
 
 def test_to_photometric() -> None:
-    from optiland.nonsequential.units import to_photometric
-
-    scene = bench()
+    scene = all_detectors()
     result, _ = traced(scene, NUM_RAYS, backend())
     reference, _ = traced(scene, NUM_RAYS, NumpyBackend())
-    spectrum = scene.sources[0].spectrum
-    ours, theirs = (to_photometric(found.detectors["screen"], spectrum) for found in (result, reference))
-    assert type(ours) is type(theirs)
+    for name, wavelength in (("screen", 0.55), ("colours", None)):
+        ours, theirs = (to_photometric(found.detectors[name], wavelength_um=wavelength)
+                        for found in (result, reference))
+        assert ours.total == pytest.approx(theirs.total, rel=1e-11)
 
 
 def test_seeds() -> None:

@@ -92,7 +92,7 @@ class Media:
 
 def _label(material: Any) -> str:
     inner = getattr(material, "optiland_material", None) or material
-    name = getattr(inner, "name", None)
+    name = getattr(material, "nsq_gpu_name", None) or getattr(inner, "name", None)
     if isinstance(name, str) and name:
         return name
     if type(inner) is IdealMaterial:
