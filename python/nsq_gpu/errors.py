@@ -5,6 +5,8 @@ The classes follow the exit codes of the command; ``exit_code`` is ``None`` wher
 
 from __future__ import annotations
 
+import re
+
 
 class NsqGpuError(RuntimeError):
     """A trace or an export failed; the message says where and why."""
@@ -67,7 +69,7 @@ _BY_EXIT_CODE: dict[int, type[NsqGpuError]] = {
 def error_of(exit_code: int, stderr: str) -> NsqGpuError:
     """Return the exception that an exit code and the text on stderr stand for."""
     said = "\n".join(line for line in stderr.splitlines() if not line.startswith("warning: ")).strip()
-    message = said.removeprefix("error: ") or "the command said nothing"
+    message = re.sub(r"^(nsq-gpu: |error: )+", "", said) or "the command said nothing"
     if exit_code < 0:
         message = f"ended by signal {-exit_code}: {message}"
     return _BY_EXIT_CODE.get(exit_code, NsqGpuError)(f"nsq-gpu: {message}", exit_code, stderr)

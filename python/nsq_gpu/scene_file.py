@@ -64,7 +64,7 @@ BLOCK_VERSION = 1
 
 #: Per kind of v1 component: the slots of its config for overrides, and the surfaces that each slot covers. An override
 #: names a surface, as in ``L1.front``.
-OVERRIDE_SLOTS = {
+OVERRIDE_SLOTS: dict[str, dict[str, tuple[str, ...]]] = {
     "lens": {"front": ("front",), "back": ("back",), "edge": ("edge",), "rim": ("rim",)},
     "doublet": {"front": ("front",), "cemented": ("cemented",), "back": ("back",),
                 "edge": ("edge_crown", "edge_flint")},
@@ -72,7 +72,7 @@ OVERRIDE_SLOTS = {
 }
 
 
-class TableMaterial(BaseMaterial):
+class TableMaterial(BaseMaterial):  # type: ignore[no-untyped-call]
     """A medium given by n and k at listed wavelengths, linear between them and constant outside."""
 
     def __init__(self, wavelengths: list[float], n: list[float], k: list[float] | None = None) -> None:
