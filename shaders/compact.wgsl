@@ -22,10 +22,12 @@ var<workgroup> survivors: atomic<u32>;
 var<workgroup> queue_base: u32;
 
 fn unpack_ray(q: QueuedRay) -> Ray {
+    let key = key_of(q.index);
+    let jump = rng_table[q.bounce];
     return Ray(
         vec3<real>(q.position_x, q.position_y, q.position_z),
         vec3<real>(q.direction_x, q.direction_y, q.direction_z),
-        q.weight, key_of(q.index), q.index, q.bounce, q.last,
+        q.weight, key, stream_at(key, FRESNEL_BRANCH, jump), stream_at(key, RR, jump), q.index, q.bounce, q.last,
         q.state & 0xffffu, (q.state >> 16u) & 0x7fffu, (q.state >> 31u) != 0u, ALIVE,
     );
 }

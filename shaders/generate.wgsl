@@ -7,40 +7,37 @@ struct LocalRay {
 
 fn generate(index: u32) -> Ray {
     let key = key_of(index);
-    let born = emit(key);
-    let r = Rotation(
-        vec3<real>(range.xx, range.xy, range.xz),
-        vec3<real>(range.yx, range.yy, range.yz),
-        vec3<real>(range.zx, range.zy, range.zz),
-    );
-    let origin = vec3<real>(range.origin_x, range.origin_y, range.origin_z);
-    let position = origin + to_global(born.position, r);
-    let direction = to_global(born.direction, r);
+    let e = emitter();
+    let born = emit(key, e);
+    let position = vec3<real>(e.origin_x, e.origin_y, e.origin_z) + from_emitter(e, born.position);
+    let direction = from_emitter(e, born.direction);
     return Ray(
-        position, direction, range.weight, key, index, 0u, NONE, draw_wavelength(key), range.medium, false, ALIVE,
+        position, direction, e.weight, key,
+        stream_at(key, FRESNEL_BRANCH, first_jump()), stream_at(key, RR, first_jump()),
+        index, 0u, NONE, draw_wavelength(key, e), e.medium, false, ALIVE,
     );
 }
 
 // Uniform over a disk: radius sqrt(u1) R, azimuth u2 turns.
 fn disk_point(key: RayKey, radius: real) -> vec3<real> {
-    let r = radius * sqrt(uniform_of(draw(key, SOURCE_U1, 0u)));
-    let turn = sincos_turns(draw(key, SOURCE_U2, 0u));
+    let r = radius * sqrt(uniform_of(draw_first(key, SOURCE_U1)));
+    let turn = sincos_turns(draw_first(key, SOURCE_U2));
     return vec3<real>(r * turn.x, r * turn.y, 0.0);
 }
 
 // Uniform in solid angle within a cap of height 1 - cos(half angle); with v = u height, sin^2 = v (2 - v).
 fn cap_direction(key: RayKey, slot_u1: u32, slot_u2: u32, height: real) -> vec3<real> {
-    let v = uniform_of(draw(key, slot_u1, 0u)) * height;
+    let v = uniform_of(draw_first(key, slot_u1)) * height;
     let s = sqrt(max(v * (2.0 - v), 0.0));
-    let turn = sincos_turns(draw(key, slot_u2, 0u));
+    let turn = sincos_turns(draw_first(key, slot_u2));
     return vec3<real>(s * turn.x, s * turn.y, 1.0 - v);
 }
 
 // Cosine-weighted over the hemisphere: cos = sqrt(u).
 fn lambertian_direction(key: RayKey, slot_u1: u32, slot_u2: u32) -> vec3<real> {
-    let u = uniform_of(draw(key, slot_u1, 0u));
+    let u = uniform_of(draw_first(key, slot_u1));
     let s = sqrt(1.0 - u);
-    let turn = sincos_turns(draw(key, slot_u2, 0u));
+    let turn = sincos_turns(draw_first(key, slot_u2));
     return vec3<real>(s * turn.x, s * turn.y, sqrt(u));
 }
 

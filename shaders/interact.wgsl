@@ -68,7 +68,7 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>
     let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
     let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
     let reflectance = select(0.5 * (r_s * r_s + r_p * r_p), 1.0, total_reflection);
-    let bits = draw((*ray).key, FRESNEL_BRANCH, (*ray).bounce);
+    let bits = stream_bits((*ray).fresnel);
     let reflects = draw_reflection(ray, bits, reflectance, total_reflection);
     let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
     (*ray).direction = select(refracted, mirrored(d, n), reflects);
@@ -83,7 +83,7 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>
 fn leave_medium(ray: ptr<function, Ray>, medium: u32) {
     let ambient = medium == 0u;
     if ambient && !(*ray).entered_solid {
-        count(CELL_UNDERFLOWS);
+        add_to_bin(CELL_UNDERFLOWS, NO_QUANTA);
     }
     (*ray).entered_solid = !ambient;
     (*ray).medium = medium;

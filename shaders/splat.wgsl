@@ -1,11 +1,21 @@
 // Stage splat: a detector records the ray that has arrived on it.
 
-fn splat(ray: ptr<function, Ray>, index: u32) {
-    let sensor = sensor_of(index);
-    record(*ray, sensor, index);
-    if sensor.absorb != 0u {
+// A ray on a detector: an absorbing one ends it, and records it once the loop over events is left; a transmissive one
+// records it in passing.
+fn arrive(ray: ptr<function, Ray>, index: u32) {
+    if !HAS_TRANSMISSIVE {
         (*ray).fate = DETECTED;
+        return;
     }
+    if sensor_of(index).absorb != 0u {
+        (*ray).fate = DETECTED;
+    } else {
+        splat(*ray, index);
+    }
+}
+
+fn splat(ray: Ray, index: u32) {
+    record(ray, sensor_of(index), index);
 }
 
 fn local_position(ray: Ray, sensor: Sensor) -> vec3<real> {

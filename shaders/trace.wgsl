@@ -19,12 +19,19 @@ fn trace_new(
     }
 }
 
-// Up to EVENTS_PER_DISPATCH events.
+// Up to EVENTS_PER_DISPATCH events; then what the ray left behind goes to memory. A ray ends at most once, so where it
+// ends is dealt with after the loop: on wide machines every lane pays for what any lane does inside.
 fn follow(ray: ptr<function, Ray>) {
     for (var step = 0u; step < EVENTS_PER_DISPATCH && (*ray).fate == ALIVE; step++) {
         next_event(ray);
     }
-    book_fate(*ray);
+    if (*ray).fate == DETECTED {
+        splat(*ray, (*ray).last - NUM_SURFACES);
+    } else if (*ray).fate != ALIVE {
+        book_fate(*ray);
+    }
+    flush_bins();
+    flush_reached();
 }
 
 // One event, in the reference's order: bulk absorption over the segment, the event itself, depth, roulette.
@@ -42,10 +49,12 @@ fn next_event(ray: ptr<function, Ray>) {
         interact(ray, hit.primitive);
     } else {
         record_sensor(*ray, hit.primitive - NUM_SURFACES);
-        splat(ray, hit.primitive - NUM_SURFACES);
+        arrive(ray, hit.primitive - NUM_SURFACES);
     }
-    (*ray).bounce += 1u;
     if (*ray).fate == ALIVE {
+        (*ray).bounce += 1u;
+        (*ray).fresnel = stream_next((*ray).fresnel);
+        (*ray).roulette = stream_next((*ray).roulette);
         if (*ray).bounce >= MAX_DEPTH {
             (*ray).fate = DEPTH_KILLED;
         } else {
@@ -54,12 +63,8 @@ fn next_event(ray: ptr<function, Ray>) {
     }
 }
 
-// Where the ray ended takes its whole weight. Detectors took it when they recorded it.
+// Where the ray ended takes its whole weight.
 fn book_fate(ray: Ray) {
     record_death(ray);
-    if ray.fate == ABSORBED {
-        book(CELL_SURFACES + ray.last, ray.weight);
-    } else if ray.fate >= ESCAPED {
-        book(CELL_ESCAPED + (ray.fate - ESCAPED), ray.weight);
-    }
+    book(select(CELL_ESCAPED + (ray.fate - ESCAPED), CELL_SURFACES + ray.last, ray.fate == ABSORBED), ray.weight);
 }

@@ -1,6 +1,6 @@
 //! A trace is a fold: `Tally += pass(range of ray ids)`.
 //!
-//! [`Tracer::pass`] runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
+//! A pass runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
 //! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
 //! callers of the fold.
 
@@ -121,6 +121,7 @@ struct DeviceState {
     queues: [wgpu::BindGroup; 2],
     advancing: wgpu::BindGroup,
     range: wgpu::Buffer,
+    emitter: wgpu::Buffer,
     counts: wgpu::Buffer,
     workgroups: wgpu::Buffer,
     sums: wgpu::Buffer,
@@ -143,9 +144,19 @@ impl<'a> Tracer<'a> {
     /// [`Error::Usage`] for options that make no sense or that the device cannot do, [`Error::Device`] if the scene does
     /// not fit it.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        Self::with_wgsl_edit(gpu, ir, options, |wgsl| wgsl)
+    }
+
+    /// As [`Tracer::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    #[doc(hidden)]
+    pub fn with_wgsl_edit(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
         check_options(gpu, options)?;
         let rays = distribute(ir, options.num_rays)?;
-        let lowest_weight = rays.iter().map(|r| r.weight).fold(f64::INFINITY, f64::min);
         let primitives = ir.surfaces.len() + ir.sensors.len();
         let program_options = ProgramOptions {
             precision: options.precision,
@@ -156,8 +167,9 @@ impl<'a> Tracer<'a> {
             events_per_dispatch: options.events_per_dispatch.min(options.max_depth),
             workgroup_size: options.workgroup_size,
             paths: options.paths.sampling(options.num_rays),
+            weights: rays.iter().map(|r| r.weight).collect(),
         };
-        let program = Program::new(ir, program_options, options.seed, lowest_weight)?;
+        let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         let batch = batch_size(gpu, &program, options);
         let device = DeviceState::new(gpu, &program, batch)?;
         Ok(Tracer {
@@ -179,7 +191,7 @@ impl<'a> Tracer<'a> {
         &self.program
     }
 
-    /// Traces every ray, in passes of about [`SUBMISSION_TIME`]; after each one `keep_going` is told how many rays are
+    /// Traces every ray, in passes of about 40 ms; after each one `keep_going` is told how many rays are
     /// done, and stops the trace by returning false.
     ///
     /// # Errors
@@ -194,7 +206,9 @@ impl<'a> Tracer<'a> {
             self.pass(done, end)?;
             pass_rays = self.next_pass_rays(end - done, start.elapsed());
             done = end;
-            if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1) {
+            if self.counts_undrained
+                > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1)
+            {
                 tally += &self.drain()?;
             }
             if !keep_going(done) {
@@ -231,9 +245,10 @@ impl<'a> Tracer<'a> {
 
     /// What a range is born with, quantised as the device does it.
     fn launch(&self, range: &RayRange) -> Booking {
+        let weight = self.rays[range.emitter].weight;
         let weight = match self.options.precision {
-            Precision::F32 => f64::from(range.weight as f32),
-            Precision::F64 => range.weight,
+            Precision::F32 => f64::from(weight as f32),
+            Precision::F64 => weight,
         };
         let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
         Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
@@ -247,7 +262,7 @@ impl<'a> Tracer<'a> {
             let mut next = first.max(rays.first);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
-                ranges.push(RayRange { first: next, count, emitter, weight: rays.weight });
+                ranges.push(RayRange { first: next, count, emitter });
                 next += u64::from(count);
             }
         }
@@ -257,8 +272,10 @@ impl<'a> Tracer<'a> {
     /// One batch: new rays through their first events, then the survivors until none can be left.
     fn dispatch(&self, range: &RayRange) -> Result<()> {
         let device = &self.device;
-        let bytes = self.program.range_bytes(self.ir, range)?;
-        self.gpu.queue.write_buffer(&device.range, 0, &bytes);
+        self.gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
+        if let Some(emitter) = self.program.emitters.get(range.emitter) {
+            self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
+        }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -382,7 +399,10 @@ impl<'a> Tracer<'a> {
         tally.roulette_loss = booking(8);
         let cells = &self.program.cells;
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached = counters[cells.reached as usize + i] != 0;
+            surface.reached = match self.program.options.baked && cells.fit_reached_mask() {
+                true => counters[cells.reached as usize] >> i & 1 != 0,
+                false => counters[cells.reached as usize + i] != 0,
+            };
             surface.absorbed = booking(cells.surfaces as usize + i);
         }
         for (i, sensor) in tally.sensors.iter_mut().enumerate() {
@@ -435,11 +455,14 @@ impl DeviceState {
         let num_cells = u64::from(program.cells.num_cells);
         let sums = gpu.buffer("the sums", num_cells * cell_bytes(program))?;
         let tops = match program.options.native {
-            true => Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?),
+            true => {
+                Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?)
+            }
             false => None,
         };
         let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
         let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
+        let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
             true => {
                 let rows = u64::from(program.max_events_per_ray) * u64::from(batch);
@@ -447,9 +470,15 @@ impl DeviceState {
             }
             false => None,
         };
-        let constants: Vec<(u32, wgpu::Buffer)> =
-            program.buffers.iter().map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes))).collect();
+        let constants: Vec<(u32, wgpu::Buffer)> = program
+            .buffers
+            .iter()
+            .map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes)))
+            .collect();
         let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
+        if !program.emitters.is_empty() {
+            scene.push((program::lowered::EMITTER, &emitter));
+        }
         scene.extend(tops.as_ref().map(|tops| (3, tops)));
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
@@ -457,7 +486,8 @@ impl DeviceState {
 
         let counts = gpu.buffer("queue counts", 12)?;
         let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
-        let queue = [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
+        let queue =
+            [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
         let direction = |from: usize, to: usize| {
             let mut buffers = vec![(0, &counts)];
             if has_queue {
@@ -468,11 +498,16 @@ impl DeviceState {
         let queues = [direction(1, 0), direction(0, 1)];
 
         let workgroups = gpu.buffer("workgroups", 12)?;
-        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding { group: 0, number, read_only: false });
+        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding {
+            group: 0,
+            number,
+            access: gpu::compute::Access::ReadWrite,
+        });
         let advance_layout = gpu.bind_group_layout("advance", &advance_bindings, 0);
         let advance_shader = gpu.shader("advance", program::compose::ADVANCE);
         let size = f64::from(program.options.workgroup_size);
-        let advance = gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
+        let advance =
+            gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
         let advancing = gpu.bind_group("advance", &advance_layout, [(0, &counts), (1, &workgroups)]);
         gpu.check()?;
         Ok(DeviceState {
@@ -483,6 +518,7 @@ impl DeviceState {
             queues,
             advancing,
             range,
+            emitter,
             counts,
             workgroups,
             sums,
@@ -519,7 +555,8 @@ impl DeviceState {
 }
 
 fn cell_bytes(program: &Program) -> u64 {
-    let bytes = if program.options.native { gpu::sums::NATIVE_CELL_BYTES } else { gpu::sums::PORTABLE_CELL_BYTES };
+    let bytes =
+        if program.options.native { gpu::sums::NATIVE_CELL_BYTES } else { gpu::sums::PORTABLE_CELL_BYTES };
     bytes as u64
 }
 
@@ -564,7 +601,9 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         per_ray => (MAX_EVENTS / per_ray).max(1),
     };
     let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
-        (true, Ok(stride)) => (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32,
+        (true, Ok(stride)) => {
+            (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32
+        }
         _ => u32::MAX,
     };
     wanted.min(events).min(queued).max(1)

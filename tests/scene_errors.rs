@@ -112,6 +112,8 @@ fn keys() {
     refused("max_rays", "max_ray", "nsq_gpu.detectors.R.max_ray", &["`max_rays`"]);
     refused(r#""thickness": 4.0, "#, "", "components[0].config", &["`thickness` is missing"]);
     refused(r#""material": "N-BK7", "#, "", "components[0].config", &["`material` is missing"]);
+    let (place, message) = refusal(&SCENE.replacen("sources", &"x".repeat(1_000_000), 1));
+    assert!(place.len() + message.len() < 500, "a message as long as the key");
     let twice = r#""thickness": 4.0, "thickness": 4.0"#;
     refused(r#""thickness": 4.0"#, twice, "components[0].config.thickness", &["twice"]);
 }
@@ -121,13 +123,13 @@ fn types() {
     refused(
         r#""type": "lens""#,
         r#""type": "lense""#,
-        "components[0]",
+        "components[0].type",
         &["\"lense\"", "did you mean `lens`?"],
     );
     refused(
         r#""type": "mirror""#,
         r#""type": "prism""#,
-        "components[1]",
+        "components[1].type",
         &["`lens`", "`mirror`", "`doublet`"],
     );
     refused(r#""type": "mirror", "#, "", "components[1]", &["`type` is missing", "`mirror`"]);
@@ -135,7 +137,7 @@ fn types() {
     refused(
         r#""type": "sphere""#,
         r#""type": "spere""#,
-        "nsq_gpu.surfaces[0].shape",
+        "nsq_gpu.surfaces[0].shape.type",
         &["did you mean `sphere`?"],
     );
     refused(r#""splat": "hard""#, r#""splat": "hart""#, "detectors[0].splat", &["did you mean `hard`?"]);
@@ -144,7 +146,7 @@ fn types() {
     refused(
         r#"{"type": "medium", "#,
         r#"{"type": "$object", "#,
-        "nsq_gpu.surfaces[0].material_back",
+        "nsq_gpu.surfaces[0].material_back.type",
         &["`medium`"],
     );
     refused(

@@ -135,8 +135,9 @@ fn infinite_and_zero_radii_are_flat() {
 
 #[test]
 fn comments_and_trailing_commas_are_read() {
-    let text =
-        SCENE.replacen('{', "{ // a comment\n", 1).replace("\"detectors\": [", "/* and */ detectors: [");
+    let text = SCENE
+        .replacen('{', "\u{feff}{ // a comment\n", 1)
+        .replace("\"detectors\": [", "/* and */ detectors: [");
     assert_eq!(lowered(&text), lowered(SCENE));
 }
 
@@ -232,6 +233,14 @@ fn doubtful_materials_and_angles_are_warned_of() {
     let warnings = Scene::from_json(&text).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("radians")), "{warnings:?}");
     assert!(warnings.iter().any(|warning| warning.contains("SF6")), "{warnings:?}");
+    let idle = with_block(r#""overrides": {"L1.front": {"reflectance": 0.5}}"#);
+    let warnings = Scene::from_json(&idle).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("\"L1.front\" is ignored")), "{warnings:?}");
+    let wide = with_block(r#""overrides": {"M.surface": {"aperture_radius": 30}}"#)
+        .replace("-100.0", "25")
+        .replace("-1.0", "0");
+    let warnings = Scene::from_json(&wide).unwrap().warnings;
+    assert_eq!(warnings, ["\"M.surface\" ends at 25 mm from its axis, within its aperture"]);
     let far = SCENE.replace("0.6563", "19.5");
     let warnings = Scene::from_json(&far).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("19.5 um")), "{warnings:?}");
@@ -242,7 +251,9 @@ fn a_scene_file_is_read_from_its_path() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.json");
     std::fs::write(&path, SCENE).unwrap();
-    assert_eq!(Scene::from_path(&path).unwrap(), Scene::from_json(SCENE).unwrap());
+    let scene = Scene::from_path(&path).unwrap();
+    assert_eq!(scene.file, Scene::from_json(SCENE).unwrap().file);
+    assert_eq!(scene.resolve("part.stl"), folder.path().join("part.stl"));
 }
 
 /// The schema knows every type, and refuses keys that the reader refuses.
@@ -253,5 +264,18 @@ fn the_schema_describes_every_type() {
         ["lens", "far_field", "harvey_shack", "thickness1", "nsq_gpu", "additionalProperties", "frustum"]
     {
         assert!(schema.contains(&format!("\"{word}\"")), "{word}");
+    }
+    assert!(!schema.contains(r"\\["), "escapes of the code's documentation");
+}
+
+#[test]
+fn every_scene_of_the_collection_is_valid() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let scenes: Vec<_> = files.filter(|path| path.extension().is_some_and(|kind| kind == "json")).collect();
+    assert!(scenes.len() >= 30, "{} scenes", scenes.len());
+    for path in scenes {
+        let scene = Scene::from_path(&path).unwrap_or_else(|err| panic!("{}: {err}", path.display()));
+        assert!(!scene.lower().unwrap().surfaces.is_empty(), "{}", path.display());
     }
 }

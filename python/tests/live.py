@@ -24,7 +24,7 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import PointSourceConfig
 
 from nsq_gpu import BinaryNotFoundError, NsqGpuBackend, SceneError, find_binary
-from tests import oracle
+from tests import oracle, parity
 from tests.agreement import Agreement, compare
 from tests.oracle import Json
 
@@ -66,16 +66,13 @@ def load(path: Path) -> NSQScene:
 
 def load_uncapped(path: Path) -> NSQScene:
     """Load a scene file, its ray databases without their caps: which rows a cap keeps depends on the batches."""
-    document = json.loads(path.read_text(encoding="utf-8"))
-    block = {**document.get("nsq_gpu", {"version": 1}), "detectors": {}}
     with quiet():
-        return oracle.scene_from_dict({**document, "nsq_gpu": block})
+        return oracle.scene_from_dict(parity.uncapped(json.loads(path.read_text(encoding="utf-8"))))
 
 
-def caps(path: Path) -> dict[str, int]:
+def caps(path: Path) -> Json:
     """Return the ``max_rays`` of every capped ray database of a file."""
-    extras = json.loads(path.read_text(encoding="utf-8")).get("nsq_gpu", {}).get("detectors", {})
-    return {name: extra["max_rays"] for name, extra in extras.items() if extra.get("max_rays")}
+    return parity.caps(json.loads(path.read_text(encoding="utf-8")))
 
 
 def kinds(scene: NSQScene) -> dict[str, str]:

@@ -76,9 +76,13 @@ def run(path: str | Path, num_rays: int, seed: int = 0, **kwargs: Any) -> Json:
 
 
 def trace(scene: NSQScene, kinds: dict[str, str], num_rays: int, seed: int = 0, **kwargs: Any) -> Json:
-    """Trace a live scene and return every figure of the result as plain Python and NumPy values."""
+    """Trace a live scene and return every figure of the result as plain Python and NumPy values.
+
+    ``kwargs`` go to ``NSQScene.trace``; its backend is NumpyBackend unless they name another.
+    """
     hits = _count_surface_hits(scene)
-    result = scene.trace(num_rays=num_rays, seed=seed, backend=NumpyBackend(seed=seed), **kwargs)
+    kwargs.setdefault("backend", NumpyBackend(seed=seed))
+    result = scene.trace(num_rays=num_rays, seed=seed, **kwargs)
     found = figures(scene, kinds, result)
     recorded = sum(detector["num_rays_hit"] for detector in found["detectors"].values())
     return {

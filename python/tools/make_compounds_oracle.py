@@ -1,6 +1,6 @@
-"""Writes tests/data/compounds.json: what Optiland builds from random lenses, doublets and mirrors.
+"""Writes ``tests/data/compounds.json``: what Optiland builds from random lenses, doublets and mirrors.
 
-Usage: python make_compounds_oracle.py OUTPUT.json
+Run ``python -m tools.make_compounds_oracle`` from the folder ``python``.
 
 Each case holds the component as text of a scene file, and either the surfaces that Optiland makes of it (name, shape,
 frame, media) or null where it raised NonWatertightVolumeError. Needs optiland 0.6.3.
@@ -10,6 +10,7 @@ import json
 import math
 import random
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from optiland.nonsequential.components.base import _get_transform
 from optiland.nonsequential.components.volume import NonWatertightVolumeError
 from optiland.nonsequential.serialization import _deserialize_component
 
+OUTPUT = Path(__file__).parents[2] / "tests" / "data" / "compounds.json"
 SEED = 20260
 GLASSES = ["N-BK7", "N-SF5", "N-LAK22", "N-SF6"]
 
@@ -101,19 +103,17 @@ def case_of(component: dict) -> dict:
     return {"component": text, "surfaces": [surface_of(surface) for surface in scene.surfaces]}
 
 
-def main(path: str) -> None:
+def main() -> None:
     rng = random.Random(SEED)
     makers = [random_lens] * 60 + [random_doublet] * 30 + [random_mirror] * 10
     cases = []
     for index, make in enumerate(makers):
         component = make(rng) | {"name": f"C{index}", "cs": random_cs(rng, index % 4)}
         cases.append(case_of(component))
-    with open(path, "w", encoding="utf-8") as file:
-        json.dump({"optiland": "0.6.3", "cases": cases}, file)
-        file.write("\n")
+    OUTPUT.write_text(json.dumps({"optiland": "0.6.3", "cases": cases}) + "\n", encoding="utf-8")
     leaky = sum(case["surfaces"] is None for case in cases)
     print(f"{len(cases)} cases, {leaky} refused by Optiland", file=sys.stderr)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

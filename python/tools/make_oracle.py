@@ -99,14 +99,26 @@ def _map(detector: Json) -> Json:
     head = {"shape": list(values.shape), "peak": float(values.max()), "axis_ends": axes}
     if values.size <= WHOLE_MAP:
         return {**head, "values": values.ravel().tolist()}
-    others = [tuple(other for other in range(values.ndim) if other != axis) for axis in range(values.ndim)]
     bins = _sampled_bins(values)
     return {
         **head,
-        "axis_sums": [values.sum(axis=other).tolist() for other in others],
+        "axis_sums": _axis_sums(values, detector["kind"]),
         "bins": bins.tolist(),
         "bin_values": values.ravel()[bins].tolist(),
     }
+
+
+def _axis_sums(values: np.ndarray, kind: str) -> list[list[float]]:
+    """Sum a map over all axes but one.
+
+    Of a far field's ring at the pole only the sum is defined, the first sum of the first axis: the azimuth of a ray
+    along the axis is rounding noise. So the ring stays out of the sums of the azimuth.
+    """
+    sums = []
+    for axis in range(values.ndim):
+        summed = values[1:] if kind == "far_field" and axis == 1 else values
+        sums.append(summed.sum(axis=tuple(other for other in range(values.ndim) if other != axis)).tolist())
+    return sums
 
 
 def _sampled_bins(values: np.ndarray) -> np.ndarray:

@@ -112,16 +112,15 @@ def bench_surface_count_50() -> Json:
 
 @scene
 def cooke_triplet() -> Json:
-    """Converted sample: a triplet with star fields on a 256 x 256 image, stray light in the far field behind it."""
+    """Converted sample: seven stars out of focus on a 256 x 256 image, ghost arcs on a logarithmic scale."""
     lines = spectrum([0.48, 0.55, 0.65])
-    fields = [
-        collimated(f"field_{y}_{x}", beam_frame(y, 11.5, 40.0, x), lines, 5.0, flux)
-        for y, x, flux in ((0, 0, 1.0), (7, -6, 0.8), (-14, 3, 0.6), (12, 15, 0.5), (-6, -17, 0.4), (20, 0, 0.3))
-    ]
+    ring = [(9.0 * math.sin(0.2 + i * math.pi / 3.0), 9.0 * math.cos(0.2 + i * math.pi / 3.0)) for i in range(6)]
+    stars = [collimated(f"star_{i}", beam_frame(y, 11.5, 40.0, x), lines, 5.6, 0.6 if i else 1.0)
+             for i, (y, x) in enumerate([(0.0, 0.0), *ring])]
     return document(
         converted_components(CookeTriplet()),
-        fields,
-        [irradiance("image", cs(z=58.5), 44.0, 44.0, 256, 256), far_field("stray", cs(z=75.0), 60, 61)],
+        stars,
+        [irradiance("image", cs(z=78.0), 36.0, 36.0, 256, 256), far_field("stray", cs(z=95.0), 60, 61)],
     )
 
 

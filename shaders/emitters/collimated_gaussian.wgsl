@@ -3,15 +3,15 @@
 const GAUSSIAN_ATTEMPTS: u32 = 32u;
 
 // Box-Muller, rejected outside the disk; attempt i draws at step i, and after the last one the point is put on the rim.
-fn emit_collimated_gaussian(key: RayKey) -> LocalRay {
+fn emit_collimated_gaussian(key: RayKey, e: Emitter) -> LocalRay {
     let z = vec3<real>(0.0, 0.0, 1.0);
     for (var attempt = 0u; attempt < GAUSSIAN_ATTEMPTS; attempt++) {
-        let radius = range.p1 * sqrt(-2.0 * log_uniform(draw(key, SOURCE_U1, attempt)));
-        if radius <= range.p0 {
+        let radius = e.p1 * sqrt(-2.0 * log_uniform(draw(key, SOURCE_U1, attempt)));
+        if radius <= e.p0 {
             let turn = sincos_turns(draw(key, SOURCE_U2, attempt));
             return LocalRay(vec3<real>(radius * turn.x, radius * turn.y, 0.0), z);
         }
     }
     let turn = sincos_turns(draw(key, SOURCE_U2, GAUSSIAN_ATTEMPTS));
-    return LocalRay(vec3<real>(range.p0 * turn.x, range.p0 * turn.y, 0.0), z);
+    return LocalRay(vec3<real>(e.p0 * turn.x, e.p0 * turn.y, 0.0), z);
 }

@@ -1,5 +1,7 @@
 // The ledger: every event books what it took, weight before minus weight after in quanta. Differences of quantised
 // weights telescope, so the bins add up to what was launched to the last bit.
+// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`) and go to memory once a
+// dispatch; where a ray ends, it books once.
 
 fn book(cell: u32, weight: real) {
     count(cell);
@@ -9,14 +11,19 @@ fn book(cell: u32, weight: real) {
 // Books before - after if that is positive.
 fn book_loss(cell: u32, before: real, after: real) {
     if after < before {
-        count(cell);
-        deposit(cell, q_sub(quantize(before), quantize(after)));
+        add_to_bin(cell, q_sub(quantize(before), quantize(after)));
     }
 }
 
-// Reading first spares the atomic in all but the first few events.
-fn mark_reached(primitive: u32) {
-    if atomicLoad(&counters[COUNTER_REACHED + primitive]) == 0u {
-        atomicStore(&counters[COUNTER_REACHED + primitive], 1u);
+fn flush_bin(cell: u32, events: u32, quanta: Quanta) {
+    if events != 0u {
+        atomicAdd(&counters[cell], events);
+        deposit(cell, quanta);
+    }
+}
+
+fn flush_count(cell: u32, events: u32) {
+    if events != 0u {
+        atomicAdd(&counters[cell], events);
     }
 }

@@ -2,7 +2,7 @@
 // by a hash of their id.
 
 fn is_sampled(ray: Ray) -> bool {
-    return RECORD_ALL_PATHS || draw(ray.key, PATH_SAMPLE, 0u) < PATH_THRESHOLD;
+    return RECORD_ALL_PATHS || draw_first(ray.key, PATH_SAMPLE) < PATH_THRESHOLD;
 }
 
 fn record_birth(ray: Ray) {

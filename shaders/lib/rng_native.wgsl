@@ -16,13 +16,27 @@ fn splitmix64(key: u64) -> u64 {
     return c ^ (c >> 31u);
 }
 
-// The 32 bits of (ray, slot, step), where step = bounce + offset. A literal slot costs nothing: its product folds.
-fn draw(key: RayKey, slot: u32, step: u32) -> u32 {
-    let inc = (splitmix64(key ^ (u64(slot) * 0xC2B2AE3D27D4EB4Flu)) << 1u) | 1lu;
-    let jump = rng_table[step];
+// The sequence of one (ray, slot): its state moves on by one step per draw.
+struct Stream {
+    state: u64,
+    increment: u64,
+}
+
+// The stream at the step whose jump is (P.lo, P.hi, Q.lo, Q.hi). A literal slot costs nothing: its product folds.
+fn stream_at(key: RayKey, slot: u32, jump: vec4<u32>) -> Stream {
+    let increment = (splitmix64(key ^ (u64(slot) * 0xC2B2AE3D27D4EB4Flu)) << 1u) | 1lu;
     let p = u64(jump.x) | (u64(jump.y) << 32u);
     let q = u64(jump.z) | (u64(jump.w) << 32u);
-    let state = p + q * inc;
+    return Stream(p + q * increment, increment);
+}
+
+// The stream one step on.
+fn stream_next(stream: Stream) -> Stream {
+    return Stream(stream.state * 6364136223846793005lu + stream.increment, stream.increment);
+}
+
+fn stream_bits(stream: Stream) -> u32 {
+    let state = stream.state;
     let xorshifted = u32((((state >> 18u) ^ state) >> 27u) & 0xFFFFFFFFlu);
     let rotation = u32(state >> 59u);
     return (xorshifted >> rotation) | (xorshifted << ((32u - rotation) & 31u));

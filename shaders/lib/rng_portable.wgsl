@@ -44,12 +44,27 @@ fn splitmix64(key: vec2<u32>) -> vec2<u32> {
     return pair_xorshift(c, 31u);
 }
 
-// The 32 bits of (ray, slot, step), where step = bounce + offset. A literal slot costs nothing: its product folds.
-fn draw(key: RayKey, slot: u32, step: u32) -> u32 {
+// The sequence of one (ray, slot): its state moves on by one step per draw.
+struct Stream {
+    state: vec2<u32>,
+    increment: vec2<u32>,
+}
+
+// The stream at the step whose jump is (P.lo, P.hi, Q.lo, Q.hi). A literal slot costs nothing: its product folds.
+fn stream_at(key: RayKey, slot: u32, jump: vec4<u32>) -> Stream {
     let selector = splitmix64(key ^ pair_mul(vec2<u32>(slot, 0u), vec2<u32>(0x27D4EB4Fu, 0xC2B2AE3Du)));
-    let inc = vec2<u32>((selector.x << 1u) | 1u, (selector.y << 1u) | (selector.x >> 31u));
-    let jump = rng_table[step];
-    let state = pair_add(jump.xy, pair_mul(jump.zw, inc));
+    let increment = vec2<u32>((selector.x << 1u) | 1u, (selector.y << 1u) | (selector.x >> 31u));
+    return Stream(pair_add(jump.xy, pair_mul(jump.zw, increment)), increment);
+}
+
+// The stream one step on.
+fn stream_next(stream: Stream) -> Stream {
+    let product = pair_mul(stream.state, vec2<u32>(0x4C957F2Du, 0x5851F42Du));
+    return Stream(pair_add(product, stream.increment), stream.increment);
+}
+
+fn stream_bits(stream: Stream) -> u32 {
+    let state = stream.state;
     let mixed = pair_xorshift(state, 18u);
     let xorshifted = (mixed.x >> 27u) | (mixed.y << 5u);
     let rotation = state.y >> 27u;

@@ -16,3 +16,8 @@ const PATH_SAMPLE: u32 = 11u;
 // Per step k the words (P.lo, P.hi, Q.lo, Q.hi) of state_k = P_k + Q_k * inc, from program::rng::step_table. It must
 // hold one entry for every step that is drawn: bounce + offset.
 @group(0) @binding(1) var<storage, read> rng_table: array<vec4<u32>>;
+
+// The 32 bits of (ray, slot, step), where step = bounce + offset.
+fn draw(key: RayKey, slot: u32, step: u32) -> u32 {
+    return stream_bits(stream_at(key, slot, rng_table[step]));
+}

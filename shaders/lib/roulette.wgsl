@@ -7,7 +7,7 @@ fn roulette(ray: ptr<function, Ray>) {
         return;
     }
     let survival = clamp(before / ROULETTE_THRESHOLD, 0.05, 1.0);
-    if below(draw((*ray).key, RR, (*ray).bounce), survival) {
+    if below(stream_bits((*ray).roulette), survival) {
         (*ray).weight = before / survival;
         book_loss(CELL_ROULETTE_GAIN, (*ray).weight, before);
     } else {

@@ -3,18 +3,18 @@
 
 @group(0) @binding(6) var<storage, read> spectra: array<vec2<u32>>;
 
-fn draw_wavelength(key: RayKey) -> u32 {
+fn draw_wavelength(key: RayKey, e: Emitter) -> u32 {
     // Optiland draws nothing for a spectrum of one line; nor does it matter, since draws are keyed by their slot.
-    let bits = draw(key, SOURCE_WAVELENGTH, 0u);
+    let bits = draw_first(key, SOURCE_WAVELENGTH);
     var low = 0u;
-    var high = range.spectrum_count - 1u;
+    var high = e.spectrum_count - 1u;
     for (var step = 0u; step < 32u && low < high; step++) {
         let middle = (low + high) / 2u;
-        if spectra[range.spectrum_first + middle].x >= bits {
+        if spectra[e.spectrum_first + middle].x >= bits {
             high = middle;
         } else {
             low = middle + 1u;
         }
     }
-    return spectra[range.spectrum_first + low].y;
+    return spectra[e.spectrum_first + low].y;
 }

@@ -19,6 +19,10 @@ struct Ray {
     direction: vec3<real>,
     weight: real,
     key: RayKey,
+    // The draws that every event may need, at the step of its bounce count: moving a stream on by one step costs less
+    // than jumping to it from the key.
+    fresnel: Stream,
+    roulette: Stream,
     // Position in the dispatch's range of ray ids.
     index: u32,
     bounce: u32,
@@ -43,37 +47,29 @@ fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 
-// What one dispatch traces: rays first..first+count of one emitter. One per dispatch, so that every invocation reads
-// the same values.
+// What one dispatch traces: rays first..first+count of one emitter.
 struct Range {
     first_lo: u32,
     first_hi: u32,
     count: u32,
     emitter: u32,
-    medium: u32,
-    spectrum_first: u32,
-    spectrum_count: u32,
-    kind: u32,
-    weight: real,
-    origin_x: real,
-    origin_y: real,
-    origin_z: real,
-    xx: real,
-    xy: real,
-    xz: real,
-    yx: real,
-    yy: real,
-    yz: real,
-    zx: real,
-    zy: real,
-    zz: real,
-    // What the kind of emitter needs: see shaders/emitters/.
-    p0: real,
-    p1: real,
-    p2: real,
+    // P of step 0 (program::rng::step_table).
+    seed_lo: u32,
+    seed_hi: u32,
 }
 
-@group(0) @binding(0) var<storage, read> range: Range;
+// Uniform, because every invocation reads the same values.
+@group(0) @binding(0) var<uniform> range: Range;
+
+// The jump to step 0: P from the seed, Q = MULT + 1.
+fn first_jump() -> vec4<u32> {
+    return vec4<u32>(range.seed_lo, range.seed_hi, 0x4C957F2Eu, 0x5851F42Du);
+}
+
+// The 32 bits of (ray, slot, 0).
+fn draw_first(key: RayKey, slot: u32) -> u32 {
+    return stream_bits(stream_at(key, slot, first_jump()));
+}
 
 fn key_of(index: u32) -> RayKey {
     let lo = range.first_lo + index;

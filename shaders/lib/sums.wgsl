@@ -51,6 +51,15 @@ fn q_sub(a: Quanta, b: Quanta) -> Quanta {
     return vec3<u32>(a.x - b.x, hi - borrow, a.z - b.z - borrow_top);
 }
 
+fn q_add(a: Quanta, b: Quanta) -> Quanta {
+    let lo = a.x + b.x;
+    let carry = select(0u, 1u, lo < a.x);
+    let hi = a.y + b.y;
+    let carried = hi + carry;
+    let carry_top = select(0u, 1u, hi < a.y) + select(0u, 1u, carried < carry);
+    return vec3<u32>(lo, carried, a.z + b.z + carry_top);
+}
+
 fn q_min(a: Quanta, b: Quanta) -> Quanta {
     return select(a, b, q_less(b, a));
 }

@@ -33,7 +33,8 @@ fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {
         let rates = Gpu::open(&choice)?.arithmetic_rates()?;
         let _ = writeln!(text, "  f32: {:.1} G multiply-adds/s", rates.f32 / 1e9);
         if let Some(f64) = rates.f64 {
-            let _ = writeln!(text, "  f64: {:.1} G multiply-adds/s ({:.2} of f32)", f64 / 1e9, f64 / rates.f32);
+            let _ =
+                writeln!(text, "  f64: {:.1} G multiply-adds/s ({:.2} of f32)", f64 / 1e9, f64 / rates.f32);
         }
     }
     if text.is_empty() { Err(Error::Internal("an adapter without a name".into())) } else { Ok(text) }

@@ -1,7 +1,6 @@
 //! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
 
 use crate::error::Result;
-use crate::scene::Scene;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -14,7 +13,7 @@ pub struct Args {
 
 /// What the scene holds, and what deserves a warning.
 pub fn run(args: &Args) -> Result<String> {
-    let scene = Scene::from_path(&args.scene)?;
+    let scene = super::read_scene(&args.scene)?;
     let ir = scene.lower()?;
     let mut text = format!("{} can be traced.\n", args.scene.display());
     let mut list = |title: &str, names: Vec<&str>| {

@@ -28,7 +28,9 @@ mod tests {
 
     #[test]
     fn counts_read_as_people_write_them() {
-        for (text, count) in [("1e7", 10_000_000), ("10M", 10_000_000), ("2.5k", 2_500), ("7", 7), ("1_000", 1_000)] {
+        for (text, count) in
+            [("1e7", 10_000_000), ("10M", 10_000_000), ("2.5k", 2_500), ("7", 7), ("1_000", 1_000)]
+        {
             assert_eq!(parse(text), Ok(count), "{text}");
         }
         assert_eq!(parse("18446744073709551615"), Ok(u64::MAX));

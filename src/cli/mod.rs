@@ -11,9 +11,11 @@ mod progress;
 mod schema;
 mod trace;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::scene::Scene;
 use clap::{Parser, Subcommand};
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 #[derive(Parser)]
@@ -66,12 +68,22 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Reads a scene; a complaint about its contents begins with the file's name: a script may trace many.
+fn read_scene(path: &Path) -> Result<Scene> {
+    Scene::from_path(path).map_err(|error| match error {
+        Error::Scene { place, problem, remedy } => {
+            Error::Scene { place: format!("{}: {place}", path.display()), problem, remedy }
+        }
+        other => other,
+    })
+}
+
 /// Prints the result. A closed pipe (`nsq-gpu ... | head`) is no error.
 fn print(text: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
     let written = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
     match written {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(crate::Error::file("stdout", error)),
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::file("stdout", error)),
         _ => Ok(()),
     }
 }

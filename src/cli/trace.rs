@@ -1,7 +1,7 @@
 //! `nsq-gpu trace`: a scene to maps, ledger and report.
 
 use super::progress::{Mode, Progress};
-use super::{count, say};
+use super::{count, read_scene, say};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, SceneIr};
@@ -34,7 +34,7 @@ pub struct Args {
     /// Rays per dispatch; it changes memory and speed, never a result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
-    /// Arithmetic: auto takes f64 where the adapter runs it at a good rate, which is measured.
+    /// Arithmetic: auto takes f64 where the adapter runs it at a good rate.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
@@ -43,8 +43,8 @@ pub struct Args {
     /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
     #[arg(long)]
     portable: bool,
-    /// Record the paths of about N rays, or of all.
-    #[arg(long, value_name = "N|all", value_parser = parse_record_paths)]
+    /// Record the paths of about N rays, or of all, in ray_paths.npz.
+    #[arg(long, value_name = "N|all", value_parser = parse_record_paths, requires = "output")]
     record_paths: Option<RecordPaths>,
     /// Override the scene's rr_start_flux.
     #[arg(long, value_name = "X")]
@@ -66,7 +66,7 @@ pub struct Args {
 /// The `--precision` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PrecisionArg {
-    /// By the adapter's measured rates.
+    /// f64 on a processor; on a GPU by its measured rates.
     Auto,
     /// 32-bit floats.
     F32,
@@ -91,15 +91,18 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
-    let scene = Scene::from_path(&args.scene)?;
+    let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
-    scene.warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
+    if let Some(dir) = &args.output {
+        output::check_writable(dir)?;
+    }
     let gpu = Gpu::open(&adapter_choice(args))?;
     let options = options(args, &gpu)?;
     let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options)?;
     if let Some(dir) = &args.output {
-        output::write_all(dir, &result)?;
+        let files = output::write_all(dir, &result)?;
+        files.iter().filter(|_| !args.json).for_each(|file| say(&format!("written: {}", file.display())));
     }
     let printed = if args.json { json(&result, args.output.as_deref())? } else { result.report() };
     if interrupted {

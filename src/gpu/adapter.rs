@@ -154,10 +154,13 @@ impl Gpu {
             }
         });
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            note(&uncaptured, match error {
-                wgpu::Error::OutOfMemory { .. } => "the device is out of memory".to_string(),
-                other => other.to_string(),
-            });
+            note(
+                &uncaptured,
+                match error {
+                    wgpu::Error::OutOfMemory { .. } => "the device is out of memory".to_string(),
+                    other => other.to_string(),
+                },
+            );
         }));
         let (f64, int64) = (info.f64, native && info.int64);
         Ok(Gpu { device, queue, info, f64, int64, runtime_checks: choice.runtime_checks, failure })

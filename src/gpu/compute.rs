@@ -11,22 +11,37 @@ pub struct Binding {
     pub group: u32,
     /// Number in the group.
     pub number: u32,
-    /// True if shaders only read it.
-    pub read_only: bool,
+    /// How shaders use it.
+    pub access: Access,
 }
 
-/// The storage buffers that a module declares.
+/// How shaders use a buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Access {
+    /// Small and read by all invocations alike.
+    Uniform,
+    /// Read only.
+    Read,
+    /// Read and written.
+    ReadWrite,
+}
+
+/// The buffers that a module declares.
 pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     let mut bindings: Vec<Binding> = module
         .global_variables
         .iter()
         .filter_map(|(_, variable)| {
             let binding = variable.binding.as_ref()?;
-            let read_only = match variable.space {
-                naga::AddressSpace::Storage { access } => !access.contains(naga::StorageAccess::STORE),
+            let access = match variable.space {
+                naga::AddressSpace::Uniform => Access::Uniform,
+                naga::AddressSpace::Storage { access } if access.contains(naga::StorageAccess::STORE) => {
+                    Access::ReadWrite
+                }
+                naga::AddressSpace::Storage { .. } => Access::Read,
                 _ => return None,
             };
-            Some(Binding { group: binding.group, number: binding.binding, read_only })
+            Some(Binding { group: binding.group, number: binding.binding, access })
         })
         .collect();
     bindings.sort_by_key(|b| (b.group, b.number));
@@ -36,8 +51,10 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
 impl Gpu {
     /// Compiles a module.
     pub fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
-        let descriptor =
-            wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) };
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(wgsl.into()),
+        };
         if self.runtime_checks {
             return self.device.create_shader_module(descriptor);
         }
@@ -58,14 +75,21 @@ impl Gpu {
                 binding: b.number,
                 visibility: wgpu::ShaderStages::COMPUTE,
                 ty: wgpu::BindingType::Buffer {
-                    ty: wgpu::BufferBindingType::Storage { read_only: b.read_only },
+                    ty: match b.access {
+                        Access::Uniform => wgpu::BufferBindingType::Uniform,
+                        Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
+                        Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
+                    },
                     has_dynamic_offset: false,
                     min_binding_size: None,
                 },
                 count: None,
             })
             .collect();
-        self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+        self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some(label),
+            entries: &entries,
+        })
     }
 
     /// A bind group of whole buffers.
@@ -79,7 +103,11 @@ impl Gpu {
             .into_iter()
             .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
-        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(label),
+            layout,
+            entries: &entries,
+        })
     }
 
     /// A compute pipeline.
@@ -111,7 +139,8 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
-        let limit = self.device.limits().max_storage_buffer_binding_size.min(self.device.limits().max_buffer_size);
+        let limit =
+            self.device.limits().max_storage_buffer_binding_size.min(self.device.limits().max_buffer_size);
         if size > limit {
             return Err(Error::Device(format!(
                 "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use fewer pixels or another adapter",
@@ -130,14 +159,14 @@ impl Gpu {
         }))
     }
 
-    /// A read-only storage buffer with contents.
+    /// A buffer with contents that shaders only read.
     pub fn constant_buffer(&self, label: &str, contents: &[u8]) -> wgpu::Buffer {
         let mut padded = contents.to_vec();
         padded.resize(contents.len().max(16).next_multiple_of(4), 0);
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some(label),
             contents: &padded,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
         })
     }
 

@@ -46,11 +46,16 @@ impl Gpu {
         Ok(ArithmeticRates { f32: self.rate(Precision::F32)?, f64 })
     }
 
-    /// f64 where the adapter runs it at a good rate, else f32.
+    /// f64 where the adapter runs it at a good rate, as processors do, else f32.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn preferred_precision(&self) -> Result<Precision> {
+        // A processor runs both at about one rate, and whatever else runs on it would decide the measurement: the
+        // precision, and with it the result, would change from run to run.
+        if self.f64 && self.info.kind == "Cpu" {
+            return Ok(Precision::F64);
+        }
         let rates = self.arithmetic_rates()?;
         let good = rates.f64.is_some_and(|f64| f64 >= GOOD_RATE * rates.f32);
         Ok(if good { Precision::F64 } else { Precision::F32 })

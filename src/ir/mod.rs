@@ -309,7 +309,9 @@ impl Sensor {
                 Outline::Rectangle { width: grid.width, height: grid.height }
             }
             SensorKind::FarField { .. } => Outline::Disk { radius: FAR_FIELD_RADIUS },
-            SensorKind::RayDatabase { width, height, .. } => Outline::Rectangle { width: *width, height: *height },
+            SensorKind::RayDatabase { width, height, .. } => {
+                Outline::Rectangle { width: *width, height: *height }
+            }
         }
     }
 
@@ -318,7 +320,9 @@ impl Sensor {
     pub fn num_cells(&self) -> usize {
         match &self.kind {
             SensorKind::Irradiance(grid) => grid.num_pixels(),
-            SensorKind::Spectral { grid, wavelength_edges } => grid.num_pixels() * (wavelength_edges.len() - 1),
+            SensorKind::Spectral { grid, wavelength_edges } => {
+                grid.num_pixels() * (wavelength_edges.len() - 1)
+            }
             SensorKind::FarField { num_theta, num_phi } => *num_theta as usize * *num_phi as usize,
             SensorKind::RayDatabase { .. } => 0,
         }

@@ -52,6 +52,7 @@ impl Composition<'_> {
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
         text.push_str(&self.record());
+        text.push_str(&self.bins());
         text.push_str(&self.emit());
         text.push_str(&self.reflect_probability()?);
         Ok(text)
@@ -90,6 +91,7 @@ impl Composition<'_> {
             ("HAS_HARD", f.splats[0]),
             ("HAS_BILINEAR", f.splats[1]),
             ("HAS_GAUSSIAN", f.splats[2]),
+            ("HAS_TRANSMISSIVE", f.transmissive),
             ("HAS_QUEUE", o.has_queue()),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
@@ -104,6 +106,7 @@ impl Composition<'_> {
     /// The files that the scene needs, each once.
     fn files(&self) -> Vec<&'static str> {
         let f = self.features;
+        let o = self.options;
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
         let mut files = vec![
             shader!("lib/state.wgsl"),
@@ -111,6 +114,11 @@ impl Composition<'_> {
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
+            pick(
+                o.baked && self.cells.fit_reached_mask(),
+                shader!("lib/reached_mask.wgsl"),
+                shader!("lib/reached_table.wgsl"),
+            ),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
@@ -139,7 +147,10 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         let optional = [
             (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
-            (f.refractive, pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl"))),
+            (
+                f.refractive,
+                pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
+            ),
             (!f.refractive, shader!("lib/indices_none.wgsl")),
             (
                 f.reflective,
@@ -169,14 +180,31 @@ impl Composition<'_> {
         let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         let mut text = String::new();
         for records in [&surfaces, &sensors] {
-            text.push_str(&if self.options.baked { records.baked(self.precision())? } else { records.table() });
+            text.push_str(&if self.options.baked {
+                records.baked(self.precision())?
+            } else {
+                records.table()
+            });
         }
+        text.push_str(&self.emitter()?);
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
             text.push_str(&lowered::primitive_records(self.ir, self.centre).table());
         }
         Ok(text)
+    }
+
+    /// A lone emitter is compiled in; of several, the one of the dispatch lies in a uniform.
+    fn emitter(&self) -> Result<String> {
+        let emitters = lowered::emitter_records(self.ir, self.centre, &self.options.weights);
+        let rotated = lowered::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));
+        let (row, source) = match self.ir.emitters.len() {
+            1 => (emitters.baked(self.precision())?, "emitter_of(0u)"),
+            _ => (emitters.uniform(), "emitter_uniform"),
+        };
+        let functions = frame_functions("Emitter", "emitter", rotated);
+        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n"))
     }
 
     /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records.
@@ -189,7 +217,8 @@ impl Composition<'_> {
         let vector = |v: DVec3| -> Result<String> {
             Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
         };
-        let mut text = String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        let mut text =
+            String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
             let (function, _) = ShapeKind::of(shape).name();
             let mut arguments = String::new();
@@ -252,18 +281,62 @@ impl Composition<'_> {
         text
     }
 
+    /// Bins that rays meet on their way, in registers; a table's mirrors book in memory.
+    fn bins(&self) -> String {
+        let f = self.features;
+        let mut bins: Vec<(String, bool)> = [
+            (f.refractive, "CELL_UNDERFLOWS", false),
+            (f.roulette, "CELL_ROULETTE_GAIN", true),
+            (f.bulk_absorption, "CELL_BULK", true),
+            (f.importance, "CELL_IMPORTANCE_LOSS", true),
+            (f.importance, "CELL_IMPORTANCE_GAIN", true),
+        ]
+        .into_iter()
+        .filter(|(present, ..)| *present)
+        .map(|(_, name, has_quanta)| (name.to_string(), has_quanta))
+        .collect();
+        if self.options.baked {
+            bins.extend(
+                lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)),
+            );
+        }
+        let mut variables = String::new();
+        let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
+        let mut flush = String::from("fn flush_bins() {\n");
+        for (i, (cell, has_quanta)) in bins.iter().enumerate() {
+            let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
+            let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
+            if *has_quanta {
+                let _ = writeln!(variables, "var<private> bin_{i}: Quanta = NO_QUANTA;");
+                let _ = writeln!(add, "        bin_{i} = q_add(bin_{i}, q);");
+                let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, bin_{i});");
+            } else {
+                let _ = writeln!(flush, "    flush_count({cell}, bin_{i}_events);");
+            }
+            let _ = writeln!(add, "        return;\n    }}");
+        }
+        if !self.options.baked {
+            add.push_str("    count(cell);\n    deposit(cell, q);\n");
+        }
+        format!("{variables}{add}}}\n{flush}}}\n")
+    }
+
     /// Dispatch over the kinds of emitters that occur.
     fn emit(&self) -> String {
-        let mut text = String::from("fn emit(key: RayKey) -> LocalRay {\n");
+        let mut text = String::from("fn emit(key: RayKey, e: Emitter) -> LocalRay {\n");
         let (last, others) = match self.features.emitters.split_last() {
             Some(kinds) => kinds,
             None => return String::new(),
         };
         for kind in others {
-            let _ =
-                writeln!(text, "    if range.kind == {}u {{ return emit_{}(key); }}", *kind as u32, kind.name());
+            let _ = writeln!(
+                text,
+                "    if e.kind == {}u {{ return emit_{}(key, e); }}",
+                *kind as u32,
+                kind.name()
+            );
         }
-        let _ = writeln!(text, "    return emit_{}(key);\n}}", last.name());
+        let _ = writeln!(text, "    return emit_{}(key, e);\n}}", last.name());
         text
     }
 

@@ -63,6 +63,8 @@ pub struct Features {
     pub unit_gradients: bool,
     /// Splats of irradiance and spectral detectors: hard, bilinear, Gaussian.
     pub splats: [bool; 3],
+    /// Some detector lets rays pass.
+    pub transmissive: bool,
     /// Some detector is spectral.
     pub spectral: bool,
     /// Some detector is an irradiance map.
@@ -151,6 +153,7 @@ impl Features {
                 grids.contains(&Splat::Bilinear),
                 grids.iter().any(|s| matches!(s, Splat::Gaussian { .. })),
             ],
+            transmissive: ir.sensors.iter().any(|s| !s.absorb),
             spectral: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::Spectral { .. })),
             irradiance: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::Irradiance(_))),
             far_field: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::FarField { .. })),

@@ -1,14 +1,16 @@
 //! What the shaders need of surfaces, sensors and primitives, as records. Origins are relative to the scene's centre.
 
-use super::features::{Features, ShapeKind};
+use super::features::{EmitterName, Features, ShapeKind};
 use super::records::Records;
-use crate::ir::{Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat};
+use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat};
 use glam::{DMat3, DVec3};
 
 /// Binding numbers in group 0 that the records take.
 const SURFACES: u32 = 9;
 const SENSORS: u32 = 10;
 const PRIMITIVES: u32 = 11;
+/// Binding of the emitter of a dispatch.
+pub const EMITTER: u32 = 13;
 
 /// A value beyond any distance of a scene that both tiers hold: "no limit".
 const UNLIMITED: f64 = 1e38;
@@ -58,6 +60,13 @@ impl Cells {
             .collect();
         let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
         Cells { surfaces, sensors, num_cells: next, reached: next, num_counters: next + primitives }
+    }
+}
+
+impl Cells {
+    /// True if a compiled-in scene marks the primitives that were reached as bits of one counter.
+    pub fn fit_reached_mask(&self) -> bool {
+        self.num_counters - self.num_cells <= u32::BITS
     }
 }
 
@@ -121,6 +130,15 @@ fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame>
     }
 }
 
+/// Surfaces that take a part of the rays they reflect.
+pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
+    let lossy = |interaction: &Interaction| match interaction {
+        Interaction::Reflective { reflectance } => reflectance.iter().any(|&r| r != 1.0),
+        Interaction::Refractive | Interaction::Absorbing => false,
+    };
+    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
+}
+
 /// (radial, axial, offset) of shaders/lib/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
 fn gradient(shape: &Shape) -> [f64; 3] {
     match *shape {
@@ -167,6 +185,28 @@ fn frustum_arguments(shape: &Shape) -> [f64; 4] {
     [r_front - slope * z_front, slope, z_front, z_back]
 }
 
+/// The emitters' records; `weights` are those that their rays are born with.
+pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
+    let mut records = Records::new("Emitter", "emitter", EMITTER);
+    let emitters = &ir.emitters;
+    records.uint("kind", emitters.iter().map(|e| EmitterName::of(&e.kind) as u32));
+    records.uint("medium", emitters.iter().map(|e| e.medium as u32));
+    let firsts = emitters.iter().scan(0, |next, e| {
+        let first = *next;
+        *next += e.spectrum.cdf.len() as u32;
+        Some(first)
+    });
+    records.uint("spectrum_first", firsts);
+    records.uint("spectrum_count", emitters.iter().map(|e| e.spectrum.cdf.len() as u32));
+    records.real("weight", weights.iter().copied());
+    put_frames(&mut records, emitters.iter().map(|e| &e.frame), centre);
+    let arguments: Vec<[f64; 3]> = emitters.iter().map(emitter_arguments).collect();
+    for (i, name) in ["p0", "p1", "p2"].into_iter().enumerate() {
+        records.real(name, arguments.iter().map(|a| a[i]));
+    }
+    records
+}
+
 /// Every primitive: surfaces, then sensors.
 pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
     let surfaces = ir.surfaces.iter().map(|s| (s.frame, s.shape));
@@ -202,7 +242,8 @@ pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     records.uint("num_y", grids.iter().map(|g| g.num_y));
     records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
     records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
-    records.real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
+    records
+        .real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
     let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
     let num_wavelengths = ir.wavelengths.len() as u32;
     records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));
@@ -289,4 +330,29 @@ impl Grid {
             },
         }
     }
+}
+
+/// p0, p1, p2 of shaders/emitters/.
+fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
+    match emitter.kind {
+        EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
+        EmitterKind::CollimatedTophat { aperture_radius } => [aperture_radius, 0.0, 0.0],
+        EmitterKind::CollimatedGaussian { aperture_radius, sigma } => [aperture_radius, sigma, 0.0],
+        EmitterKind::Extended { area, half_angle } => {
+            const LAMBERTIAN: f64 = -1.0;
+            let height =
+                if half_angle >= std::f64::consts::FRAC_PI_2 { LAMBERTIAN } else { cap_height(half_angle) };
+            match area {
+                Outline::Rectangle { width, height: area_height } => [width, area_height, height],
+                Outline::Disk { radius } => [radius, 0.0, height],
+                Outline::Infinite => [0.0, 0.0, height],
+            }
+        }
+    }
+}
+
+/// 1 - cos(half angle), without cancellation.
+fn cap_height(half_angle: f64) -> f64 {
+    let s = (half_angle / 2.0).sin();
+    2.0 * s * s
 }

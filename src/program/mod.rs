@@ -2,13 +2,13 @@
 
 pub mod compose;
 pub mod features;
-pub mod lowered;
 pub mod library;
+pub mod lowered;
 pub mod records;
 pub mod rng;
 
 use crate::error::{Error, Result};
-use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, SensorKind};
+use crate::ir::{Interaction, SceneIr, SensorKind};
 use compose::Composition;
 pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
@@ -51,6 +51,8 @@ pub struct ProgramOptions {
     pub workgroup_size: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
+    /// The weight that each emitter's rays are born with.
+    pub weights: Vec<f64>,
 }
 
 impl ProgramOptions {
@@ -84,6 +86,10 @@ pub struct Program {
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Largest number of rows for the host that one ray can make.
     pub max_events_per_ray: u32,
+    /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
+    pub emitters: Vec<Vec<u8>>,
+    /// The words of step 0 of the random generator's table.
+    first_step: [u32; 4],
 }
 
 /// Binding of the random generator's table.
@@ -97,22 +103,46 @@ const SPECTRAL_BINS: u32 = 8;
 const SOURCE_STEPS: u32 = 33;
 
 impl Program {
-    /// Composes and packs a scene for a seed. `lowest_weight` is the least weight that a ray is born with.
+    /// Composes and packs a scene for a seed.
     ///
     /// # Errors
     /// [`Error::Usage`] if the precision cannot hold one of the scene's numbers.
-    pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64, lowest_weight: f64) -> Result<Self> {
+    pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64) -> Result<Self> {
+        Self::with_wgsl_edit(ir, options, seed, |wgsl| wgsl)
+    }
+
+    /// As [`Program::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    #[doc(hidden)]
+    pub fn with_wgsl_edit(
+        ir: &SceneIr,
+        options: ProgramOptions,
+        seed: u64,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
         let cells = Cells::of(ir);
-        let wgsl =
-            Composition { ir, features: &features, centre, cells: &cells, options: &options }.compose()?;
+        let composition = Composition { ir, features: &features, centre, cells: &cells, options: &options };
+        let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
-        let mut program =
-            Program { wgsl, module, features, options, cells, centre, buffers: Vec::new(), max_events_per_ray };
+        let first_step = rng::step_table(seed, 1)[0];
+        let mut program = Program {
+            wgsl,
+            module,
+            features,
+            options,
+            cells,
+            centre,
+            buffers: Vec::new(),
+            max_events_per_ray,
+            emitters: Vec::new(),
+            first_step,
+        };
         program.buffers = program.pack(ir, seed)?;
+        program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
@@ -139,6 +169,14 @@ impl Program {
             }
         }
         Ok(buffers)
+    }
+
+    fn pack_emitters(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {
+        if ir.emitters.len() == 1 {
+            return Ok(Vec::new());
+        }
+        let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
+        (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
     }
 
     fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
@@ -177,46 +215,22 @@ impl Program {
         }))
     }
 
-    /// The buffer of one dispatch: which rays of which emitter (shaders/lib/state.wgsl, `Range`).
-    pub fn range_bytes(&self, ir: &SceneIr, range: &RayRange) -> Result<Vec<u8>> {
+    /// The uniform of one dispatch: which rays of which emitter (shaders/lib/state.wgsl, `Range`).
+    pub fn range_bytes(&self, range: &RayRange) -> Result<Vec<u8>> {
         let layout = StructLayout::of(&self.module, "Range")?;
         let mut bytes = vec![0; layout.stride];
-        let emitter = &ir.emitters[range.emitter];
-        let first_spectrum: usize = ir.emitters[..range.emitter].iter().map(|e| e.spectrum.cdf.len()).sum();
-        let uints = [
+        let [seed_lo, seed_hi, ..] = self.first_step;
+        let fields = [
             ("first_lo", range.first as u32),
             ("first_hi", (range.first >> 32) as u32),
             ("count", range.count),
             ("emitter", range.emitter as u32),
-            ("medium", emitter.medium as u32),
-            ("spectrum_first", first_spectrum as u32),
-            ("spectrum_count", emitter.spectrum.cdf.len() as u32),
-            ("kind", EmitterName::of(&emitter.kind) as u32),
+            ("seed_lo", seed_lo),
+            ("seed_hi", seed_hi),
         ];
-        for (field, value) in uints {
+        for (field, value) in fields {
             let offset = layout.offset(field)?;
             bytes[offset..offset + 4].copy_from_slice(&value.to_le_bytes());
-        }
-        let origin = emitter.frame.origin - self.centre;
-        let rotation = emitter.frame.rotation;
-        let [p0, p1, p2] = emitter_arguments(emitter);
-        let mut reals = vec![
-            ("weight", range.weight),
-            ("origin_x", origin.x),
-            ("origin_y", origin.y),
-            ("origin_z", origin.z),
-            ("p0", p0),
-            ("p1", p1),
-            ("p2", p2),
-        ];
-        const COLUMNS: [[&str; 3]; 3] = [["xx", "xy", "xz"], ["yx", "yy", "yz"], ["zx", "zy", "zz"]];
-        for (c, names) in COLUMNS.iter().enumerate() {
-            for (r, name) in names.iter().enumerate() {
-                reals.push((name, rotation.col(c)[r]));
-            }
-        }
-        for (field, value) in reals {
-            put_real(&mut bytes[layout.offset(field)?..], value, self.options.precision)?;
         }
         Ok(bytes)
     }
@@ -231,33 +245,6 @@ pub struct RayRange {
     pub count: u32,
     /// The emitter they come from.
     pub emitter: usize,
-    /// The weight they are born with.
-    pub weight: f64,
-}
-
-/// p0, p1, p2 of shaders/emitters/.
-fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
-    match emitter.kind {
-        EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
-        EmitterKind::CollimatedTophat { aperture_radius } => [aperture_radius, 0.0, 0.0],
-        EmitterKind::CollimatedGaussian { aperture_radius, sigma } => [aperture_radius, sigma, 0.0],
-        EmitterKind::Extended { area, half_angle } => {
-            const LAMBERTIAN: f64 = -1.0;
-            let height =
-                if half_angle >= std::f64::consts::FRAC_PI_2 { LAMBERTIAN } else { cap_height(half_angle) };
-            match area {
-                Outline::Rectangle { width, height: area_height } => [width, area_height, height],
-                Outline::Disk { radius } => [radius, 0.0, height],
-                Outline::Infinite => [0.0, 0.0, height],
-            }
-        }
-    }
-}
-
-/// 1 - cos(half angle), without cancellation.
-fn cap_height(half_angle: f64) -> f64 {
-    let s = (half_angle / 2.0).sin();
-    2.0 * s * s
 }
 
 fn rng_table(seed: u64, num_steps: u32) -> Vec<u8> {
@@ -302,7 +289,8 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
 
 fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
     let recorded = if features.ray_database {
-        let all_absorb = ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
+        let all_absorb =
+            ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
         if all_absorb { 1 } else { options.max_depth }
     } else {
         0

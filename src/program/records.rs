@@ -76,6 +76,17 @@ impl Records {
         )
     }
 
+    /// The struct, and a uniform that holds one row.
+    pub fn uniform(&self) -> String {
+        format!(
+            "{}@group(0) @binding({}) var<uniform> {}_uniform: {};\n",
+            self.declaration(),
+            self.binding,
+            self.rows,
+            self.name
+        )
+    }
+
     fn declaration(&self) -> String {
         let mut text = format!("struct {} {{\n", self.name);
         for column in &self.columns {
@@ -87,6 +98,13 @@ impl Records {
         }
         text.push_str("}\n");
         text
+    }
+
+    /// The bytes of one row.
+    pub fn row_bytes(&self, module: &naga::Module, precision: Precision, row: usize) -> Result<Vec<u8>> {
+        let bytes = self.bytes(module, precision)?;
+        let stride = StructLayout::of(module, self.name)?.stride;
+        Ok(bytes[row * stride..(row + 1) * stride].to_vec())
     }
 
     /// The bytes of the buffer, with each field where the composed module has it.
@@ -191,15 +209,15 @@ impl StructLayout {
         let naga::TypeInner::Struct { members, .. } = &kind.inner else {
             return Err(Error::Internal(format!("{name} is not a struct")));
         };
-        let offsets = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+        let offsets =
+            members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
         Ok(StructLayout { stride: layouter[handle].to_stride() as usize, offsets, name: name.into() })
     }
 
     /// Offset of a field \[bytes\].
     pub fn offset(&self, field: &str) -> Result<usize> {
-        self.offsets
-            .get(field)
-            .copied()
-            .ok_or_else(|| Error::Internal(format!("struct {} of the composed module has no field {field}", self.name)))
+        self.offsets.get(field).copied().ok_or_else(|| {
+            Error::Internal(format!("struct {} of the composed module has no field {field}", self.name))
+        })
     }
 }

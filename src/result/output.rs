@@ -22,11 +22,7 @@ pub const RAY_PATHS: &str = "ray_paths.npz";
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
 pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
-    let (base, missing) = split_existing(dir)?;
-    let staging = tempfile::Builder::new()
-        .prefix(".nsq-gpu-")
-        .tempdir_in(&base)
-        .map_err(|error| Error::file(dir, error))?;
+    let (staging, base, missing) = stage(dir)?;
     let new = staging.path().join("new");
     let staged = new.join(&missing);
     fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
@@ -37,6 +33,23 @@ pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
     }
     sync_folder(&base);
     Ok(names.iter().map(|name| dir.join(name)).collect())
+}
+
+/// Finds out before a long trace whether [`write_all`] could write into `dir`.
+///
+/// # Errors
+/// [`Error::File`] with the folder that cannot be written to.
+pub fn check_writable(dir: &Path) -> Result<()> {
+    stage(dir).map(|_| ())
+}
+
+/// A hidden folder on the file system of `dir`, with what [`split_existing`] says.
+fn stage(dir: &Path) -> Result<(tempfile::TempDir, PathBuf, PathBuf)> {
+    let (base, missing) = split_existing(dir)?;
+    let staging = tempfile::Builder::new().prefix(".nsq-gpu-").tempdir_in(&base);
+    // The operating system's word alone: tempfile's adds the hidden folder, which nobody asked for.
+    let problem = |error: io::Error| error.raw_os_error().map_or(error, io::Error::from_raw_os_error);
+    Ok((staging.map_err(|error| Error::file(dir, problem(error)))?, base, missing))
 }
 
 /// The deepest existing ancestor of `dir`, and what is missing below it.

@@ -36,6 +36,7 @@ pub(super) fn typed<'de, T: de::Deserialize<'de>>(value: &'de Value) -> Result<T
 enum Fault {
     UnknownKey { key: String, known: &'static [&'static str] },
     UnknownWord { word: String, known: &'static [&'static str] },
+    UnknownType { word: String, known: &'static [&'static str] },
     MissingKey(&'static str),
     MissingType { known: &'static [&'static str] },
     Kind { found: String, wanted: String },
@@ -57,6 +58,10 @@ impl Fault {
                 format!("unknown value {}", quoted(&word)),
                 did_you_mean(&word, words(known)),
             ),
+            Fault::UnknownType { word, known } => {
+                let remedy = did_you_mean(&word, words(known));
+                Error::scene(key_of(place, TAG), format!("unknown type {}", quoted(&word)), remedy)
+            }
             Fault::MissingKey(key) => Error::scene(here, format!("the key `{key}` is missing"), "add it"),
             Fault::MissingType { known } => Error::scene(
                 here,
@@ -282,8 +287,8 @@ impl<'de> Deserializer<'de> for Tree<'de> {
             let Value::String(tag) = tag else {
                 return Tree::new(tag).wrong("a text in quotes for `type`");
             };
-            if tag.starts_with('$') {
-                return Err(Fault::UnknownWord { word: tag.clone(), known: variants });
+            if !words(variants).any(|word| word == tag) {
+                return Err(Fault::UnknownType { word: tag.clone(), known: variants });
             }
             return visitor.visit_enum(Variant { tag, body: Tree { value: self.value, skip: Some(TAG) } });
         }

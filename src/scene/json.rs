@@ -435,7 +435,7 @@ pub enum SplatKind {
 }
 
 /// What schema version 1 cannot hold.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Block {
     /// Version of this block: 1.

@@ -24,7 +24,7 @@ pub(super) fn resolve(
     warnings: &mut Vec<String>,
 ) -> Result<MediaTable> {
     let mut table = MediaTable::with_vacuum(wavelengths.len());
-    let empty = Block::empty();
+    let empty = Block::default();
     let block = file.nsq_gpu.as_ref().unwrap_or(&empty);
     for (place, material) in uses(file, block) {
         if table.ids.contains_key(material) {

@@ -15,6 +15,7 @@ mod text;
 mod validate;
 mod volume;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -39,6 +40,8 @@ pub struct Scene {
     pub file: SceneFile,
     /// What the user should know, such as an ambiguous material name.
     pub warnings: Vec<String>,
+    /// Folder that relative paths in the file start from; empty for a scene that was not read from a file.
+    pub folder: PathBuf,
     pub(crate) wavelengths: Vec<f64>,
     pub(crate) surfaces: Vec<SceneSurface>,
     pub(crate) media: MediaTable,
@@ -50,12 +53,12 @@ impl Scene {
     /// # Errors
     /// [`Error::File`] if it cannot be read, [`Error::Scene`] with the place if it cannot be traced as written.
     pub fn from_path(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|err| Error::file(path, err))?;
+        let bytes = read_limited(path).map_err(|err| Error::file(path, err))?;
         let text = String::from_utf8(bytes).map_err(|err| {
             let at = err.utf8_error().valid_up_to();
             Error::scene(format!("byte {at}"), "the scene file is not UTF-8 text", "save it as UTF-8")
         })?;
-        Self::read(&text)
+        Self::read(&text, path.parent().unwrap_or(Path::new("")))
     }
 
     /// Reads a scene from JSON or JSON5 text.
@@ -63,19 +66,24 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`] with the place if it cannot be traced as written.
     pub fn from_json(text: &str) -> Result<Self> {
-        Self::read(text)
+        Self::read(text, Path::new(""))
     }
 
-    fn read(text: &str) -> Result<Self> {
+    fn read(text: &str, folder: &Path) -> Result<Self> {
         let tree = text::parse(text)?;
         check_versions(&tree)?;
         let file: SceneFile = de::typed(&tree)?;
         let mut warnings = Vec::new();
         validate::check(&file, &mut warnings)?;
         let wavelengths = distinct_wavelengths(&file);
-        let surfaces = surfaces::build(&file, &wavelengths)?;
+        let surfaces = surfaces::build(&file, &wavelengths, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
-        Ok(Scene { file, warnings, wavelengths, surfaces, media })
+        Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, media })
+    }
+
+    /// A path that the scene names, such as that of a mesh.
+    pub fn resolve(&self, named: &str) -> PathBuf {
+        self.folder.join(named)
     }
 
     /// The scene as the tracer sees it.
@@ -87,9 +95,29 @@ impl Scene {
     }
 }
 
+/// Reads a file up to a little more than the longest scene, so that no file fills the memory.
+fn read_limited(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let limit = text::MAX_BYTES as u64 + 4;
+    std::fs::File::open(path)?.take(limit).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 /// The JSON Schema of scene files.
 pub fn schema() -> Value {
-    schemars::schema_for!(SceneFile).into()
+    let mut schema = schemars::schema_for!(SceneFile).into();
+    unescape(&mut schema);
+    schema
+}
+
+/// The descriptions are those of the code's documentation, where brackets are escaped.
+fn unescape(schema: &mut Value) {
+    match schema {
+        Value::String(text) => *text = text.replace("\\[", "[").replace("\\]", "]"),
+        Value::Array(items) => items.iter_mut().for_each(unescape),
+        Value::Object(entries) => entries.values_mut().for_each(unescape),
+        Value::Null | Value::Bool(_) | Value::Number(_) => {}
+    }
 }
 
 /// Versions come first, so that a file of another version is not blamed for its keys.
@@ -130,9 +158,4 @@ fn distinct_wavelengths(file: &SceneFile) -> Vec<f64> {
     all.sort_by(f64::total_cmp);
     all.dedup();
     all
-}
-
-/// A path that a scene names, as seen from the folder of the scene file.
-pub fn resolve_path(scene_file: &Path, named: &str) -> PathBuf {
-    scene_file.parent().unwrap_or(Path::new("")).join(named)
 }

@@ -1,5 +1,8 @@
 //! Places in a scene file, as error messages name them: `components[2].config.thickness`.
 
+/// How much of the user's text a message shows \[characters\].
+const LONGEST_SHOWN: usize = 60;
+
 /// Where a value stands in the file, as a chain on the stack.
 #[derive(Clone, Copy)]
 pub(super) enum Place<'a> {
@@ -20,7 +23,8 @@ impl std::fmt::Display for Place<'_> {
 
 /// The place of a key of the object at `parent`.
 pub(super) fn key_of(parent: &str, key: &str) -> String {
-    let plain = !key.is_empty() && key.chars().all(|c| c.is_alphanumeric() || c == '_');
+    let plain =
+        (1..=LONGEST_SHOWN).contains(&key.len()) && key.chars().all(|c| c.is_alphanumeric() || c == '_');
     match (plain, parent.is_empty()) {
         (true, true) => key.to_owned(),
         (true, false) => format!("{parent}.{key}"),
@@ -30,9 +34,8 @@ pub(super) fn key_of(parent: &str, key: &str) -> String {
 
 /// Text of the user's as a message shows it: escaped and cut, so that no file can garble or flood a terminal.
 pub(super) fn quoted(text: &str) -> String {
-    const LONGEST: usize = 60;
-    let mut shown: String = text.chars().take(LONGEST).collect();
-    if text.chars().nth(LONGEST).is_some() {
+    let mut shown: String = text.chars().take(LONGEST_SHOWN).collect();
+    if text.chars().nth(LONGEST_SHOWN).is_some() {
         shown.push('…');
     }
     format!("{shown:?}")
@@ -45,10 +48,13 @@ pub(super) fn ticked(word: &str) -> String {
 }
 
 /// The known word nearest to a misspelt one, if any is near.
-pub(super) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    /// More candidates would take seconds.
+    const MAX_CANDIDATES: usize = 10_000;
     let short: String = word.chars().take(80).collect();
     known
         .into_iter()
+        .take(MAX_CANDIDATES)
         .map(|candidate| (strsim::damerau_levenshtein(&short, candidate), candidate))
         .filter(|(distance, candidate)| *distance <= 1 + candidate.chars().count() / 3)
         .min_by_key(|(distance, _)| *distance)

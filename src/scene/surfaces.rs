@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use super::compounds::{Part, curvature};
 use super::frame::frame_of;
 use super::json::{
-    Block, Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
+    Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
 };
 use super::place::{did_you_mean, key_of, quoted};
 use crate::ir::{self, Frame, Outline};
@@ -23,7 +23,11 @@ pub(crate) struct SceneSurface {
 }
 
 /// Builds the surfaces of every component and every single surface, in the scene's order.
-pub(super) fn build(file: &SceneFile, wavelengths: &[f64]) -> Result<Vec<SceneSurface>> {
+pub(super) fn build(
+    file: &SceneFile,
+    wavelengths: &[f64],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<SceneSurface>> {
     let none = BTreeMap::new();
     let overrides = file.nsq_gpu.as_ref().map_or(&none, |block| &block.overrides);
     let mut groups = Vec::new();
@@ -39,6 +43,8 @@ pub(super) fn build(file: &SceneFile, wavelengths: &[f64]) -> Result<Vec<SceneSu
         groups.push((&raw.name, vec![single(raw, &format!("nsq_gpu.surfaces[{index}]"), wavelengths)?]));
     }
     check_labels(&groups)?;
+    warn_of_idle_reflectance(file, &groups, warnings);
+    warnings.extend(groups.iter().flat_map(|(_, surfaces)| surfaces).filter_map(overreach));
     check_override_names(file, overrides)?;
     match file.nsq_gpu.as_ref().and_then(|block| block.order.as_ref()) {
         Some(order) => in_order(groups, order),
@@ -219,22 +225,45 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
     Ok(())
 }
 
+/// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
+fn overreach(surface: &SceneSurface) -> Option<String> {
+    let ir::Shape::Conic { curvature, conic, aperture_radius } = surface.shape else { return None };
+    let widest = 1.0 / (curvature.abs() * (1.0 + conic).max(0.0).sqrt());
+    let name = quoted(&surface.name);
+    (aperture_radius > widest)
+        .then(|| format!("{name} ends at {widest} mm from its axis, within its aperture"))
+}
+
+/// Like Optiland, a surface that does not reflect ignores its reflectance; that is rarely meant.
+fn warn_of_idle_reflectance(file: &SceneFile, groups: &[Group<'_>], warnings: &mut Vec<String>) {
+    let Some(block) = &file.nsq_gpu else { return };
+    let raw = block.surfaces.iter().filter(|raw| raw.reflectance.is_some()).map(|raw| raw.name.as_str());
+    let changed = block.overrides.iter().filter(|(_, change)| change.reflectance.is_some());
+    let given: HashSet<&str> = raw.chain(changed.map(|(name, _)| name.as_str())).collect();
+    for surface in groups.iter().flat_map(|(_, surfaces)| surfaces) {
+        let reflects = matches!(surface.interaction, ir::Interaction::Reflective { .. });
+        if !reflects && given.contains(surface.name.as_str()) {
+            let name = quoted(&surface.name);
+            warnings.push(format!(
+                "the reflectance of {name} is ignored, because its interaction is not `reflective`"
+            ));
+        }
+    }
+}
+
 fn check_override_names(file: &SceneFile, overrides: &BTreeMap<String, Override>) -> Result<()> {
     if overrides.is_empty() {
         return Ok(());
     }
     let parts: Vec<Part> = file.components.iter().flat_map(|component| component.parts()).collect();
-    let known: HashSet<&str> = parts.iter().map(|part| part.name.as_str()).collect();
+    let by_name: HashMap<&str, &Part> = parts.iter().map(|part| (part.name.as_str(), part)).collect();
     for (name, change) in overrides {
         let place = key_of("nsq_gpu.overrides", name);
-        if !known.contains(name.as_str()) {
+        let Some(part) = by_name.get(name.as_str()) else {
             let advice = did_you_mean(name, parts.iter().map(|part| part.name.as_str()));
             return Err(Error::scene(place, "no component has a surface of this name", advice));
-        }
-        let part = parts.iter().find(|part| part.name == *name);
-        if change.aperture_radius.is_some()
-            && !part.is_some_and(|part| matches!(part.shape, ir::Shape::Conic { .. }))
-        {
+        };
+        if change.aperture_radius.is_some() && !matches!(part.shape, ir::Shape::Conic { .. }) {
             return Err(Error::scene(
                 key_of(&place, "aperture_radius"),
                 "this surface has no aperture of its own",
@@ -268,20 +297,5 @@ fn in_order(groups: Vec<Group<'_>>, order: &[String]) -> Result<Vec<SceneSurface
             "name every component and every surface once",
         )),
         None => Ok(surfaces),
-    }
-}
-
-impl Block {
-    /// The block of a scene file that has none.
-    pub(super) fn empty() -> Self {
-        Block {
-            version: 1,
-            media: BTreeMap::new(),
-            surfaces: Vec::new(),
-            overrides: BTreeMap::new(),
-            order: None,
-            detectors: BTreeMap::new(),
-            sampling: Default::default(),
-        }
     }
 }

@@ -12,7 +12,7 @@ use super::place::Place;
 use crate::{Error, Result};
 
 /// Longest scene text that is read \[bytes\]; the tree takes several times as much memory.
-const MAX_BYTES: usize = 256 << 20;
+pub(super) const MAX_BYTES: usize = 256 << 20;
 
 /// Deepest nesting of arrays and objects: parsing recurses, and the stack must not run out.
 const MAX_DEPTH: usize = 128;
@@ -22,7 +22,7 @@ pub(super) fn parse(text: &str) -> Result<Value> {
     if text.len() > MAX_BYTES {
         return Err(Error::scene(
             "the scene file",
-            format!("its {} bytes exceed the limit of {MAX_BYTES}", text.len()),
+            format!("it is longer than {MAX_BYTES} bytes"),
             "keep large data such as meshes in files of their own",
         ));
     }

@@ -1,7 +1,7 @@
 //! Refuses what no trace could mean: absurd numbers, clashing names, contradictions. The first problem is reported,
 //! with its place.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{HashMap, HashSet};
 
 use super::json::{
     Block, Bsdf, Coating, CollimatedSource, Component, CoordinateSystem, Detector, Doublet, ExtendedSource,
@@ -17,6 +17,8 @@ const MAX_LENGTH: f64 = 1e12;
 const MIN_LENGTH: f64 = 1e-12;
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
 const MAX_WAVELENGTH: f64 = 20.0;
+/// Ends of a detector's band above are nanometres by mistake \[um\]; Optiland's limit.
+const MAX_BAND: f64 = 100.0;
 /// Wavelengths below are metres by mistake \[um\].
 const MIN_WAVELENGTH: f64 = 1e-4;
 /// Longest chain of coordinate systems.
@@ -25,8 +27,8 @@ const MAX_CHAIN: usize = 64;
 const MAX_CELLS: u64 = 1 << 31;
 /// Most components, surfaces, sources or detectors.
 const MAX_ITEMS: usize = 100_000;
-/// Most distinct wavelengths of all sources.
-const MAX_WAVELENGTHS: usize = 100_000;
+/// Most distinct wavelengths of all sources, times the items that may have a table over them.
+const MAX_TABLES: usize = 1 << 25;
 /// Widest Gaussian splat \[pixels\].
 const MAX_SPLAT_SIGMA: f64 = 100.0;
 /// Longest name \[bytes\]; detectors' become file names.
@@ -41,10 +43,10 @@ pub(super) fn check(file: &SceneFile, warnings: &mut Vec<String>) -> Result<()> 
     check_cells(file)?;
     check_wavelength_count(file)?;
     check_total_flux(file)?;
+    check_names(file)?;
     if let Some(block) = &file.nsq_gpu {
         check_block(block, file)?;
     }
-    check_names(file)?;
     warn_of_degrees(file, warnings);
     Ok(())
 }
@@ -260,10 +262,12 @@ fn check_collimated(place: &str, beam: &CollimatedSource) -> Result<()> {
 }
 
 fn check_extended(place: &str, area: &ExtendedSource) -> Result<()> {
-    size(key_of(place, "width"), area.width)?;
-    size(key_of(place, "height"), area.height)?;
-    area.aperture_radius.map_or(Ok(()), |r| size(key_of(place, "aperture_radius"), r))?;
-    between(key_of(place, "half_angle_deg"), area.half_angle_deg, 0.0, 180.0)
+    between(key_of(place, "half_angle_deg"), area.half_angle_deg, 0.0, 180.0)?;
+    match area.aperture_radius {
+        // A disk, as in Optiland, whatever its width and height.
+        Some(radius) => size(key_of(place, "aperture_radius"), radius),
+        None => check_rectangle(place, area.width, area.height),
+    }
 }
 
 fn check_spectrum(place: &str, spectrum: &Spectrum) -> Result<()> {
@@ -356,13 +360,22 @@ fn check_spectral(place: &str, d: &SpectralDetector) -> Result<()> {
     count(at("num_pixels_x"), d.num_pixels_x)?;
     count(at("num_pixels_y"), d.num_pixels_y)?;
     count(at("num_bins"), d.num_bins)?;
-    wavelength(at("wl_min"), d.wl_min)?;
-    wavelength(at("wl_max"), d.wl_max)?;
+    band_end(at("wl_min"), d.wl_min)?;
+    band_end(at("wl_max"), d.wl_max)?;
     if d.wl_min >= d.wl_max {
         let problem = format!("wl_max = {} um is not above wl_min = {} um", d.wl_max, d.wl_min);
         return refuse(at("wl_max"), problem, "give wl_min < wl_max");
     }
     check_splat(place, d.splat, d.splat_sigma)
+}
+
+/// The end of a detector's band \[um\]: it may lie beyond every wavelength.
+fn band_end(place: String, value: f64) -> Result<()> {
+    if value > MAX_BAND && value.is_finite() {
+        let remedy = format!("if these are nanometres, divide by 1000: {}", value / 1000.0);
+        return refuse(place, format!("{value} um is above {MAX_BAND} um"), remedy);
+    }
+    between(place, value, 0.0, MAX_BAND)
 }
 
 fn check_rectangle(place: &str, width: f64, height: f64) -> Result<()> {
@@ -412,16 +425,19 @@ fn check_cells(file: &SceneFile) -> Result<()> {
     Ok(())
 }
 
+/// Media and reflectances are tables over all wavelengths, so their product is what takes memory.
 fn check_wavelength_count(file: &SceneFile) -> Result<()> {
     let all = file.sources.iter().flat_map(|source| &source.spectrum().wavelengths);
     let distinct: HashSet<u64> = all.map(|x| x.to_bits()).collect();
-    if distinct.len() <= MAX_WAVELENGTHS {
+    let surfaces = file.nsq_gpu.as_ref().map_or(0, |block| block.surfaces.len());
+    let items = file.components.len() + file.sources.len() + surfaces;
+    if distinct.len().saturating_mul(items) <= MAX_TABLES {
         return Ok(());
     }
     refuse(
         "sources",
-        format!("{} distinct wavelengths are too many", distinct.len()),
-        format!("give at most {MAX_WAVELENGTHS} in all spectra together"),
+        format!("{} distinct wavelengths are too many for {items} components and sources", distinct.len()),
+        "use coarser spectra",
     )
 }
 
@@ -556,7 +572,7 @@ fn check_medium(place: &str, medium: &Medium) -> Result<()> {
 }
 
 fn check_no_repeats(place: &str, wavelengths: &[f64]) -> Result<()> {
-    let mut seen = BTreeSet::new();
+    let mut seen = HashSet::new();
     match wavelengths.iter().position(|x| !seen.insert(x.to_bits())) {
         None => Ok(()),
         Some(i) => refuse(
@@ -669,9 +685,10 @@ fn check_coating(place: &str, coating: &Coating) -> Result<()> {
 }
 
 fn check_detector_extras(block: &Block, file: &SceneFile) -> Result<()> {
+    let by_name: HashMap<&str, &Detector> = file.detectors.iter().map(|d| (d.name(), d)).collect();
     for (name, extra) in &block.detectors {
         let place = key_of("nsq_gpu.detectors", name);
-        let Some(detector) = file.detectors.iter().find(|detector| detector.name() == name) else {
+        let Some(detector) = by_name.get(name.as_str()) else {
             let advice = did_you_mean(name, file.detectors.iter().map(Detector::name));
             return refuse(place, "no detector has this name", advice);
         };
@@ -691,7 +708,7 @@ fn check_sampling(place: &str, sampling: &SamplingPolicy) -> Result<()> {
         fraction(key_of(place, "reflect_prob"), p)?;
     }
     between(key_of(place, "rr_start_flux"), sampling.rr_start_flux, 0.0, 1e30)?;
-    size(key_of(place, "split_budget"), sampling.split_budget)?;
+    between(key_of(place, "split_budget"), sampling.split_budget, 1e-3, 1e6)?;
     if sampling.split_depth > 0 {
         let problem = format!("splitting (split_depth = {}) is not supported yet", sampling.split_depth);
         return refuse(key_of(place, "split_depth"), problem, "set it to 0");

@@ -72,11 +72,19 @@ pub(super) fn check(boundary: &[Face<'_>], to_local: impl Fn(DVec3) -> DVec3) ->
     Ok(())
 }
 
-/// The largest distance from a point of `rim` to its nearest neighbour on any other rim.
+/// The largest distance from a point of `rim` to its nearest neighbour on any other rim, or 0 if all are met.
 fn largest_gap(rim: &[DVec3], own: usize, rims: &[Vec<DVec3>]) -> f64 {
-    let others = || rims.iter().enumerate().filter(|(other, _)| *other != own).flat_map(|(_, points)| points);
-    let nearest = |point: &DVec3| others().map(|other| point.distance(*other)).fold(f64::INFINITY, f64::min);
-    rim.iter().map(nearest).fold(0.0, f64::max)
+    let others = || rims.iter().enumerate().filter(move |(other, _)| *other != own).map(|(_, points)| points);
+    let gap = |(index, point): (usize, &DVec3)| {
+        // Rims that meet do so at the same angle: no need to look at all the others.
+        let angle = index % RIM_SAMPLES;
+        let mut facing = others().flat_map(|points| points.iter().skip(angle).step_by(RIM_SAMPLES));
+        if facing.any(|other| point.distance(*other) <= GAP_TOLERANCE) {
+            return 0.0;
+        }
+        others().flatten().map(|other| point.distance(*other)).fold(f64::INFINITY, f64::min)
+    };
+    rim.iter().enumerate().map(gap).fold(0.0, f64::max)
 }
 
 /// Sample points of the rims of a surface: one loop, or two for a ring or a frustum.

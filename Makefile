@@ -1,0 +1,81 @@
+# make demo        traces a Cooke triplet into demo-out/
+# make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
+# make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
+# make clean       removes what the others made
+#
+# Each installs what is missing, and needs no network once everything is there.
+
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+
+# Mesa complains on stderr where this is unset.
+export XDG_RUNTIME_DIR ?= /tmp
+
+PYTHON = python3
+DEMO_SCENE = scenes/cooke_triplet.json
+DEMO_RAYS = 1e6
+# The cargo profile "dev", which the tests use too.
+BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
+
+.PHONY: demo test test-rust test-python test-torch build adapter rust-components clean
+
+demo: adapter
+	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) -o demo-out
+
+test: test-rust test-python
+
+test-rust: adapter rust-components
+	cargo fmt --check
+	cargo clippy --all-targets -- -D warnings
+	cargo test
+
+test-python: adapter .venv/installed
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest tests --ignore tests/test_torch.py
+
+test-torch: adapter .venv-torch/installed
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest tests/test_torch.py
+
+build:
+	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
+	@cargo build
+
+# wgpu needs a Vulkan loader and a driver on Linux. Where the program finds no adapter, lavapipe is one in software.
+adapter: build
+	@if ! $(BINARY) adapters >/dev/null 2>&1; then \
+		echo "no adapter was found: installing Vulkan in software"; \
+		$(call apt_install,libvulkan1 mesa-vulkan-drivers); \
+		$(BINARY) adapters >/dev/null; \
+	fi
+
+rust-components:
+	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 \
+		|| rustup component add rustfmt clippy
+
+.venv/installed: python/requirements.txt
+	@$(call python_environment,.venv,$<)
+
+.venv-torch/installed: python/requirements-torch.txt python/requirements.txt
+	@$(call python_environment,.venv-torch,$<)
+
+clean:
+	cargo clean
+	rm -rf demo-out .venv .venv-torch
+
+# $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
+python_environment = \
+	$(PYTHON) -c 'import ensurepip' 2>/dev/null || { $(call apt_install,python3-venv); }; \
+	echo "installing $(2) into $(1)"; \
+	$(PYTHON) -m venv $(1); \
+	$(1)/bin/python -m pip install --quiet --disable-pip-version-check -r $(2); \
+	touch $(1)/installed
+
+# $(call apt_install,PACKAGES): as root or through sudo; elsewhere says what is needed.
+apt_install = \
+	if ! command -v apt-get >/dev/null; then \
+		echo "please install what Debian calls: $(1)" >&2; exit 1; \
+	elif [ "$$(id -u)" = 0 ]; then as_root=; \
+	elif command -v sudo >/dev/null; then as_root=sudo; \
+	else echo "please install, as root: apt-get install $(1)" >&2; exit 1; \
+	fi; \
+	$$as_root apt-get update -qq && $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(1)

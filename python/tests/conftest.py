@@ -1,0 +1,42 @@
+"""What the live comparisons share: the binary, the scenes, and one line a comparison at the end of the run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests import parity
+from tests.agreement import Agreement
+
+ROOT = Path(__file__).resolve().parents[2]
+LINES = pytest.StashKey[list[str]]()
+
+
+@pytest.fixture(scope="session")
+def command() -> list[str]:
+    """The program: the one that ``NSQ_GPU_BINARY`` names, or the one that ``cargo build`` makes."""
+    binary = Path(os.environ.get("NSQ_GPU_BINARY", ROOT / "target" / "debug" / "nsq-gpu"))
+    if not binary.exists():
+        pytest.fail(f"{binary} does not exist; run `cargo build`, or name it in NSQ_GPU_BINARY")
+    return [str(binary)]
+
+
+@pytest.fixture
+def report(request: pytest.FixtureRequest) -> Callable[[str, Path, Agreement], None]:
+    """Keeps a comparison's line for the end of the run, and fails the test where a limit was broken."""
+
+    def judge(title: str, scene: Path, agreement: Agreement) -> None:
+        request.config.stash.setdefault(LINES, []).append(f"{title:6} {parity.line(scene, agreement)}")
+        assert not agreement.violations, "\n".join(agreement.violations)
+
+    return judge
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    lines = config.stash.get(LINES, [])
+    if lines:
+        terminalreporter.section("worst deviations from Optiland")
+        terminalreporter.write_line("\n".join(sorted(lines)))

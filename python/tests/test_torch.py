@@ -1,0 +1,50 @@
+"""The binary against TorchBackend in float64, live. ``make test-torch`` runs it; nothing else needs Torch."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+import optiland.backend as be  # noqa: E402
+from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
+
+from tests import oracle, parity  # noqa: E402
+from tests.conftest import ROOT  # noqa: E402
+
+NUM_RAYS = 20_000
+#: One of each shape, source and detector; TorchBackend keeps every ray at every bounce, so deep paths take minutes.
+SCENES = [ROOT / "scenes" / f"{name}.json" for name in (
+    "ball_lens_ghosts", "bench_lens", "cooke_triplet", "hubble_nasmyth", "integrating_sphere", "kaleidoscope",
+    "nested_media", "newtonian_telescope", "tessar_gaussian_beams", "triplet_telescope_ghosts")]
+# Its threads spin while they wait, which starves a device in software on the same cores.
+torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True)
+def numpy_afterwards() -> Iterator[None]:
+    yield
+    be.set_backend("numpy")
+
+
+def trace_with_torch(document: oracle.Json) -> oracle.Json:
+    # Built with NumPy: Optiland's check of a lens' volume fails where Torch is set.
+    scene = oracle.scene_from_dict(parity.uncapped(document))
+    be.set_backend("torch")
+    # The default is float32, where traces are wrong without a word.
+    be.set_precision("float64")
+    with torch.no_grad():
+        return oracle.trace(scene, oracle.detector_kinds(document), NUM_RAYS, backend=TorchBackend(seed=0))
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+def test_ray_for_ray(scene: Path, command: list[str], report) -> None:
+    theirs = trace_with_torch(json.loads(scene.read_text(encoding="utf-8")))
+    options = argparse.Namespace(num_rays=NUM_RAYS, seed=0, precision="f64")
+    report("torch", scene, parity.check_ray_for_ray(command, scene, theirs, options))

@@ -1,0 +1,578 @@
+//! The command as users and programs meet it: exit codes, streams, files, messages.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
+use assert_cmd::Command;
+use assert_cmd::cargo::CommandCargoExt;
+use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions};
+use nsq_gpu::{Error, Scene};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Output, Stdio};
+use tempfile::TempDir;
+
+const USAGE: i32 = 2;
+const SCENE: i32 = 3;
+const NO_ADAPTER: i32 = 4;
+const DEVICE: i32 = 5;
+const INTERRUPTED: i32 = 130;
+
+fn scene_path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(format!("{name}.json"))
+}
+
+/// True where some adapter can trace; else says on stderr what is skipped.
+fn has_adapter(test: &str) -> bool {
+    let found = !nsq_gpu::gpu::list_adapters().is_empty();
+    if !found {
+        // Straight to the stream: the test runner hides what a passing test prints.
+        let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: no adapter");
+    }
+    found
+}
+
+/// What a command said.
+struct Said {
+    code: Option<i32>,
+    stdout: String,
+    stderr: String,
+}
+
+impl Said {
+    fn of(output: &Output) -> Self {
+        let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+        let said =
+            Said { code: output.status.code(), stdout: text(&output.stdout), stderr: text(&output.stderr) };
+        assert!(
+            !said.stderr.contains("panicked") && !said.stderr.contains("nsq-gpu: internal error"),
+            "{}",
+            said.stderr
+        );
+        assert!(!said.stderr.contains('\x1b') && !said.stdout.contains('\x1b'), "colour without a terminal");
+        said
+    }
+
+    /// It failed with this code, printed nothing, and said all of this on stderr.
+    fn refuses(&self, code: i32, words: &[&str]) {
+        assert_eq!(self.code, Some(code), "{}", self.stderr);
+        assert_eq!(self.stdout, "");
+        for word in words {
+            assert!(self.stderr.contains(word), "no `{word}` in: {}", self.stderr);
+        }
+    }
+
+    fn succeeds(&self) -> &str {
+        assert_eq!(self.code, Some(0), "{}", self.stderr);
+        &self.stdout
+    }
+
+    fn json(&self) -> Value {
+        serde_json::from_str(self.succeeds()).unwrap()
+    }
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+    command.args(arguments);
+    command
+}
+
+fn run(arguments: &[&str]) -> Said {
+    Said::of(&command(arguments).output().unwrap())
+}
+
+/// Traces a scene of scenes/ with few rays.
+fn trace(scene: &str, arguments: &[&str]) -> Said {
+    let path = scene_path(scene);
+    run(&[&["trace", path.to_str().unwrap(), "-n", "20000", "--precision", "f32"], arguments].concat())
+}
+
+/// A file with a scene in a folder of its own.
+fn file_with(text: &str) -> (TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.json");
+    std::fs::write(&path, text).unwrap();
+    let path = path.to_str().unwrap().to_string();
+    (folder, path)
+}
+
+fn text_of(scene: &str) -> String {
+    std::fs::read_to_string(scene_path(scene)).unwrap()
+}
+
+/// Names and contents of a folder's files.
+fn files_in(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    entries.map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap())).collect()
+}
+
+#[test]
+fn json_is_one_document_with_the_fields_of_the_contract() {
+    if !has_adapter("json") {
+        return;
+    }
+    let said = trace("bench_cavity", &["--json", "--seed", "3"]);
+    let report = said.json();
+    let fields = [
+        "schema",
+        "seed",
+        "precision",
+        "adapter",
+        "trace_time_sec",
+        "rays_per_sec",
+        "num_rays_total",
+        "num_rays_absorbed",
+        "num_rays_escaped",
+        "num_rays_flux_killed",
+        "num_rays_depth_killed",
+        "total_flux_in",
+        "total_flux_detected",
+        "total_flux_tapped",
+        "total_flux_absorbed",
+        "total_flux_bulk_absorbed",
+        "total_flux_escaped",
+        "total_flux_lost",
+        "flux_conservation_error",
+        "detectors",
+        "ledger",
+        "diagnostics",
+    ];
+    let missing: Vec<&str> = fields.into_iter().filter(|field| report[field].is_null()).collect();
+    assert_eq!(missing, Vec::<&str>::new());
+    assert_eq!((&report["seed"], &report["precision"]), (&Value::from(3), &Value::from("f32")));
+    assert_eq!(report["num_rays_total"], 20_000);
+    assert_eq!(report["ledger"]["imbalance_quanta"], "0");
+    assert_eq!(report["detectors"]["D"]["kind"], "irradiance");
+    assert!(report["detectors"]["D"]["num_rays_hit"].as_u64().unwrap() > 0);
+    assert!(report["detectors"]["D"]["file"].is_null(), "no file was asked for");
+    assert!(report["diagnostics"]["warnings"].is_array());
+}
+
+#[test]
+fn text_report_names_detectors_and_ledger_on_stdout_alone() {
+    if !has_adapter("text report") {
+        return;
+    }
+    let said = trace("bench_lens", &[]);
+    assert!(said.succeeds().contains('D') && said.stdout.contains("detected"), "{}", said.stdout);
+    assert_eq!(said.stderr, "");
+}
+
+#[test]
+fn counts_read_as_people_write_them() {
+    if !has_adapter("counts") {
+        return;
+    }
+    let path = scene_path("bench_lens");
+    for count in ["1e4", "10k", "10_000", "10000"] {
+        let said = run(&["trace", path.to_str().unwrap(), "-n", count, "--json", "--precision", "f32"]);
+        assert_eq!(said.json()["num_rays_total"], 10_000, "{count}");
+    }
+    for count in ["ten", "-5", "1.5", "1e30", ""] {
+        let number = format!("--num-rays={count}");
+        assert_eq!(run(&["trace", path.to_str().unwrap(), &number]).code, Some(USAGE), "{count}");
+    }
+}
+
+#[test]
+fn progress_in_json_is_lines_on_stderr_up_to_the_last_ray() {
+    if !has_adapter("progress") {
+        return;
+    }
+    let said = trace("bench_lens", &["--progress", "json", "--json"]);
+    said.json();
+    let lines: Vec<Value> = said.stderr.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let last = lines.last().unwrap();
+    assert_eq!((&last["rays"], &last["num_rays"]), (&Value::from(20_000), &Value::from(20_000)));
+    let keys: Vec<&String> = last.as_object().unwrap().keys().collect();
+    assert_eq!(keys, ["rays", "num_rays", "rays_per_sec", "eta_sec"]);
+}
+
+#[test]
+fn output_folder_gets_report_and_two_files_a_detector() {
+    if !has_adapter("output") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("new/deep");
+    let said = trace("newtonian_telescope", &["-o", out.to_str().unwrap(), "--json"]);
+    let report = said.json();
+    let files = files_in(&out);
+    let names: Vec<&String> = files.keys().collect();
+    assert_eq!(names, ["camera.npz", "camera.png", "pupil.npz", "pupil.png", "report.json"]);
+    assert_eq!(files["report.json"], said.stdout.as_bytes(), "what is printed is what is written");
+    assert_eq!(report["detectors"]["camera"]["file"], "camera.npz");
+    assert!(files["camera.npz"].starts_with(b"PK") && files["camera.png"].starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn nothing_is_written_where_something_fails() {
+    if !has_adapter("failed output") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let blocked = folder.path().join("file");
+    std::fs::write(&blocked, "not a folder").unwrap();
+    let said = trace("bench_lens", &["-o", blocked.join("below").to_str().unwrap()]);
+    said.refuses(USAGE, &["file"]);
+    // A folder stands where a file must go: the others must not appear.
+    let out = folder.path().join("out");
+    std::fs::create_dir_all(out.join("report.json")).unwrap();
+    trace("bench_lens", &["-o", out.to_str().unwrap()]).refuses(USAGE, &["report.json"]);
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1);
+    assert_eq!(std::fs::read(&blocked).unwrap(), b"not a folder");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left behind");
+}
+
+#[test]
+fn invalid_scene_leaves_nothing() {
+    let (folder, path) = file_with(&text_of("bench_lens").replace("\"thickness\"", "\"thicknes\""));
+    let out = folder.path().join("out");
+    let said = run(&["trace", &path, "-o", out.to_str().unwrap()]);
+    said.refuses(SCENE, &["components[0].config", "thicknes", "thickness"]);
+    assert!(!out.exists());
+}
+
+#[test]
+fn scenes_that_cannot_be_traced_are_refused_with_their_place() {
+    for (text, words) in [
+        ("{", vec!["line"]),
+        ("[]", vec![]),
+        ("{\"nsq_schema_version\": 99}", vec!["99", "1"]),
+        (r#"{"nsq_schema_version": 1, "components": [], "sources": [], "detectors": []}"#, vec!["sources"]),
+    ] {
+        let (_folder, path) = file_with(text);
+        for subcommand in ["check", "trace"] {
+            run(&[subcommand, &path]).refuses(SCENE, &words);
+        }
+    }
+}
+
+#[test]
+fn missing_files_are_usage_errors_that_name_the_file() {
+    for subcommand in ["check", "trace"] {
+        run(&[subcommand, "no/such/scene.json"]).refuses(USAGE, &["no/such/scene.json"]);
+    }
+}
+
+#[test]
+fn misspelt_options_and_subcommands_get_suggestions() {
+    run(&["trace", "scene.json", "--max-dept", "3"]).refuses(USAGE, &["--max-depth"]);
+    run(&["trac", "scene.json"]).refuses(USAGE, &["trace"]);
+    run(&["trace", "scene.json", "--precision", "f16"]).refuses(USAGE, &["f32", "f64"]);
+    run(&["trace", "scene.json", "--reflect-prob", "often"]).refuses(USAGE, &["fresnel", "auto"]);
+    run(&[]).refuses(USAGE, &["Usage", "trace"]);
+}
+
+#[test]
+fn options_without_sense_are_usage_errors() {
+    if !has_adapter("senseless options") {
+        return;
+    }
+    let refused: [&[&str]; 5] = [
+        &["--max-depth", "0"],
+        &["--batch-size", "0"],
+        &["--min-flux-fraction", "2"],
+        &["--rr-start-flux", "-1"],
+        &["--rr-start-flux", "nan"],
+    ];
+    for options in refused {
+        let assigned = format!("{}={}", options[0], options[1]);
+        assert_eq!(trace("bench_lens", &[&assigned]).code, Some(USAGE), "{assigned}");
+    }
+    let path = scene_path("bench_lens");
+    run(&["trace", path.to_str().unwrap(), "-n", "0"]).refuses(USAGE, &["0"]);
+}
+
+#[test]
+fn check_tells_what_the_scene_holds_without_an_adapter() {
+    let path = scene_path("cooke_triplet");
+    let mut command = command(&["check", path.to_str().unwrap()]);
+    let said = Said::of(&without_drivers(&mut command).output().unwrap());
+    for name in ["L1.front", "image", "stray", "wavelengths"] {
+        assert!(said.succeeds().contains(name), "{}", said.stdout);
+    }
+}
+
+/// Points the loader at no driver and wgpu at Vulkan alone.
+fn without_drivers(command: &mut Command) -> &mut Command {
+    command
+        .env("VK_DRIVER_FILES", "/nonexistent/icd.json")
+        .env("VK_ICD_FILENAMES", "/nonexistent/icd.json")
+        .env("WGPU_BACKEND", "vulkan")
+}
+
+#[test]
+fn a_machine_without_adapter_says_how_to_get_one() {
+    let path = scene_path("bench_lens");
+    for arguments in [vec!["trace", path.to_str().unwrap()], vec!["adapters"]] {
+        let said = Said::of(&without_drivers(&mut command(&arguments)).output().unwrap());
+        said.refuses(NO_ADAPTER, &["adapter", "mesa-vulkan-drivers"]);
+    }
+}
+
+#[test]
+fn an_adapter_that_is_not_there_is_told_with_those_that_are() {
+    if !has_adapter("wrong adapter") {
+        return;
+    }
+    let there = nsq_gpu::gpu::list_adapters()[0].name.clone();
+    trace("bench_lens", &["--adapter", "voodoo2"]).refuses(NO_ADAPTER, &["voodoo2", &there]);
+    let named = trace("bench_lens", &["--adapter", &there.to_uppercase(), "--json"]);
+    assert_eq!(named.json()["adapter"], there.as_str());
+}
+
+#[test]
+fn adapters_lists_what_traces() {
+    if !has_adapter("adapters") {
+        return;
+    }
+    let said = run(&["adapters"]);
+    for info in nsq_gpu::gpu::list_adapters() {
+        assert!(said.succeeds().contains(&info.name));
+    }
+}
+
+#[test]
+fn maps_beyond_the_device_are_device_errors() {
+    if !has_adapter("large map") {
+        return;
+    }
+    let huge = text_of("bench_lens")
+        .replace("\"num_pixels_x\": 64", "\"num_pixels_x\": 40000")
+        .replace("\"num_pixels_y\": 64", "\"num_pixels_y\": 40000");
+    let (folder, path) = file_with(&huge);
+    run(&["check", &path]).succeeds();
+    let out = folder.path().join("out");
+    let said = run(&["trace", &path, "-n", "1000", "--precision", "f32", "-o", out.to_str().unwrap()]);
+    said.refuses(DEVICE, &["bytes", "pixels"]);
+    assert!(!out.exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn interrupt_keeps_what_was_traced_and_marks_it() {
+    if !has_adapter("interrupt") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let path = scene_path("bench_cavity");
+    let mut child = std::process::Command::cargo_bin("nsq-gpu")
+        .unwrap()
+        .args([
+            "trace",
+            path.to_str().unwrap(),
+            "-n",
+            "1e13",
+            "--precision",
+            "f32",
+            "--json",
+            "--progress",
+            "json",
+        ])
+        .args(["-o", out.to_str().unwrap()])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The first line of progress: the trace runs, and Ctrl-C is handled.
+    let mut stderr = child.stderr.take().unwrap();
+    let mut byte = [0];
+    while stderr.read(&mut byte).unwrap() == 1 && byte != *b"\n" {}
+    let pid = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let mut rest = String::new();
+    stderr.read_to_string(&mut rest).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(INTERRUPTED), "{rest}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let traced = report["num_rays_total"].as_u64().unwrap();
+    assert_eq!(report["partial"], true);
+    assert!(traced > 0 && traced < 10_u64.pow(13), "{traced}");
+    assert_eq!(report["ledger"]["imbalance_quanta"], "0");
+    assert_eq!(files_in(&out)["report.json"], output.stdout);
+    assert!(rest.contains("interrupted"), "{rest}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_closed_pipe_is_no_error() {
+    for arguments in ["schema", "completions bash", "materials --search glass"] {
+        let script = format!("\"$0\" {arguments} | head -1; echo ${{PIPESTATUS[0]}}");
+        let binary = assert_cmd::cargo::cargo_bin("nsq-gpu");
+        let output = std::process::Command::new("bash").arg("-c").arg(script).arg(binary).output().unwrap();
+        let said = Said::of(&output);
+        assert_eq!(said.stdout.lines().last(), Some("0"), "{arguments}: {}", said.stderr);
+        assert_eq!(said.stderr, "", "{arguments}");
+    }
+}
+
+#[test]
+fn portable_traces_give_the_same_files() {
+    if !has_adapter("portable") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let files = |name: &str, options: &[&str]| {
+        let out = folder.path().join(name);
+        trace("newtonian_telescope", &[options, &["-o", out.to_str().unwrap()]].concat()).succeeds();
+        let mut files = files_in(&out);
+        let report: Value = serde_json::from_slice(&files.remove("report.json").unwrap()).unwrap();
+        (files, report["ledger"].clone(), report["detectors"].clone())
+    };
+    assert!(files("native", &[]) == files("portable", &["--portable"]));
+    assert!(files("batches", &["--batch-size", "777"]) == files("again", &[]));
+}
+
+#[test]
+fn overrides_of_the_sampling_act() {
+    if !has_adapter("overrides") {
+        return;
+    }
+    let report = |options: &[&str]| trace("bench_lens", &[options, &["--json"]].concat()).json();
+    let gain = |report: &Value| report["ledger"]["importance_gain"]["count"].as_u64().unwrap();
+    assert_eq!(gain(&report(&["--reflect-prob", "fresnel"])), 0);
+    assert!(gain(&report(&["--reflect-prob", "0.5"])) > 0);
+    assert!(gain(&report(&["--reflect-prob", "auto"])) > 0);
+    let killed = |x: &str| {
+        let report = trace("bench_cavity", &["--json", "--rr-start-flux", x]).json();
+        report["num_rays_flux_killed"].as_u64().unwrap()
+    };
+    assert_eq!(killed("0"), 0);
+    assert!(killed("1") > 0);
+    assert_ne!(report(&["--seed", "1"])["detectors"], report(&["--seed", "2"])["detectors"]);
+    assert_eq!(report(&["--max-depth", "1"])["num_rays_depth_killed"], 20_000);
+}
+
+#[test]
+fn recorded_paths_are_written_with_the_result() {
+    if !has_adapter("paths") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let size = |number: &str| {
+        let out = folder.path().join(number);
+        let said = trace("bench_lens", &["--record-paths", number, "-o", out.to_str().unwrap(), "--json"]);
+        assert_eq!(said.json()["ray_paths"], "ray_paths.npz");
+        files_in(&out)["ray_paths.npz"].len()
+    };
+    let (some, all) = (size("100"), size("all"));
+    assert!(some > 1_000 && all > 20 * some, "{some} and {all} bytes");
+    trace("bench_lens", &["--record-paths", "many"]).refuses(USAGE, &["many"]);
+}
+
+#[test]
+fn materials_tell_what_a_name_stands_for() {
+    let said = run(&["materials", "N-BK7", "--wavelengths", "0.5876"]);
+    assert!(said.succeeds().contains("1.51679844"), "{}", said.stdout);
+    run(&["materials", "N-BK77777"]).refuses(USAGE, &["N-BK7"]);
+    run(&["materials", "N-BK7", "--wavelengths", "-1"]).refuses(USAGE, &["-1"]);
+    assert!(run(&["materials", "--search", "calcium fluoride"]).succeeds().lines().count() > 0);
+}
+
+#[test]
+fn schema_is_one_json_document() {
+    let schema = run(&["schema"]).json();
+    assert!(schema["properties"]["nsq_schema_version"].is_object(), "{schema}");
+}
+
+#[test]
+fn completions_know_every_subcommand() {
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let said = run(&["completions", shell]);
+        for word in ["trace", "check", "adapters", "materials", "schema", "record-paths"] {
+            assert!(said.succeeds().contains(word), "{shell}: {word}");
+        }
+    }
+}
+
+#[test]
+fn help_names_the_exit_codes() {
+    let said = run(&["--help"]);
+    assert!(said.succeeds().contains("130 interrupted"), "{}", said.stdout);
+    assert!(run(&["--version"]).succeeds().starts_with("nsq-gpu "));
+}
+
+/// Without colour in every setting that is no terminal; [`Said::of`] looks for escape codes.
+#[test]
+fn no_color_is_honoured() {
+    for (name, value) in [("NO_COLOR", "1"), ("TERM", "dumb")] {
+        let output = command(&["trace", "--nonsense"]).env(name, value).output().unwrap();
+        Said::of(&output).refuses(USAGE, &["--nonsense"]);
+    }
+}
+
+/// xorshift64*: a fixed sequence, so that a failure repeats.
+struct Rng(u64);
+
+impl Rng {
+    fn below(&mut self, count: usize) -> usize {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33) as usize % count
+    }
+}
+
+/// A few bytes of a scene file replaced: digits half of the time, else anything printable.
+fn damaged(text: &str, rng: &mut Rng) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    for _ in 0..=rng.below(3) {
+        let at = rng.below(bytes.len());
+        let digit = bytes[at..].iter().position(u8::is_ascii_digit).map(|offset| at + offset);
+        match (rng.below(2), digit) {
+            (0, Some(digit)) => bytes[digit] = b"0123456789e-."[rng.below(13)],
+            _ => bytes[at] = b' ' + rng.below(95) as u8,
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// The library's part of a trace without a device: read, lower, compose, validate.
+fn compose(text: &str) -> Result<(), Error> {
+    let ir = Scene::from_json(text)?.lower()?;
+    for (precision, baked) in [(Precision::F32, true), (Precision::F64, false)] {
+        let options = ProgramOptions {
+            precision,
+            native: false,
+            baked,
+            max_depth: 16,
+            roulette_threshold: 1e-3,
+            events_per_dispatch: 4,
+            workgroup_size: 64,
+            paths: PathSampling::None,
+            weights: vec![1.0; ir.emitters.len()],
+        };
+        let program = Program::new(&ir, options, 0)?;
+        naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)
+            .validate(&program.module)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(&program.wgsl)));
+    }
+    Ok(())
+}
+
+#[test]
+fn damaged_scenes_are_traced_or_refused_but_never_panic() {
+    let names: Vec<PathBuf> = {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+        let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == "json"));
+        paths.sort();
+        paths
+    };
+    let mut rng = Rng(20_240_917);
+    let (mut accepted, mut refused) = (0, 0);
+    for i in 0..300 {
+        let text = damaged(&std::fs::read_to_string(&names[i % names.len()]).unwrap(), &mut rng);
+        match compose(&text) {
+            Ok(()) => accepted += 1,
+            Err(Error::Scene { .. } | Error::Usage(_)) => refused += 1,
+            Err(other) => panic!("{other:?} for {text}"),
+        }
+    }
+    // Both happen often, or the damage would be too great or too small to find anything.
+    assert!(accepted > 30 && refused > 30, "{accepted} accepted, {refused} refused");
+}

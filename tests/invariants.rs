@@ -1,0 +1,449 @@
+//! What must not change a result, and what must change it in a known way.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+mod zoo;
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DVec3};
+use nsq_gpu::TraceOptions;
+use nsq_gpu::ir::{
+    Emitter, EmitterKind, Frame, Interaction, Medium, ReflectProb, Sampling, SceneIr, Sensor, SensorKind,
+    Shape, Spectrum, Surface,
+};
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
+use nsq_gpu::trace::RecordPaths;
+
+const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
+
+/// Mirrors with roulette, absorbing media born in, Gaussian splats, a ray database with several sources, spectral bins
+/// with a capped database, far fields, deep paths.
+const DIVERSE: [&str; 7] = [
+    "kaleidoscope",
+    "nested_media",
+    "tessar_gaussian_beams",
+    "filter_stack",
+    "telephoto_spectral",
+    "erfle_eyepiece",
+    "stacked_plates_ghosts",
+];
+
+// The same bits.
+
+/// Asserts that each of several ways to trace some rays gives the tally of the plain way, over the diverse scenes and
+/// both precisions.
+fn assert_same_bits(num_rays: u64, changes: &[fn(&mut TraceOptions)]) {
+    for name in DIVERSE {
+        let ir = zoo::load(name);
+        for precision in PRECISIONS {
+            let options = zoo::options(num_rays, 11, precision);
+            let plain = zoo::trace(&ir, &options);
+            for change in changes {
+                let mut changed = options.clone();
+                change(&mut changed);
+                assert!(
+                    zoo::trace(&ir, &changed) == plain,
+                    "{name} in {precision:?}: other bits with {changed:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_second_run_and_any_batch_size_give_the_same_bits() {
+    assert_same_bits(
+        20_000,
+        &[
+            |_| (),
+            |options| options.batch_size = Some(1000),
+            |options| options.batch_size = Some(16_384),
+            |options| options.batch_size = Some(1_000_000),
+        ],
+    );
+}
+
+#[test]
+fn workgroups_of_32_128_and_256_give_the_same_bits_as_of_64() {
+    assert_same_bits(
+        3000,
+        &[
+            |options| options.workgroup_size = 32,
+            |options| options.workgroup_size = 128,
+            |options| options.workgroup_size = 256,
+        ],
+    );
+}
+
+#[test]
+fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
+    assert_same_bits(
+        3000,
+        &[
+            |options| options.events_per_dispatch = 1,
+            |options| options.events_per_dispatch = 2,
+            |options| options.events_per_dispatch = 5,
+        ],
+    );
+}
+
+#[test]
+fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
+    assert!(zoo::gpu().int64, "lavapipe has 64-bit integers");
+    assert!(!zoo::portable_gpu().int64);
+    for name in DIVERSE {
+        let ir = zoo::load(name);
+        for precision in PRECISIONS {
+            let options = zoo::options(3000, 11, precision);
+            let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
+            assert!(zoo::trace(&ir, &options) == portable, "{name} in {precision:?}: other bits");
+        }
+    }
+}
+
+#[test]
+fn a_trace_that_stops_early_is_the_first_rays_of_the_whole() {
+    for name in ["nested_media", "kaleidoscope"] {
+        let ir = zoo::load(name);
+        let options = TraceOptions { batch_size: Some(1000), ..zoo::options(50_000, 11, Precision::F64) };
+        let mut tracer = nsq_gpu::Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let begun = tracer.trace(|_| false).unwrap();
+        assert!(begun.launched.count < options.num_rays, "{name}: the trace stops early");
+        assert!(
+            tracer.trace(|_| true).unwrap() == zoo::trace(&ir, &options),
+            "{name}: a tracer starts afresh"
+        );
+        let mut whole = zoo::trace(&ir, &options);
+        let before = whole.clone();
+        whole += &begun;
+        assert_eq!(whole.launched.count, before.launched.count + begun.launched.count);
+        assert_eq!(whole.launched.quanta, before.launched.quanta + begun.launched.quanta);
+    }
+}
+
+#[test]
+fn another_seed_gives_other_bits() {
+    for name in DIVERSE {
+        let ir = zoo::load(name);
+        let tallies = [1, 2].map(|seed| zoo::trace(&ir, &zoo::options(3000, seed, Precision::F32)));
+        assert!(tallies[0] != tallies[1], "{name}");
+    }
+}
+
+#[test]
+fn f32_and_f64_give_other_bits() {
+    for name in DIVERSE {
+        let ir = zoo::load(name);
+        let tallies = PRECISIONS.map(|precision| zoo::trace(&ir, &zoo::options(3000, 1, precision)));
+        assert!(tallies[0] != tallies[1], "{name}: f32 was traced in f64, or f64 in f32");
+    }
+}
+
+// Scenes compiled in or in tables.
+
+/// The largest difference of two tallies of one scene, in units of the largest cell of the sensor or of the weight
+/// launched; infinite where a count differs.
+fn deviation(ours: &Tally, theirs: &Tally) -> f64 {
+    if counts(ours) != counts(theirs) {
+        return f64::INFINITY;
+    }
+    let launched = theirs.launched.quanta as f64;
+    let totals = bookings(ours).zip(bookings(theirs));
+    let totals = totals.map(|(mine, other)| mine.quanta.abs_diff(other.quanta) as f64 / launched);
+    let maps = ours.sensors.iter().zip(&theirs.sensors).flat_map(|(mine, other)| {
+        let peak = other.quanta.iter().copied().max().unwrap_or(0).max(1) as f64;
+        mine.quanta.iter().zip(&other.quanta).map(move |(mine, other)| mine.abs_diff(*other) as f64 / peak)
+    });
+    totals.chain(maps).fold(0.0, f64::max)
+}
+
+fn bookings(tally: &Tally) -> impl Iterator<Item = Booking> {
+    let whole = [
+        tally.launched,
+        tally.escaped,
+        tally.depth_killed,
+        tally.roulette_loss,
+        tally.roulette_gain,
+        tally.bulk,
+        tally.importance_loss,
+        tally.importance_gain,
+    ];
+    let surfaces = tally.surfaces.iter().map(|surface| surface.absorbed);
+    whole.into_iter().chain(surfaces).chain(tally.sensors.iter().map(|sensor| sensor.total()))
+}
+
+/// Every count: of bookings, of hits in each cell, of surfaces reached, of underflows.
+fn counts(tally: &Tally) -> Vec<u64> {
+    let bookings = bookings(tally).map(|booking| booking.count);
+    let hits = tally.sensors.iter().flat_map(|sensor| sensor.hits.iter().copied());
+    let reached = tally.surfaces.iter().map(|surface| u64::from(surface.reached));
+    let rest = [tally.medium_stack_underflows, tally.invalid_deposits];
+    bookings.chain(hits).chain(reached).chain(rest).collect()
+}
+
+#[test]
+fn scenes_in_tables_agree_with_scenes_compiled_in() {
+    for name in zoo::scenes() {
+        let ir = zoo::load(&name);
+        let options = zoo::options(3000, 2, Precision::F64);
+        let [baked, tables] = [true, false]
+            .map(|baked| zoo::trace(&ir, &TraceOptions { baked: Some(baked), ..options.clone() }));
+        let deviation = deviation(&tables, &baked);
+        eprintln!("{name:28} {deviation:.1e}");
+        assert!(deviation <= 1e-12, "{name}: {deviation:e}");
+    }
+}
+
+#[test]
+fn a_count_or_a_bin_that_differs_is_told() {
+    let tally = zoo::trace(&zoo::load("bench_lens"), &zoo::options(3000, 2, Precision::F64));
+    assert_eq!(deviation(&tally, &tally), 0.0);
+    let mut other = tally.clone();
+    other.sensors[0].hits[7] += 1;
+    assert_eq!(deviation(&other, &tally), f64::INFINITY);
+    let mut other = tally.clone();
+    let peak = tally.sensors[0].quanta.iter().copied().max().unwrap();
+    other.sensors[0].quanta[7] += 2 * peak / 1_000_000_000_000;
+    assert!(deviation(&other, &tally) > 1e-12);
+    let mut other = tally.clone();
+    other.escaped.quanta += tally.launched.quanta / 100_000_000_000;
+    assert!(deviation(&other, &tally) > 1e-12);
+}
+
+// Scaling and motion.
+
+#[test]
+fn maps_scale_with_the_flux_of_the_sources() {
+    for name in ["filter_stack", "tessar_gaussian_beams", "nested_media"] {
+        let ir = zoo::load(name);
+        let options = zoo::options(3000, 3, Precision::F64);
+        let plain = zoo::result(&ir, &options);
+        for scale in [1e30, 1e-30] {
+            let mut scaled = ir.clone();
+            scaled.emitters.iter_mut().for_each(|emitter| emitter.total_flux *= scale);
+            let scaled = zoo::result(&scaled, &options);
+            let deviation = scaled_deviation(&plain, &scaled, scale);
+            assert!(deviation <= 1e-13, "{name} times {scale:e}: {deviation:e}");
+            assert!(
+                scaled_deviation(&plain, &scaled, scale * (1.0 + 1e-12)) > 1e-13,
+                "the comparison is blind"
+            );
+        }
+    }
+}
+
+/// Largest deviation of the totals and of every detector's flux and map from `scale` times the plain ones.
+fn scaled_deviation(plain: &nsq_gpu::TraceResult, scaled: &nsq_gpu::TraceResult, scale: f64) -> f64 {
+    let relative = |mine: f64, other: f64, unit: f64| (mine / scale - other).abs() / unit;
+    let launched = plain.total_flux_in;
+    let mut worst = relative(scaled.total_flux_detected, plain.total_flux_detected, launched).max(relative(
+        scaled.total_flux_escaped,
+        plain.total_flux_escaped,
+        launched,
+    ));
+    for (mine, other) in scaled.detectors.iter().zip(&plain.detectors) {
+        assert_eq!(mine.num_rays_hit, other.num_rays_hit, "{}", other.name);
+        worst = worst.max(relative(mine.total_flux, other.total_flux, launched));
+        let peak = values(other).into_iter().fold(1e-300, f64::max);
+        let bins = values(mine).into_iter().zip(values(other));
+        worst = bins.map(|(mine, other)| relative(mine, other, peak)).fold(worst, f64::max);
+    }
+    worst
+}
+
+/// The bins of a map, or the fluxes of rows.
+fn values(detector: &nsq_gpu::result::Detector) -> Vec<f64> {
+    use nsq_gpu::result::DetectorData;
+    match &detector.data {
+        DetectorData::Irradiance(map) => map.irradiance.iter().copied().collect(),
+        DetectorData::Spectral(map) => map.irradiance.iter().copied().collect(),
+        DetectorData::FarField(map) => map.intensity.iter().copied().collect(),
+        DetectorData::RayDatabase(rays) => rays.flux.to_vec(),
+    }
+}
+
+/// The scene turned about an axis of no symmetry, then shifted.
+fn moved(ir: &SceneIr, rotation: DMat3, shift: DVec3) -> SceneIr {
+    let mut ir = ir.clone();
+    let move_frame = |frame: &mut Frame| {
+        *frame = Frame { origin: rotation * frame.origin + shift, rotation: rotation * frame.rotation };
+    };
+    ir.surfaces.iter_mut().for_each(|surface| move_frame(&mut surface.frame));
+    ir.emitters.iter_mut().for_each(|emitter| move_frame(&mut emitter.frame));
+    ir.sensors.iter_mut().for_each(|sensor| move_frame(&mut sensor.frame));
+    ir
+}
+
+#[test]
+fn a_rigid_motion_changes_nothing() {
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 0.7);
+    let motions = [
+        ("turned and shifted", turn, DVec3::new(30.0, -70.0, 110.0)),
+        ("shifted far away", DMat3::IDENTITY, DVec3::new(1e6, -1e6, 1e6)),
+    ];
+    for name in DIVERSE {
+        let ir = zoo::load(name);
+        let options = zoo::options(10_000, 4, Precision::F64);
+        let still = zoo::trace(&ir, &options);
+        for (motion, rotation, shift) in motions {
+            let tally = zoo::trace(&moved(&ir, rotation, shift), &options);
+            let flips = count_changes(&tally, &still);
+            let change = total_change(&tally, &still);
+            eprintln!("{name:28} {motion}: {flips} count changes, totals {change:.1e}");
+            assert_eq!(flips, 0, "{name} {motion}");
+            assert!(change <= 1e-9, "{name} {motion}: {change:e}");
+        }
+    }
+}
+
+/// Events booked elsewhere, over all bookings.
+fn count_changes(ours: &Tally, theirs: &Tally) -> u64 {
+    bookings(ours).zip(bookings(theirs)).map(|(mine, other)| mine.count.abs_diff(other.count)).sum()
+}
+
+/// The largest difference of a booking, in units of the weight launched.
+fn total_change(ours: &Tally, theirs: &Tally) -> f64 {
+    let launched = theirs.launched.quanta as f64;
+    let changes =
+        bookings(ours).zip(bookings(theirs)).map(|(mine, other)| mine.quanta.abs_diff(other.quanta));
+    changes.max().unwrap_or(0) as f64 / launched
+}
+
+#[test]
+fn a_scene_whose_detector_stays_behind_is_no_rigid_motion() {
+    let ir = zoo::load("erfle_eyepiece");
+    let options = zoo::options(3000, 4, Precision::F64);
+    let mut torn = moved(&ir, DMat3::IDENTITY, DVec3::new(1.0, 0.0, 0.0));
+    torn.sensors = ir.sensors.clone();
+    let (torn, still) = (zoo::trace(&torn, &options), zoo::trace(&ir, &options));
+    assert!(deviation(&torn, &still) > 1e-9);
+}
+
+// Physics.
+
+/// A ball of glass in vacuum, a lamp in it near its rim, and a far field on one side.
+fn lamp_in_a_ball() -> SceneIr {
+    let at = |z: f64| Frame { origin: DVec3::new(0.0, 0.0, z), rotation: DMat3::IDENTITY };
+    let medium =
+        |name: &str, n: f64| Medium { name: name.into(), ambient: n == 1.0, n: vec![n], k: vec![0.0] };
+    SceneIr {
+        wavelengths: vec![0.55],
+        media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
+        surfaces: vec![Surface {
+            name: "ball".into(),
+            frame: at(0.0),
+            shape: Shape::Sphere { radius: 10.0, aperture_radius: None },
+            interaction: Interaction::Refractive,
+            front: SceneIr::VACUUM,
+            back: 1,
+        }],
+        emitters: vec![Emitter {
+            name: "lamp".into(),
+            frame: at(8.0),
+            kind: EmitterKind::Point { half_angle: std::f64::consts::PI },
+            total_flux: 1.0,
+            spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
+            medium: 1,
+        }],
+        sensors: vec![Sensor {
+            name: "sky".into(),
+            frame: at(20.0),
+            kind: SensorKind::FarField { num_theta: 9, num_phi: 9 },
+            absorb: true,
+        }],
+        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+    }
+}
+
+/// True of the last event of a ray that has left the ball: it flew on, or was about to when its events ran out.
+fn has_left(event: &PathEvent) -> bool {
+    match event.kind {
+        PathEventKind::Escaped | PathEventKind::Sensor(_) => true,
+        PathEventKind::DepthKilled => {
+            DVec3::from_array(event.ray.position).dot(DVec3::from_array(event.ray.direction)) > 0.0
+        }
+        PathEventKind::Birth(_) | PathEventKind::Surface(_) | PathEventKind::FluxKilled => false,
+    }
+}
+
+#[test]
+fn a_source_born_in_glass_counts_one_underflow_for_every_ray_that_leaves() {
+    let mut ir = lamp_in_a_ball();
+    for precision in PRECISIONS {
+        let paths = RecordPaths::All;
+        let tally = zoo::trace(&ir, &TraceOptions { paths, ..zoo::options(20_000, 0, precision) });
+        let left = tally.paths.iter().filter(|event| has_left(event)).count() as u64;
+        assert!(tally.depth_killed.count > 0, "some rays never leave");
+        assert_eq!(tally.escaped.count + tally.sensors[0].total().count + tally.depth_killed.count, 20_000);
+        assert_eq!(tally.medium_stack_underflows, left);
+    }
+    // The same lamp outside: every ray that leaves has entered.
+    ir.emitters[0].medium = SceneIr::VACUUM;
+    ir.emitters[0].frame.origin.z = 15.0;
+    let tally = zoo::trace(&ir, &zoo::options(20_000, 0, Precision::F64));
+    assert_eq!(tally.medium_stack_underflows, 0);
+}
+
+// The command in other circumstances.
+
+/// The files of a trace by the command, by name; of the report without its timing.
+fn files_of_command(scene: &str, precision: &str, threads: &str) -> BTreeMap<String, Vec<u8>> {
+    let folder = tempfile::tempdir().unwrap();
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_nsq-gpu"))
+        .args([
+            "trace",
+            &format!("scenes/{scene}.json"),
+            "-n",
+            "20000",
+            "--seed",
+            "3",
+            "--precision",
+            precision,
+        ])
+        .args(["--json", "--progress", "never", "-o"])
+        .arg(folder.path().join("results"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env("LP_NUM_THREADS", threads)
+        .output()
+        .unwrap();
+    assert!(status.status.success(), "{}", String::from_utf8_lossy(&status.stderr));
+    let entries = std::fs::read_dir(folder.path().join("results")).unwrap();
+    let mut files: BTreeMap<String, Vec<u8>> = entries
+        .map(|entry| entry.unwrap().path())
+        .map(|path| (path.file_name().unwrap().to_string_lossy().into(), std::fs::read(&path).unwrap()))
+        .collect();
+    for bytes in [files.get_mut("report.json").unwrap(), &mut { status.stdout }] {
+        let mut report: serde_json::Value = serde_json::from_slice(bytes).unwrap();
+        for timing in ["trace_time_sec", "rays_per_sec"] {
+            report.as_object_mut().unwrap().remove(timing).expect("the report tells its timing");
+        }
+        *bytes = report.to_string().into_bytes();
+    }
+    files
+}
+
+#[test]
+fn one_thread_and_two_write_the_same_bytes() {
+    for scene in ["filter_stack", "kaleidoscope", "tessar_gaussian_beams"] {
+        for precision in ["f32", "f64"] {
+            let [one, two] = ["1", "2"].map(|threads| files_of_command(scene, precision, threads));
+            assert!(one.len() > 2, "{scene}: {:?}", one.keys());
+            for (name, bytes) in &one {
+                assert!(two.get(name) == Some(bytes), "{scene} in {precision}: {name} differs");
+            }
+            assert_eq!(one.len(), two.len());
+        }
+    }
+}
+
+#[test]
+fn files_of_another_precision_differ() {
+    let [f32, f64] = ["f32", "f64"].map(|precision| files_of_command("kaleidoscope", precision, "2"));
+    assert!(f32["eye.npz"] != f64["eye.npz"]);
+    assert!(f32["report.json"] != f64["report.json"]);
+}

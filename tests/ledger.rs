@@ -1,0 +1,73 @@
+//! The ledger closes to the last bit: every scene, precision, kind of integers and sampling policy.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+mod zoo;
+
+use nsq_gpu::ir::{Interaction, ReflectProb};
+use nsq_gpu::program::Precision;
+
+const POLICIES: [ReflectProb; 4] =
+    [ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.3), ReflectProb::Constant(0.02)];
+/// Roulette almost never, and from four tenths of a new ray's weight on.
+const ROULETTE_STARTS: [f64; 2] = [1e-3, 0.4];
+
+fn assert_ledgers_close(precision: Precision, native: bool) {
+    let gpu = if native { zoo::gpu() } else { zoo::portable_gpu() };
+    for name in zoo::scenes() {
+        let mut ir = zoo::load(&name);
+        let refracts = ir.surfaces.iter().any(|surface| surface.interaction == Interaction::Refractive);
+        // Without refraction every policy makes the same program.
+        let num_policies = if refracts { POLICIES.len() } else { 1 };
+        for (i, policy) in POLICIES.into_iter().enumerate().take(num_policies) {
+            for (j, start) in ROULETTE_STARTS.into_iter().enumerate() {
+                // Half of the combinations with native integers, the other half with pairs of 32-bit ones.
+                if native != ((i + j) % 2 == 0) {
+                    continue;
+                }
+                ir.sampling.reflect_prob = policy;
+                ir.sampling.rr_start_flux = start;
+                let options = zoo::options(1500, 6, precision);
+                let tally = zoo::trace_on(gpu, &ir, &options);
+                let ledger = zoo::result_of(&ir, &options, &tally).ledger;
+                let what = format!("{name}, {precision:?}, {policy:?}, roulette from {start}");
+                assert_eq!(ledger.imbalance_quanta, 0, "{what}");
+                assert_eq!(ledger.invalid_deposits, 0, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_ledger_closes_in_f32_with_native_integers() {
+    assert_ledgers_close(Precision::F32, true);
+}
+
+#[test]
+fn every_ledger_closes_in_f32_with_pairs_of_integers() {
+    assert_ledgers_close(Precision::F32, false);
+}
+
+#[test]
+fn every_ledger_closes_in_f64_with_native_integers() {
+    assert_ledgers_close(Precision::F64, true);
+}
+
+#[test]
+fn every_ledger_closes_in_f64_with_pairs_of_integers() {
+    assert_ledgers_close(Precision::F64, false);
+}
+
+#[test]
+fn a_single_quantum_astray_opens_the_ledger() {
+    let ir = zoo::load("kaleidoscope");
+    let options = zoo::options(1500, 6, Precision::F64);
+    let tally = zoo::trace(&ir, &options);
+    assert!(zoo::result_of(&ir, &options, &tally).ledger.closes());
+    let mut other = tally.clone();
+    other.roulette_gain.quanta += 1;
+    assert_eq!(zoo::result_of(&ir, &options, &other).ledger.imbalance_quanta, 1);
+}

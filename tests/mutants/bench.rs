@@ -1,0 +1,115 @@
+//! Traces scenes with shaders as they are, or with one mutant.
+
+use crate::table::Mutant;
+use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
+use nsq_gpu::ir::{SceneIr, SensorKind};
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::{RunInfo, Tally, TraceResult};
+use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
+use std::cell::Cell;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+/// Devices, and the mutant that shaders suffer.
+pub struct Bench {
+    gpus: Rc<Gpus>,
+    mutant: Option<&'static Mutant>,
+    mutated: Cell<bool>,
+}
+
+struct Gpus {
+    native: Gpu,
+    portable: Gpu,
+}
+
+/// How a check traces.
+#[derive(Debug, Clone)]
+pub struct Setting {
+    /// 64-bit integers of the device, or pairs of 32-bit ones.
+    pub native: bool,
+    /// Options of the trace.
+    pub options: TraceOptions,
+}
+
+impl Default for Setting {
+    /// As the oracle traced.
+    fn default() -> Self {
+        Setting { native: true, options: TraceOptions { num_rays: 100_000, ..Default::default() } }
+    }
+}
+
+impl Bench {
+    /// Opens the devices, or says on stderr what is skipped for want of one.
+    pub fn open(test: &str) -> Option<Self> {
+        let open = |native| Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true });
+        let (native, portable) = match (open(Native::Allowed), open(Native::Off)) {
+            (Ok(native), Ok(portable)) if native.f64 && native.int64 => (native, portable),
+            _ => {
+                // Straight to the stream: the test runner hides what a passing test prints.
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "SKIPPED: {test}: no adapter with 64-bit floats and integers"
+                );
+                return None;
+            }
+        };
+        Some(Bench { gpus: Rc::new(Gpus { native, portable }), mutant: None, mutated: Cell::new(false) })
+    }
+
+    /// The same devices, their shaders changed.
+    pub fn with_mutant(&self, mutant: &'static Mutant) -> Self {
+        Bench { gpus: self.gpus.clone(), mutant: Some(mutant), mutated: Cell::new(false) }
+    }
+
+    /// True if some trace so far contained the mutant's file.
+    pub fn was_mutated(&self) -> bool {
+        self.mutated.get()
+    }
+
+    /// The sums of a trace. A device may refuse a mutant for no other reason than that it is no valid shader.
+    pub fn tally(&self, ir: &SceneIr, setting: &Setting) -> Tally {
+        let gpu = if setting.native { &self.gpus.native } else { &self.gpus.portable };
+        Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
+            .and_then(|mut tracer| tracer.trace(|_| true))
+            .unwrap_or_else(|error: Error| panic!("{}: {error}", self.mutant.map_or("original", |m| m.name)))
+    }
+
+    /// The result of a trace.
+    pub fn result(&self, ir: &SceneIr, setting: &Setting) -> TraceResult {
+        let run = RunInfo { num_rays: setting.options.num_rays, ..RunInfo::default() };
+        TraceResult::new(ir, &run, &self.tally(ir, setting)).unwrap()
+    }
+
+    fn edit(&self, wgsl: String) -> String {
+        let Some(mutant) = self.mutant else { return wgsl };
+        let (original, mutated) = (mutant.original(), mutant.mutated());
+        if wgsl.contains(&original) {
+            self.mutated.set(true);
+        }
+        wgsl.replace(&original, &mutated)
+    }
+}
+
+/// The folder of the project.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()
+}
+
+/// A scene of scenes/, its ray databases without caps, as the oracle has them.
+pub fn scene(name: &str) -> SceneIr {
+    let path = root().join("scenes").join(format!("{name}.json"));
+    let lowered = Scene::from_path(&path).and_then(|scene| scene.lower());
+    let mut ir = lowered.unwrap_or_else(|error| panic!("{name}: {error}"));
+    for sensor in &mut ir.sensors {
+        if let SensorKind::RayDatabase { max_rays, .. } = &mut sensor.kind {
+            *max_rays = None;
+        }
+    }
+    ir
+}
+
+/// A precision by its name.
+pub fn precision(name: &str) -> Option<Precision> {
+    [Precision::F32, Precision::F64].into_iter().find(|precision| precision.name() == name)
+}

@@ -1,0 +1,79 @@
+//! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
+
+use nsq_gpu::ir::{Emitter, EmitterKind, Outline, Sensor, SensorKind, Shape, Splat};
+
+/// Every kind of source.
+pub const SOURCES: [&str; 6] = [
+    "point in a cone",
+    "point in all directions",
+    "top hat",
+    "Gaussian beam",
+    "extended rectangle",
+    "extended disk",
+];
+/// Every kind of shape.
+pub const SHAPES: [&str; 9] = [
+    "flat conic",
+    "conic",
+    "infinite plane",
+    "rectangle",
+    "disk",
+    "annulus",
+    "frustum",
+    "sphere",
+    "sphere with an aperture",
+];
+/// Every kind of detector.
+pub const DETECTORS: [&str; 7] = [
+    "irradiance, hard",
+    "irradiance, bilinear",
+    "irradiance, Gaussian",
+    "spectral, hard",
+    "spectral, splatted",
+    "far field",
+    "ray database",
+];
+
+/// The kind of a source, of [`SOURCES`].
+pub fn of_source(emitter: &Emitter) -> &'static str {
+    match emitter.kind {
+        EmitterKind::Point { half_angle } if half_angle < std::f64::consts::PI => "point in a cone",
+        EmitterKind::Point { .. } => "point in all directions",
+        EmitterKind::CollimatedTophat { .. } => "top hat",
+        EmitterKind::CollimatedGaussian { .. } => "Gaussian beam",
+        EmitterKind::Extended { area: Outline::Rectangle { .. }, .. } => "extended rectangle",
+        EmitterKind::Extended { area: Outline::Disk { .. } | Outline::Infinite, .. } => "extended disk",
+    }
+}
+
+/// The kind of a shape, of [`SHAPES`].
+pub fn of_shape(shape: &Shape) -> &'static str {
+    match shape {
+        Shape::Conic { curvature: 0.0, .. } => "flat conic",
+        Shape::Conic { .. } => "conic",
+        Shape::Plane(Outline::Infinite) => "infinite plane",
+        Shape::Plane(Outline::Rectangle { .. }) => "rectangle",
+        Shape::Plane(Outline::Disk { .. }) => "disk",
+        Shape::Annulus { .. } => "annulus",
+        Shape::Frustum { .. } => "frustum",
+        Shape::Sphere { aperture_radius: None, .. } => "sphere",
+        Shape::Sphere { aperture_radius: Some(_), .. } => "sphere with an aperture",
+    }
+}
+
+/// The kind of a detector, of [`DETECTORS`].
+pub fn of_detector(sensor: &Sensor) -> &'static str {
+    match &sensor.kind {
+        SensorKind::Irradiance(grid) => match grid.splat {
+            Splat::Hard => "irradiance, hard",
+            Splat::Bilinear => "irradiance, bilinear",
+            Splat::Gaussian { .. } => "irradiance, Gaussian",
+        },
+        SensorKind::Spectral { grid, .. } => match grid.splat {
+            Splat::Hard => "spectral, hard",
+            Splat::Bilinear | Splat::Gaussian { .. } => "spectral, splatted",
+        },
+        SensorKind::FarField { .. } => "far field",
+        SensorKind::RayDatabase { .. } => "ray database",
+    }
+}

@@ -1,0 +1,252 @@
+//! Structs shared with the host: what it writes and reads lies where the shaders have it, in both precisions.
+
+use crate::variants::{Choice, Tier, Variant, everything};
+use naga::proc::Layouter;
+use naga::{Module, Scalar, ScalarKind, TypeInner};
+use nsq_gpu::ir::SceneIr;
+use nsq_gpu::program::records::StructLayout;
+use nsq_gpu::program::{PathSampling, Precision, Program, RayRange};
+
+/// A field of a struct of a module.
+#[derive(Debug, PartialEq)]
+struct Field {
+    name: String,
+    offset: usize,
+    size: usize,
+    real: bool,
+}
+
+/// The fields, and the size of the struct.
+fn fields(module: &Module, name: &str) -> (Vec<Field>, usize) {
+    let mut layouter = Layouter::default();
+    layouter.update(module.to_ctx()).unwrap();
+    let (handle, kind) = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(name)).unwrap();
+    let TypeInner::Struct { members, .. } = &kind.inner else { panic!("{name} is not a struct") };
+    let field = |member: &naga::StructMember| {
+        let (Some(scalar), name) = (scalar(&module.types[member.ty].inner), member.name.clone().unwrap())
+        else {
+            panic!("{name}.{:?} is no scalar: its alignment is not its size", member.name)
+        };
+        Field {
+            name,
+            offset: member.offset as usize,
+            size: usize::from(scalar.width),
+            real: scalar.kind == ScalarKind::Float,
+        }
+    };
+    (members.iter().map(field).collect(), layouter[handle].to_stride() as usize)
+}
+
+fn scalar(inner: &TypeInner) -> Option<Scalar> {
+    match inner {
+        TypeInner::Scalar(scalar) | TypeInner::Atomic(scalar) => Some(*scalar),
+        _ => None,
+    }
+}
+
+/// Fields follow each other, each aligned to its own size of 4 or 8 bytes, with the struct's size a multiple of the
+/// largest: so a host that packs by the same rule agrees.
+fn assert_packed(module: &Module, name: &str, real_size: usize) {
+    let (fields, stride) = fields(module, name);
+    let mut end = 0_usize;
+    for field in &fields {
+        assert_eq!(field.size, if field.real { real_size } else { 4 }, "{name}.{}", field.name);
+        assert_eq!(field.offset, end.next_multiple_of(field.size), "{name}.{}", field.name);
+        end = field.offset + field.size;
+    }
+    let largest = fields.iter().map(|field| field.size).max().unwrap();
+    assert_eq!(stride, end.next_multiple_of(largest), "size of {name}");
+}
+
+fn names(module: &Module, name: &str) -> Vec<String> {
+    fields(module, name).0.into_iter().map(|field| field.name).collect()
+}
+
+fn tiers_in_tables() -> [Tier; 2] {
+    [Precision::F32, Precision::F64].map(|precision| Tier { precision, native: false, baked: false })
+}
+
+#[test]
+fn structs_shared_with_the_host_are_packed_scalars() {
+    for tier in tiers_in_tables() {
+        let program = everything().program(tier);
+        for name in
+            ["Range", "Emitter", "Event", "QueuedRay", "Surface", "Sensor", "Primitive", "QueueCounts"]
+        {
+            assert_packed(&program.module, name, program.real_size());
+        }
+    }
+}
+
+/// A state of 80 bytes or less a ray: what the queues cost.
+#[test]
+fn a_queued_ray_is_small() {
+    for tier in tiers_in_tables() {
+        let program = everything().program(tier);
+        assert!(StructLayout::of(&program.module, "QueuedRay").unwrap().stride <= 80, "{tier:?}");
+    }
+}
+
+#[test]
+fn both_shaders_have_the_same_queue_counts() {
+    let advance = naga::front::wgsl::parse_str(nsq_gpu::program::compose::ADVANCE).unwrap();
+    let trace = everything().program(tiers_in_tables()[0]).module;
+    assert_eq!(fields(&advance, "QueueCounts"), fields(&trace, "QueueCounts"));
+    // The host reads 12 bytes, the number of rows in the last 4.
+    assert_eq!(names(&trace, "QueueCounts"), ["incoming", "outgoing", "events"]);
+    assert_eq!(StructLayout::of(&trace, "QueueCounts").unwrap().stride, 12);
+}
+
+/// A number of the bytes of a struct.
+fn read(bytes: &[u8], field: &Field) -> f64 {
+    let place = &bytes[field.offset..field.offset + field.size];
+    match (field.real, field.size) {
+        (false, _) => f64::from(u32::from_le_bytes(place.try_into().unwrap())),
+        (true, 4) => f64::from(f32::from_le_bytes(place.try_into().unwrap())),
+        (true, _) => f64::from_le_bytes(place.try_into().unwrap()),
+    }
+}
+
+/// What [`Variant::program`] traces with.
+const SEED: u64 = 0;
+
+/// Every field of the range is written, with what it is named for.
+#[test]
+fn host_writes_every_field_of_a_range() {
+    for tier in tiers_in_tables() {
+        let (ir, program) = range_scene(tier);
+        let emitter = ir.emitters.len() - 1;
+        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter };
+        let bytes = program.range_bytes(&range).unwrap();
+        assert_eq!(written(&program, "Range", &bytes), expected_range(emitter), "{tier:?}");
+        let written = written(&program, "Emitter", &program.emitters[emitter]);
+        assert_eq!(written, expected_emitter(&ir, &program, emitter), "{tier:?}");
+    }
+}
+
+/// The fields of a uniform, as its shader reads them.
+fn written(program: &Program, name: &str, bytes: &[u8]) -> Vec<(String, f64)> {
+    let (fields, stride) = fields(&program.module, name);
+    assert_eq!(bytes.len(), stride, "{name}");
+    fields.iter().map(|field| (field.name.clone(), read(bytes, field))).collect()
+}
+
+/// Two sources; the last one's numbers are all different and none is zero.
+fn range_scene(tier: Tier) -> (SceneIr, Program) {
+    let mut variant = Variant::default();
+    Choice::Polychromatic.apply(&mut variant);
+    Choice::Emitter(nsq_gpu::program::EmitterName::ExtendedRectangle).apply(&mut variant);
+    let lamp = variant.ir.emitters.last_mut().unwrap();
+    lamp.medium = 1;
+    lamp.frame.origin = glam::DVec3::new(2.0, 4.0, 8.0);
+    // A table of distinct numbers that f32 holds, to see each in its place.
+    lamp.frame.rotation =
+        glam::DMat3::from_cols_array(&[0.5, 0.25, 0.125, 0.75, 0.375, 0.875, -0.5, -0.25, -0.125]);
+    let program = variant.program(tier);
+    (variant.ir, program)
+}
+
+fn expected_range(emitter: usize) -> Vec<(String, f64)> {
+    let [seed_lo, seed_hi, ..] = nsq_gpu::program::rng::step_table(SEED, 1)[0];
+    let expected = [
+        ("first_lo", 5.0),
+        ("first_hi", 7.0),
+        ("count", 11.0),
+        ("emitter", emitter as f64),
+        ("seed_lo", f64::from(seed_lo)),
+        ("seed_hi", f64::from(seed_hi)),
+    ];
+    expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+}
+
+fn expected_emitter(ir: &SceneIr, program: &Program, emitter: usize) -> Vec<(String, f64)> {
+    let lamp = &ir.emitters[emitter];
+    let origin = lamp.frame.origin - program.centre;
+    let s = (0.5_f64 / 2.0).sin();
+    let height = 2.0 * s * s;
+    let height = if program.options.precision == Precision::F32 { f64::from(height as f32) } else { height };
+    let mut expected = vec![
+        ("kind", f64::from(nsq_gpu::program::EmitterName::ExtendedRectangle as u32)),
+        ("medium", 1.0),
+        ("spectrum_first", 2.0),
+        ("spectrum_count", 2.0),
+        ("weight", 1.25),
+        ("origin_x", origin.x),
+        ("origin_y", origin.y),
+        ("origin_z", origin.z),
+    ];
+    let columns = ["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"];
+    expected.extend(columns.into_iter().zip(lamp.frame.rotation.to_cols_array()));
+    expected.extend([("p0", 3.0), ("p1", 4.0), ("p2", height)]);
+    expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+}
+
+/// What the host reads of a row.
+#[test]
+fn rows_have_the_fields_that_the_host_reads() {
+    let mut expected = vec!["kind", "subject", "index", "bounce", "wavelength", "weight"];
+    expected.extend(["position_x", "position_y", "position_z", "direction_x", "direction_y", "direction_z"]);
+    for tier in Tier::all() {
+        let mut variant = Variant::default();
+        Choice::Paths(PathSampling::All).apply(&mut variant);
+        assert_eq!(names(&variant.program(tier).module, "Event"), expected, "{tier:?}");
+    }
+}
+
+/// A column of a table as its shader reads it.
+pub fn column(program: &Program, table: &str, binding: u32, name: &str) -> Vec<f64> {
+    let (fields, stride) = fields(&program.module, table);
+    let field =
+        fields.iter().find(|field| field.name == name).unwrap_or_else(|| panic!("{table} has no {name}"));
+    let (_, bytes) = program.buffers.iter().find(|(number, _)| *number == binding).unwrap();
+    bytes.chunks_exact(stride).map(|row| read(row, field)).collect()
+}
+
+/// The binding of a variable.
+pub fn binding(program: &Program, variable: &str) -> u32 {
+    let found = program.module.global_variables.iter().find(|(_, v)| v.name.as_deref() == Some(variable));
+    found.unwrap_or_else(|| panic!("no variable {variable}")).1.binding.unwrap().binding
+}
+
+#[test]
+fn tables_hold_the_scene_where_the_shaders_look() {
+    for tier in tiers_in_tables() {
+        let variant = everything();
+        let (ir, program) = (&variant.ir, variant.program(tier));
+        let of = |table, variable, name| column(&program, table, binding(&program, variable), name);
+        let origins: Vec<f64> = ir.surfaces.iter().map(|s| s.frame.origin.z - program.centre.z).collect();
+        assert_eq!(of("Surface", "surface_table", "origin_z"), origins, "{tier:?}");
+        let backs: Vec<f64> = ir.surfaces.iter().map(|s| s.back as f64).collect();
+        assert_eq!(of("Surface", "surface_table", "back"), backs, "{tier:?}");
+        let cells: Vec<f64> = program.cells.sensors.iter().map(|&cell| f64::from(cell)).collect();
+        assert_eq!(of("Sensor", "sensor_table", "cell"), cells, "{tier:?}");
+        let absorb: Vec<f64> = ir.sensors.iter().map(|s| f64::from(u8::from(s.absorb))).collect();
+        assert_eq!(of("Sensor", "sensor_table", "absorb"), absorb, "{tier:?}");
+        let primitives = ir.surfaces.len() + ir.sensors.len();
+        assert_eq!(of("Primitive", "primitive_table", "shape").len(), primitives, "{tier:?}");
+    }
+}
+
+/// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
+#[test]
+fn host_fills_the_buffers_that_shaders_declare() {
+    // Of the trace, not of the program: range, sums, tops, counters, rows, emitter.
+    let traced = [0, 2, 3, 4, 12, nsq_gpu::program::lowered::EMITTER];
+    for tier in Tier::all() {
+        for (name, variant) in
+            Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])
+        {
+            let program = variant.program(tier);
+            let bindings =
+                program.module.global_variables.iter().filter_map(|(_, variable)| variable.binding);
+            let mut declared: Vec<u32> = bindings
+                .filter(|b| b.group == 0 && !traced.contains(&b.binding))
+                .map(|b| b.binding)
+                .collect();
+            let mut filled: Vec<u32> = program.buffers.iter().map(|(number, _)| *number).collect();
+            declared.sort_unstable();
+            filled.sort_unstable();
+            assert_eq!(declared, filled, "{name}, {tier:?}");
+        }
+    }
+}

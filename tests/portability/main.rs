@@ -1,0 +1,186 @@
+//! Every shader that can be composed is valid on every platform, and host and shaders mean the same by their structs,
+//! bindings and codes. No adapter is needed.
+
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "a test fails by panicking")]
+
+mod layouts;
+mod snapshots;
+mod targets;
+mod twins;
+mod variants;
+
+use nsq_gpu::Scene;
+use nsq_gpu::program::{Precision, Program};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use targets::{Target, storage_buffers, validate};
+use variants::{Choice, Tier, Variant, everything};
+
+/// The folder of the project.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()
+}
+
+/// The names of scenes/, without their extension.
+pub fn scene_names() -> Vec<String> {
+    let mut names: Vec<String> = std::fs::read_dir(root().join("scenes"))
+        .unwrap()
+        .filter_map(|entry| {
+            entry.unwrap().file_name().into_string().unwrap().strip_suffix(".json").map(String::from)
+        })
+        .collect();
+    names.sort();
+    names
+}
+
+/// A scene of scenes/ as a variant.
+pub fn scene_variant(name: &str) -> Variant {
+    let path = root().join("scenes").join(format!("{name}.json"));
+    let ir = Scene::from_path(&path).and_then(|scene| scene.lower()).unwrap();
+    Variant { ir, ..Variant::default() }
+}
+
+/// The variant is valid with the capabilities of its tier alone, and is written for every platform that has them.
+/// Returns the targets.
+fn check(name: &str, program: &Program, checks: &[bool]) -> Vec<Target> {
+    let info = validate(name, program);
+    let targets = Target::of(&program.options);
+    for target in &targets {
+        checks.iter().for_each(|&checks| target.write(name, program, &info, checks));
+    }
+    targets
+}
+
+/// Checks variants in a tier; texts that were already checked are skipped. Run-time checks in shaders are on and off in
+/// turn: they concern each expression alone, and each occurs in many variants.
+fn check_all(tier: Tier, variants: impl Iterator<Item = (String, Variant)>) {
+    let mut seen = BTreeSet::new();
+    let mut written: BTreeMap<Target, u32> = BTreeMap::new();
+    for (name, variant) in variants {
+        let program = variant.program(tier);
+        let name = format!("{name}, {tier:?}");
+        if seen.insert(program.wgsl.clone()) {
+            let checks = [seen.len() % 2 == 0];
+            check(&name, &program, &checks)
+                .into_iter()
+                .for_each(|target| *written.entry(target).or_default() += 1);
+        }
+    }
+    println!("{tier:?}: {} different shaders, written: {written:?}", seen.len());
+    assert!(seen.len() > 100, "{tier:?}: only {} different shaders", seen.len());
+}
+
+/// Every choice alone, every pair of choices, everything at once, and every scene file.
+fn all_variants() -> impl Iterator<Item = (String, Variant)> {
+    let choices = Choice::all();
+    let pairs: Vec<(Choice, Choice)> = (0..choices.len())
+        .flat_map(|i| (i..choices.len()).map(move |j| (i, j)))
+        .map(|(i, j)| (choices[i], choices[j]))
+        .collect();
+    let paired = pairs.into_iter().map(|(a, b)| {
+        let mut variant = Variant::default();
+        a.apply(&mut variant);
+        b.apply(&mut variant);
+        (format!("{a:?} with {b:?}"), variant)
+    });
+    let scenes = scene_names().into_iter().map(|name| (name.clone(), scene_variant(&name)));
+    paired.chain(std::iter::once(("everything".to_string(), everything()))).chain(scenes)
+}
+
+#[test]
+fn f32_portable_variants_are_valid_everywhere() {
+    for baked in [true, false] {
+        check_all(Tier { precision: Precision::F32, native: false, baked }, all_variants());
+    }
+}
+
+#[test]
+fn f32_native_variants_are_valid_where_integers_have_64_bits() {
+    for baked in [true, false] {
+        check_all(Tier { precision: Precision::F32, native: true, baked }, all_variants());
+    }
+}
+
+#[test]
+fn f64_portable_variants_are_valid_where_floats_have_64_bits() {
+    for baked in [true, false] {
+        check_all(Tier { precision: Precision::F64, native: false, baked }, all_variants());
+    }
+}
+
+#[test]
+fn f64_native_variants_are_valid_where_everything_has_64_bits() {
+    for baked in [true, false] {
+        check_all(Tier { precision: Precision::F64, native: true, baked }, all_variants());
+    }
+}
+
+/// The scene with everything and each scene file, with run-time checks in shaders and without.
+#[test]
+fn full_scenes_are_written_with_and_without_checks() {
+    for tier in Tier::all() {
+        check("everything", &everything().program(tier), &[true, false]);
+        for name in ["cooke_triplet", "kaleidoscope", "filter_stack"] {
+            check(name, &scene_variant(name).program(tier), &[true, false]);
+        }
+    }
+}
+
+#[test]
+fn the_shader_between_dispatches_is_valid_everywhere() {
+    targets::check_advance();
+}
+
+/// No file of shaders/ is dead: each is part of some variant as it is.
+#[test]
+fn every_shader_file_is_composed_by_some_variant() {
+    let mut texts = vec![nsq_gpu::program::compose::ADVANCE.to_string()];
+    for tier in Tier::all() {
+        for (_, variant) in
+            Choice::all().into_iter().map(Variant::of_choice).chain([(String::new(), everything())])
+        {
+            texts.push(variant.program(tier).wgsl);
+        }
+    }
+    let dead: Vec<String> = snapshots::shader_files()
+        .into_iter()
+        .filter(|(_, text)| !texts.iter().any(|composed| composed.contains(text)))
+        .map(|(path, _)| path)
+        .collect();
+    assert_eq!(dead, Vec::<String>::new(), "no variant composes them");
+}
+
+/// Plain WebGPU binds 8 storage buffers a stage. What binds more is known by name, with its number.
+#[test]
+fn portable_shaders_bind_few_storage_buffers() {
+    let tier = Tier { precision: Precision::F32, native: false, baked: true };
+    let mut beyond = BTreeMap::new();
+    let mut most = 0;
+    for (name, variant) in Choice::all().into_iter().map(Variant::of_choice) {
+        let buffers = storage_buffers(&variant.program(tier).module);
+        assert!(buffers <= targets::WEBGPU_STORAGE_BUFFERS, "{name} alone binds {buffers} storage buffers");
+        most = most.max(buffers);
+    }
+    for name in scene_names() {
+        let buffers = storage_buffers(&scene_variant(&name).program(tier).module);
+        most = most.max(buffers);
+        if buffers > targets::WEBGPU_STORAGE_BUFFERS {
+            beyond.insert(name, buffers);
+        }
+    }
+    println!("at most {most}");
+    assert_eq!(beyond, BTreeMap::new(), "scenes that plain WebGPU cannot bind");
+    let (compiled, tables) =
+        (everything().program(tier), everything().program(Tier { baked: false, ..tier }));
+    assert_eq!(
+        (storage_buffers(&compiled.module), storage_buffers(&tables.module)),
+        targets::MOST_STORAGE_BUFFERS
+    );
+}
+
+/// Two scenes are shown as they are composed: what changes them is seen in review.
+#[test]
+fn the_composition_is_the_one_that_was_reviewed() {
+    snapshots::compare("bench_lens", Tier { precision: Precision::F32, native: false, baked: true });
+    snapshots::compare("kaleidoscope", Tier { precision: Precision::F64, native: true, baked: false });
+}

@@ -1,0 +1,184 @@
+//! Numbers that host and shaders both know are the same numbers.
+
+use crate::layouts::{binding, column};
+use crate::variants::{Tier, Variant, emitters, everything, interactions, sensors, shapes, splats};
+use naga::{Expression, Literal, Module};
+use nsq_gpu::gpu::sums;
+use nsq_gpu::ir::{Interaction, SensorKind, Splat};
+use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
+use nsq_gpu::program::{Precision, Program, rng};
+
+fn tables() -> (Variant, Program) {
+    let variant = everything();
+    let program = variant.program(Tier { precision: Precision::F32, native: false, baked: false });
+    (variant, program)
+}
+
+/// A constant of a module.
+fn constant(module: &Module, name: &str) -> f64 {
+    let found = module.constants.iter().find(|(_, constant)| constant.name.as_deref() == Some(name));
+    let (_, constant) = found.unwrap_or_else(|| panic!("no constant {name}"));
+    match module.global_expressions[constant.init] {
+        Expression::Literal(Literal::U32(value)) => f64::from(value),
+        Expression::Literal(Literal::F32(value)) => f64::from(value),
+        ref other => panic!("{name} is {other:?}"),
+    }
+}
+
+#[test]
+fn interactions_have_the_codes_of_the_shaders() {
+    let (variant, program) = tables();
+    let codes = column(&program, "Surface", binding(&program, "surface_table"), "interaction");
+    for interaction in interactions() {
+        let name = match interaction {
+            Interaction::Absorbing => "ABSORBING",
+            Interaction::Reflective { .. } => "REFLECTIVE",
+            Interaction::Refractive => "REFRACTIVE",
+        };
+        let same =
+            |other: &Interaction| std::mem::discriminant(other) == std::mem::discriminant(&interaction);
+        let row = variant.ir.surfaces.iter().position(|surface| same(&surface.interaction)).unwrap();
+        assert_eq!(codes[row], constant(&program.module, name), "{name}");
+    }
+}
+
+#[test]
+fn splats_have_the_codes_of_the_shaders() {
+    let (variant, program) = tables();
+    let codes = column(&program, "Sensor", binding(&program, "sensor_table"), "splat");
+    for splat in splats() {
+        let name = match splat {
+            Splat::Hard => "SPLAT_HARD",
+            Splat::Bilinear => "SPLAT_BILINEAR",
+            Splat::Gaussian { .. } => "SPLAT_GAUSSIAN",
+        };
+        let row =
+            variant.ir.sensors.iter().position(|s| s.kind.grid().is_some_and(|grid| grid.splat == splat));
+        assert_eq!(codes[row.unwrap()], constant(&program.module, name), "{name}");
+    }
+}
+
+/// The composed dispatch sends a sensor's code to the function of its kind.
+#[test]
+fn sensors_have_the_codes_of_the_dispatch() {
+    let (variant, program) = tables();
+    let codes = column(&program, "Sensor", binding(&program, "sensor_table"), "kind");
+    for kind in sensors() {
+        let code = sensor_code(&kind);
+        let function = match kind {
+            SensorKind::Irradiance(_) => "irradiance",
+            SensorKind::Spectral { .. } => "spectral",
+            SensorKind::FarField { .. } => "far_field",
+            SensorKind::RayDatabase { .. } => "ray_database",
+        };
+        let call = format!("if sensor.kind == {code}u {{ record_{function}(");
+        assert!(program.wgsl.contains(&call), "no `{call}`");
+        assert!(program.wgsl.contains(&format!("fn record_{function}(")), "{function}");
+        let same = |other: &SensorKind| std::mem::discriminant(other) == std::mem::discriminant(&kind);
+        let row = variant.ir.sensors.iter().position(|sensor| same(&sensor.kind)).unwrap();
+        assert_eq!(codes[row], f64::from(code), "{function}");
+    }
+}
+
+#[test]
+fn shapes_have_the_codes_of_the_dispatch() {
+    let (_, program) = tables();
+    let codes = column(&program, "Primitive", binding(&program, "primitive_table"), "shape");
+    for kind in shapes() {
+        let (function, file) = kind.name();
+        let case = format!("case {}u: {{ return {function}(o, d, ", kind as u32);
+        assert!(program.wgsl.contains(&case), "no `{case}`");
+        assert!(program.wgsl.contains(&format!("fn {function}(")), "{function} of {file}");
+        assert!(codes.contains(&f64::from(kind as u32)), "{kind:?}");
+    }
+}
+
+/// A function takes the numbers that the host hands over: o, d, so many numbers, leaving.
+#[test]
+fn shapes_take_the_numbers_of_the_host() {
+    let (_, program) = tables();
+    for kind in shapes() {
+        let function =
+            program.module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(kind.name().0));
+        assert_eq!(function.unwrap().1.arguments.len(), kind.num_arguments() + 3, "{kind:?}");
+        let arguments = nsq_gpu::program::lowered::shape_arguments(&crate::variants::shape_of(kind));
+        assert_eq!(arguments.len(), kind.num_arguments(), "{kind:?}");
+    }
+}
+
+#[test]
+fn emitters_have_the_codes_of_the_dispatch() {
+    let (variant, program) = tables();
+    let last = emitters().into_iter().max().unwrap();
+    for name in emitters() {
+        let call = match name == last {
+            true => format!("    return emit_{}(key, e);", name.name()),
+            false => format!("if e.kind == {}u {{ return emit_{}(key, e); }}", name as u32, name.name()),
+        };
+        assert!(program.wgsl.contains(&call), "no `{call}`");
+        let kind = crate::variants::emitter_of(name);
+        let emitter = variant.ir.emitters.iter().position(|emitter| emitter.kind == kind).unwrap();
+        let layout = nsq_gpu::program::records::StructLayout::of(&program.module, "Emitter").unwrap();
+        let offset = layout.offset("kind").unwrap();
+        let bytes = &program.emitters[emitter];
+        assert_eq!(bytes[offset..offset + 4], (name as u32).to_le_bytes(), "{name:?}");
+    }
+}
+
+/// The order in which the host drains the cells.
+#[test]
+fn ledger_cells_are_numbered_in_order() {
+    let (variant, program) = tables();
+    for (number, name) in LEDGER_CELLS.iter().enumerate() {
+        assert_eq!(constant(&program.module, name), number as f64, "{name}");
+    }
+    assert_eq!(constant(&program.module, "CELL_SURFACES"), LEDGER_CELLS.len() as f64);
+    assert_eq!(program.cells.sensors[0] as usize, LEDGER_CELLS.len() + variant.ir.surfaces.len());
+    assert_eq!(constant(&program.module, "COUNTER_REACHED"), f64::from(program.cells.num_cells));
+    assert_eq!(constant(&program.module, "INVALID_DEPOSITS"), sums::INVALID_DEPOSITS as f64);
+    assert_eq!(constant(&program.module, "CELL_INVALID"), sums::INVALID_DEPOSITS as f64);
+}
+
+/// `take_events` of the host reads these.
+#[test]
+fn event_kinds_and_fates_are_those_that_the_host_reads() {
+    let (_, program) = tables();
+    let expected = [
+        ("EVENT_RECORDED", 0.0),
+        ("EVENT_BIRTH", 1.0),
+        ("EVENT_SURFACE", 2.0),
+        ("EVENT_SENSOR", 3.0),
+        ("EVENT_DEATH", 4.0),
+        ("ESCAPED", 3.0),
+        ("DEPTH_KILLED", 4.0),
+        ("ROULETTE_KILLED", 5.0),
+    ];
+    for (name, value) in expected {
+        assert_eq!(constant(&program.module, name), value, "{name}");
+    }
+}
+
+/// The shaders book a fate in the cell that lies as far behind the first as the fate does.
+#[test]
+fn cells_of_fates_are_in_the_order_of_fates() {
+    let (_, program) = tables();
+    let number = |name: &str| constant(&program.module, name);
+    for fate in ["ESCAPED", "DEPTH_KILLED", "ROULETTE_KILLED"] {
+        let cell = number(&format!("CELL_{fate}"));
+        assert_eq!(cell - number("CELL_ESCAPED"), number(fate) - number("ESCAPED"), "{fate}");
+    }
+    assert!(number("ALIVE") < number("ESCAPED") && number("DETECTED") < number("ESCAPED"));
+    assert!(number("ABSORBED") < number("ESCAPED"));
+}
+
+#[test]
+fn draws_have_a_table_row_for_every_step() {
+    let (_, program) = tables();
+    assert_eq!(constant(&program.module, "PATH_SAMPLE"), f64::from(rng::PATH_SAMPLE));
+    let binding = binding(&program, "rng_table");
+    let (_, bytes) = program.buffers.iter().find(|(number, _)| *number == binding).unwrap();
+    // Roulette draws at the count after the last event; a Gaussian beam falls back after its last attempt.
+    let events = f64::from(program.options.max_depth) + 1.0;
+    let attempts = constant(&program.module, "GAUSSIAN_ATTEMPTS") + 1.0;
+    assert!(bytes.len() as f64 / 16.0 >= events.max(attempts));
+}

@@ -1,0 +1,375 @@
+//! Scenes and options that bring in each feature: alone, in pairs, and all at once.
+
+use glam::{DMat3, DVec3};
+use nsq_gpu::ir::{
+    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
+    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+};
+use nsq_gpu::program::features::ShapeKind;
+use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions};
+
+/// How a scene is compiled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tier {
+    pub precision: Precision,
+    pub native: bool,
+    pub baked: bool,
+}
+
+impl Tier {
+    /// All eight.
+    pub fn all() -> Vec<Tier> {
+        let mut tiers = Vec::new();
+        for precision in [Precision::F32, Precision::F64] {
+            for native in [false, true] {
+                tiers.extend([false, true].map(|baked| Tier { precision, native, baked }));
+            }
+        }
+        tiers
+    }
+}
+
+/// A scene and the options that change its shader.
+#[derive(Debug, Clone)]
+pub struct Variant {
+    pub ir: SceneIr,
+    pub paths: PathSampling,
+    pub queue: bool,
+    pub roulette_threshold: f64,
+}
+
+/// One feature.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Choice {
+    Shape(ShapeKind),
+    Emitter(EmitterName),
+    Sensor(usize),
+    TransmissiveSensor(usize),
+    Splat(Splat),
+    SpectralSplat(Splat),
+    Refractive,
+    Reflective,
+    ReflectiveBySpectrum,
+    Absorbing,
+    Policy(ReflectProb),
+    Roulette,
+    Polychromatic,
+    AbsorbingMedium,
+    Paths(PathSampling),
+    Queue,
+    Rotated,
+}
+
+/// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
+fn shape_after(kind: ShapeKind) -> Option<ShapeKind> {
+    match kind {
+        ShapeKind::Conic => Some(ShapeKind::Plane),
+        ShapeKind::Plane => Some(ShapeKind::Rectangle),
+        ShapeKind::Rectangle => Some(ShapeKind::Disk),
+        ShapeKind::Disk => Some(ShapeKind::Annulus),
+        ShapeKind::Annulus => Some(ShapeKind::Frustum),
+        ShapeKind::Frustum => Some(ShapeKind::Sphere),
+        ShapeKind::Sphere => None,
+    }
+}
+
+fn emitter_after(name: EmitterName) -> Option<EmitterName> {
+    match name {
+        EmitterName::Point => Some(EmitterName::CollimatedTophat),
+        EmitterName::CollimatedTophat => Some(EmitterName::CollimatedGaussian),
+        EmitterName::CollimatedGaussian => Some(EmitterName::ExtendedRectangle),
+        EmitterName::ExtendedRectangle => Some(EmitterName::ExtendedDisk),
+        EmitterName::ExtendedDisk => None,
+    }
+}
+
+/// Every kind of shape function.
+pub fn shapes() -> Vec<ShapeKind> {
+    std::iter::successors(Some(ShapeKind::Conic), |kind| shape_after(*kind)).collect()
+}
+
+/// Every kind of emitter function.
+pub fn emitters() -> Vec<EmitterName> {
+    std::iter::successors(Some(EmitterName::Point), |name| emitter_after(*name)).collect()
+}
+
+/// Position of a kind among [`sensors`]; a new one fails to compile here.
+fn sensor_position(kind: &SensorKind) -> usize {
+    match kind {
+        SensorKind::Irradiance(_) => 0,
+        SensorKind::Spectral { .. } => 1,
+        SensorKind::FarField { .. } => 2,
+        SensorKind::RayDatabase { .. } => 3,
+    }
+}
+
+/// One sensor of every kind.
+pub fn sensors() -> Vec<SensorKind> {
+    let kinds = vec![
+        SensorKind::Irradiance(grid(Splat::Hard)),
+        SensorKind::Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] },
+        SensorKind::FarField { num_theta: 9, num_phi: 18 },
+        SensorKind::RayDatabase { width: 20.0, height: 30.0, max_rays: None },
+    ];
+    assert!(kinds.iter().map(sensor_position).eq(0..kinds.len()));
+    kinds
+}
+
+/// Every splat; a new one fails to compile here.
+pub fn splats() -> Vec<Splat> {
+    let position = |splat: &Splat| match splat {
+        Splat::Hard => 0,
+        Splat::Bilinear => 1,
+        Splat::Gaussian { .. } => 2,
+    };
+    let splats = vec![Splat::Hard, Splat::Bilinear, Splat::Gaussian { sigma: 0.7 }];
+    assert!(splats.iter().map(position).eq(0..splats.len()));
+    splats
+}
+
+/// Every interaction; a new one fails to compile here.
+pub fn interactions() -> Vec<Interaction> {
+    let position = |interaction: &Interaction| match interaction {
+        Interaction::Absorbing => 0,
+        Interaction::Reflective { .. } => 1,
+        Interaction::Refractive => 2,
+    };
+    let interactions = vec![
+        Interaction::Absorbing,
+        Interaction::Reflective { reflectance: vec![0.5] },
+        Interaction::Refractive,
+    ];
+    assert!(interactions.iter().map(position).eq(0..interactions.len()));
+    interactions
+}
+
+fn policies() -> Vec<ReflectProb> {
+    let position = |policy: &ReflectProb| match policy {
+        ReflectProb::Fresnel => 0,
+        ReflectProb::Auto => 1,
+        ReflectProb::Constant(_) => 2,
+    };
+    let policies = vec![ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.3)];
+    assert!(policies.iter().map(position).eq(0..policies.len()));
+    policies
+}
+
+fn path_samplings() -> Vec<PathSampling> {
+    let position = |paths: &PathSampling| match paths {
+        PathSampling::None => 0,
+        PathSampling::Hashed { .. } => 1,
+        PathSampling::All => 2,
+    };
+    let samplings = vec![PathSampling::None, PathSampling::Hashed { threshold: 1 << 20 }, PathSampling::All];
+    assert!(samplings.iter().map(position).eq(0..samplings.len()));
+    samplings
+}
+
+impl Choice {
+    /// Every feature.
+    pub fn all() -> Vec<Choice> {
+        let mut choices: Vec<Choice> = shapes().into_iter().map(Choice::Shape).collect();
+        choices.extend(emitters().into_iter().map(Choice::Emitter));
+        choices.extend((0..sensors().len()).flat_map(|i| [Choice::Sensor(i), Choice::TransmissiveSensor(i)]));
+        choices.extend(
+            splats().into_iter().flat_map(|splat| [Choice::Splat(splat), Choice::SpectralSplat(splat)]),
+        );
+        choices.extend(policies().into_iter().map(Choice::Policy));
+        choices.extend(path_samplings().into_iter().map(Choice::Paths));
+        choices.extend([
+            Choice::Refractive,
+            Choice::Reflective,
+            Choice::ReflectiveBySpectrum,
+            Choice::Absorbing,
+            Choice::Roulette,
+            Choice::Polychromatic,
+            Choice::AbsorbingMedium,
+            Choice::Queue,
+            Choice::Rotated,
+        ]);
+        choices
+    }
+
+    /// Brings the feature into a variant. Choices add up in any order.
+    pub fn apply(self, variant: &mut Variant) {
+        let ir = &mut variant.ir;
+        match self {
+            Choice::Shape(kind) => ir.surfaces.push(surface(shape_of(kind), Interaction::Absorbing)),
+            Choice::Emitter(name) => ir.emitters.push(emitter(emitter_of(name), ir.wavelengths.len())),
+            Choice::Sensor(i) => ir.sensors.push(sensor(sensors()[i].clone(), true)),
+            Choice::TransmissiveSensor(i) => ir.sensors.push(sensor(sensors()[i].clone(), false)),
+            Choice::Splat(splat) => ir.sensors.push(sensor(SensorKind::Irradiance(grid(splat)), true)),
+            Choice::SpectralSplat(splat) => {
+                let kind = SensorKind::Spectral { grid: grid(splat), wavelength_edges: vec![0.4, 0.6] };
+                ir.sensors.push(sensor(kind, true));
+            }
+            Choice::Refractive => ir.surfaces.push(surface(ball(), Interaction::Refractive)),
+            Choice::Reflective => ir.surfaces.push(surface(ball(), mirror(0.9, 0.9, ir.wavelengths.len()))),
+            Choice::ReflectiveBySpectrum => {
+                polychromatic(ir);
+                ir.surfaces.push(surface(ball(), mirror(0.9, 0.5, ir.wavelengths.len())));
+            }
+            Choice::Absorbing => ir.surfaces.push(surface(ball(), Interaction::Absorbing)),
+            Choice::Policy(policy) => {
+                ir.surfaces.push(surface(ball(), Interaction::Refractive));
+                ir.sampling.reflect_prob = policy;
+            }
+            Choice::Roulette => variant.roulette_threshold = 1.5,
+            Choice::Polychromatic => polychromatic(ir),
+            Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
+            Choice::Paths(paths) => variant.paths = paths,
+            Choice::Queue => variant.queue = true,
+            Choice::Rotated => rotate(ir),
+        }
+    }
+}
+
+impl Default for Variant {
+    /// A lamp in the void: no surface, no sensor.
+    fn default() -> Self {
+        let medium =
+            |name: &str, n| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![0.0] };
+        let ir = SceneIr {
+            wavelengths: vec![0.45],
+            media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
+            surfaces: vec![],
+            emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
+            sensors: vec![],
+            sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        };
+        Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0 }
+    }
+}
+
+impl Variant {
+    /// The variant of one choice, and its name.
+    pub fn of_choice(choice: Choice) -> (String, Variant) {
+        let mut variant = Variant::default();
+        choice.apply(&mut variant);
+        (format!("{choice:?}"), variant)
+    }
+
+    /// The composed program.
+    pub fn program(&self, tier: Tier) -> Program {
+        let options = ProgramOptions {
+            precision: tier.precision,
+            native: tier.native,
+            baked: tier.baked,
+            max_depth: 16,
+            roulette_threshold: self.roulette_threshold,
+            events_per_dispatch: if self.queue { 4 } else { 16 },
+            workgroup_size: 64,
+            paths: self.paths,
+            weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
+        };
+        Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
+    }
+}
+
+/// Every choice at once.
+pub fn everything() -> Variant {
+    let mut variant = Variant::default();
+    // Last, what the others build on: rotation turns what is there.
+    Choice::all().into_iter().for_each(|choice| choice.apply(&mut variant));
+    variant
+}
+
+/// A shape that its function draws.
+pub fn shape_of(kind: ShapeKind) -> Shape {
+    let shape = match kind {
+        ShapeKind::Conic => Shape::Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 },
+        ShapeKind::Plane => Shape::Plane(Outline::Infinite),
+        ShapeKind::Rectangle => Shape::Plane(Outline::Rectangle { width: 10.0, height: 20.0 }),
+        ShapeKind::Disk => Shape::Plane(Outline::Disk { radius: 10.0 }),
+        ShapeKind::Annulus => Shape::Annulus { inner_radius: 5.0, outer_radius: 10.0, z_offset: 0.5 },
+        ShapeKind::Frustum => Shape::Frustum { r_front: 5.0, r_back: 8.0, z_front: -1.0, z_back: 2.0 },
+        ShapeKind::Sphere => Shape::Sphere { radius: 8.0, aperture_radius: Some(6.0) },
+    };
+    assert_eq!(ShapeKind::of(&shape), kind);
+    shape
+}
+
+/// A source that its function emits.
+pub fn emitter_of(name: EmitterName) -> EmitterKind {
+    let rectangle = Outline::Rectangle { width: 3.0, height: 4.0 };
+    let kind = match name {
+        EmitterName::Point => EmitterKind::Point { half_angle: 0.5 },
+        EmitterName::CollimatedTophat => EmitterKind::CollimatedTophat { aperture_radius: 2.0 },
+        EmitterName::CollimatedGaussian => {
+            EmitterKind::CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 }
+        }
+        EmitterName::ExtendedRectangle => EmitterKind::Extended { area: rectangle, half_angle: 0.5 },
+        EmitterName::ExtendedDisk => {
+            EmitterKind::Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 }
+        }
+    };
+    assert_eq!(EmitterName::of(&kind), name);
+    kind
+}
+
+fn ball() -> Shape {
+    Shape::Sphere { radius: 3.0, aperture_radius: None }
+}
+
+fn grid(splat: Splat) -> PixelGrid {
+    PixelGrid { width: 20.0, height: 30.0, num_pixels_x: 5, num_pixels_y: 7, splat }
+}
+
+fn frame(z: f64) -> Frame {
+    Frame { origin: DVec3::new(0.5, -0.25, z), rotation: DMat3::IDENTITY }
+}
+
+fn surface(shape: Shape, interaction: Interaction) -> Surface {
+    Surface { name: "surface".into(), frame: frame(20.0), shape, interaction, front: 0, back: 1 }
+}
+
+fn sensor(kind: SensorKind, absorb: bool) -> Sensor {
+    Sensor { name: "sensor".into(), frame: frame(40.0), kind, absorb }
+}
+
+fn emitter(kind: EmitterKind, num_wavelengths: usize) -> Emitter {
+    let cdf = (1..=num_wavelengths).map(|i| i as f64 / num_wavelengths as f64).collect();
+    Emitter {
+        name: "lamp".into(),
+        frame: frame(0.0),
+        kind,
+        total_flux: 1.0,
+        spectrum: Spectrum { wavelengths: (0..num_wavelengths).collect(), cdf },
+        medium: SceneIr::VACUUM,
+    }
+}
+
+fn mirror(first: f64, others: f64, num_wavelengths: usize) -> Interaction {
+    let mut reflectance = vec![others; num_wavelengths];
+    reflectance[0] = first;
+    Interaction::Reflective { reflectance }
+}
+
+/// Two wavelengths, if there is one.
+fn polychromatic(ir: &mut SceneIr) {
+    if ir.wavelengths.len() > 1 {
+        return;
+    }
+    ir.wavelengths.push(0.55);
+    for medium in &mut ir.media {
+        medium.n.push(medium.n[0]);
+        medium.k.push(medium.k[0]);
+    }
+    for surface in &mut ir.surfaces {
+        if let Interaction::Reflective { reflectance } = &mut surface.interaction {
+            reflectance.push(reflectance[0]);
+        }
+    }
+    for lamp in &mut ir.emitters {
+        lamp.spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    }
+}
+
+fn rotate(ir: &mut SceneIr) {
+    let rotation = DMat3::from_rotation_x(0.25);
+    ir.surfaces.push(surface(ball(), Interaction::Absorbing));
+    ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Hard)), true));
+    ir.surfaces.iter_mut().for_each(|surface| surface.frame.rotation = rotation);
+    ir.sensors.iter_mut().for_each(|sensor| sensor.frame.rotation = rotation);
+    ir.emitters.iter_mut().for_each(|lamp| lamp.frame.rotation = rotation);
+}

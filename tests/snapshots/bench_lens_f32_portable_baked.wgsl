@@ -1,0 +1,226 @@
+alias real = f32;
+// <- shaders/lib/real_f32.wgsl
+// <- shaders/lib/math_f32.wgsl
+// <- shaders/lib/polynomials_f32.wgsl
+// <- shaders/lib/rng_slots.wgsl
+// <- shaders/lib/math.wgsl
+// <- shaders/lib/sums.wgsl
+// <- shaders/lib/rng_portable.wgsl
+// <- shaders/lib/sums_portable.wgsl
+const WORKGROUP_SIZE: u32 = 64u;
+const EVENTS_PER_DISPATCH: u32 = 16u;
+const MAX_DEPTH: u32 = 16u;
+const NUM_SURFACES: u32 = 3u;
+const NUM_PRIMITIVES: u32 = 4u;
+const NUM_WAVELENGTHS: u32 = 1u;
+const CELL_INVALID: u32 = 0u;
+const CELL_UNDERFLOWS: u32 = 1u;
+const CELL_ROULETTE_GAIN: u32 = 2u;
+const CELL_BULK: u32 = 3u;
+const CELL_IMPORTANCE_LOSS: u32 = 4u;
+const CELL_IMPORTANCE_GAIN: u32 = 5u;
+const CELL_ESCAPED: u32 = 6u;
+const CELL_DEPTH_KILLED: u32 = 7u;
+const CELL_ROULETTE_KILLED: u32 = 8u;
+const CELL_SURFACES: u32 = 9u;
+const COUNTER_REACHED: u32 = 4108u;
+const PATH_THRESHOLD: u32 = 0u;
+const HAS_REFRACTIVE: bool = true;
+const HAS_REFLECTIVE: bool = false;
+const HAS_HARD: bool = false;
+const HAS_BILINEAR: bool = true;
+const HAS_GAUSSIAN: bool = false;
+const HAS_TRANSMISSIVE: bool = false;
+const HAS_QUEUE: bool = false;
+const UNIT_GRADIENTS: bool = false;
+const RECORD_ALL_PATHS: bool = false;
+const ROULETTE_THRESHOLD: real = real(0.0);
+// <- shaders/lib/state.wgsl
+
+// <- shaders/lib/transforms.wgsl
+
+// <- shaders/lib/quadric.wgsl
+
+// <- shaders/lib/bookkeeping.wgsl
+
+// <- shaders/lib/counts.wgsl
+
+// <- shaders/lib/reached_mask.wgsl
+
+// <- shaders/lib/spectrum_single.wgsl
+
+// <- shaders/lib/bulk_none.wgsl
+
+// <- shaders/lib/roulette_none.wgsl
+
+// <- shaders/lib/branch_fresnel.wgsl
+
+// <- shaders/lib/paths_none.wgsl
+
+// <- shaders/shapes/plane.wgsl
+
+// <- shaders/generate.wgsl
+
+// <- shaders/intersect.wgsl
+
+// <- shaders/interact.wgsl
+
+// <- shaders/splat.wgsl
+
+// <- shaders/trace.wgsl
+
+// <- shaders/shapes/conic.wgsl
+
+// <- shaders/shapes/frustum.wgsl
+
+// <- shaders/emitters/collimated_tophat.wgsl
+
+// <- shaders/lib/indices.wgsl
+
+// <- shaders/lib/reflectance_none.wgsl
+
+// <- shaders/lib/queue_none.wgsl
+
+// <- shaders/sensors/irradiance.wgsl
+
+struct Surface {
+    interaction: u32,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    radial: real,
+    axial: real,
+    offset: real,
+    front: u32,
+    back: u32,
+    n_front: real,
+    n_back: real,
+}
+fn surface_of(i: u32) -> Surface {
+    return Surface(
+        select(2u, 0u, i == 2u),
+        real(0.0),
+        real(0.0),
+        select(real(-62.5), real(-57.5), i == 1u),
+        select(select(real(-0.009999999776482582), real(0.009999999776482582), i == 1u), real(1.0), i == 2u),
+        select(select(real(-0.009999999776482582), real(0.009999999776482582), i == 1u), real(-0.0), i == 2u),
+        select(real(1.0), real(-0.0), i == 2u),
+        select(0u, 1u, i == 1u),
+        select(0u, 1u, i == 0u),
+        select(real(1.0), real(1.5), i == 1u),
+        select(real(1.0), real(1.5), i == 0u),
+    );
+}
+struct Sensor {
+    kind: u32,
+    absorb: u32,
+    cell: u32,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    half_width: real,
+    half_height: real,
+    pitch_x: real,
+    pitch_y: real,
+    num_x: u32,
+    num_y: u32,
+    splat: u32,
+    splat_radius: u32,
+    splat_falloff: real,
+    bins: u32,
+    num_bins: u32,
+}
+fn sensor_of(i: u32) -> Sensor {
+    return Sensor(
+        0u,
+        1u,
+        12u,
+        real(0.0),
+        real(0.0),
+        real(87.5),
+        real(25.0),
+        real(25.0),
+        real(0.78125),
+        real(0.78125),
+        64u,
+        64u,
+        1u,
+        0u,
+        real(0.0),
+        0u,
+        1u,
+    );
+}
+struct Emitter {
+    kind: u32,
+    medium: u32,
+    spectrum_first: u32,
+    spectrum_count: u32,
+    weight: real,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    p0: real,
+    p1: real,
+    p2: real,
+}
+fn emitter_of(i: u32) -> Emitter {
+    return Emitter(
+        1u,
+        0u,
+        0u,
+        1u,
+        real(1.0),
+        real(0.0),
+        real(0.0),
+        real(-87.5),
+        real(10.0),
+        real(0.0),
+        real(0.0),
+    );
+}
+fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn emitter() -> Emitter {
+    return emitter_of(0u);
+}
+fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
+    var best = start;
+    best = nearer(best, conic_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(-62.5)), ray.direction, real(0.009999999776482582), real(0.009999999776482582), real(156.25), ray.last == 0u), 0u);
+    best = nearer(best, conic_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(-57.5)), ray.direction, real(-0.009999999776482582), real(-0.009999999776482582), real(156.25), ray.last == 1u), 1u);
+    best = nearer(best, frustum_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(-62.5)), ray.direction, real(12.5), real(0.0), real(0.7843258380889893), real(4.21567440032959), ray.last == 2u), 2u);
+    best = nearer(best, rectangle_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(87.5)), ray.direction, real(25.0), real(25.0), ray.last == 3u), 3u);
+    return best;
+}
+fn record(ray: Ray, sensor: Sensor, index: u32) {
+    if sensor.kind == 0u { record_irradiance(ray, sensor); }
+}
+var<private> bin_0_events: u32 = 0u;
+fn add_to_bin(cell: u32, q: Quanta) {
+    if cell == CELL_UNDERFLOWS {
+        bin_0_events += 1u;
+        return;
+    }
+}
+fn flush_bins() {
+    flush_count(CELL_UNDERFLOWS, bin_0_events);
+}
+fn emit(key: RayKey, e: Emitter) -> LocalRay {
+    return emit_collimated_tophat(key, e);
+}

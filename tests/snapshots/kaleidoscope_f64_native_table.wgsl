@@ -1,0 +1,226 @@
+alias real = f64;
+// <- shaders/lib/real_f64.wgsl
+// <- shaders/lib/math_f64.wgsl
+// <- shaders/lib/polynomials_f64.wgsl
+// <- shaders/lib/rng_slots.wgsl
+// <- shaders/lib/math.wgsl
+// <- shaders/lib/sums.wgsl
+// <- shaders/lib/rng_native.wgsl
+// <- shaders/lib/sums_native.wgsl
+const WORKGROUP_SIZE: u32 = 64u;
+const EVENTS_PER_DISPATCH: u32 = 16u;
+const MAX_DEPTH: u32 = 16u;
+const NUM_SURFACES: u32 = 3u;
+const NUM_PRIMITIVES: u32 = 5u;
+const NUM_WAVELENGTHS: u32 = 3u;
+const CELL_INVALID: u32 = 0u;
+const CELL_UNDERFLOWS: u32 = 1u;
+const CELL_ROULETTE_GAIN: u32 = 2u;
+const CELL_BULK: u32 = 3u;
+const CELL_IMPORTANCE_LOSS: u32 = 4u;
+const CELL_IMPORTANCE_GAIN: u32 = 5u;
+const CELL_ESCAPED: u32 = 6u;
+const CELL_DEPTH_KILLED: u32 = 7u;
+const CELL_ROULETTE_KILLED: u32 = 8u;
+const CELL_SURFACES: u32 = 9u;
+const COUNTER_REACHED: u32 = 7948u;
+const PATH_THRESHOLD: u32 = 0u;
+const HAS_REFRACTIVE: bool = false;
+const HAS_REFLECTIVE: bool = true;
+const HAS_HARD: bool = true;
+const HAS_BILINEAR: bool = true;
+const HAS_GAUSSIAN: bool = false;
+const HAS_TRANSMISSIVE: bool = true;
+const HAS_QUEUE: bool = false;
+const UNIT_GRADIENTS: bool = true;
+const RECORD_ALL_PATHS: bool = false;
+const ROULETTE_THRESHOLD: real = real(0.0);
+// <- shaders/lib/state.wgsl
+
+// <- shaders/lib/transforms.wgsl
+
+// <- shaders/lib/quadric.wgsl
+
+// <- shaders/lib/bookkeeping.wgsl
+
+// <- shaders/lib/counts.wgsl
+
+// <- shaders/lib/reached_table.wgsl
+
+// <- shaders/lib/spectrum_discrete.wgsl
+
+// <- shaders/lib/bulk_none.wgsl
+
+// <- shaders/lib/roulette_none.wgsl
+
+// <- shaders/lib/branch_fresnel.wgsl
+
+// <- shaders/lib/paths_none.wgsl
+
+// <- shaders/shapes/plane.wgsl
+
+// <- shaders/generate.wgsl
+
+// <- shaders/intersect.wgsl
+
+// <- shaders/interact.wgsl
+
+// <- shaders/splat.wgsl
+
+// <- shaders/trace.wgsl
+
+// <- shaders/emitters/extended_rectangle.wgsl
+
+// <- shaders/emitters/extended_disk.wgsl
+
+// <- shaders/lib/indices_none.wgsl
+
+// <- shaders/lib/reflectance_table.wgsl
+
+// <- shaders/lib/queue_none.wgsl
+
+// <- shaders/sensors/irradiance.wgsl
+
+// <- shaders/sensors/spectral.wgsl
+
+struct Surface {
+    interaction: u32,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    xx: real,
+    xy: real,
+    xz: real,
+    yx: real,
+    yy: real,
+    yz: real,
+    zx: real,
+    zy: real,
+    zz: real,
+    radial: real,
+    axial: real,
+    offset: real,
+    front: u32,
+    back: u32,
+}
+@group(0) @binding(9) var<storage, read> surface_table: array<Surface>;
+fn surface_of(i: u32) -> Surface {
+    return surface_table[i];
+}
+struct Sensor {
+    kind: u32,
+    absorb: u32,
+    cell: u32,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    half_width: real,
+    half_height: real,
+    pitch_x: real,
+    pitch_y: real,
+    num_x: u32,
+    num_y: u32,
+    splat: u32,
+    splat_radius: u32,
+    splat_falloff: real,
+    bins: u32,
+    num_bins: u32,
+}
+@group(0) @binding(10) var<storage, read> sensor_table: array<Sensor>;
+fn sensor_of(i: u32) -> Sensor {
+    return sensor_table[i];
+}
+struct Emitter {
+    kind: u32,
+    medium: u32,
+    spectrum_first: u32,
+    spectrum_count: u32,
+    weight: real,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    xx: real,
+    xy: real,
+    xz: real,
+    yx: real,
+    yy: real,
+    yz: real,
+    zx: real,
+    zy: real,
+    zz: real,
+    p0: real,
+    p1: real,
+    p2: real,
+}
+@group(0) @binding(13) var<uniform> emitter_uniform: Emitter;
+fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+    return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn emitter() -> Emitter {
+    return emitter_uniform;
+}
+fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+struct Primitive {
+    shape: u32,
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    xx: real,
+    xy: real,
+    xz: real,
+    yx: real,
+    yy: real,
+    yz: real,
+    zx: real,
+    zy: real,
+    zz: real,
+    a0: real,
+    a1: real,
+    a2: real,
+    a3: real,
+}
+@group(0) @binding(11) var<storage, read> primitive_table: array<Primitive>;
+fn primitive_of(i: u32) -> Primitive {
+    return primitive_table[i];
+}
+fn to_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
+    return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn from_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
+    return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
+    switch p.shape {
+        case 2u: { return rectangle_distance(o, d, p.a0, p.a1, leaving); }
+        default: { return MISS; }
+    }
+}
+// <- shaders/lib/primitives_table.wgsl
+fn record(ray: Ray, sensor: Sensor, index: u32) {
+    if sensor.kind == 0u { record_irradiance(ray, sensor); }
+    if sensor.kind == 1u { record_spectral(ray, sensor); }
+}
+fn add_to_bin(cell: u32, q: Quanta) {
+    count(cell);
+    deposit(cell, q);
+}
+fn flush_bins() {
+}
+fn emit(key: RayKey, e: Emitter) -> LocalRay {
+    if e.kind == 3u { return emit_extended_rectangle(key, e); }
+    return emit_extended_disk(key, e);
+}

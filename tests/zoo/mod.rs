@@ -1,0 +1,103 @@
+//! The scene collection and the devices that tests trace it on.
+#![allow(dead_code, reason = "each test binary compiles the helpers and uses its part of them")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
+use nsq_gpu::ir::SceneIr;
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::{RunInfo, Tally};
+use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
+
+/// A file or folder of the repository.
+pub fn repository(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// The device of a test binary; its shaders run with every run-time check.
+pub fn gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| open(Native::Allowed))
+}
+
+/// The same without optional features of the device.
+pub fn portable_gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| open(Native::Off))
+}
+
+fn open(native: Native) -> Gpu {
+    Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true }).expect("an adapter opens")
+}
+
+/// The names of the JSON files in a folder of the repository, in order.
+pub fn json_files(folder: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(repository(folder)).unwrap();
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let mut names: Vec<String> = paths
+        .filter(|path| path.extension().is_some_and(|extension| extension == "json"))
+        .map(|path| path.file_stem().unwrap().to_str().unwrap().to_string())
+        .collect();
+    names.sort();
+    names
+}
+
+/// The names of all scenes.
+pub fn scenes() -> Vec<String> {
+    json_files("scenes")
+}
+
+/// The text of a scene of the collection.
+pub fn scene_text(name: &str) -> String {
+    std::fs::read_to_string(repository(&format!("scenes/{name}.json"))).unwrap()
+}
+
+/// A scene of the collection, as the tracer sees it.
+pub fn load(name: &str) -> SceneIr {
+    lowered(&scene_text(name)).unwrap_or_else(|problem| panic!("{name}: {problem}"))
+}
+
+/// The scene of a text, as the tracer sees it.
+pub fn lowered(text: &str) -> nsq_gpu::Result<SceneIr> {
+    Scene::from_json(text)?.lower()
+}
+
+/// Options of a trace with so many rays.
+pub fn options(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
+    TraceOptions { num_rays, seed, precision, ..TraceOptions::default() }
+}
+
+/// Traces all rays on a device.
+pub fn trace_on(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Tally {
+    let mut tracer = Tracer::new(gpu, ir, options).unwrap();
+    let tally = tracer.trace(|_| true).unwrap();
+    assert_eq!(tally.launched.count, options.num_rays, "every ray is launched");
+    tally
+}
+
+/// Traces all rays on the device of this binary.
+pub fn trace(ir: &SceneIr, options: &TraceOptions) -> Tally {
+    trace_on(gpu(), ir, options)
+}
+
+/// What users read of a tally.
+pub fn result_of(ir: &SceneIr, options: &TraceOptions, tally: &Tally) -> TraceResult {
+    let run = RunInfo {
+        num_rays: options.num_rays,
+        seed: options.seed,
+        max_depth: options.max_depth,
+        ..RunInfo::default()
+    };
+    TraceResult::new(ir, &run, tally).unwrap()
+}
+
+/// Traces and reads out.
+pub fn result(ir: &SceneIr, options: &TraceOptions) -> TraceResult {
+    result_of(ir, options, &trace(ir, options))
+}
