@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from optiland.nonsequential.backends.base import TracerBackend
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import UnsupportedSceneError, UsageError
+from nsq_gpu.errors import NsqGpuWarning, UnsupportedSceneError, UsageError
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.process import ProgressBar, ProgressCallback, run
 from nsq_gpu.results import fill_scene, read_report
@@ -80,6 +81,8 @@ class NsqGpuBackend(TracerBackend):
             folder = Path(name)
             self._run(binary, exported, options, folder)
             self.report = read_report(folder / "out")
+            for warning in self.report["scene_warnings"]:
+                warnings.warn(warning, NsqGpuWarning, stacklevel=4)
             return fill_scene(scene, self.report, folder / "out", exported.surface_labels)
 
     def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,

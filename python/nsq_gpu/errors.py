@@ -58,7 +58,7 @@ class BinaryNotFoundError(NsqGpuError, FileNotFoundError):
 
 
 class NsqGpuWarning(UserWarning):
-    """A warning of the command, such as an ambiguous material name."""
+    """What the tracer finds doubtful in a scene, such as rotations that look like degrees."""
 
 
 _BY_EXIT_CODE: dict[int, type[NsqGpuError]] = {
@@ -68,8 +68,7 @@ _BY_EXIT_CODE: dict[int, type[NsqGpuError]] = {
 
 def error_of(exit_code: int, stderr: str) -> NsqGpuError:
     """Return the exception that an exit code and the text on stderr stand for."""
-    said = "\n".join(line for line in stderr.splitlines() if not line.startswith("warning: ")).strip()
-    message = re.sub(r"^(nsq-gpu: |error: )+", "", said) or "the command said nothing"
+    message = re.sub(r"^(nsq-gpu: |error: )+", "", stderr.strip()) or "the command said nothing"
     if exit_code < 0:
         message = f"ended by signal {-exit_code}: {message}"
     return _BY_EXIT_CODE.get(exit_code, NsqGpuError)(f"nsq-gpu: {message}", exit_code, stderr)

@@ -8,11 +8,10 @@ import subprocess
 import sys
 import threading
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from typing import IO
 
-from nsq_gpu.errors import NsqGpuWarning, TraceTimeoutError, error_of
+from nsq_gpu.errors import TraceTimeoutError, error_of
 
 #: Called with the rays done, the rays in all, and the rays per second.
 ProgressCallback = Callable[[int, int, float], None]
@@ -21,8 +20,8 @@ ProgressCallback = Callable[[int, int, float], None]
 _TICK = 0.1
 
 
-def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | None = None) -> str:
-    """Run a command and return what it wrote to stderr, less the lines of progress.
+def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | None = None) -> None:
+    """Run a command; what it writes to stderr goes to the exception if it fails.
 
     Whatever ends the call early, a timeout, Ctrl-C or an exception of the callback, ends the child first.
 
@@ -41,13 +40,8 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Progress
         raise
     finally:
         code = child.wait()
-    stderr = "\n".join(said)
     if code != 0:
-        raise error_of(code, stderr)
-    for line in said:
-        if line.startswith("warning: "):
-            warnings.warn(line.removeprefix("warning: "), NsqGpuWarning, stacklevel=2)
-    return stderr
+        raise error_of(code, "\n".join(said))
 
 
 def _listen(child: subprocess.Popen[str], timeout: float | None, progress: ProgressCallback | None) -> list[str]:

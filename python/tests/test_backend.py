@@ -300,8 +300,9 @@ def test_failure_leaves_the_live_scene_alone() -> None:
 def test_warnings_of_the_program_are_python_warnings() -> None:
     scene = bench()
     scene.add_mirror("M", cs(z=-40.0, ry=90.0), MirrorConfig(0.0, 0.9))
-    with pytest.warns(nsq_gpu.NsqGpuWarning, match="radians"):
+    with pytest.warns(nsq_gpu.NsqGpuWarning, match="radians") as caught:
         scene.trace(100, backend=backend())
+    assert caught[0].filename == __file__
 
 
 # Where the program is
