@@ -2,7 +2,7 @@
 //! numbers that depend on the scene alone.
 
 use super::records::Records;
-use crate::ir::{Bsdf, BsdfTable, SceneIr, Scatter, Surface, harvey_shack_table};
+use crate::ir::{Bsdf, BsdfTable, Scatter, SceneIr, Surface, harvey_shack_table};
 use std::f64::consts::PI;
 
 /// Functions of the shaders; the discriminants are their codes, 0 being none.
@@ -70,11 +70,7 @@ impl Branch {
         const LEAST: f64 = 1e-6;
         let wanted = surface.scatter.as_ref().map_or(0.0, |scatter| scatter.fraction);
         let fraction = wanted.clamp(LEAST, 1.0 - LEAST);
-        Branch {
-            fraction,
-            scatter_weight: wanted / fraction,
-            pass_weight: (1.0 - wanted) / (1.0 - fraction),
-        }
+        Branch { fraction, scatter_weight: wanted / fraction, pass_weight: (1.0 - wanted) / (1.0 - fraction) }
     }
 }
 
@@ -97,8 +93,14 @@ pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind]) {
         records.uint("bsdf_table", table_starts(ir));
     }
     if kinds.contains(&BsdfKind::Tabulated) {
-        records.uint("num_theta_i", bsdfs().map(|bsdf| table_of(bsdf).map_or(0, |table| table.theta_i.len() as u32)));
-        records.uint("num_theta_s", bsdfs().map(|bsdf| table_of(bsdf).map_or(0, |table| table.theta_s.len() as u32)));
+        records.uint(
+            "num_theta_i",
+            bsdfs().map(|bsdf| table_of(bsdf).map_or(0, |table| table.theta_i.len() as u32)),
+        );
+        records.uint(
+            "num_theta_s",
+            bsdfs().map(|bsdf| table_of(bsdf).map_or(0, |table| table.theta_s.len() as u32)),
+        );
     }
 }
 

@@ -129,7 +129,9 @@ pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
         None => 1.0,
         Some(coating) if coating.reflectance[wavelength] >= 1.0 => 0.0,
         // R + T may exceed 1 by the rounding of what the user wrote.
-        Some(coating) => (coating.transmittance[wavelength] / (1.0 - coating.reflectance[wavelength])).min(1.0),
+        Some(coating) => {
+            (coating.transmittance[wavelength] / (1.0 - coating.reflectance[wavelength])).min(1.0)
+        }
     }
 }
 

@@ -216,7 +216,9 @@ impl Program {
     /// Per surface and wavelength: reflectances of mirrors and coatings, then what coatings let pass.
     fn reflectances(&self, ir: &SceneIr) -> Result<Vec<u8>> {
         let table = |value: fn(&Surface, usize) -> f64| {
-            ir.surfaces.iter().flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
+            ir.surfaces
+                .iter()
+                .flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
         };
         self.reals(table(lowered::reflectance).chain(table(lowered::coating_pass)))
     }

@@ -92,7 +92,10 @@ pub(super) fn coating(place: &str, coating: &Coating, wavelengths: &[f64]) -> Re
         let (r, t) = (reflectance[i], transmittance[i]);
         return Err(Error::scene(
             key_of(place, "transmittance"),
-            format!("the coating gives more light than it gets: R = {r} and T = {t} at {} um", wavelengths[i]),
+            format!(
+                "the coating gives more light than it gets: R = {r} and T = {t} at {} um",
+                wavelengths[i]
+            ),
             "give R + T <= 1; what is left of 1 is absorbed",
         ));
     }
@@ -256,7 +259,8 @@ fn gridded(place: &str, values: &BTreeMap<(Angle, Angle), f64>) -> Result<BsdfTa
             "give a value for every pair of an angle of incidence and an angle of scatter",
         ));
     }
-    let degrees = |angles: &BTreeSet<Angle>| -> Vec<f64> { angles.iter().map(|angle| angle.degrees()).collect() };
+    let degrees =
+        |angles: &BTreeSet<Angle>| -> Vec<f64> { angles.iter().map(|angle| angle.degrees()).collect() };
     let table = BsdfTable {
         theta_i: degrees(&theta_i),
         theta_s: degrees(&theta_s),

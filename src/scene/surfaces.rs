@@ -217,7 +217,9 @@ impl Finish<'_> {
         let absorbs = self.kind == Interaction::Absorbing;
         for (what, given) in [("BSDF", self.bsdf.is_some()), ("coating", self.coating.is_some())] {
             if absorbs && given {
-                reading.warnings.push(format!("the {what} of {} is ignored, because it is `absorbing`", quoted(name)));
+                reading
+                    .warnings
+                    .push(format!("the {what} of {} is ignored, because it is `absorbing`", quoted(name)));
             }
         }
         match self.bsdf {
