@@ -113,7 +113,7 @@ fn an_integrating_sphere_fills_its_port() {
         let wall = json!({ "name": "wall", "cs": {}, "shape": { "type": "sphere", "radius": radius },
                            "interaction": "reflective", "reflectance": 1.0,
                            "bsdf": { "type": "lambertian", "reflectance_value": rho } });
-        let result = trace(&scene(lamp.clone(), &[wall], &[port.clone()]), num_rays, precision);
+        let result = trace(&scene(lamp.clone(), &[wall], std::slice::from_ref(&port)), num_rays, precision);
         let expected = share / (1.0 - rho * (1.0 - share));
         // A weight between 0 and 1 varies no more than a yes or no of the same mean.
         let sigma = (expected * (1.0 - expected) / num_rays as f64).sqrt();
