@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
+import warnings
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Answer until stdin ends."""
     answers, sys.stdout = sys.stdout, sys.stderr
+    # nsq-gpu says itself which glass of several it takes.
+    warnings.simplefilter("ignore")
     versions = {package: version(package) for package in ("optiland", "numpy")}
     print(json.dumps({**versions, "python": platform.python_version()}), file=answers, flush=True)
     for line in sys.stdin:

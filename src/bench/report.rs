@@ -1,5 +1,6 @@
 //! The files of a benchmark: `bench.json` with everything, `bench.csv` with a line per engine, `bench.png`.
 
+use crate::bench::cases::Kind;
 use crate::bench::machine;
 use crate::bench::runner::{CaseResult, Measurement, PeerMeasurement};
 use crate::bench::statistics::Summary;
@@ -164,14 +165,14 @@ impl BenchReport {
     fn bars(&self) -> Bars {
         let series = self.series();
         let group = |(i, case): (usize, &CaseResult)| Group {
-            label: case.name.replace('_', " "),
+            label: label(case),
             first_of_section: i > 0 && self.cases[i - 1].axis != case.axis,
             bars: series.iter().map(|series| case.rate_of(series).map(bar)).collect(),
         };
         Bars {
             title: format!("Rays per second on {}", self.adapter.name),
             numbers: self.subtitle(),
-            quantity: "median of the runs, with their range".into(),
+            quantity: "median of the runs and their range".into(),
             unit: "rays/s".into(),
             groups: self.cases.iter().enumerate().map(group).collect(),
             series: series.iter().map(Series::label).collect(),
@@ -220,6 +221,11 @@ impl CaseResult {
         let mut all = ours.chain(peers);
         all.find(|(name, precision, _)| *name == series.engine && *precision == series.precision).map(|m| m.2)
     }
+}
+
+fn label(case: &CaseResult) -> String {
+    let name = case.name.replace('_', " ");
+    if case.kind == Kind::Trace.name() { name } else { name + ", whole command" }
 }
 
 fn bar(rate: Summary) -> Bar {

@@ -222,7 +222,7 @@ struct Subject<'a> {
 
 enum Engine<'a> {
     Tracer { tracer: Box<Tracer<'a>>, ir: &'a SceneIr },
-    Command(WholeCommand),
+    Command(Box<WholeCommand>),
 }
 
 impl<'a> Subject<'a> {
@@ -243,7 +243,7 @@ impl<'a> Subject<'a> {
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
             }
             Kind::Command | Kind::ColdCommand => {
-                (Engine::Command(WholeCommand::new(case, session, precision)?), None)
+                (Engine::Command(Box::new(WholeCommand::new(case, session, precision)?)), None)
             }
         };
         let counts = Counts { requested: case.num_rays, launched: 0, counted: 0, closed: false };
