@@ -13,12 +13,14 @@ fn interact(ray: ptr<function, Ray>, primitive: u32) {
         return;
     }
     let n = geometric_normal(surface, (*ray).position);
+    let incoming = (*ray).direction;
     if HAS_REFLECTIVE && surface.interaction == REFLECTIVE {
         reflect_off(ray, surface, primitive, n);
     }
     if HAS_REFRACTIVE && surface.interaction == REFRACTIVE {
-        refract_at(ray, surface, n);
+        refract_at(ray, surface, primitive, n);
     }
+    scatter(ray, surface, n, incoming);
 }
 
 // The unit normal from the front medium to the back medium: the gradient of the quadric.
@@ -50,7 +52,7 @@ fn reflect_off(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec
 
 // Snell and Fresnel, unpolarised. The side is decided by the direction against the geometric normal, never by the
 // indices.
-fn refract_at(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>) {
+fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geometric: vec3<real>) {
     let d = (*ray).direction;
     let entering_back = dot(d, n_geometric) > 0.0;
     let n = select(n_geometric, -n_geometric, entering_back);
@@ -67,24 +69,28 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>
     let cos_t = sqrt(max((1.0 - sin_t) * (1.0 + sin_t), 0.0));
     let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
     let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
-    let reflectance = select(0.5 * (r_s * r_s + r_p * r_p), 1.0, total_reflection);
+    let bare = 0.5 * (r_s * r_s + r_p * r_p);
+    let coated = coated_reflectance(surface, primitive, (*ray).wavelength, bare);
+    // No coating lets light out where there is no transmitted wave.
+    let reflectance = select(coated, 1.0, total_reflection);
     let bits = stream_bits((*ray).fresnel);
     let reflects = draw_reflection(ray, bits, reflectance, total_reflection);
     let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
     (*ray).direction = select(refracted, mirrored(d, n), reflects);
+    // The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.
+    let front = surface.front;
+    let medium = select(front, surface.back, entering_back != reflects);
+    (*ray).medium = medium;
     if !reflects {
-        let back = surface.back;
-        let medium = select(surface.front, back, entering_back);
-        leave_medium(ray, medium);
+        pass_coating(ray, surface, primitive);
+        track_solids(ray, medium == 0u);
     }
 }
 
 // Entering vacuum without having entered a solid is a defect of the geometry, or a ray born in glass.
-fn leave_medium(ray: ptr<function, Ray>, medium: u32) {
-    let ambient = medium == 0u;
+fn track_solids(ray: ptr<function, Ray>, ambient: bool) {
     if ambient && !(*ray).entered_solid {
         add_to_bin(CELL_UNDERFLOWS, NO_QUANTA);
     }
     (*ray).entered_solid = !ambient;
-    (*ray).medium = medium;
 }

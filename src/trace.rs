@@ -397,6 +397,9 @@ impl<'a> Tracer<'a> {
         tally.escaped = booking(6);
         tally.depth_killed = booking(7);
         tally.roulette_loss = booking(8);
+        tally.coating = booking(9);
+        tally.bsdf_loss = booking(10);
+        tally.bsdf_gain = booking(11);
         let cells = &self.program.cells;
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
             surface.reached = match self.program.options.baked && cells.fit_reached_mask() {

@@ -28,7 +28,16 @@ fn frame(z: f64) -> Frame {
 
 fn surface(name: &str, interaction: Interaction) -> Surface {
     let shape = Shape::Plane(Outline::Infinite);
-    Surface { name: name.into(), frame: frame(5.0), shape, interaction, front: 0, back: 0 }
+    Surface {
+        name: name.into(),
+        frame: frame(5.0),
+        shape,
+        interaction,
+        coating: None,
+        scatter: None,
+        front: 0,
+        back: 0,
+    }
 }
 
 fn grid(width: f64, height: f64, num_pixels_x: u32, num_pixels_y: u32) -> PixelGrid {
@@ -698,7 +707,7 @@ mod addition {
         fn any_tally()(
             sensors in proptest::collection::vec(any_sensor(), 2),
             surfaces in proptest::collection::vec((any::<bool>(), any_booking()), 2),
-            bookings in proptest::collection::vec(any_booking(), 8),
+            bookings in proptest::collection::vec(any_booking(), 11),
             counts in (0..1u64 << 40, 0..1u64 << 40),
         ) -> Tally {
             let surfaces = surfaces.into_iter();
@@ -713,6 +722,9 @@ mod addition {
                 bulk: bookings[5],
                 importance_loss: bookings[6],
                 importance_gain: bookings[7],
+                coating: bookings[8],
+                bsdf_loss: bookings[9],
+                bsdf_gain: bookings[10],
                 medium_stack_underflows: counts.0,
                 invalid_deposits: counts.1,
                 paths: Vec::new(),

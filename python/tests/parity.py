@@ -68,9 +68,9 @@ def uncapped(document: Json) -> Json:
     return {**document, "nsq_gpu": {**document.get("nsq_gpu", {"version": 1}), "detectors": {}}}
 
 
-def trace_with_oracle(document: Json, num_rays: int, seed: int) -> Json:
+def trace_with_oracle(document: Json, num_rays: int, seed: int, folder: Path = oracle.SCENES_DIR) -> Json:
     """Trace a parsed file with NumpyBackend, its ray databases without their caps."""
-    scene = oracle.scene_from_dict(uncapped(document))
+    scene = oracle.scene_from_dict(uncapped(document), folder)
     return oracle.trace(scene, oracle.detector_kinds(document), num_rays, seed)
 
 
@@ -91,7 +91,7 @@ def check(command: list[str], scene: Path, options: argparse.Namespace) -> Agree
     document = json.loads(scene.read_text(encoding="utf-8"))
     if is_chaotic(scene):
         return check_statistically(command, scene, document, options)
-    theirs = trace_with_oracle(document, options.num_rays, options.seed)
+    theirs = trace_with_oracle(document, options.num_rays, options.seed, scene.parent)
     return check_ray_for_ray(command, scene, theirs, options)
 
 
@@ -110,7 +110,7 @@ def check_statistically(command: list[str], scene: Path, document: Json, options
     num_rays = max(options.num_rays // STATISTICAL_RUNS, 1)
     seeds = range(options.seed, options.seed + STATISTICAL_RUNS)
     ours = [trace_with_binary(command, scene, num_rays, seed, options.precision) for seed in seeds]
-    theirs = [trace_with_oracle(document, num_rays, ORACLE_SEEDS + seed) for seed in seeds]
+    theirs = [trace_with_oracle(document, num_rays, ORACLE_SEEDS + seed, scene.parent) for seed in seeds]
     return compare_statistically(ours, theirs)
 
 

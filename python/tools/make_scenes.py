@@ -29,11 +29,13 @@ from optiland.samples.objectives import (
 from optiland.samples.simple import CementedAchromat, TelescopeDoublet
 from optiland.samples.telescopes import HubbleTelescope
 
+from tests.oracle import SCENES_DIR
 from tools.nouns import (
     Json,
     annulus,
     beam_frame,
     catalog,
+    coating,
     collimated,
     conic,
     constant,
@@ -42,7 +44,9 @@ from tools.nouns import (
     extended,
     far_field,
     frustum,
+    harvey_shack,
     irradiance,
+    lambertian,
     lens,
     medium,
     mirror,
@@ -52,13 +56,14 @@ from tools.nouns import (
     reflectance_table,
     spectral_detector,
     spectrum,
+    specular,
     sphere,
     surface,
     table,
+    tabulated,
+    tabulated_file,
 )
 from tools.sequential import Parts, converted_components, raw_parts
-
-SCENES_DIR = Path(__file__).resolve().parents[2] / "scenes"
 
 SCENES: dict[str, Callable[[], Json]] = {}
 
@@ -655,6 +660,127 @@ def mirror_ball_billiard() -> Json:
     )
 
 
+# Scattering and coatings.
+
+
+@scene
+def lambertian_sphere() -> Json:
+    """A white sphere lit through its own scatter: Lambertian walls on mirrors of R by wavelength, port and probe."""
+    wall = surface("wall", cs(x=3.0, y=-2.0, z=1.0, rx=0.3, ry=0.5), sphere(50.0), "reflective",
+                   reflectance=reflectance_table([0.5, 0.6], [0.99, 0.95]), bsdf=lambertian(0.97),
+                   scatter_fraction=0.9)
+    return document(
+        [],
+        [point("lamp", cs(x=11.0, y=-3.0, z=-7.0, rx=0.5), spectrum([0.5, 0.6]), 40.0)],
+        [irradiance("port", cs(x=-20.0, y=5.0, z=30.0, ry=-0.6), 18.0, 18.0, 18, 18),
+         irradiance("probe", cs(y=-25.0, rx=1.1), 20.0, 16.0, 10, 8, "hard", absorb=False)],
+        surfaces=[wall],
+        sampling={"rr_start_flux": 0.6},
+    )
+
+
+@scene
+def scattering_telescope() -> Json:
+    """Polish errors: a window that scatters by Harvey-Shack either way, mirrors rough and dusty, edges of a lens."""
+    window = [
+        surface("window_in", cs(z=-60.0), plane(aperture_radius=34.0), "refractive", None, medium("clear"),
+                bsdf=harvey_shack(0.5, 0.02, 2.2, 0.8), scatter_fraction=0.15),
+        surface("window_out", cs(z=-52.0, rx=0.01), plane(aperture_radius=34.0), "refractive", medium("clear"), None,
+                bsdf=harvey_shack(1.0, 0.3, 1.5, 1.0), scatter_fraction=0.4),
+    ]
+    tube = surface("tube", cs(), frustum(36.0, 36.0, -65.0, 40.0), "absorbing")
+    dust = surface("flat", cs(y=25.0, z=-20.0, rx=-0.6), plane(width=40.0, height=50.0), "reflective",
+                   reflectance=0.9, bsdf=specular(), scatter_fraction=0.3)
+    return document(
+        [mirror("primary", cs(z=120.0), -340.0, 0.94, 34.0, -1.0), lens("relay", cs(z=5.0, y=1.0), 40.0, -45.0, 6.0,
+                                                                       medium("clear"), 9.0)],
+        [collimated("star", cs(x=2.0, y=5.0, z=-80.0), spectrum([0.48, 0.55, 0.65]), 24.0),
+         point("lamp", cs(x=-20.0, y=10.0, z=-78.0), spectrum([0.55]), 50.0, 0.3)],
+        [irradiance("focus", cs(z=-42.0), 40.0, 40.0, 48, 48),
+         far_field("scattered", cs(z=-90.0), 45, 45),
+         irradiance("behind", cs(z=160.0), 300.0, 300.0, 20, 20)],
+        media={"clear": table([0.48, 0.55, 0.65], [1.5228, 1.5185, 1.5145], [0.0, 0.0, 0.0])},
+        surfaces=[*window, tube, dust],
+        overrides={
+            "primary.surface": {"bsdf": harvey_shack(20.0, 0.05, 2.5), "scatter_fraction": 0.25},
+            "relay.edge": {"interaction": "reflective", "reflectance": 0.3, "bsdf": lambertian(0.8)},
+        },
+    )
+
+
+#: A table that depends on both angles; pi times its values stays below 1, where Optiland would cut it.
+TABLE_THETA_I = [0.0, 20.0, 45.0, 70.0, 90.0]
+TABLE_THETA_S = [0.0, 10.0, 30.0, 50.0, 75.0, 90.0]
+
+
+def _diffuser_table() -> list[list[float]]:
+    return [[round(0.3 * math.cos(math.radians(0.7 * s)) * (1.0 - 0.006 * i) + 0.0001 * i, 6) for s in TABLE_THETA_S]
+            for i in TABLE_THETA_I]
+
+
+@scene
+def coated_projector() -> Json:
+    """Coatings that absorb, drawn with reflect_prob auto; a tabulated screen, a diffuser plate from a file, a fold."""
+    diffuser = tabulated_file("data/diffuser.csv", 0.75)
+    surfaces = [
+        surface("plate_in", cs(z=22.0), plane(width=24.0, height=24.0), "refractive", None, medium("opal"),
+                bsdf=diffuser, scatter_fraction=0.5, coating=coating(0.02, 0.97)),
+        surface("plate_out", cs(z=24.0), plane(width=24.0, height=24.0), "refractive", medium("opal"), None),
+        surface("fold", cs(z=60.0, ry=0.7), plane(width=60.0, height=60.0), "reflective", coating=coating(0.85, 0.1)),
+        surface("screen", cs(x=-70.0, z=10.0, ry=RIGHT_ANGLE + 0.2), plane(width=90.0, height=90.0), "reflective",
+                reflectance=1.0, bsdf=tabulated(TABLE_THETA_I, TABLE_THETA_S, _diffuser_table())),
+    ]
+    return document(
+        [lens("condenser", cs(z=8.0), 25.0, -25.0, 8.0, "N-BK7", 10.0),
+         lens("dense", cs(z=32.0, rx=0.1), 30.0, -60.0, 5.0, medium("dense"), 12.0)],
+        [extended("film", cs(x=0.3), spectrum([0.48, 0.55, 0.65]), 40.0, width=6.0, height=4.0),
+         collimated("laser", cs(x=-3.0, z=-5.0, ry=0.12), spectrum([0.55]), 1.5, 0.4)],
+        [far_field("room", cs(z=-300.0), 45, 30),
+         irradiance("seat", cs(x=-20.0, z=30.0, ry=RIGHT_ANGLE + 0.2), 50.0, 50.0, 20, 20, absorb=False),
+         irradiance("straight", cs(z=110.0), 120.0, 120.0, 40, 40)],
+        media={"opal": constant(1.5, 4e-6), "dense": constant(1.9, 1e-7)},
+        surfaces=surfaces,
+        overrides={
+            "condenser.front": {"coating": coating(0.005, 0.99)},
+            "condenser.back": {"coating": coating(0.3, 0.6)},
+            "dense.front": {"coating": coating(0.0, 1.0)},
+            "dense.edge": {"interaction": "reflective", "reflectance": 0.6},
+        },
+        sampling={"reflect_prob": "auto", "rr_start_flux": 0.02},
+    )
+
+
+@scene
+def opal_lamp() -> Json:
+    """An opal ball of absorbing glass round a lamp: Lambertian lobes to either side decide the medium."""
+    lines = [0.45, 0.55, 0.65]
+    ball = surface("ball", cs(x=1.0), sphere(12.0), "refractive", None, medium("opal"),
+                   bsdf=lambertian(0.96, 0.45), scatter_fraction=0.7)
+    bulb = surface("bulb", cs(x=2.0, y=1.0, z=-1.0), sphere(5.0), "refractive", medium("opal"), None,
+                   bsdf=lambertian(0.99, 0.5))
+    shade = surface("shade", cs(z=-5.0), frustum(14.0, 30.0, 0.0, 25.0), "reflective",
+                    reflectance=reflectance_table(lines, [0.7, 0.8, 0.9]), bsdf=lambertian(0.9, 0.1),
+                    scatter_fraction=0.8)
+    return document(
+        [],
+        [point("lamp", cs(x=1.0, y=0.5), spectrum(lines, [1.0, 2.0, 2.0]), 180.0, 5.0),
+         collimated("pointer", cs(x=-4.0, y=2.0, z=60.0, ry=math.pi), spectrum([0.65]), 2.0, 0.5)],
+        [far_field("down", cs(z=70.0), 30, 36), far_field("up", cs(z=-70.0), 30, 36)],
+        media={"opal": table(lines, [1.52, 1.51, 1.50], [3e-6, 2e-6, 1e-6])},
+        surfaces=[ball, bulb, shade],
+        sampling={"rr_start_flux": 0.3},
+    )
+
+
+def write_table() -> None:
+    """Write the table that ``coated_projector`` reads: the same for every angle of incidence."""
+    rows = [f"{i}, {s}, {round(0.31 * math.cos(math.radians(s)) ** 0.5, 6)}" for i in (0.0, 90.0)
+            for s in (0.0, 15.0, 30.0, 45.0, 60.0, 80.0, 90.0)]
+    path = SCENES_DIR / "data" / "diffuser.csv"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join(["# theta_i [deg], theta_s [deg], bsdf [1/sr]", *rows]) + "\n", encoding="utf-8")
+
+
 def write(name: str) -> None:
     """Write one scene file."""
     path = SCENES_DIR / f"{name}.json"
@@ -672,6 +798,7 @@ def write_index() -> None:
 
 def main() -> None:
     SCENES_DIR.mkdir(exist_ok=True)
+    write_table()
     for name in sys.argv[1:] or SCENES:
         write(name)
     write_index()

@@ -86,10 +86,38 @@ def constant(n: float, k: float = 0.0) -> Json:
 
 
 def surface(name: str, frame: Json, shape: Json, interaction: str, front: Any = None, back: Any = None,
-            reflectance: Any = None) -> Json:
+            reflectance: Any = None, **finish: Any) -> Json:
+    """A single surface; ``finish`` takes ``bsdf``, ``scatter_fraction`` and ``coating``."""
     spec = {"name": name, "cs": frame, "shape": shape, "interaction": interaction, "material_front": front,
-            "material_back": back}
+            "material_back": back, **finish}
     return spec if reflectance is None else {**spec, "reflectance": reflectance}
+
+
+def lambertian(reflectance_value: float = 1.0, transmissive_fraction: float = 0.0) -> Json:
+    return {"type": "lambertian", "reflectance_value": reflectance_value,
+            "transmissive_fraction": transmissive_fraction}
+
+
+def harvey_shack(b0: float, l0: float, s: float, transmissive_fraction: float = 0.0) -> Json:
+    return {"type": "harvey_shack", "b0": b0, "l0": l0, "s": s, "transmissive_fraction": transmissive_fraction}
+
+
+def tabulated(theta_i: list[float], theta_s: list[float], rows: list[list[float]],
+              transmissive_fraction: float = 0.0) -> Json:
+    return {"type": "tabulated", "theta_i": theta_i, "theta_s": theta_s, "bsdf": rows,
+            "transmissive_fraction": transmissive_fraction}
+
+
+def tabulated_file(path: str, transmissive_fraction: float = 0.0) -> Json:
+    return {"type": "tabulated", "path": path, "transmissive_fraction": transmissive_fraction}
+
+
+def specular() -> Json:
+    return {"type": "specular"}
+
+
+def coating(reflectance: float, transmittance: float) -> Json:
+    return {"type": "simple", "reflectance": reflectance, "transmittance": transmittance}
 
 
 def conic(radius: float, k: float, aperture_radius: float) -> Json:

@@ -2,5 +2,5 @@
 // (Optiland clips R to [1e-12, 1 - 1e-12] here and scales the weight by up to 1 + 1e-12: we do not.)
 
 fn draw_reflection(ray: ptr<function, Ray>, bits: u32, reflectance: real, total_reflection: bool) -> bool {
-    return below(bits, reflectance) || total_reflection;
+    return below(bits, reflectance) | total_reflection;
 }

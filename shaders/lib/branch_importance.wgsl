@@ -3,7 +3,7 @@
 
 fn draw_reflection(ray: ptr<function, Ray>, bits: u32, reflectance: real, total_reflection: bool) -> bool {
     let p = clamp(reflect_probability(reflectance), 1e-12, 1.0 - 1e-12);
-    let reflects = below(bits, p) || total_reflection;
+    let reflects = below(bits, p) | total_reflection;
     let share = select((1.0 - reflectance) / (1.0 - p), reflectance / p, reflects);
     let before = (*ray).weight;
     let after = before * select(share, 1.0, total_reflection);

@@ -31,13 +31,13 @@ fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossin
     let discriminant = g * g - a * f;
     let root = sqrt(max(discriminant, 0.0));
     let q = -(g + select(root, -root, g < 0.0));
-    let first = select(q / a, MISS, a == 0.0 || discriminant < 0.0);
-    let second = select(f / q, MISS, q == 0.0 || discriminant < 0.0 || leaving);
+    let first = select(q / a, MISS, (a == 0.0) | (discriminant < 0.0));
+    let second = select(f / q, MISS, (q == 0.0) | (discriminant < 0.0) | leaving);
     return Crossings(p, shift, first, second);
 }
 
 // The distance from the ray's origin, or MISS where the crossing is behind it or not on the shape.
 fn ahead(distance: real, shift: real, on_shape: bool) -> real {
     let t = distance + shift;
-    return select(MISS, t, on_shape && t > 0.0 && t < MISS);
+    return select(MISS, t, on_shape & (t > 0.0) & (t < MISS));
 }

@@ -41,6 +41,9 @@ struct Hit {
     primitive: u32,
 }
 
+// Where a decision costs little, `&`, `|` and select stand for `&&`, `||` and `if`: wide machines run both sides of a
+// branch anyway, and pay for the branch on top.
+
 // The nearer of two hits; the earlier in the list wins a tie.
 fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     let closer = distance < best.distance;

@@ -20,18 +20,15 @@ fn count(counter: u32) {
 // floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no
 // sum can hold gives none, uncounted: see quantize_counted.
 fn quantize(w: real) -> Quanta {
-    // Not w itself in the unchosen case: converting what no integer holds is undefined.
-    let depositable = is_depositable(w);
-    return select(NO_QUANTA, quanta_words(choose(0.0, w, depositable)), depositable);
+    return select(NO_QUANTA, quanta_words(w), is_depositable(w));
 }
 
 // quantize, which counts what no sum can hold.
 fn quantize_counted(w: real) -> Quanta {
-    if is_depositable(w) {
-        return quanta_words(w);
+    if !is_depositable(w) {
+        count(INVALID_DEPOSITS);
     }
-    count(INVALID_DEPOSITS);
-    return NO_QUANTA;
+    return quantize(w);
 }
 
 fn q_is_zero(a: Quanta) -> bool {
@@ -39,8 +36,8 @@ fn q_is_zero(a: Quanta) -> bool {
 }
 
 fn q_less(a: Quanta, b: Quanta) -> bool {
-    let below_top = select(a.x < b.x, a.y < b.y, a.y != b.y);
-    return select(below_top, a.z < b.z, a.z != b.z);
+    let low = (a.y < b.y) | ((a.y == b.y) & (a.x < b.x));
+    return (a.z < b.z) | ((a.z == b.z) & low);
 }
 
 // a - b, for b <= a.

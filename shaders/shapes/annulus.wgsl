@@ -6,5 +6,5 @@ fn annulus_distance(o: vec3<real>, d: vec3<real>, inner: real, outer: real, z_of
     let x = o.x + t * d.x;
     let y = o.y + t * d.y;
     let r2 = x * x + y * y;
-    return select(MISS, t, r2 >= inner && r2 <= outer);
+    return select(MISS, t, (r2 >= inner) & (r2 <= outer));
 }

@@ -12,5 +12,5 @@ fn conic_distance(o: vec3<real>, d: vec3<real>, curvature: real, axial: real, ap
 fn conic_crossing(c: Crossings, d: vec3<real>, distance: real, axial: real, aperture: real) -> real {
     let p = c.base + distance * d;
     let on_sheet = 1.0 - axial * p.z >= 0.0;
-    return ahead(distance, c.shift, on_sheet && p.x * p.x + p.y * p.y <= aperture);
+    return ahead(distance, c.shift, on_sheet & (p.x * p.x + p.y * p.y <= aperture));
 }

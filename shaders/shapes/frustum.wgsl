@@ -11,5 +11,5 @@ fn frustum_distance(
 
 fn frustum_crossing(c: Crossings, d: vec3<real>, distance: real, z_front: real, z_back: real) -> real {
     let z = c.base.z + distance * d.z;
-    return ahead(distance, c.shift, z >= z_front && z <= z_back);
+    return ahead(distance, c.shift, (z >= z_front) & (z <= z_back));
 }

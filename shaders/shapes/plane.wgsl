@@ -2,12 +2,12 @@
 
 fn plane_distance(o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
     let t = -o.z / d.z;
-    return select(MISS, t, d.z != 0.0 && !leaving && t > 0.0 && t < MISS);
+    return select(MISS, t, (d.z != 0.0) & !leaving & (t > 0.0) & (t < MISS));
 }
 
 fn rectangle_distance(o: vec3<real>, d: vec3<real>, half_width: real, half_height: real, leaving: bool) -> real {
     let t = plane_distance(o, d, leaving);
-    let inside = abs(o.x + t * d.x) <= half_width && abs(o.y + t * d.y) <= half_height;
+    let inside = (abs(o.x + t * d.x) <= half_width) & (abs(o.y + t * d.y) <= half_height);
     return select(MISS, t, inside);
 }
 

@@ -43,6 +43,8 @@ fn surfaces(scene: &Scene) -> Result<Vec<Surface>> {
             frame: surface.frame,
             shape: surface.shape,
             interaction: surface.interaction.clone(),
+            coating: surface.coating.clone(),
+            scatter: surface.scatter.clone(),
             front: medium(scene, &surface.front)?,
             back: medium(scene, &surface.back)?,
         })

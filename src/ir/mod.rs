@@ -5,8 +5,12 @@
 //! Everything that depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum
 //! is a list of discrete wavelengths.
 
+mod bsdf;
 pub(crate) mod lower;
 
+pub use bsdf::{
+    Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
+};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].
@@ -62,6 +66,10 @@ pub struct Surface {
     pub shape: Shape,
     /// What it does to a ray.
     pub interaction: Interaction,
+    /// Its coating, if it is refractive.
+    pub coating: Option<Coating>,
+    /// How it scatters, if it does and is not absorbing.
+    pub scatter: Option<Scatter>,
     /// Medium on the side that the geometric normal points away from.
     pub front: MediumId,
     /// Medium on the side that the geometric normal points to.

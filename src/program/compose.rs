@@ -1,6 +1,7 @@
 //! Composition of the WGSL for one scene: files of shaders/ as they are, and around them only constants, records and
 //! calls. No formula is written here.
 
+use super::bsdf::BsdfKind;
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
@@ -54,6 +55,7 @@ impl Composition<'_> {
         text.push_str(&self.record());
         text.push_str(&self.bins());
         text.push_str(&self.emit());
+        text.push_str(&self.sample_bsdf());
         text.push_str(&self.reflect_probability()?);
         Ok(text)
     }
@@ -92,6 +94,7 @@ impl Composition<'_> {
             ("HAS_BILINEAR", f.splats[1]),
             ("HAS_GAUSSIAN", f.splats[2]),
             ("HAS_TRANSMISSIVE", f.transmissive),
+            ("HAS_TRANSMISSIVE_LOBES", f.transmissive_lobes),
             ("HAS_QUEUE", o.has_queue()),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
@@ -123,6 +126,8 @@ impl Composition<'_> {
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
             pick(f.importance, shader!("lib/branch_importance.wgsl"), shader!("lib/branch_fresnel.wgsl")),
+            pick(f.coated, shader!("lib/coating.wgsl"), shader!("lib/coating_none.wgsl")),
+            pick(f.bsdfs.is_empty(), shader!("lib/scatter_none.wgsl"), shader!("scatter.wgsl")),
             pick(
                 self.options.paths == PathSampling::None,
                 shader!("lib/paths_none.wgsl"),
@@ -145,6 +150,7 @@ impl Composition<'_> {
             }
         }
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
+        files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
             (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
             (
@@ -153,14 +159,23 @@ impl Composition<'_> {
             ),
             (!f.refractive, shader!("lib/indices_none.wgsl")),
             (
-                f.reflective,
+                f.reflective || f.coated,
                 pick(
                     f.spectral_reflectance,
                     shader!("lib/reflectance_table.wgsl"),
                     shader!("lib/reflectance.wgsl"),
                 ),
             ),
-            (!f.reflective, shader!("lib/reflectance_none.wgsl")),
+            (!f.reflective && !f.coated, shader!("lib/reflectance_none.wgsl")),
+            (
+                f.coated,
+                pick(
+                    f.spectral_reflectance,
+                    shader!("lib/coating_pass_table.wgsl"),
+                    shader!("lib/coating_pass.wgsl"),
+                ),
+            ),
+            (f.has_bsdf_table(), shader!("lib/bsdf_table.wgsl")),
             (self.options.has_events(f), shader!("lib/events.wgsl")),
             (self.options.has_queue(), shader!("compact.wgsl")),
             (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
@@ -290,6 +305,9 @@ impl Composition<'_> {
             (f.bulk_absorption, "CELL_BULK", true),
             (f.importance, "CELL_IMPORTANCE_LOSS", true),
             (f.importance, "CELL_IMPORTANCE_GAIN", true),
+            (f.coated, "CELL_COATING", true),
+            (!f.bsdfs.is_empty(), "CELL_BSDF", true),
+            (!f.bsdfs.is_empty(), "CELL_BSDF_GAIN", true),
         ]
         .into_iter()
         .filter(|(present, ..)| *present)
@@ -340,6 +358,20 @@ impl Composition<'_> {
         text
     }
 
+    /// Dispatch over the kinds of BSDFs that occur.
+    fn sample_bsdf(&self) -> String {
+        let Some((last, others)) = self.features.bsdfs.split_last() else {
+            return String::new();
+        };
+        let mut text = String::from("fn sample_bsdf(s: Scattering, surface: Surface) -> Lobe {\n");
+        for kind in others {
+            let (code, name) = (*kind as u32, kind.name());
+            let _ = writeln!(text, "    if surface.bsdf == {code}u {{ return sample_{name}(s, surface); }}");
+        }
+        let _ = writeln!(text, "    return sample_{}(s, surface);\n}}", last.name());
+        text
+    }
+
     fn reflect_probability(&self) -> Result<String> {
         if !self.features.importance {
             return Ok(String::new());
@@ -361,6 +393,15 @@ fn emitter_file(kind: super::features::EmitterName) -> &'static str {
         E::CollimatedGaussian => shader!("emitters/collimated_gaussian.wgsl"),
         E::ExtendedRectangle => shader!("emitters/extended_rectangle.wgsl"),
         E::ExtendedDisk => shader!("emitters/extended_disk.wgsl"),
+    }
+}
+
+fn bsdf_file(kind: BsdfKind) -> &'static str {
+    match kind {
+        BsdfKind::Specular => shader!("bsdf/specular.wgsl"),
+        BsdfKind::Lambertian => shader!("bsdf/lambertian.wgsl"),
+        BsdfKind::HarveyShack => shader!("bsdf/harvey_shack.wgsl"),
+        BsdfKind::Tabulated => shader!("bsdf/tabulated.wgsl"),
     }
 }
 

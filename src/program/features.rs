@@ -1,5 +1,6 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
+use super::bsdf::{self, BsdfKind};
 use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat};
 
 /// Precision of the physics.
@@ -49,8 +50,14 @@ pub struct Features {
     pub refractive: bool,
     /// Some surface reflects.
     pub reflective: bool,
-    /// The reflectance of some surface depends on the wavelength.
+    /// Some refractive surface is coated.
+    pub coated: bool,
+    /// The reflectance of some mirror, or the reflectance or transmittance of some coating, depends on the wavelength.
     pub spectral_reflectance: bool,
+    /// Kinds of BSDFs, without repetition.
+    pub bsdfs: Vec<BsdfKind>,
+    /// Some BSDF scatters to the far side.
+    pub transmissive_lobes: bool,
     /// More than one wavelength.
     pub polychromatic: bool,
     /// Some medium absorbs.
@@ -136,13 +143,24 @@ impl Features {
         let bulk_absorption = ir.media.iter().any(|m| m.k.iter().any(|&k| k != 0.0));
         let importance = ir.sampling.reflect_prob != ReflectProb::Fresnel
             && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
-        let loses_weight = bulk_absorption || importance || reflectances().flatten().any(|&r| r != 1.0);
+        let bsdfs = bsdf::kinds(ir);
+        let coatings = || ir.surfaces.iter().filter_map(|s| s.coating.as_ref());
+        let loses_weight = bulk_absorption
+            || importance
+            || reflectances().flatten().any(|&r| r != 1.0)
+            || coatings().next().is_some()
+            || !bsdfs.is_empty();
+        let is_spectral = |values: &Vec<f64>| values.iter().any(|&value| value != values[0]);
         let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
         Features {
             shapes,
             refractive: ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive),
             reflective: reflectances().next().is_some(),
-            spectral_reflectance: reflectances().any(|r| r.iter().any(|&value| value != r[0])),
+            coated: coatings().next().is_some(),
+            spectral_reflectance: reflectances().any(is_spectral)
+                || coatings().any(|c| is_spectral(&c.reflectance) || is_spectral(&c.transmittance)),
+            bsdfs,
+            transmissive_lobes: bsdf::scatters(ir).any(|s| s.bsdf.transmissive_fraction() > 0.0),
             polychromatic: ir.wavelengths.len() > 1,
             bulk_absorption,
             importance,
@@ -160,6 +178,11 @@ impl Features {
             ray_database: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::RayDatabase { .. })),
             emitters,
         }
+    }
+
+    /// True if some BSDF reads a table.
+    pub fn has_bsdf_table(&self) -> bool {
+        self.bsdfs.iter().any(|kind| kind.has_table())
     }
 }
 

@@ -1,8 +1,11 @@
 //! What the shaders need of surfaces, sensors and primitives, as records. Origins are relative to the scene's centre.
 
+use super::bsdf;
 use super::features::{EmitterName, Features, ShapeKind};
 use super::records::Records;
-use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat};
+use crate::ir::{
+    Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat, Surface,
+};
 use glam::{DMat3, DVec3};
 
 /// Binding numbers in group 0 that the records take.
@@ -31,7 +34,7 @@ pub struct Cells {
 }
 
 /// Bins of the ledger, by their names in the shaders; the order of fates follows shaders/lib/state.wgsl.
-pub const LEDGER_CELLS: [&str; 9] = [
+pub const LEDGER_CELLS: [&str; 12] = [
     "CELL_INVALID",
     "CELL_UNDERFLOWS",
     "CELL_ROULETTE_GAIN",
@@ -41,6 +44,9 @@ pub const LEDGER_CELLS: [&str; 9] = [
     "CELL_ESCAPED",
     "CELL_DEPTH_KILLED",
     "CELL_ROULETTE_KILLED",
+    "CELL_COATING",
+    "CELL_BSDF",
+    "CELL_BSDF_GAIN",
 ];
 
 impl Cells {
@@ -95,16 +101,38 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
         records.real("n_front", ir.surfaces.iter().map(|s| ir.media[s.front].n[0]));
         records.real("n_back", ir.surfaces.iter().map(|s| ir.media[s.back].n[0]));
     }
-    if features.reflective && !features.spectral_reflectance {
-        records.real(
-            "reflectance",
-            ir.surfaces.iter().map(|s| match &s.interaction {
-                Interaction::Reflective { reflectance } => reflectance[0],
-                Interaction::Refractive | Interaction::Absorbing => 1.0,
-            }),
-        );
+    if (features.reflective || features.coated) && !features.spectral_reflectance {
+        records.real("reflectance", ir.surfaces.iter().map(|s| reflectance(s, 0)));
     }
+    if features.coated {
+        records.uint("coated", ir.surfaces.iter().map(|s| u32::from(s.coating.is_some())));
+    }
+    if features.coated && !features.spectral_reflectance {
+        records.real("coating_pass", ir.surfaces.iter().map(|s| coating_pass(s, 0)));
+    }
+    bsdf::put_columns(&mut records, ir, &features.bsdfs);
     records
+}
+
+/// The reflectance of a mirror or a coating at a wavelength of the scene; 1 elsewhere.
+pub fn reflectance(surface: &Surface, wavelength: usize) -> f64 {
+    match (&surface.interaction, &surface.coating) {
+        (Interaction::Reflective { reflectance }, _) => reflectance[wavelength],
+        (Interaction::Refractive, Some(coating)) => coating.reflectance[wavelength],
+        (Interaction::Refractive | Interaction::Absorbing, _) => 1.0,
+    }
+}
+
+/// T / (1 - R) of a coating at a wavelength of the scene: the share of what it does not reflect that it lets pass.
+pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
+    match &surface.coating {
+        None => 1.0,
+        Some(coating) if coating.reflectance[wavelength] >= 1.0 => 0.0,
+        // R + T may exceed 1 by the rounding of what the user wrote.
+        Some(coating) => {
+            (coating.transmittance[wavelength] / (1.0 - coating.reflectance[wavelength])).min(1.0)
+        }
+    }
 }
 
 /// Codes of shaders/interact.wgsl.

@@ -1,5 +1,6 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
+pub mod bsdf;
 pub mod compose;
 pub mod features;
 pub mod library;
@@ -8,7 +9,7 @@ pub mod records;
 pub mod rng;
 
 use crate::error::{Error, Result};
-use crate::ir::{Interaction, SceneIr, SensorKind};
+use crate::ir::{SceneIr, SensorKind, Surface};
 use compose::Composition;
 pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
@@ -98,6 +99,7 @@ const MEDIA: u32 = 5;
 const SPECTRA: u32 = 6;
 const REFLECTANCES: u32 = 7;
 const SPECTRAL_BINS: u32 = 8;
+const BSDF_TABLE: u32 = 13;
 
 /// Steps that a source may draw beyond the events of a ray: Gaussian beams attempt 32 times and then fall back.
 const SOURCE_STEPS: u32 = 33;
@@ -157,6 +159,9 @@ impl Program {
         if self.features.spectral_reflectance {
             buffers.push((REFLECTANCES, self.reflectances(ir)?));
         }
+        if self.features.has_bsdf_table() {
+            buffers.push((BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
+        }
         if self.features.spectral {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
         }
@@ -208,11 +213,14 @@ impl Program {
         }))
     }
 
+    /// Per surface and wavelength: reflectances of mirrors and coatings, then what coatings let pass.
     fn reflectances(&self, ir: &SceneIr) -> Result<Vec<u8>> {
-        self.reals(ir.surfaces.iter().flat_map(|surface| match &surface.interaction {
-            Interaction::Reflective { reflectance } => reflectance.clone(),
-            Interaction::Refractive | Interaction::Absorbing => vec![1.0; ir.wavelengths.len()],
-        }))
+        let table = |value: fn(&Surface, usize) -> f64| {
+            ir.surfaces
+                .iter()
+                .flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
+        };
+        self.reals(table(lowered::reflectance).chain(table(lowered::coating_pass)))
     }
 
     /// The uniform of one dispatch: which rays of which emitter (shaders/lib/state.wgsl, `Range`).

@@ -154,8 +154,8 @@ fn choose(literals: &[String]) -> String {
     let mut values = values.into_iter();
     let first = values.next().map_or("0", |(literal, _)| literal).to_string();
     values.fold(first, |chosen, (literal, rows)| {
-        let conditions: Vec<String> = rows.iter().map(|row| format!("i == {row}u")).collect();
-        format!("select({chosen}, {literal}, {})", conditions.join(" || "))
+        let conditions: Vec<String> = rows.iter().map(|row| format!("(i == {row}u)")).collect();
+        format!("select({chosen}, {literal}, {})", conditions.join(" | "))
     })
 }
 

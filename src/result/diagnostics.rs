@@ -133,8 +133,8 @@ impl Diagnostics {
         }
         if self.flux_conservation_error > FLUX_CONSERVATION {
             let meaning = if ledger_closes {
-                "the exact ledger closes, so this is flux that Optiland's formula has no term for: loss at mirrors, and \
-                 weight gained or lost by roulette and importance sampling"
+                "the exact ledger closes, so this is flux that Optiland's formula has no term for: loss at mirrors, \
+                 coatings and scattering surfaces, and weight gained or lost by roulette and importance sampling"
             } else {
                 "the exact ledger does not close either"
             };

@@ -17,8 +17,8 @@ pub struct Entry {
     pub flux: f64,
 }
 
-/// launched + roulette_gain + importance_gain = detected + absorbed + surface + coating + bsdf + bulk + escaped + depth
-/// + roulette_loss + importance_loss, in quanta.
+/// launched + roulette_gain + importance_gain + bsdf_gain = detected + absorbed + surface + coating + bsdf + bulk
+/// + escaped + depth + roulette_loss + importance_loss, in quanta.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Ledger {
     /// Rays launched.
@@ -27,6 +27,8 @@ pub struct Ledger {
     pub roulette_gain: Entry,
     /// Weight gained where a branch was drawn less often than its share.
     pub importance_gain: Entry,
+    /// Weight gained where rays were scattered less often than their share, or where a BSDF exceeds that which was drawn.
+    pub bsdf_gain: Entry,
     /// Recorded by detectors that end rays; every ray, also those that a ray database did not keep.
     pub detected: Entry,
     /// Ended on absorbing surfaces.
@@ -86,11 +88,12 @@ impl Ledger {
             launched: entry(tally.launched),
             roulette_gain: entry(tally.roulette_gain),
             importance_gain: entry(tally.importance_gain),
+            bsdf_gain: entry(tally.bsdf_gain),
             detected: entry(sensors(true)),
             absorbed: entry(surfaces(true)),
             surface: entry(surfaces(false)),
-            coating: Entry::default(),
-            bsdf: Entry::default(),
+            coating: entry(tally.coating),
+            bsdf: entry(tally.bsdf_loss),
             bulk: entry(tally.bulk),
             escaped: entry(tally.escaped),
             depth: entry(tally.depth_killed),
@@ -113,11 +116,12 @@ impl Ledger {
     }
 
     /// What came in: launched, and gained by sampling.
-    pub fn sources(&self) -> [(&'static str, Entry); 3] {
+    pub fn sources(&self) -> [(&'static str, Entry); 4] {
         [
             ("launched", self.launched),
             ("roulette gain", self.roulette_gain),
             ("importance gain", self.importance_gain),
+            ("scatter gain", self.bsdf_gain),
         ]
     }
 

@@ -26,6 +26,8 @@ pub struct Report {
     pub num_rays_requested: u64,
     /// True if the trace stopped before all of them were launched.
     pub partial: bool,
+    /// What the scene's reader found worth a warning; the diagnostics' warnings repeat it.
+    pub scene_warnings: Vec<String>,
     /// Seed of the draws.
     pub seed: u64,
     /// Largest number of events per ray.
@@ -102,6 +104,7 @@ impl Report {
             scene: run.scene.clone(),
             num_rays_requested: run.num_rays,
             partial: run.partial,
+            scene_warnings: run.scene_warnings.clone(),
             seed: run.seed,
             max_depth: run.max_depth,
             min_flux_fraction: run.min_flux_fraction,

@@ -37,6 +37,12 @@ pub struct Tally {
     pub importance_loss: Booking,
     /// Weight gained where a branch was drawn less often than its share.
     pub importance_gain: Booking,
+    /// Weight absorbed by coatings.
+    pub coating: Booking,
+    /// Weight lost where rays were scattered, or drawn not to be more often than their share.
+    pub bsdf_loss: Booking,
+    /// Weight gained there.
+    pub bsdf_gain: Booking,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
     /// Deposits that no sum can hold: not a number, infinite, or over 2^43 units of weight. Never 0 in silence.
@@ -145,6 +151,9 @@ impl AddAssign<&Tally> for Tally {
         self.bulk += other.bulk;
         self.importance_loss += other.importance_loss;
         self.importance_gain += other.importance_gain;
+        self.coating += other.coating;
+        self.bsdf_loss += other.bsdf_loss;
+        self.bsdf_gain += other.bsdf_gain;
         self.medium_stack_underflows += other.medium_stack_underflows;
         self.invalid_deposits += other.invalid_deposits;
         self.paths.extend_from_slice(&other.paths);

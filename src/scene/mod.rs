@@ -3,6 +3,7 @@
 //! The way of a scene: text -> tree of JSON values -> typed [`json::SceneFile`] -> validated -> surfaces of its
 //! components, closed and in order -> media as tables over the wavelengths of the sources.
 
+mod bsdf;
 mod compounds;
 mod de;
 mod frame;
@@ -76,7 +77,7 @@ impl Scene {
         let mut warnings = Vec::new();
         validate::check(&file, &mut warnings)?;
         let wavelengths = distinct_wavelengths(&file);
-        let surfaces = surfaces::build(&file, &wavelengths, &mut warnings)?;
+        let surfaces = surfaces::build(&file, &wavelengths, folder, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, media })
     }

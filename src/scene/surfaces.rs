@@ -1,7 +1,9 @@
 //! All surfaces of a scene in the order in which they are tried, with the user's changes applied.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::Path;
 
+use super::bsdf::{self, Reading};
 use super::compounds::{Part, curvature};
 use super::frame::frame_of;
 use super::json::{
@@ -18,6 +20,8 @@ pub(crate) struct SceneSurface {
     pub frame: Frame,
     pub shape: ir::Shape,
     pub interaction: ir::Interaction,
+    pub coating: Option<ir::Coating>,
+    pub scatter: Option<ir::Scatter>,
     pub front: Material,
     pub back: Material,
 }
@@ -26,8 +30,10 @@ pub(crate) struct SceneSurface {
 pub(super) fn build(
     file: &SceneFile,
     wavelengths: &[f64],
+    folder: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<SceneSurface>> {
+    let reading = &mut Reading { folder, warnings };
     let none = BTreeMap::new();
     let overrides = file.nsq_gpu.as_ref().map_or(&none, |block| &block.overrides);
     let mut groups = Vec::new();
@@ -36,15 +42,16 @@ pub(super) fn build(
         let parts = changed(component.parts(), overrides);
         component.check_closed(&parts, &place)?;
         let surfaces: Result<Vec<_>> =
-            parts.into_iter().map(|part| finish(part, overrides, wavelengths)).collect();
+            parts.into_iter().map(|part| finish(part, overrides, wavelengths, reading)).collect();
         groups.push((component.name(), surfaces?));
     }
     for (index, raw) in file.nsq_gpu.iter().flat_map(|block| &block.surfaces).enumerate() {
-        groups.push((&raw.name, vec![single(raw, &format!("nsq_gpu.surfaces[{index}]"), wavelengths)?]));
+        let place = format!("nsq_gpu.surfaces[{index}]");
+        groups.push((&raw.name, vec![single(raw, &place, wavelengths, reading)?]));
     }
     check_labels(&groups)?;
-    warn_of_idle_reflectance(file, &groups, warnings);
-    warnings.extend(groups.iter().flat_map(|(_, surfaces)| surfaces).filter_map(overreach));
+    warn_of_idle_reflectance(file, &groups, reading.warnings);
+    reading.warnings.extend(groups.iter().flat_map(|(_, surfaces)| surfaces).filter_map(overreach));
     check_override_names(file, overrides)?;
     match file.nsq_gpu.as_ref().and_then(|block| block.order.as_ref()) {
         Some(order) => in_order(groups, order),
@@ -63,34 +70,59 @@ fn changed(mut parts: Vec<Part>, overrides: &BTreeMap<String, Override>) -> Vec<
 
 /// Settles the interaction of a part. Like Optiland's, a surface that does not transmit has its front medium on both
 /// sides.
-fn finish(part: Part, overrides: &BTreeMap<String, Override>, wavelengths: &[f64]) -> Result<SceneSurface> {
+fn finish(
+    part: Part,
+    overrides: &BTreeMap<String, Override>,
+    wavelengths: &[f64],
+    reading: &mut Reading<'_>,
+) -> Result<SceneSurface> {
     let place = key_of("nsq_gpu.overrides", &part.name);
     let change = overrides.get(&part.name);
-    if let Some(change) = change {
-        refuse_unsupported(&place, change.bsdf.as_ref(), change.coating.as_ref())?;
-    }
     let own = part.reflectance.map(Reflectance::Constant);
-    let reflectance = change.and_then(|change| change.reflectance.as_ref()).or(own.as_ref());
-    let interaction = interaction(part.interaction, reflectance, &place, wavelengths)?;
+    let finish = Finish {
+        kind: part.interaction,
+        reflectance: change.and_then(|change| change.reflectance.as_ref()),
+        default_reflectance: own.as_ref(),
+        coating: change.and_then(|change| change.coating.as_ref()),
+        bsdf: change.and_then(|change| change.bsdf.as_ref()),
+        scatter_fraction: change.and_then(|change| change.scatter_fraction).unwrap_or(1.0),
+    };
+    let interaction = finish.interaction(&place, wavelengths)?;
     let back = if part.interaction == Interaction::Refractive { part.back } else { part.front.clone() };
     Ok(SceneSurface {
-        name: part.name,
+        name: part.name.clone(),
         frame: part.frame,
         shape: part.shape,
         interaction,
+        coating: finish.coating(&place, wavelengths)?,
+        scatter: finish.scatter(&part.name, &place, reading)?,
         front: part.front,
         back,
     })
 }
 
-fn single(raw: &RawSurface, place: &str, wavelengths: &[f64]) -> Result<SceneSurface> {
-    refuse_unsupported(place, raw.bsdf.as_ref(), raw.coating.as_ref())?;
+fn single(
+    raw: &RawSurface,
+    place: &str,
+    wavelengths: &[f64],
+    reading: &mut Reading<'_>,
+) -> Result<SceneSurface> {
+    let finish = Finish {
+        kind: raw.interaction,
+        reflectance: raw.reflectance.as_ref(),
+        default_reflectance: None,
+        coating: raw.coating.as_ref(),
+        bsdf: raw.bsdf.as_ref(),
+        scatter_fraction: raw.scatter_fraction,
+    };
     let refractive = raw.interaction == Interaction::Refractive;
     Ok(SceneSurface {
         name: raw.name.clone(),
         frame: frame_of(&raw.cs),
         shape: shape(&raw.shape, &key_of(place, "shape"))?,
-        interaction: interaction(raw.interaction, raw.reflectance.as_ref(), place, wavelengths)?,
+        interaction: finish.interaction(place, wavelengths)?,
+        coating: finish.coating(place, wavelengths)?,
+        scatter: finish.scatter(&raw.name, place, reading)?,
         front: raw.material_front.clone(),
         back: if refractive { raw.material_back.clone() } else { raw.material_front.clone() },
     })
@@ -125,32 +157,83 @@ fn shape(shape: &Shape, place: &str) -> Result<ir::Shape> {
     })
 }
 
-fn interaction(
+/// What the user wrote of a surface's finish.
+struct Finish<'a> {
     kind: Interaction,
-    reflectance: Option<&Reflectance>,
-    place: &str,
-    wavelengths: &[f64],
-) -> Result<ir::Interaction> {
-    Ok(match kind {
-        Interaction::Refractive => ir::Interaction::Refractive,
-        Interaction::Absorbing => ir::Interaction::Absorbing,
-        Interaction::Reflective => {
-            let place = key_of(place, "reflectance");
-            let Some(reflectance) = reflectance else {
-                return Err(Error::scene(
-                    place,
-                    "a reflective surface has no reflectance",
-                    "give a number in [0, 1] or a table; there is no default",
-                ));
-            };
-            ir::Interaction::Reflective { reflectance: reflectance.at(wavelengths, &place)? }
+    reflectance: Option<&'a Reflectance>,
+    /// The reflectance of the component, where the surface is given none.
+    default_reflectance: Option<&'a Reflectance>,
+    coating: Option<&'a Coating>,
+    bsdf: Option<&'a Bsdf>,
+    scatter_fraction: f64,
+}
+
+impl Finish<'_> {
+    fn interaction(&self, place: &str, wavelengths: &[f64]) -> Result<ir::Interaction> {
+        Ok(match self.kind {
+            Interaction::Refractive => ir::Interaction::Refractive,
+            Interaction::Absorbing => ir::Interaction::Absorbing,
+            Interaction::Reflective => {
+                ir::Interaction::Reflective { reflectance: self.mirror_reflectance(place, wavelengths)? }
+            }
+        })
+    }
+
+    /// A mirror's reflectance is given as such, or as that of a coating; the component's own comes last.
+    fn mirror_reflectance(&self, place: &str, wavelengths: &[f64]) -> Result<Vec<f64>> {
+        let coating_place = key_of(place, "coating");
+        if self.reflectance.is_some() && self.coating.is_some() {
+            return Err(Error::scene(
+                coating_place,
+                "the mirror has both a reflectance and a coating",
+                "give one of the two",
+            ));
         }
-    })
+        if let Some(coating) = self.coating {
+            return Ok(bsdf::coating(&coating_place, coating, wavelengths)?.reflectance);
+        }
+        let place = key_of(place, "reflectance");
+        match self.reflectance.or(self.default_reflectance) {
+            Some(reflectance) => reflectance.at(wavelengths, &place),
+            None => Err(Error::scene(
+                place,
+                "a reflective surface has no reflectance",
+                "give a number in [0, 1] or a table; there is no default",
+            )),
+        }
+    }
+
+    fn coating(&self, place: &str, wavelengths: &[f64]) -> Result<Option<ir::Coating>> {
+        match (self.kind, self.coating) {
+            (Interaction::Refractive, Some(coating)) => {
+                bsdf::coating(&key_of(place, "coating"), coating, wavelengths).map(Some)
+            }
+            (Interaction::Refractive | Interaction::Reflective | Interaction::Absorbing, _) => Ok(None),
+        }
+    }
+
+    /// An absorbing surface scatters nothing, as in Optiland.
+    fn scatter(&self, name: &str, place: &str, reading: &mut Reading<'_>) -> Result<Option<ir::Scatter>> {
+        let absorbs = self.kind == Interaction::Absorbing;
+        for (what, given) in [("BSDF", self.bsdf.is_some()), ("coating", self.coating.is_some())] {
+            if absorbs && given {
+                reading
+                    .warnings
+                    .push(format!("the {what} of {} is ignored, because it is `absorbing`", quoted(name)));
+            }
+        }
+        match self.bsdf {
+            Some(bsdf) if !absorbs => {
+                bsdf::scatter(name, &key_of(place, "bsdf"), bsdf, self.scatter_fraction, reading).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
 }
 
 impl Reflectance {
     /// The values at the wavelengths of the scene \[um\].
-    fn at(&self, wavelengths: &[f64], place: &str) -> Result<Vec<f64>> {
+    pub(super) fn at(&self, wavelengths: &[f64], place: &str) -> Result<Vec<f64>> {
         match self {
             Reflectance::Constant(value) => Ok(vec![*value; wavelengths.len()]),
             Reflectance::Table { wavelengths: listed, values } => look_up(listed, values, wavelengths, place),
@@ -171,37 +254,6 @@ pub(super) fn look_up(listed: &[f64], values: &[f64], wavelengths: &[f64], place
         })
     };
     wavelengths.iter().map(value_at).collect()
-}
-
-fn refuse_unsupported(place: &str, bsdf: Option<&Bsdf>, coating: Option<&Coating>) -> Result<()> {
-    if let Some(bsdf) = bsdf {
-        return Err(unsupported(
-            &key_of(place, "bsdf"),
-            "bsdf",
-            bsdf.kind(),
-            "set it to null for a smooth surface",
-        ));
-    }
-    if let Some(Coating::Simple { .. }) = coating {
-        return Err(unsupported(
-            &key_of(place, "coating"),
-            "coating",
-            "simple",
-            "set it to null for bare Fresnel",
-        ));
-    }
-    Ok(())
-}
-
-impl Bsdf {
-    fn kind(&self) -> &'static str {
-        match self {
-            Bsdf::Lambertian { .. } => "lambertian",
-            Bsdf::HarveyShack { .. } => "harvey_shack",
-            Bsdf::Tabulated { .. } => "tabulated",
-            Bsdf::Specular {} => "specular",
-        }
-    }
 }
 
 fn unsupported(place: &str, what: &str, kind: &str, remedy: &str) -> Error {

@@ -36,7 +36,7 @@ fn at(z: f64) -> Frame {
 
 fn plane(name: &str, z: f64, interaction: Interaction, front: usize, back: usize) -> Surface {
     let shape = Shape::Plane(Outline::Infinite);
-    Surface { name: name.into(), frame: at(z), shape, interaction, front, back }
+    Surface { name: name.into(), frame: at(z), shape, interaction, front, back, coating: None, scatter: None }
 }
 
 fn pixels(name: &str, z: f64) -> Sensor {

@@ -320,7 +320,16 @@ fn frame(z: f64) -> Frame {
 }
 
 fn surface(shape: Shape, interaction: Interaction) -> Surface {
-    Surface { name: "surface".into(), frame: frame(20.0), shape, interaction, front: 0, back: 1 }
+    Surface {
+        name: "surface".into(),
+        frame: frame(20.0),
+        shape,
+        interaction,
+        front: 0,
+        back: 1,
+        coating: None,
+        scatter: None,
+    }
 }
 
 fn sensor(kind: SensorKind, absorb: bool) -> Sensor {

@@ -1,0 +1,61 @@
+"""Optiland's non-sequential scenes, traced on any GPU.
+
+``pip install ./python`` builds the program ``nsq-gpu`` and installs it with this package. Then a backend is all that
+a script changes::
+
+    from nsq_gpu import NsqGpuBackend
+
+    result = scene.trace(10_000_000, seed=0, backend=NsqGpuBackend())
+    result.detectors["camera"].plot()
+    print(result.report())
+
+The result is Optiland's own: ``SimulationResult`` with ``IrradianceMap``, ``SpectralResult``, ``FarFieldPattern``,
+``RayDatabase``, ``Diagnostics`` and ``ray_paths``; live detectors and absorbers are left as NumpyBackend leaves them.
+The draws are Optiland's too, so in f64 a result equals NumpyBackend's ray by ray, to rounding.
+
+``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress)``: ``precision="auto"`` takes f64 where the
+adapter is good at it, else f32; ``progress=True`` shows a bar; ``timeout`` is in seconds. Ctrl-C ends the trace at
+once. After a trace ``backend.report`` holds what Optiland's result has no field for, such as the exact ledger.
+
+``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
+does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back. What no file can hold
+(polarised coatings, tensors that want gradients, classes of your own) is refused by name: ``UnsupportedSceneError``.
+
+``python -m nsq_gpu.compare scene.json -n 1e5 [--torch]`` traces a file with this backend and with Optiland's, prints
+both side by side, and exits with 6 where they disagree.
+
+The program is looked for in this order: the argument ``binary``, the environment variable ``NSQ_GPU_BINARY``, the
+folder where pip installs programs, PATH.
+"""
+
+from nsq_gpu.backend import NsqGpuBackend
+from nsq_gpu.binary import find_binary
+from nsq_gpu.errors import (
+    AdapterError,
+    BinaryNotFoundError,
+    DeviceError,
+    NsqGpuError,
+    NsqGpuWarning,
+    SceneError,
+    TraceTimeoutError,
+    UnsupportedSceneError,
+    UsageError,
+)
+from nsq_gpu.export import export_scene
+from nsq_gpu.scene_file import load_scene
+
+__all__ = [
+    "AdapterError",
+    "BinaryNotFoundError",
+    "DeviceError",
+    "NsqGpuBackend",
+    "NsqGpuError",
+    "NsqGpuWarning",
+    "SceneError",
+    "TraceTimeoutError",
+    "UnsupportedSceneError",
+    "UsageError",
+    "export_scene",
+    "find_binary",
+    "load_scene",
+]

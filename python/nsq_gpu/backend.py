@@ -1,0 +1,126 @@
+"""The third interpreter of Optiland's NSQ scenes, beside NumpyBackend and TorchBackend."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential._utils import DEFAULT_BATCH_SIZE
+from optiland.nonsequential.backends.base import TracerBackend
+from optiland.nonsequential.tracer import SimulationResult
+
+from nsq_gpu.binary import find_binary
+from nsq_gpu.errors import NsqGpuWarning, UnsupportedSceneError, UsageError
+from nsq_gpu.export import ExportedScene, export, to_json
+from nsq_gpu.process import ProgressBar, ProgressCallback, run
+from nsq_gpu.results import fill_scene, read_report
+
+PRECISIONS = ("auto", "f32", "f64", "df64")
+_SEEDS = 1 << 64
+
+
+class NsqGpuBackend(TracerBackend):
+    """Traces scenes on a GPU by the program ``nsq-gpu``.
+
+    ``scene.trace(num_rays, backend=NsqGpuBackend())`` returns what Optiland's own backends return, and leaves live
+    detectors and absorbers as they leave them. On failure the live scene stays as it was.
+
+    Args:
+        seed: Seed of the draws where ``trace`` is given none; None means 0, as in Optiland.
+        precision: ``"f32"``, ``"f64"``, ``"df64"``, or ``"auto"``: f64 where the adapter runs it at a good rate.
+        adapter: A part of the adapter's name; see ``nsq-gpu adapters``.
+        binary: Path of the program; see :func:`nsq_gpu.find_binary` for where it is looked for otherwise.
+        timeout: Longest time of a trace [s]; then it is ended and TraceTimeoutError raised.
+        progress: True shows a bar on stderr; a function is called with the rays done, the rays in all, and the rays
+            per second.
+    """
+
+    def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
+                 binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
+                 progress: bool | ProgressCallback = False) -> None:
+        if precision not in PRECISIONS:
+            raise UsageError(f"precision is {precision!r}; give one of {', '.join(PRECISIONS)}")
+        self.seed = seed
+        self.precision = precision
+        self.adapter = adapter
+        self.binary = binary
+        self.timeout = timeout
+        self.progress = progress
+        #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
+        self.report: dict[str, Any] | None = None
+
+    def trace(self, scene: NSQScene, num_rays: int, max_depth: int = 16, min_flux_fraction: float = 1e-6,
+              batch_size: int = DEFAULT_BATCH_SIZE, seed: int | None = None,
+              record_paths: bool | int = False) -> SimulationResult:
+        """Trace a scene.
+
+        Args:
+            scene: The live scene.
+            num_rays: Rays to launch.
+            max_depth: Largest number of events of a ray.
+            min_flux_fraction: Roulette threshold, as a fraction of the mean flux of a new ray; the larger of it and
+                the scene's ``rr_start_flux`` counts.
+            batch_size: Ignored: Optiland's suits a CPU, results do not depend on it, and the program sizes its own
+                batches for the adapter.
+            seed: Seed of the draws, instead of the backend's.
+            record_paths: True records the paths of all rays, a number those of about so many.
+
+        Raises:
+            NsqGpuError: One of its subclasses, by what went wrong.
+        """
+        binary = find_binary(self.binary)
+        exported = export(scene)
+        if record_paths:
+            _check_names(scene, exported.surface_labels)
+        options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
+        with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
+            folder = Path(name)
+            self._run(binary, exported, options, folder)
+            self.report = read_report(folder / "out")
+            for warning in self.report["scene_warnings"]:
+                warnings.warn(warning, NsqGpuWarning, stacklevel=4)
+            return fill_scene(scene, self.report, folder / "out", exported.surface_labels)
+
+    def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,
+                 record_paths: bool | int) -> list[str]:
+        seed = seed if seed is not None else self.seed
+        options = {
+            "--num-rays": int(num_rays),
+            # Optiland keys its draws by the seed modulo 2^64.
+            "--seed": int(seed or 0) % _SEEDS,
+            "--max-depth": int(max_depth),
+            "--min-flux-fraction": float(min_flux_fraction),
+            "--precision": self.precision,
+        }
+        if self.adapter is not None:
+            options["--adapter"] = self.adapter
+        if record_paths:
+            options["--record-paths"] = "all" if record_paths is True else int(record_paths)
+        return [f"{key}={value}" for key, value in options.items()]
+
+    def _run(self, binary: str, exported: ExportedScene, options: list[str], folder: Path) -> None:
+        scene_file = folder / "scene.json"
+        scene_file.write_text(to_json(exported.document, indent=None), encoding="utf-8")
+        mode = "json" if self.progress else "never"
+        command = [binary, "trace", str(scene_file), *options, f"--progress={mode}", f"--output={folder / 'out'}"]
+        if callable(self.progress):
+            run(command, self.timeout, self.progress)
+            return
+        bar = ProgressBar() if self.progress else None
+        try:
+            run(command, self.timeout, bar)
+        finally:
+            if bar is not None:
+                bar.close()
+
+
+def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:
+    """Refuse paths that could not tell a detector from a surface, since an event knows both by name alone."""
+    for name in scene.detector_names:
+        if name in surface_labels:
+            raise UnsupportedSceneError(f"a detector and a surface are both called {name!r}, so recorded paths could "
+                                        "not tell them apart; rename one, or trace without record_paths")

@@ -1,0 +1,74 @@
+"""What can go wrong between a live scene and its result.
+
+The classes follow the exit codes of the command; ``exit_code`` is ``None`` where no command ran or it was ended.
+"""
+
+from __future__ import annotations
+
+import re
+
+
+class NsqGpuError(RuntimeError):
+    """A trace or an export failed; the message says where and why."""
+
+    #: Exit code of the command.
+    exit_code: int | None = None
+
+    def __init__(self, message: str, exit_code: int | None = None, stderr: str = "") -> None:
+        super().__init__(message)
+        self.exit_code = exit_code if exit_code is not None else type(self).exit_code
+        #: All that the command wrote to stderr.
+        self.stderr = stderr
+
+
+class UsageError(NsqGpuError):
+    """Options that the command refuses, or a file that it cannot read or write."""
+
+    exit_code = 2
+
+
+class SceneError(NsqGpuError):
+    """The tracer refuses the scene."""
+
+    exit_code = 3
+
+
+class UnsupportedSceneError(SceneError):
+    """The scene holds something that a scene file cannot express; nothing was written or traced."""
+
+
+class AdapterError(NsqGpuError):
+    """No adapter, or none that fits the request."""
+
+    exit_code = 4
+
+
+class DeviceError(NsqGpuError):
+    """The device was lost or ran out of memory."""
+
+    exit_code = 5
+
+
+class TraceTimeoutError(NsqGpuError, TimeoutError):
+    """The trace took longer than ``timeout`` and was ended."""
+
+
+class BinaryNotFoundError(NsqGpuError, FileNotFoundError):
+    """The program ``nsq-gpu`` is not where it was looked for."""
+
+
+class NsqGpuWarning(UserWarning):
+    """What the tracer finds doubtful in a scene, such as rotations that look like degrees."""
+
+
+_BY_EXIT_CODE: dict[int, type[NsqGpuError]] = {
+    cls.exit_code: cls for cls in (UsageError, SceneError, AdapterError, DeviceError) if cls.exit_code is not None
+}
+
+
+def error_of(exit_code: int, stderr: str) -> NsqGpuError:
+    """Return the exception that an exit code and the text on stderr stand for."""
+    message = re.sub(r"^(nsq-gpu: |error: )+", "", stderr.strip()) or "the command said nothing"
+    if exit_code < 0:
+        message = f"ended by signal {-exit_code}: {message}"
+    return _BY_EXIT_CODE.get(exit_code, NsqGpuError)(f"nsq-gpu: {message}", exit_code, stderr)

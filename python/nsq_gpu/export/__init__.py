@@ -1,0 +1,102 @@
+"""Live scenes -> scene files that hold all that a trace depends on: Optiland's schema version 1 and the ``nsq_gpu``
+block beside it. What a file cannot hold is refused by name (UnsupportedSceneError), never dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential.ir.scene_ir import SamplingPolicy
+
+from nsq_gpu.export.components import components
+from nsq_gpu.export.detectors import detectors
+from nsq_gpu.export.materials import Media
+from nsq_gpu.export.sources import sources, spectra
+from nsq_gpu.export.values import Json, number, refuse_type
+
+#: Version of Optiland's schema that is written.
+SCHEMA_VERSION = 1
+#: Version of the ``nsq_gpu`` block that is written.
+BLOCK_VERSION = 1
+
+
+@dataclass(frozen=True)
+class ExportedScene:
+    """A scene as the content of a file, and how the file calls its surfaces, in the order of ``scene.surfaces``."""
+
+    document: Json
+    surface_labels: list[str]
+
+
+def export_scene(scene: NSQScene, path: str | os.PathLike[str]) -> None:
+    """Write a scene to a file which alone, given to the command ``nsq-gpu trace``, traces as the live scene does.
+
+    Raises:
+        UnsupportedSceneError: The scene holds something that no file can; nothing is written.
+    """
+    text = to_json(export(scene).document)
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def to_json(document: Json, indent: int | None = 2) -> str:
+    """Return a document as strict JSON."""
+    return json.dumps(document, indent=indent, allow_nan=False) + "\n"
+
+
+def export(scene: NSQScene) -> ExportedScene:
+    """Return what :func:`export_scene` writes."""
+    media = Media(wavelength for spectrum in spectra(scene) for wavelength in spectrum["wavelengths"])
+    parts = components(scene, media)
+    source_list = sources(scene, media)
+    detector_list, extras = detectors(scene)
+    used = _media_in([parts.components, parts.surfaces, source_list])
+    block = {
+        # Glasses that are written by their names stand in no table.
+        "media": {name: document for name, document in media.documents.items() if name in used},
+        "surfaces": parts.surfaces,
+        "overrides": parts.overrides,
+        "order": parts.order if parts.order_needed() else None,
+        "detectors": extras,
+        "sampling": sampling(getattr(scene, "sampling_policy", None)),
+    }
+    document: Json = {
+        "nsq_schema_version": SCHEMA_VERSION,
+        "components": parts.components,
+        "sources": source_list,
+        "detectors": detector_list,
+    }
+    filled = {key: value for key, value in block.items() if value}
+    if filled:
+        document["nsq_gpu"] = {"version": BLOCK_VERSION, **filled}
+    return ExportedScene(document, parts.labels)
+
+
+def _media_in(tree: Any) -> set[str]:
+    """Return the names of the media that some part of a document refers to."""
+    if isinstance(tree, dict):
+        own = {tree["name"]} if tree.get("type") == "medium" else set()
+        return own.union(*map(_media_in, tree.values()))
+    return set().union(*map(_media_in, tree)) if isinstance(tree, list) else set()
+
+
+def sampling(policy: Any) -> Json | None:
+    """Return a sampling policy, unless it is the default."""
+    if policy is None or policy == SamplingPolicy():
+        return None
+    if type(policy) is not SamplingPolicy:
+        raise refuse_type("scene.sampling_policy", "it", policy, "a SamplingPolicy")
+    place = "sampling_policy"
+    named = isinstance(policy.reflect_prob, str)
+    return {
+        "reflect_prob": policy.reflect_prob if named else number(policy.reflect_prob, f"{place}.reflect_prob"),
+        "split_depth": int(policy.split_depth),
+        "split_budget": number(policy.split_budget, f"{place}.split_budget"),
+        "rr_start_flux": number(policy.rr_start_flux, f"{place}.rr_start_flux"),
+    }

@@ -1,0 +1,79 @@
+"""Live sources -> ``sources``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from optiland.nonsequential.scene import NSQScene
+from optiland.nonsequential.sources.base import Spectrum
+from optiland.nonsequential.sources.collimated import CollimatedSource
+from optiland.nonsequential.sources.extended import ExtendedSource
+from optiland.nonsequential.sources.point import PointSource
+
+from nsq_gpu.export.materials import Media
+from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_type
+
+
+def spectra(scene: NSQScene) -> list[Json]:
+    """Return the spectrum of every source."""
+    return [_spectrum(source.spectrum, f"source {name!r}")
+            for name, source in zip(scene.source_names, scene.sources, strict=True)]
+
+
+def _spectrum(spectrum: Any, place: str) -> Json:
+    if type(spectrum) is not Spectrum:
+        raise refuse_type(place, "its spectrum", spectrum, "optiland's Spectrum")
+    return {"wavelengths": numbers(spectrum.wavelengths, f"{place}: wavelengths"),
+            "weights": numbers(spectrum.weights, f"{place}: weights")}
+
+
+def sources(scene: NSQScene, media: Media) -> list[Json]:
+    """Return every source, in order."""
+    named = zip(scene.source_names, scene.sources, spectra(scene), strict=True)
+    return [_source(name, source, spectrum, media) for name, source, spectrum in named]
+
+
+def _source(name: str, source: Any, spectrum: Json, media: Media) -> Json:
+    place = f"source {name!r}"
+    kind = _KINDS.get(type(source))
+    if kind is None:
+        raise refuse_type(place, "it", source, "a PointSource, CollimatedSource or ExtendedSource")
+    return {
+        "type": kind[0],
+        "name": name,
+        "cs": coordinate_system(source.cs, place),
+        "spectrum": spectrum,
+        "total_flux": number(source.total_flux, f"{place}: total_flux"),
+        **kind[1](source, place),
+        "medium": media.reference(source.medium, f"{place}: medium"),
+    }
+
+
+def _point(source: Any, place: str) -> Json:
+    return {"half_angle_deg": number(source.half_angle_deg, f"{place}: half_angle_deg")}
+
+
+def _collimated(source: Any, place: str) -> Json:
+    return {
+        "aperture_radius": number(source.aperture_radius, f"{place}: aperture_radius"),
+        # Whatever is not "gaussian" is a top-hat to Optiland.
+        "profile": "gaussian" if source.profile == "gaussian" else "tophat",
+        "gaussian_sigma": number(source.gaussian_sigma, f"{place}: gaussian_sigma"),
+    }
+
+
+def _extended(source: Any, place: str) -> Json:
+    return {
+        "width": number(source.width, f"{place}: width"),
+        "height": number(source.height, f"{place}: height"),
+        "aperture_radius": optional(source.aperture_radius, f"{place}: aperture_radius"),
+        "half_angle_deg": number(source.half_angle_deg, f"{place}: half_angle_deg"),
+    }
+
+
+_KINDS: dict[type, tuple[str, Callable[[Any, str], Json]]] = {
+    PointSource: ("point", _point),
+    CollimatedSource: ("collimated", _collimated),
+    ExtendedSource: ("extended", _extended),
+}

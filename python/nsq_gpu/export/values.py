@@ -1,0 +1,73 @@
+"""Live values -> plain numbers, or a refusal that names the place."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import optiland.backend as be
+from optiland.coordinate_system import CoordinateSystem
+
+from nsq_gpu.errors import UnsupportedSceneError
+
+Json = dict[str, Any]
+
+
+def refuse(place: str, problem: str, remedy: str) -> UnsupportedSceneError:
+    """Return the exception for something that no scene file can hold."""
+    return UnsupportedSceneError(f"{place}: {problem}; {remedy}")
+
+
+def refuse_type(place: str, what: str, value: object, known: str) -> UnsupportedSceneError:
+    """Return the exception for an object of an unknown class: a subclass may do anything, so it is unknown too."""
+    return refuse(place, f"{what} is a {type(value).__qualname__}, which has no place in a scene file",
+                  f"use {known}")
+
+
+def refuse_gradient(value: object, place: str) -> None:
+    """Refuse a tensor that wants a gradient."""
+    if getattr(value, "requires_grad", False):
+        raise refuse(place, "it has requires_grad=True, and nsq-gpu computes no gradients",
+                     "detach it, or trace with Optiland's TorchBackend")
+
+
+def number(value: Any, place: str) -> float:
+    """Return a finite number."""
+    plain = _plain(value, place)
+    if not math.isfinite(plain):
+        raise refuse(place, f"it is {plain}", "give a finite number")
+    return plain
+
+
+def radius(value: Any, place: str) -> float:
+    """Return a vertex radius [mm]; infinity, which JSON has no word for, becomes 0: both mean flat."""
+    plain = _plain(value, place)
+    return 0.0 if math.isinf(plain) else number(plain, place)
+
+
+def optional(value: Any, place: str) -> float | None:
+    """Return a number, or None."""
+    return None if value is None else number(value, place)
+
+
+def numbers(values: Any, place: str) -> list[float]:
+    """Return a list of finite numbers."""
+    refuse_gradient(values, place)
+    return [number(value, place) for value in be.to_numpy(values).ravel().tolist()]
+
+
+def _plain(value: Any, place: str) -> float:
+    refuse_gradient(value, place)
+    try:
+        return float(value.item() if hasattr(value, "item") else value)
+    except (TypeError, ValueError) as error:
+        raise refuse(place, f"{value!r} is no number", "give a number") from error
+
+
+def coordinate_system(cs: CoordinateSystem, place: str) -> Json:
+    """Return a coordinate system with all those it stands in."""
+    if type(cs) is not CoordinateSystem:
+        raise refuse_type(place, "its coordinate system", cs, "optiland's CoordinateSystem")
+    axes = {axis: number(getattr(cs, axis), f"{place}: cs.{axis}") for axis in ("x", "y", "z", "rx", "ry", "rz")}
+    reference = cs.reference_cs
+    return {**axes, "reference_cs": coordinate_system(reference, place) if reference is not None else None}

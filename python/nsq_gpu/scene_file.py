@@ -1,0 +1,330 @@
+"""Scene files -> live scenes.
+
+Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string.
+
+Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
+version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
+the sources share one object per catalog name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tempfile
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optiland.backend as be
+from optiland.coatings import SimpleCoating
+from optiland.coordinate_system import CoordinateSystem
+from optiland.materials import IdealMaterial
+from optiland.materials.base import BaseMaterial
+from optiland.materials.material_file import MaterialFile
+from optiland.nonsequential import NSQMaterial, NSQScene
+from optiland.nonsequential.bsdf import HarveyShackBSDF, LambertianBSDF, SpecularBRDF, TabulatedBSDF
+from optiland.nonsequential.components.absorbing import AbsorbingComponent
+from optiland.nonsequential.components.base import BaseComponent
+from optiland.nonsequential.components.configs import (
+    DoubletConfig,
+    InteractionType,
+    LensConfig,
+    MirrorConfig,
+    SurfaceConfig,
+)
+from optiland.nonsequential.components.geometry.analytic.annulus import AnnularPlaneGeometry
+from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry
+from optiland.nonsequential.components.geometry.analytic.frustum import CylindricalFrustumGeometry
+from optiland.nonsequential.components.geometry.analytic.plane import FinitePlaneGeometry, PlaneGeometry
+from optiland.nonsequential.components.geometry.analytic.sphere import SphereGeometry
+from optiland.nonsequential.components.geometry.mesh.mesh_geometry import MeshGeometry
+from optiland.nonsequential.components.reflective import ReflectiveComponent
+from optiland.nonsequential.components.refractive import RefractiveComponent
+from optiland.nonsequential.detectors.configs import (
+    FarFieldDetectorConfig,
+    IrradianceDetectorConfig,
+    RayDatabaseConfig,
+    SpectralDetectorConfig,
+)
+from optiland.nonsequential.ir.scene_ir import SamplingPolicy
+from optiland.nonsequential.materials.nsq_material import VACUUM
+from optiland.nonsequential.sources.base import Spectrum
+from optiland.nonsequential.sources.configs import (
+    CollimatedSourceConfig,
+    ExtendedSourceConfig,
+    PointSourceConfig,
+)
+
+Json = dict[str, Any]
+
+SCHEMA_VERSION = 1
+BLOCK_VERSION = 1
+
+#: Per kind of v1 component: the slots of its config for overrides, and the surfaces that each slot covers. An override
+#: names a surface, as in ``L1.front``.
+OVERRIDE_SLOTS: dict[str, dict[str, tuple[str, ...]]] = {
+    "lens": {"front": ("front",), "back": ("back",), "edge": ("edge",), "rim": ("rim",)},
+    "doublet": {"front": ("front",), "cemented": ("cemented",), "back": ("back",),
+                "edge": ("edge_crown", "edge_flint")},
+    "mirror": {"surface": ("surface",)},
+}
+
+
+class TableMaterial(BaseMaterial):  # type: ignore[no-untyped-call]
+    """A medium given by n and k at listed wavelengths, linear between them and constant outside."""
+
+    def __init__(self, wavelengths: list[float], n: list[float], k: list[float] | None = None) -> None:
+        super().__init__()
+        self.wavelengths = np.asarray(wavelengths, dtype=np.float64)
+        self.index = np.asarray(n, dtype=np.float64)
+        self.extinction = np.zeros_like(self.index) if k is None else np.asarray(k, dtype=np.float64)
+
+    def _calculate_n(self, wavelength: Any, **kwargs: Any) -> Any:
+        return _interpolate(wavelength, self.wavelengths, self.index)
+
+    def _calculate_k(self, wavelength: Any, **kwargs: Any) -> Any:
+        return _interpolate(wavelength, self.wavelengths, self.extinction)
+
+
+def _interpolate(wavelength: Any, wavelengths: Any, values: Any) -> Any:
+    return be.array(np.interp(be.to_numpy(wavelength), wavelengths, values))
+
+
+class Materials:
+    """Resolves the material values of one scene file to NSQMaterial objects."""
+
+    def __init__(self, media: Json) -> None:
+        self._media = {name: _named(name, spec) for name, spec in media.items()}
+        self._catalog: dict[str, NSQMaterial] = {}
+
+    def shared(self, value: Any) -> NSQMaterial:
+        """Return the material of a surface's side or of a source: one object per name."""
+        if value is None:
+            return VACUUM
+        if isinstance(value, dict) and value["type"] == "medium":
+            return self._media[value["name"]]
+        name = value if isinstance(value, str) else value["name"]
+        if name not in self._catalog:
+            self._catalog[name] = _from_catalog(name)
+        return self._catalog[name]
+
+    def for_component(self, value: Any) -> str | NSQMaterial | None:
+        """Return what a v1 config takes: a catalog name stays a name, as Optiland's loader leaves it."""
+        if isinstance(value, dict) and value["type"] == "medium":
+            return self._media[value["name"]]
+        name = value["name"] if isinstance(value, dict) else value
+        # Of an entry's path, Optiland's search knows nothing.
+        return _from_catalog(name) if name is not None and "/" in name else name
+
+
+def _from_catalog(name: str) -> NSQMaterial:
+    """Return the material of a catalog name, or of an entry's path such as ``glass/schott/SF6``."""
+    if "/" not in name:
+        return NSQMaterial.from_glass(name)
+    entry = Path(str(resources.files("optiland.database"))) / "data-nk" / f"{name}.yml"
+    return NSQMaterial(optiland_material=MaterialFile(str(entry)))
+
+
+def _named(name: str, spec: Json) -> NSQMaterial:
+    material = NSQMaterial(optiland_material=_medium(spec))
+    # For the exporter; an attribute `name` of the inner material would pass for a catalog name with Optiland.
+    material.nsq_gpu_name = name  # type: ignore[attr-defined]
+    return material
+
+
+def _medium(spec: Json) -> BaseMaterial | None:
+    kind = spec["type"]
+    if kind == "constant":
+        return IdealMaterial(n=spec["n"], k=spec.get("k", 0.0))
+    if kind == "table":
+        return TableMaterial(spec["wavelengths"], spec["n"], spec.get("k"))
+    if kind == "catalog":
+        return _from_catalog(spec["name"]).optiland_material
+    raise ValueError(f"unknown medium type {kind!r}")
+
+
+def load_scene(path: str | Path) -> NSQScene:
+    """Build the scene of a file."""
+    path = Path(path)
+    return scene_from_dict(json.loads(path.read_text(encoding="utf-8")), path.parent)
+
+
+def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
+    """Build the scene of a parsed file; files that it names are looked for from ``folder``."""
+    block = document.get("nsq_gpu") or {}
+    folder = folder or Path()
+    _check_versions(document, block)
+    materials = Materials(block.get("media", {}))
+    scene = NSQScene()
+    _add_components(scene, document, block, materials, folder)
+    for spec in document.get("sources", []):
+        scene.add_source(spec["name"], _frame(spec["cs"]), _source_config(spec, materials))
+    for spec in document.get("detectors", []):
+        extra = block.get("detectors", {}).get(spec["name"], {})
+        scene.add_detector(spec["name"], _frame(spec["cs"]), _detector_config(spec, extra))
+    scene.sampling_policy = SamplingPolicy(**block.get("sampling") or {})
+    return scene
+
+
+def _check_versions(document: Json, block: Json) -> None:
+    if document.get("nsq_schema_version") != SCHEMA_VERSION:
+        raise ValueError(f"nsq_schema_version is {document.get('nsq_schema_version')!r}, not {SCHEMA_VERSION}")
+    if block and block.get("version") != BLOCK_VERSION:
+        raise ValueError(f"nsq_gpu.version is {block.get('version')!r}, not {BLOCK_VERSION}")
+
+
+def _frame(spec: Json) -> CoordinateSystem:
+    reference = spec.get("reference_cs")
+    placement = {key: spec.get(key, 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")}
+    return CoordinateSystem(**placement, reference_cs=_frame(reference) if reference else None)
+
+
+def _add_components(scene: NSQScene, document: Json, block: Json, materials: Materials, folder: Path) -> None:
+    """Add v1 components and raw surfaces in the file's component order."""
+    components = {spec["name"]: spec for spec in document.get("components", [])}
+    surfaces = {spec["name"]: spec for spec in block.get("surfaces", [])}
+    overrides = block.get("overrides", {})
+    for name in block.get("order") or [*components, *surfaces]:
+        if name in components:
+            _add_compound(scene, components[name], overrides, materials, folder)
+        else:
+            scene.add_component(name, _raw_surface(surfaces[name], materials, folder))
+
+
+def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Materials, folder: Path) -> None:
+    name, kind = spec["name"], spec["type"]
+    config = dict(spec["config"])
+    for key in ("material", "material1", "material2"):
+        if key in config:
+            config[key] = materials.for_component(config[key])
+    for slot, parts in OVERRIDE_SLOTS[kind].items():
+        chosen = [overrides.get(f"{name}.{part}") for part in parts]
+        if any(override != chosen[0] for override in chosen):
+            raise ValueError(f"Optiland cannot override {name}'s surfaces {parts} differently")
+        if chosen[0] is not None:
+            config[slot] = _surface_config(chosen[0], folder)
+    if "reflectance" in config:
+        config["reflectance"] = reflectance(config["reflectance"])
+    if kind == "lens":
+        scene.add_lens(name, _frame(spec["cs"]), LensConfig(**config))
+    elif kind == "doublet":
+        scene.add_doublet(name, _frame(spec["cs"]), DoubletConfig(**config))
+    else:
+        scene.add_mirror(name, _frame(spec["cs"]), MirrorConfig(**config))
+
+
+def _surface_config(spec: Json, folder: Path) -> SurfaceConfig:
+    interaction, fraction = spec.get("interaction"), spec.get("scatter_fraction")
+    return SurfaceConfig(
+        bsdf=_bsdf(spec.get("bsdf"), folder),
+        scatter_fraction=1.0 if fraction is None else fraction,
+        coating=_coating(spec.get("coating")),
+        interaction=InteractionType(interaction) if interaction else None,
+        aperture_radius=spec.get("aperture_radius"),
+        reflectance=reflectance(spec.get("reflectance")),
+    )
+
+
+def reflectance(value: Any) -> Any:
+    """Turn a reflectance into what Optiland takes: a number, or a function of the wavelength [um]."""
+    if not isinstance(value, dict):
+        return value
+    wavelengths, values = value["wavelengths"], value["values"]
+    return lambda wavelength: _interpolate(wavelength, wavelengths, values)
+
+
+def _coating(spec: Json | None) -> SimpleCoating | None:
+    if spec is None:
+        return None
+    if isinstance(spec["reflectance"], dict) or isinstance(spec["transmittance"], dict):
+        raise ValueError("Optiland has no coating that varies with the wavelength; give numbers")
+    return SimpleCoating(transmittance=spec["transmittance"], reflectance=spec["reflectance"])
+
+
+def _bsdf(spec: Json | None, folder: Path) -> Any:
+    if spec is None:
+        return None
+    parameters = {key: value for key, value in spec.items() if key != "type"}
+    if spec["type"] == "tabulated":
+        return _tabulated(spec, folder)
+    models: dict[str, Any] = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
+    return models[spec["type"]](**parameters)
+
+
+def _tabulated(spec: Json, folder: Path) -> TabulatedBSDF:
+    """Return a tabulated model; Optiland reads only files, so inline values go through one."""
+    fraction = spec.get("transmissive_fraction", 0.0)
+    if spec.get("path") is not None:
+        return TabulatedBSDF(folder / spec["path"], fraction)
+    rows = [f"{incident!r},{scattered!r},{value!r}"
+            for incident, values in zip(spec["theta_i"], spec["bsdf"], strict=True)
+            for scattered, value in zip(spec["theta_s"], values, strict=True)]
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "bsdf.csv"
+        path.write_text("\n".join(rows), encoding="utf-8")
+        return TabulatedBSDF(path, fraction)
+
+
+def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponent:
+    frame, shape, name = _frame(spec["cs"]), _shape(spec["shape"], folder), spec["name"]
+    front = materials.shared(spec.get("material_front"))
+    scatter = {"bsdf": _bsdf(spec.get("bsdf"), folder), "scatter_fraction": spec.get("scatter_fraction", 1.0)}
+    if spec["interaction"] == "refractive":
+        back = materials.shared(spec.get("material_back"))
+        return RefractiveComponent(frame, shape, front, back, name=name, coating=_coating(spec.get("coating")),
+                                   **scatter)
+    if spec["interaction"] == "reflective":
+        return ReflectiveComponent(frame, shape, reflectance(spec["reflectance"]), material_front=front, name=name,
+                                   **scatter)
+    return AbsorbingComponent(frame, shape, front, name=name)
+
+
+def _shape(spec: Json, folder: Path) -> Any:
+    parameters = {key: value for key, value in spec.items() if key != "type" and value is not None}
+    if spec["type"] == "plane":
+        return FinitePlaneGeometry(**parameters) if parameters else PlaneGeometry()
+    if spec["type"] == "mesh":
+        return _mesh(spec, folder)
+    shapes: dict[str, Any] = {
+        "conic": ConicGeometry,
+        "annulus": AnnularPlaneGeometry,
+        "frustum": CylindricalFrustumGeometry,
+        "sphere": SphereGeometry,
+    }
+    return shapes[spec["type"]](**parameters)
+
+
+def _mesh(spec: Json, folder: Path) -> MeshGeometry:
+    # Optiland needs trimesh for meshes alone.
+    import trimesh
+
+    if spec.get("path") is not None:
+        return MeshGeometry(trimesh.load_mesh(folder / spec["path"], process=False))
+    return MeshGeometry(trimesh.Trimesh(spec["vertices"], spec["faces"], process=False))
+
+
+def _source_config(spec: Json, materials: Materials) -> Any:
+    configs = {"point": PointSourceConfig, "collimated": CollimatedSourceConfig, "extended": ExtendedSourceConfig}
+    config = configs[spec["type"]]
+    fields = {field.name for field in dataclasses.fields(config)} - {"spectrum", "medium"}
+    medium = spec.get("medium")
+    return config(
+        spectrum=Spectrum(**spec["spectrum"]),
+        medium=None if medium is None else materials.shared(medium),
+        **{key: spec[key] for key in fields & spec.keys()},
+    )
+
+
+def _detector_config(spec: Json, extra: Json) -> Any:
+    configs = {
+        "irradiance": IrradianceDetectorConfig,
+        "spectral": SpectralDetectorConfig,
+        "far_field": FarFieldDetectorConfig,
+        "ray_database": RayDatabaseConfig,
+    }
+    # The one pair of names that differs between v1 and the config.
+    names = {"num_bins_theta": "num_theta", "num_bins_phi": "num_phi"} if spec["type"] == "far_field" else {}
+    parameters = {names.get(key, key): value for key, value in spec.items() if key not in ("type", "name", "cs")}
+    return configs[spec["type"]](**parameters, **extra)

@@ -1,0 +1,390 @@
+"""The backend against NumpyBackend, and its conduct towards the program that it runs."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import stat
+import threading
+import time
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import matplotlib
+import numpy as np
+import pytest
+from optiland.nonsequential import LensConfig, MirrorConfig, NSQScene
+from optiland.nonsequential.backends.base import TracerBackend
+from optiland.nonsequential.backends.numpy_backend import NumpyBackend
+from optiland.nonsequential.convert import sequential_to_nonsequential
+from optiland.nonsequential.detectors.configs import (
+    FarFieldDetectorConfig,
+    RayDatabaseConfig,
+    SpectralDetectorConfig,
+)
+from optiland.nonsequential.units import to_photometric
+from optiland.samples.objectives import CookeTriplet
+
+import nsq_gpu
+from nsq_gpu import compare
+from tests import live, parity
+from tests.live import SCENES, agreement, assert_equals_numpy, assert_same_paths, backend, bench, cs, glass, traced
+from tests.oracle import Json
+
+matplotlib.use("Agg")
+NUM_RAYS = 4000
+
+posix_only = pytest.mark.skipif(os.name == "nt", reason="the stand-ins for the program are shell scripts")
+
+
+def side(name: str, result: Any, figures: Json) -> compare.Side:
+    hits = {detector: found["num_rays_hit"] for detector, found in figures["detectors"].items()}
+    return compare.Side(name, result, hits, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_equals_numpy(path: Path) -> None:
+    scene, capped = live.load(path), live.caps(path)
+    result, ours = traced(scene, NUM_RAYS, backend(), record_paths=300)
+    reference, theirs = traced(live.load_uncapped(path), NUM_RAYS, NumpyBackend(), record_paths=300)
+    if parity.is_chaotic(path):
+        text, agrees = compare.verdict(side("ours", result, ours), side("theirs", reference, theirs), statistical=True)
+        assert agrees, text
+        return
+    assert not agreement(ours, theirs, capped).violations
+    assert_same_paths(result, reference)
+    for name, detector in scene.detector_registry._registry.items():
+        assert type(result.detectors[name]) is type(reference.detectors[name])
+        again = detector.get_result()
+        for key, value in vars(result.detectors[name]).items():
+            assert np.array_equal(np.asarray(getattr(again, key)), np.asarray(value)), (name, key)
+
+
+def all_detectors() -> NSQScene:
+    """Return a scene of every kind of detector, one behind the other, and one that nothing reaches."""
+    scene = bench()
+    scene.add_lens("L", cs(), LensConfig(60.0, -60.0, 5.0, glass(), 10.0))
+    spectral = SpectralDetectorConfig(40.0, 40.0, 8, 8, wl_min=0.45, wl_max=0.65, num_bins=4, absorb=False)
+    scene.add_detector("colours", cs(z=10.0), spectral)
+    scene.add_detector("rays", cs(z=12.0), RayDatabaseConfig(40.0, 40.0, absorb=False))
+    scene.add_detector("sky", cs(z=14.0), FarFieldDetectorConfig(18, 36, absorb=False))
+    scene.add_detector("nobody", cs(z=-900.0), RayDatabaseConfig(1.0, 1.0))
+    return scene
+
+
+def test_every_kind_of_detector() -> None:
+    assert_equals_numpy(all_detectors(), NUM_RAYS)
+
+
+def test_private_state_of_detectors_is_as_numpy_leaves_it() -> None:
+    ours, theirs = all_detectors(), all_detectors()
+    traced(ours, NUM_RAYS, backend())
+    traced(theirs, NUM_RAYS, NumpyBackend())
+    for mine, other in zip(ours.detectors, theirs.detectors, strict=True):
+        for key, value in vars(other).items():
+            if key in ("cs", "geometry"):
+                continue
+            got = getattr(mine, key)
+            if isinstance(value, list):
+                assert sum(map(len, got)) == sum(map(len, value)), key
+            elif isinstance(value, np.ndarray):
+                assert got.shape == value.shape and got.dtype == value.dtype, key
+                assert np.allclose(got, value, rtol=1e-9, atol=1e-12 * max(np.abs(value).max(), 1e-30)), key
+            else:
+                assert got == pytest.approx(value), key
+
+
+def test_a_second_trace_starts_from_nothing() -> None:
+    scene = all_detectors()
+    _, once = traced(scene, NUM_RAYS, backend())
+    _, twice = traced(scene, NUM_RAYS, backend())
+    assert not agreement(twice, once).violations
+
+
+def test_is_a_backend_of_optiland_and_its_result_works_on() -> None:
+    with live.quiet():
+        scene = sequential_to_nonsequential(CookeTriplet(), detector_pixels=(40, 30))
+    assert isinstance(backend(), TracerBackend)
+    result, ours = traced(scene, NUM_RAYS, backend(), record_paths=50)
+    _, theirs = traced(scene, NUM_RAYS, NumpyBackend())
+    assert not agreement(ours, theirs).violations
+    assert "NSQ trace diagnostics" in result.report()
+    image = next(iter(result.detectors.values()))
+    assert image.plot() is not None
+    assert np.array_equal(np.asarray(image.data).shape, (image.irradiance.size,))
+    with live.quiet():
+        scene.view(result)
+
+
+def test_to_photometric() -> None:
+    scene = all_detectors()
+    result, _ = traced(scene, NUM_RAYS, backend())
+    reference, _ = traced(scene, NUM_RAYS, NumpyBackend())
+    for name, wavelength in (("screen", 0.55), ("colours", None)):
+        ours, theirs = (to_photometric(found.detectors[name], wavelength_um=wavelength)
+                        for found in (result, reference))
+        assert ours.total == pytest.approx(theirs.total, rel=1e-11)
+
+
+def test_seeds() -> None:
+    scene = bench()
+
+    def flux(which: nsq_gpu.NsqGpuBackend, **options: int) -> bytes:
+        return traced(scene, 500, which, **options)[0].detectors["screen"].irradiance.tobytes()
+
+    assert flux(backend(seed=7)) == flux(backend(), seed=7) == flux(backend(seed=3), seed=7)
+    assert flux(backend()) == flux(backend(seed=0)) != flux(backend(seed=7))
+    # Optiland keys its draws by the seed modulo 2^64.
+    assert flux(backend(seed=-1)) == flux(backend(seed=(1 << 64) - 1))
+    _, theirs = traced(scene, 500, NumpyBackend(), seed=7)
+    _, ours = traced(scene, 500, backend(seed=7))
+    assert not agreement(ours, theirs).violations
+
+
+def test_limits_reach_the_tracer() -> None:
+    scene = bench()
+    scene.add_mirror("M", cs(z=20.0), MirrorConfig(0.0, 0.9))
+    scene.add_mirror("N", cs(z=-30.0), MirrorConfig(0.0, 0.9, aperture_radius=60.0))
+    assert_equals_numpy(scene, NUM_RAYS, max_depth=2)
+    assert_equals_numpy(scene, NUM_RAYS, min_flux_fraction=0.95)
+
+
+def test_paths_are_recorded_as_asked() -> None:
+    scene = bench()
+    for asked in (True, 40, False, 0):
+        ours, _ = traced(scene, 300, backend(), record_paths=asked)
+        theirs, _ = traced(scene, 300, NumpyBackend(), record_paths=asked)
+        if not asked:
+            assert ours.ray_paths is None and theirs.ray_paths is None
+        else:
+            assert_same_paths(ours, theirs)
+
+
+def test_paths_tell_detectors_from_surfaces() -> None:
+    scene = bench()
+    scene.add_mirror("M", cs(z=25.0), MirrorConfig(0.0, 0.9))
+    part = scene.component_registry.get("M").surfaces[0]
+    scene.remove_component("M")
+    scene.add_component("screen", part)
+    traced(scene, 300, backend())
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="'screen'.*rename"):
+        scene.trace(300, backend=backend(), record_paths=True)
+
+
+def test_report_of_the_program_is_kept() -> None:
+    which = backend()
+    traced(bench(), 300, which)
+    assert which.report is not None and which.report["precision"] == "f64" and "ledger" in which.report
+
+
+def test_precision_is_checked_at_once() -> None:
+    with pytest.raises(nsq_gpu.UsageError, match="f16.*auto, f32, f64"):
+        nsq_gpu.NsqGpuBackend(precision="f16")
+
+
+# Progress
+
+
+def test_progress_calls_back() -> None:
+    seen: list[tuple[int, int, float]] = []
+    traced(bench(), 3000, backend(progress=lambda *update: seen.append(update)))
+    assert seen and seen[-1][:2] == (3000, 3000) and seen[-1][2] > 0.0
+    assert [rays for rays, _, _ in seen] == sorted(rays for rays, _, _ in seen)
+
+
+def test_progress_draws_a_bar() -> None:
+    with mock.patch("sys.stderr", io.StringIO()) as stream:
+        traced(bench(), 3000, backend(progress=True))
+    assert "3,000 of 3,000 rays" in stream.getvalue() and stream.getvalue().endswith("\r")
+
+
+# Failures
+
+
+def script(folder: Path, body: str) -> str:
+    """Write a stand-in for the program; it leaves its process id in the file ``pid``."""
+    path = folder / "nsq-gpu"
+    path.write_text(f"#!/bin/sh\necho $$ > {folder}/pid\n{body}\n", encoding="utf-8")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return str(path)
+
+
+def assert_child_is_gone(folder: Path) -> None:
+    pid = int((folder / "pid").read_text())
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+@posix_only
+def test_timeout_ends_the_child(tmp_path: Path) -> None:
+    start = time.monotonic()
+    with pytest.raises(nsq_gpu.TraceTimeoutError, match="timeout = 0.5 s"):
+        bench().trace(100, backend=backend(binary=script(tmp_path, "exec sleep 60"), timeout=0.5))
+    assert time.monotonic() - start < 10.0
+    assert_child_is_gone(tmp_path)
+
+
+def test_timeout_ends_the_real_program() -> None:
+    with pytest.raises(TimeoutError):
+        live.load(SCENES[0]).trace(10**12, backend=backend(timeout=2.0))
+
+
+@posix_only
+def test_interrupt_ends_the_child(tmp_path: Path) -> None:
+    def interrupt() -> None:
+        while not (tmp_path / "pid").exists():
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    # A script run in the background inherits a handler that ignores SIGINT.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            bench().trace(100, backend=backend(binary=script(tmp_path, "exec sleep 60")))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert_child_is_gone(tmp_path)
+
+
+@posix_only
+def test_an_exception_of_the_callback_ends_the_child(tmp_path: Path) -> None:
+    def refuse(*update: float) -> None:
+        raise ValueError("enough")
+
+    said = """echo '{"rays": 1, "num_rays": 2, "rays_per_sec": 3.0, "eta_sec": 1.0}' >&2; exec sleep 60"""
+    with pytest.raises(ValueError, match="enough"):
+        bench().trace(100, backend=backend(binary=script(tmp_path, said), progress=refuse))
+    assert_child_is_gone(tmp_path)
+
+
+@posix_only
+@pytest.mark.parametrize(("code", "expected"), [
+    (1, nsq_gpu.NsqGpuError), (2, nsq_gpu.UsageError), (3, nsq_gpu.SceneError), (4, nsq_gpu.AdapterError),
+    (5, nsq_gpu.DeviceError), (130, nsq_gpu.NsqGpuError),
+])
+def test_exit_codes_become_exceptions(tmp_path: Path, code: int, expected: type) -> None:
+    program = script(tmp_path, f"echo 'error: it broke' >&2; exit {code}")
+    with pytest.raises(nsq_gpu.NsqGpuError, match="^nsq-gpu: it broke$") as caught:
+        bench().trace(100, backend=backend(binary=program))
+    assert type(caught.value) is expected and caught.value.exit_code == code
+
+
+@posix_only
+def test_a_killed_program_is_named(tmp_path: Path) -> None:
+    with pytest.raises(nsq_gpu.NsqGpuError, match="signal 9") as caught:
+        bench().trace(100, backend=backend(binary=script(tmp_path, "kill -9 $$")))
+    assert caught.value.exit_code == -9
+
+
+def test_the_program_says_what_it_refuses() -> None:
+    scene = bench()
+    scene.add_mirror("M", cs(z=1e15), MirrorConfig(0.0, 0.9))
+    with pytest.raises(nsq_gpu.SceneError, match=r"components\[0\].cs.z"):
+        scene.trace(100, backend=backend())
+    with pytest.raises(nsq_gpu.AdapterError, match="no such adapter"):
+        bench().trace(100, backend=backend(adapter="no such adapter"))
+
+
+def test_failure_leaves_the_live_scene_alone() -> None:
+    scene = bench()
+    traced(scene, 500, backend())
+    before = scene.detectors[0].get_result().irradiance.copy()
+    with pytest.raises(nsq_gpu.AdapterError):
+        scene.trace(100, backend=backend(adapter="no such adapter"))
+    assert np.array_equal(scene.detectors[0].get_result().irradiance, before)
+
+
+def test_warnings_of_the_program_are_python_warnings() -> None:
+    scene = bench()
+    scene.add_mirror("M", cs(z=-40.0, ry=90.0), MirrorConfig(0.0, 0.9))
+    with pytest.warns(nsq_gpu.NsqGpuWarning, match="radians") as caught:
+        scene.trace(100, backend=backend())
+    assert caught[0].filename == __file__
+
+
+# Where the program is
+
+
+def test_a_missing_program_says_where_was_looked(tmp_path: Path) -> None:
+    nowhere = {"PATH": str(tmp_path), "NSQ_GPU_BINARY": ""}
+    with (
+        mock.patch.dict(os.environ, nowhere),
+        mock.patch("nsq_gpu.binary._scripts_folders", return_value=iter([tmp_path / "bin"])),
+        pytest.raises(nsq_gpu.BinaryNotFoundError) as caught,
+    ):
+        bench().trace(100, backend=nsq_gpu.NsqGpuBackend())
+    for word in (str(tmp_path / "bin"), "PATH", "NSQ_GPU_BINARY", "pip install", "binary="):
+        assert word in str(caught.value)
+
+
+@posix_only
+def test_the_order_of_search(tmp_path: Path) -> None:
+    folders = {name: tmp_path / name for name in ("argument", "environment", "scripts", "path")}
+    for folder in folders.values():
+        folder.mkdir()
+        script(folder, "true")
+    programs = {name: str(folder / "nsq-gpu") for name, folder in folders.items()}
+    found = []
+    with (
+        mock.patch.dict(os.environ, {"PATH": str(folders["path"]), "NSQ_GPU_BINARY": programs["environment"]}),
+        mock.patch("nsq_gpu.binary._scripts_folders", side_effect=lambda: iter([folders["scripts"]])),
+    ):
+        found.append(nsq_gpu.find_binary(programs["argument"]))
+        found.append(nsq_gpu.find_binary())
+        del os.environ["NSQ_GPU_BINARY"]
+        found.append(nsq_gpu.find_binary())
+        Path(programs["scripts"]).unlink()
+        found.append(nsq_gpu.find_binary())
+    assert found == list(programs.values())
+
+
+def test_a_named_program_must_exist(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="the argument binary names .*nowhere"):
+        nsq_gpu.find_binary(tmp_path / "nowhere")
+    with (
+        mock.patch.dict(os.environ, {"NSQ_GPU_BINARY": str(tmp_path / "nowhere")}),
+        pytest.raises(FileNotFoundError, match="NSQ_GPU_BINARY names .*nowhere"),
+    ):
+        nsq_gpu.find_binary()
+
+
+# The comparison
+
+
+def test_compare_agrees(capsys: pytest.CaptureFixture[str]) -> None:
+    path = live.ROOT / "scenes" / "cooke_triplet.json"
+    code = compare.main([str(path), "-n", "2e3", "--precision", "f64", "--binary", live.binary()])
+    printed = capsys.readouterr().out
+    assert code == 0 and "NumPy" in printed and "rays with another fate: 0 of" in printed, printed
+
+
+def wrong(**changes: int) -> Any:
+    """Make the backend trace with other options than it was given."""
+    trace = nsq_gpu.NsqGpuBackend.trace
+
+    def changed(self: nsq_gpu.NsqGpuBackend, scene: NSQScene, **options: Any) -> Any:
+        return trace(self, scene, **{**options, **changes})
+
+    return mock.patch.object(nsq_gpu.NsqGpuBackend, "trace", changed)
+
+
+def test_compare_finds_a_difference(capsys: pytest.CaptureFixture[str]) -> None:
+    path = live.ROOT / "scenes" / "cooke_triplet.json"
+    options = [str(path), "-n", "2e3", "--precision", "f64", "--binary", live.binary()]
+    # Another seed goes the other ways, but is no statistical difference.
+    with wrong(seed=99):
+        assert compare.main(options) == compare.DISAGREE
+        assert compare.main([*options, "--statistical"]) == 0
+    # A shallower trace is.
+    with wrong(max_depth=3):
+        assert compare.main([*options, "--statistical"]) == compare.DISAGREE
+    assert "DISAGREE" in capsys.readouterr().out
+
+
+def test_compare_reports_errors(capsys: pytest.CaptureFixture[str]) -> None:
+    path = live.ROOT / "scenes" / "bench_lens.json"
+    assert compare.main([str(path), "-n", "10", "--binary", live.binary(), "--adapter", "none such"]) == 4
+    assert "none such" in capsys.readouterr().err

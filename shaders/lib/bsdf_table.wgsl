@@ -1,0 +1,17 @@
+// The tables of BSDFs, one after the other; a surface's record tells where its own begins.
+@group(0) @binding(13) var<storage, read> bsdf_table: array<real>;
+
+// The interval of ascending knots that holds x: the last of those whose lower knot is not above x.
+fn interval_of(x: real, first: u32, count: u32) -> u32 {
+    var low = 0u;
+    var high = count - 1u;
+    for (var step = 0u; step < 32u && high - low > 1u; step++) {
+        let middle = (low + high) / 2u;
+        if bsdf_table[first + middle] <= x {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}

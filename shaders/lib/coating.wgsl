@@ -1,0 +1,13 @@
+// Coatings: reflectance and transmittance of their own in place of Fresnel's. What R + T < 1 leaves is absorbed.
+
+fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: real) -> real {
+    return select(bare, reflectance_of(surface, primitive, wavelength), surface.coated != 0u);
+}
+
+// Of the light that it does not reflect, a coating lets T / (1 - R) pass.
+fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
+    let before = (*ray).weight;
+    let after = before * coating_pass_of(surface, primitive, (*ray).wavelength);
+    book_loss(CELL_COATING, before, after);
+    (*ray).weight = after;
+}

@@ -1,0 +1,8 @@
+// No surface is coated.
+
+fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: real) -> real {
+    return bare;
+}
+
+fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
+}
