@@ -128,6 +128,51 @@ fn what_cannot_be_measured_is_a_usage_error() {
     }
 }
 
+// The profile of a trace.
+
+/// The report of the deep cavity, and what stood on stderr.
+fn trace_cavity(arguments: &[&str]) -> Output {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/bench_cavity.json");
+    let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+    command.args(["trace", scene.to_str().unwrap(), "-n", "3000", "--max-depth", "40"]);
+    command.args(["--batch-size", "1000", "--precision", "f32", "--json"]).args(arguments).output().unwrap()
+}
+
+#[test]
+fn a_profile_names_the_stages_and_changes_no_bit() {
+    if !has_adapter("profile") {
+        return;
+    }
+    let profiled = trace_cavity(&["--profile"]);
+    if stderr(&profiled).contains("no timestamps") {
+        let _ = writeln!(std::io::stderr(), "SKIPPED: profile: no timestamps");
+        return;
+    }
+    let (with, without) = (report(&profiled), report(&trace_cavity(&[])));
+    assert_eq!(with["ledger"], without["ledger"]);
+    assert_eq!(without["diagnostics"].get("stage_times"), None);
+    let stages = with["diagnostics"]["stage_times"].as_array().unwrap();
+    // Three batches of three rounds: 40 events, 16 a dispatch.
+    let dispatches: Vec<_> = stages.iter().map(|s| (&s["stage"], &s["num_dispatches"])).collect();
+    let expected =
+        [(json!("trace_new"), json!(3)), (json!("advance"), json!(6)), (json!("trace_queued"), json!(6))];
+    assert_eq!(dispatches, expected.each_ref().map(|(stage, count)| (stage, count)));
+    for stage in stages {
+        assert!(stage["time_sec"].as_f64().unwrap() >= 0.0);
+        assert!(stderr(&profiled).contains(stage["stage"].as_str().unwrap()));
+    }
+}
+
+#[test]
+fn a_profile_without_timestamps_is_a_usage_error() {
+    if !has_adapter("no profile") {
+        return;
+    }
+    let output = trace_cavity(&["--profile", "--portable"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no timestamps"));
+}
+
 // Launched = counted.
 
 fn counts() -> Counts {
@@ -239,6 +284,10 @@ fn timings_of_the_drjit_script_are_read() {
 #[cfg(unix)]
 mod planted_peers {
     use super::*;
+    use nsq_gpu::bench::runner::measure;
+    use nsq_gpu::bench::{Kind, Session, cases};
+    use nsq_gpu::gpu::{AdapterChoice, Gpu};
+    use nsq_gpu::program::Precision;
     use std::os::unix::fs::PermissionsExt;
 
     fn script(folder: &Path, name: &str, text: &str) -> String {
@@ -274,6 +323,31 @@ mod planted_peers {
         // A whole command is timed here, not by the peer.
         let whole = &printed["cases"][1]["peers"][0]["runs_sec"];
         assert!(whole.as_array().unwrap().iter().all(|seconds| seconds.as_f64() != Some(0.5)));
+    }
+
+    #[test]
+    fn a_command_that_loses_rays_fails_the_benchmark() {
+        if !has_adapter("bench of a command that loses rays") {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut case = cases::all(500).into_iter().find(|case| case.kind == Kind::Command).unwrap();
+        case.num_rays = 500;
+        let fails_with = |detected: u64| {
+            let mut ledger = Ledger::default();
+            (ledger.launched.count, ledger.detected.count) = (500, detected);
+            let report = json!({"ledger": ledger});
+            // Called as: trace SCENE -o DIR ...
+            let text = format!("mkdir -p \"$4\"; echo '{report}' > \"$4/report.json\"");
+            let program = script(folder.path(), "nsq-gpu", &text).into();
+            let session = Session { gpu: &gpu, program, num_runs: 1, precisions: vec![Precision::F32] };
+            measure(&case, &session, &mut []).err()
+        };
+        assert_eq!(fails_with(500), None);
+        let error = fails_with(499).unwrap();
+        assert_eq!(error.exit_code(), 1);
+        assert!(error.to_string().contains("499 counted"), "{error}");
     }
 
     #[test]
