@@ -78,8 +78,7 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
     (*ray).direction = select(refracted, mirrored(d, n), reflects);
     // The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.
-    let front = surface.front;
-    let medium = select(front, surface.back, entering_back != reflects);
+    let medium = select(surface.front, surface.back, entering_back != reflects);
     (*ray).medium = medium;
     if !reflects {
         pass_coating(ray, surface, primitive);

@@ -43,12 +43,11 @@ fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, i
     (*ray).weight = after;
 }
 
-// A scattered ray travels in the medium of the side that it leaves to. The count of underflows is not told, as in
-// Optiland: it follows Fresnel's branch alone.
+// A scattered ray travels in the medium of the side that it leaves to. (Optiland goes by whether the lobe was called
+// transmissive; a lobe about Fresnel's reflected ray is then in the wrong medium.) Whether the ray entered a solid is
+// left to Fresnel's branch, as in Optiland.
 fn enter_side(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>) {
-    let front = surface.front;
-    let back = surface.back;
-    (*ray).medium = select(front, back, dot((*ray).direction, n_geometric) > 0.0);
+    (*ray).medium = select(surface.front, surface.back, dot((*ray).direction, n_geometric) > 0.0);
 }
 
 // Two tangents that make a right-handed frame with a unit normal (Duff et al., Building an Orthonormal Basis,

@@ -376,25 +376,6 @@ fn overrides_and_order() {
 
 #[test]
 fn what_is_not_supported_yet_is_refused_by_name() {
-    let models = [
-        (r#"{"type": "lambertian", "reflectance_value": 0.9}"#, "lambertian"),
-        (r#"{"type": "harvey_shack", "b0": 0.1, "l0": 0.01, "s": 2}"#, "harvey_shack"),
-        (r#"{"type": "tabulated", "path": "scatter.csv"}"#, "tabulated"),
-        (r#"{"type": "specular"}"#, "specular"),
-    ];
-    for (model, name) in models {
-        let gist = format!("bsdf `{name}` is not supported yet");
-        refused(r#""bsdf": null"#, &format!(r#""bsdf": {model}"#), "nsq_gpu.surfaces[0].bsdf", &[&gist]);
-        let place = r#"nsq_gpu.overrides["L1.front"].bsdf"#;
-        refused(r#""L1.front": {"#, &format!(r#""L1.front": {{"bsdf": {model}, "#), place, &[&gist]);
-    }
-    let coating = r#""coating": {"type": "simple", "reflectance": 0.01, "transmittance": 0.98}"#;
-    refused(
-        r#""coating": null"#,
-        coating,
-        "nsq_gpu.surfaces[0].coating",
-        &["coating `simple` is not supported yet"],
-    );
     let mesh = r#"{"type": "mesh", "path": "part.stl"}"#;
     let sphere = r#"{"type": "sphere", "radius": 5.0}"#;
     refused(sphere, mesh, "nsq_gpu.surfaces[0].shape", &["shape `mesh` is not supported yet"]);
@@ -457,4 +438,114 @@ fn a_file_that_cannot_be_read() {
     let err = Scene::from_path(&path).unwrap_err();
     assert_eq!(err.exit_code(), 3);
     assert!(err.to_string().contains("UTF-8"), "{err}");
+}
+
+/// Puts a scatter model on the first single surface.
+#[track_caller]
+fn refused_bsdf(model: &str, place: &str, gist: &[&str]) {
+    let place = format!("nsq_gpu.surfaces[0].bsdf{place}");
+    refused(r#""bsdf": null"#, &format!(r#""bsdf": {model}"#), &place, gist);
+}
+
+#[test]
+fn scatter_models_without_meaning_are_refused() {
+    refused_bsdf(
+        r#"{"type": "lambertian", "reflectance_value": 1.2}"#,
+        ".reflectance_value",
+        &["1.2", "0 to 1"],
+    );
+    refused_bsdf(
+        r#"{"type": "lambertian", "transmissive_fraction": -0.1}"#,
+        ".transmissive_fraction",
+        &["-0.1"],
+    );
+    refused_bsdf(
+        r#"{"type": "harvey_shack", "b0": 0, "l0": 0.01, "s": 2}"#,
+        "",
+        &["scatters nothing", "b0 > 0"],
+    );
+    refused_bsdf(
+        r#"{"type": "harvey_shack", "b0": 1, "l0": 1e-9, "s": 100}"#,
+        "",
+        &["scatters nothing", "larger l0"],
+    );
+    refused_bsdf(r#"{"type": "harvey_shack", "b0": 1, "l0": 0, "s": 2}"#, ".l0", &["out of range"]);
+    let half = r#""coating": null, "scatter_fraction": 1.5"#;
+    refused(r#""coating": null"#, half, "nsq_gpu.surfaces[0].scatter_fraction", &["1.5"]);
+}
+
+#[test]
+fn tables_without_meaning_are_refused() {
+    let table = |theta_i: &str, theta_s: &str, rows: &str| {
+        format!(r#"{{"type": "tabulated", "theta_i": {theta_i}, "theta_s": {theta_s}, "bsdf": {rows}}}"#)
+    };
+    let good = "[[0.1, 0.1], [0.1, 0.1]]";
+    refused_bsdf(r#"{"type": "tabulated"}"#, "", &["either `path` or all of"]);
+    refused_bsdf(
+        r#"{"type": "tabulated", "path": "a.csv", "theta_i": [0, 90]}"#,
+        "",
+        &["either `path` or all of"],
+    );
+    refused_bsdf(&table("[0]", "[0, 90]", good), ".theta_i", &["1 angles are too few"]);
+    refused_bsdf(&table("[0, 90]", "[90, 0]", good), ".theta_s[1]", &["ascending"]);
+    refused_bsdf(&table("[0, 0]", "[0, 90]", good), ".theta_i[1]", &["each once"]);
+    refused_bsdf(&table("[0, 95]", "[0, 90]", good), ".theta_i[1]", &["95", "from 0 to 90"]);
+    refused_bsdf(&table("[0, 90]", "[0, 90]", "[[0.1, 0.1]]"), ".bsdf", &["1 rows for 2 angles"]);
+    refused_bsdf(&table("[0, 90]", "[0, 90]", "[[0.1, 0.1], [0.1]]"), ".bsdf[1]", &["1 values for 2 angles"]);
+    refused_bsdf(&table("[0, 90]", "[0, 90]", "[[0.1, 0.1], [0.1, -1]]"), ".bsdf[1][1]", &["-1"]);
+    refused_bsdf(
+        r#"{"type": "tabulated", "path": "no such file.csv"}"#,
+        ".path",
+        &["no such file.csv", "CSV"],
+    );
+}
+
+/// Reads a scene whose first surface scatters by a file of this text.
+#[track_caller]
+fn refused_file(text: &str, line: &str, gist: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scatter.csv"), text).unwrap();
+    let model = r#""bsdf": {"type": "tabulated", "path": "scatter.csv"}"#;
+    let scene = folder.path().join("scene.json");
+    std::fs::write(&scene, SCENE.replacen(r#""bsdf": null"#, model, 1)).unwrap();
+    match Scene::from_path(&scene) {
+        Err(Error::Scene { place, problem, remedy }) => {
+            assert_eq!(place, format!("nsq_gpu.surfaces[0].bsdf.path{line}"));
+            assert!(format!("{problem}; {remedy}").contains(gist), "{problem}; {remedy}");
+        }
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[test]
+fn files_that_are_no_tables_are_refused_with_their_line() {
+    refused_file("0, 0, 0.1\ntheta, 1, 2\n", ", line 2", "is no row of the table");
+    refused_file("# header\n0, 0\n", ", line 2", "is no row of the table");
+    refused_file("0, 0, 0.1\n0, 0, 0.2\n", ", line 2", "occur twice");
+    refused_file("0, 0, 0.1\n0, 120, 0.2\n", ", line 2", "from 0 to 90");
+    refused_file("0, 0, 0.1\n0, 90, -0.2\n", ", line 2", "out of range");
+    refused_file("0, 0, 0.1\n0, 90, 0.1\n90, 0, 0.1\n", "", "3 rows for 2 x 2 angles");
+    refused_file("0, 0, 0.1\n0, 90, 0.1\n", "", "1 angles are too few");
+    refused_file("", "", "0 angles are too few");
+}
+
+#[test]
+fn coatings_that_give_more_than_they_get_are_refused() {
+    let coating = |r: &str, t: &str| {
+        format!(r#""coating": {{"type": "simple", "reflectance": {r}, "transmittance": {t}}}"#)
+    };
+    let place = "nsq_gpu.surfaces[0].coating";
+    let null = r#""coating": null"#;
+    refused(
+        null,
+        &coating("0.5", "0.6"),
+        &format!("{place}.transmittance"),
+        &["R = 0.5 and T = 0.6", "R + T <= 1"],
+    );
+    refused(null, &coating("-0.5", "0.6"), &format!("{place}.reflectance"), &["-0.5"]);
+    let table = r#"{"wavelengths": [0.4861, 0.5876], "values": [0.2, 0.7]}"#;
+    refused(null, &coating(table, "0.5"), &format!("{place}.transmittance"), &["0.5876 um"]);
+    let mirror = r#""L1.front": {"coating": {"type": "simple", "reflectance": 0.1, "transmittance": 0.8}, "#;
+    let place = r#"nsq_gpu.overrides["L1.front"].coating"#;
+    refused(r#""L1.front": {"#, mirror, place, &["both a reflectance and a coating"]);
 }

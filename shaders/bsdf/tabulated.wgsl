@@ -1,5 +1,7 @@
 // Tabulated: values over the polar angles of incidence and of scatter [deg], bilinear between them and 0 beyond.
-// Directions are drawn cosine-weighted, so a ray carries pi times the value at its angles.
+// Directions are drawn cosine-weighted, so a ray carries pi times the value at its angles. (Optiland cuts that off at 1,
+// which dims every lobe that is higher than a Lambertian one, and takes 90 degrees for the incidence of a ray that comes
+// from the other side than the lobe leaves to.)
 
 // The table holds the angles of incidence, the angles of scatter, then one row of pi times the value [1/sr] per angle
 // of incidence: program::bsdf::tabulated_table.

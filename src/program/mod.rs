@@ -99,7 +99,7 @@ const MEDIA: u32 = 5;
 const SPECTRA: u32 = 6;
 const REFLECTANCES: u32 = 7;
 const SPECTRAL_BINS: u32 = 8;
-const BSDF_TABLE: u32 = 13;
+const BSDF_TABLE: u32 = 14;
 
 /// Steps that a source may draw beyond the events of a ray: Gaussian beams attempt 32 times and then fall back.
 const SOURCE_STEPS: u32 = 33;

@@ -1,10 +1,12 @@
 //! Numbers that host and shaders both know are the same numbers.
 
 use crate::layouts::{binding, column};
-use crate::variants::{Tier, Variant, emitters, everything, interactions, sensors, shapes, splats};
+use crate::variants::{
+    Tier, Variant, bsdf_of, bsdfs, emitters, everything, interactions, sensors, shapes, splats,
+};
 use naga::{Expression, Literal, Module};
 use nsq_gpu::gpu::sums;
-use nsq_gpu::ir::{Interaction, SensorKind, Splat};
+use nsq_gpu::ir::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
 use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
 use nsq_gpu::program::{Precision, Program, rng};
 
@@ -56,6 +58,37 @@ fn splats_have_the_codes_of_the_shaders() {
             variant.ir.sensors.iter().position(|s| s.kind.grid().is_some_and(|grid| grid.splat == splat));
         assert_eq!(codes[row.unwrap()], constant(&program.module, name), "{name}");
     }
+}
+
+#[test]
+fn bsdfs_have_the_codes_of_the_dispatch() {
+    let (variant, program) = tables();
+    let codes = column(&program, "Surface", binding(&program, "surface_table"), "bsdf");
+    let last = bsdfs().into_iter().max().unwrap();
+    for kind in bsdfs() {
+        let call = match kind == last {
+            true => format!("    return sample_{}(s, surface);", kind.name()),
+            false => format!(
+                "if surface.bsdf == {}u {{ return sample_{}(s, surface); }}",
+                kind as u32,
+                kind.name()
+            ),
+        };
+        assert!(program.wgsl.contains(&call), "no `{call}`");
+        let model = bsdf_of(kind, 0.25);
+        let row =
+            variant.ir.surfaces.iter().position(|s| s.scatter.as_ref().is_some_and(|s| s.bsdf == model));
+        assert_eq!(codes[row.unwrap()], f64::from(kind as u32), "{kind:?}");
+    }
+    let smooth = variant.ir.surfaces.iter().position(|surface| surface.scatter.is_none()).unwrap();
+    assert_eq!(codes[smooth], constant(&program.module, "SMOOTH"));
+}
+
+#[test]
+fn harvey_shack_tables_have_the_knots_of_the_shaders() {
+    let (_, program) = tables();
+    assert_eq!(constant(&program.module, "HARVEY_SHACK_KNOTS"), HARVEY_SHACK_KNOTS as f64);
+    assert_eq!(constant(&program.module, "HARVEY_SHACK_STEP"), f64::from(HARVEY_SHACK_STEP as f32));
 }
 
 /// The composed dispatch sends a sensor's code to the function of its kind.

@@ -2,9 +2,10 @@
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
-    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid,
+    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
+use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
 use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions};
 
@@ -51,6 +52,10 @@ pub enum Choice {
     Reflective,
     ReflectiveBySpectrum,
     Absorbing,
+    Coated,
+    CoatedBySpectrum,
+    Scattering(BsdfKind),
+    TransmissiveLobe(BsdfKind),
     Policy(ReflectProb),
     Roulette,
     Polychromatic,
@@ -81,6 +86,20 @@ fn emitter_after(name: EmitterName) -> Option<EmitterName> {
         EmitterName::ExtendedRectangle => Some(EmitterName::ExtendedDisk),
         EmitterName::ExtendedDisk => None,
     }
+}
+
+fn bsdf_after(kind: BsdfKind) -> Option<BsdfKind> {
+    match kind {
+        BsdfKind::Specular => Some(BsdfKind::Lambertian),
+        BsdfKind::Lambertian => Some(BsdfKind::HarveyShack),
+        BsdfKind::HarveyShack => Some(BsdfKind::Tabulated),
+        BsdfKind::Tabulated => None,
+    }
+}
+
+/// Every kind of BSDF function.
+pub fn bsdfs() -> Vec<BsdfKind> {
+    std::iter::successors(Some(BsdfKind::Specular), |kind| bsdf_after(*kind)).collect()
 }
 
 /// Every kind of shape function.
@@ -174,6 +193,9 @@ impl Choice {
         choices.extend(
             splats().into_iter().flat_map(|splat| [Choice::Splat(splat), Choice::SpectralSplat(splat)]),
         );
+        choices.extend(
+            bsdfs().into_iter().flat_map(|kind| [Choice::Scattering(kind), Choice::TransmissiveLobe(kind)]),
+        );
         choices.extend(policies().into_iter().map(Choice::Policy));
         choices.extend(path_samplings().into_iter().map(Choice::Paths));
         choices.extend([
@@ -181,6 +203,8 @@ impl Choice {
             Choice::Reflective,
             Choice::ReflectiveBySpectrum,
             Choice::Absorbing,
+            Choice::Coated,
+            Choice::CoatedBySpectrum,
             Choice::Roulette,
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
@@ -210,6 +234,19 @@ impl Choice {
                 ir.surfaces.push(surface(ball(), mirror(0.9, 0.5, ir.wavelengths.len())));
             }
             Choice::Absorbing => ir.surfaces.push(surface(ball(), Interaction::Absorbing)),
+            Choice::Coated => ir.surfaces.push(coated(0.9, 0.9, ir.wavelengths.len())),
+            Choice::CoatedBySpectrum => {
+                polychromatic(ir);
+                ir.surfaces.push(coated(0.9, 0.5, ir.wavelengths.len()));
+            }
+            Choice::Scattering(kind) => {
+                let mirror = surface(ball(), mirror(0.9, 0.9, ir.wavelengths.len()));
+                ir.surfaces.push(scattering(mirror, bsdf_of(kind, 0.0)));
+            }
+            Choice::TransmissiveLobe(kind) => {
+                let lens = surface(ball(), Interaction::Refractive);
+                ir.surfaces.push(scattering(lens, bsdf_of(kind, 0.25)));
+            }
             Choice::Policy(policy) => {
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
                 ir.sampling.reflect_prob = policy;
@@ -325,11 +362,41 @@ fn surface(shape: Shape, interaction: Interaction) -> Surface {
         frame: frame(20.0),
         shape,
         interaction,
-        front: 0,
-        back: 1,
         coating: None,
         scatter: None,
+        front: 0,
+        back: 1,
     }
+}
+
+/// A scatter model that its function samples.
+pub fn bsdf_of(kind: BsdfKind, transmissive_fraction: f64) -> Bsdf {
+    let bsdf = match kind {
+        BsdfKind::Specular => Bsdf::Specular,
+        BsdfKind::Lambertian => Bsdf::Lambertian { reflectance_value: 0.75, transmissive_fraction },
+        BsdfKind::HarveyShack => Bsdf::HarveyShack { b0: 0.5, l0: 0.125, s: 2.0, transmissive_fraction },
+        BsdfKind::Tabulated => Bsdf::Tabulated {
+            table: BsdfTable {
+                theta_i: vec![0.0, 45.0, 90.0],
+                theta_s: vec![0.0, 90.0],
+                values: vec![0.125, 0.0, 0.25, 0.0, 0.25, 0.125],
+            },
+            transmissive_fraction,
+        },
+    };
+    assert_eq!(BsdfKind::of(&bsdf), kind);
+    bsdf
+}
+
+fn scattering(surface: Surface, bsdf: Bsdf) -> Surface {
+    Surface { scatter: Some(Scatter { fraction: 0.5, bsdf }), ..surface }
+}
+
+fn coated(first: f64, others: f64, num_wavelengths: usize) -> Surface {
+    let mut transmittance = vec![others; num_wavelengths];
+    transmittance[0] = first;
+    let coating = Coating { reflectance: vec![0.0625; num_wavelengths], transmittance };
+    Surface { coating: Some(coating), ..surface(ball(), Interaction::Refractive) }
 }
 
 fn sensor(kind: SensorKind, absorb: bool) -> Sensor {
@@ -367,6 +434,10 @@ fn polychromatic(ir: &mut SceneIr) {
     for surface in &mut ir.surfaces {
         if let Interaction::Reflective { reflectance } = &mut surface.interaction {
             reflectance.push(reflectance[0]);
+        }
+        if let Some(Coating { reflectance, transmittance }) = &mut surface.coating {
+            reflectance.push(reflectance[0]);
+            transmittance.push(transmittance[0]);
         }
     }
     for lamp in &mut ir.emitters {

@@ -53,19 +53,12 @@ pub fn scenes() -> Vec<String> {
     json_files("scenes")
 }
 
-/// The text of a scene of the collection.
-pub fn scene_text(name: &str) -> String {
-    std::fs::read_to_string(repository(&format!("scenes/{name}.json"))).unwrap()
-}
-
 /// A scene of the collection, as the tracer sees it.
 pub fn load(name: &str) -> SceneIr {
-    lowered(&scene_text(name)).unwrap_or_else(|problem| panic!("{name}: {problem}"))
-}
-
-/// The scene of a text, as the tracer sees it.
-pub fn lowered(text: &str) -> nsq_gpu::Result<SceneIr> {
-    Scene::from_json(text)?.lower()
+    let path = repository(&format!("scenes/{name}.json"));
+    Scene::from_path(&path)
+        .and_then(|scene| scene.lower())
+        .unwrap_or_else(|problem| panic!("{name}: {problem}"))
 }
 
 /// Options of a trace with so many rays.

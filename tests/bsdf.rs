@@ -1,0 +1,471 @@
+//! Scattering and coatings against closed forms, and what is read of them from files. Parity with the reference, closing
+//! ledgers and equal bits are tested over the scene collection, which has all kinds of them.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+mod zoo;
+
+use nsq_gpu::ir::{Bsdf, BsdfTable, SceneIr, harvey_shack_table};
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::DetectorData;
+use nsq_gpu::{Scene, TraceOptions, TraceResult};
+use serde_json::{Value, json};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
+
+/// A pencil of rays at an angle of incidence [deg] onto the plane z = 0, from below.
+fn pencil(angle_deg: f64) -> Value {
+    let angle = angle_deg.to_radians();
+    json!({
+        "type": "point", "name": "pencil", "total_flux": 1.0, "half_angle_deg": 0.0,
+        "cs": { "x": -10.0 * angle.sin(), "z": -10.0 * angle.cos(), "ry": angle },
+        "spectrum": { "wavelengths": [0.5], "weights": [1.0] },
+    })
+}
+
+/// A plane z = 0 that does `finish`.
+fn plane(finish: Value) -> Value {
+    let mut surface = json!({ "name": "plane", "cs": {}, "shape": { "type": "plane" } });
+    surface.as_object_mut().unwrap().extend(finish.as_object().unwrap().clone());
+    surface
+}
+
+/// A mirror z = 0 that scatters every ray.
+fn scatterer(bsdf: Value) -> Value {
+    plane(json!({ "interaction": "reflective", "reflectance": 1.0, "bsdf": bsdf }))
+}
+
+/// A scene without roulette.
+fn scene(source: Value, surfaces: &[Value], detectors: &[Value]) -> SceneIr {
+    lowered(&json!({
+        "nsq_schema_version": 1, "sources": [source], "detectors": detectors,
+        "nsq_gpu": { "version": 1, "surfaces": surfaces, "sampling": { "rr_start_flux": 0.0 },
+                     "media": { "tinted": { "type": "constant", "n": 1.5, "k": 1e-2 } } },
+    }))
+}
+
+fn lowered(scene: &Value) -> SceneIr {
+    Scene::from_json(&scene.to_string()).unwrap().lower().unwrap()
+}
+
+/// Directions on the near side of the plane; no ray gets round it.
+fn sky(z: f64, num_theta: u32) -> Value {
+    json!({ "type": "far_field", "name": "sky", "cs": { "z": z }, "num_bins_theta": num_theta, "num_bins_phi": 8 })
+}
+
+fn trace(ir: &SceneIr, num_rays: u64, precision: Precision) -> TraceResult {
+    let options =
+        TraceOptions { max_depth: 400, min_flux_fraction: 0.0, ..zoo::options(num_rays, 77, precision) };
+    let result = zoo::result(ir, &options);
+    assert!(result.ledger.closes(), "{:?}", result.ledger);
+    result
+}
+
+fn flux(result: &TraceResult, detector: &str) -> f64 {
+    result.detector(detector).unwrap().total_flux
+}
+
+/// Hits per bin of the far field's polar angle.
+fn hits_by_theta(ir: &SceneIr, num_rays: u64, precision: Precision) -> Vec<f64> {
+    let tally = zoo::trace(ir, &zoo::options(num_rays, 78, precision));
+    tally.sensors[0].hits.chunks(8).map(|ring| ring.iter().sum::<u64>() as f64).collect()
+}
+
+/// The probability of counts as far from what is expected; bins with few are pooled.
+fn probability(counts: &[f64], expected: &[f64]) -> f64 {
+    const FEW: f64 = 20.0;
+    let mut pools = vec![(0.0, 0.0)];
+    for (count, expected) in counts.iter().zip(expected) {
+        let last = pools.last_mut().unwrap();
+        *last = (last.0 + count, last.1 + expected);
+        if last.1 >= FEW {
+            pools.push((0.0, 0.0));
+        }
+    }
+    let rest = pools.pop().unwrap();
+    let last = pools.last_mut().unwrap();
+    *last = (last.0 + rest.0, last.1 + rest.1);
+    let chi_square: f64 = pools.iter().map(|(count, expected)| (count - expected).powi(2) / expected).sum();
+    ChiSquared::new(pools.len() as f64 - 1.0).unwrap().sf(chi_square)
+}
+
+// Lambertian
+
+/// A disk that cuts a cap off a white sphere is lit by the cap's share f of the sphere at every reflection: a Lambertian
+/// point of a sphere lights every other one alike. Of the light of a lamp in the middle, f / (1 - rho (1 - f)) goes
+/// through it.
+#[test]
+fn an_integrating_sphere_fills_its_port() {
+    let (radius, height) = (50.0, 40.0);
+    let share = (1.0 - height / radius) / 2.0;
+    let side = 2.0 * f64::sqrt(radius * radius - height * height);
+    let port = json!({ "type": "irradiance", "name": "port", "cs": { "z": height }, "width": side, "height": side,
+                       "num_pixels_x": 1, "num_pixels_y": 1, "splat": "hard" });
+    let lamp = json!({ "type": "point", "name": "lamp", "total_flux": 1.0, "half_angle_deg": 180.0, "cs": {},
+                       "spectrum": { "wavelengths": [0.5], "weights": [1.0] } });
+    let num_rays = 100_000;
+    for (precision, rho) in [(Precision::F64, 0.9), (Precision::F32, 0.9), (Precision::F64, 0.5)] {
+        let wall = json!({ "name": "wall", "cs": {}, "shape": { "type": "sphere", "radius": radius },
+                           "interaction": "reflective", "reflectance": 1.0,
+                           "bsdf": { "type": "lambertian", "reflectance_value": rho } });
+        let result = trace(&scene(lamp.clone(), &[wall], std::slice::from_ref(&port)), num_rays, precision);
+        let expected = share / (1.0 - rho * (1.0 - share));
+        // A weight between 0 and 1 varies no more than a yes or no of the same mean.
+        let sigma = (expected * (1.0 - expected) / num_rays as f64).sqrt();
+        let deviation = (flux(&result, "port") - expected) / sigma;
+        eprintln!("{precision:?}, rho = {rho}: {expected:.4}, off by {deviation:.2} sigma");
+        assert!(deviation.abs() < 4.0, "{precision:?}, rho = {rho}: {deviation} sigma");
+        let scattered = result.ledger.bsdf.flux - result.ledger.bsdf_gain.flux;
+        assert!((flux(&result, "port") + scattered - 1.0).abs() < 1e-6, "the walls took the rest");
+    }
+}
+
+#[test]
+fn a_lambertian_wall_scatters_by_the_cosine() {
+    for precision in PRECISIONS {
+        for (transmissive_fraction, z) in [(0.0, -20.0), (1.0, 20.0)] {
+            let bsdf = json!({ "type": "lambertian", "reflectance_value": 0.5,
+                               "transmissive_fraction": transmissive_fraction });
+            let ir = scene(pencil(40.0), &[scatterer(bsdf)], &[sky(z, 30)]);
+            let num_rays = 100_000;
+            let counts = hits_by_theta(&ir, num_rays, precision);
+            let edge = |i: usize| (FRAC_PI_2 * i as f64 / 30.0).sin().powi(2);
+            let share = |i: usize| num_rays as f64 * (edge(i + 1) - edge(i));
+            let p = probability(&counts, &(0..30).map(share).collect::<Vec<f64>>());
+            assert!(p > 1e-4, "{precision:?}, transmissive {transmissive_fraction}: p = {p:e}");
+            let uniform = vec![num_rays as f64 / 30.0; 30];
+            assert!(probability(&counts, &uniform) < 1e-9, "the test is blind");
+            assert!((flux(&trace(&ir, 5000, precision), "sky") - 0.5).abs() < 1e-5);
+        }
+    }
+}
+
+#[test]
+fn rays_that_are_not_scattered_go_on_as_if_there_were_no_bsdf() {
+    let bsdf = json!({ "type": "lambertian", "reflectance_value": 0.25 });
+    let mirror = plane(json!({ "interaction": "reflective", "reflectance": 1.0, "bsdf": bsdf,
+                               "scatter_fraction": 0.3 }));
+    let ir = scene(pencil(40.0), &[mirror], &[sky(-20.0, 90)]);
+    let num_rays = 100_000;
+    let counts = hits_by_theta(&ir, num_rays, Precision::F64);
+    let beam = counts[39] + counts[40];
+    // What is scattered goes there too.
+    let sin = |degrees: f64| degrees.to_radians().sin();
+    let p = 0.7 + 0.3 * (sin(41.0).powi(2) - sin(39.0).powi(2));
+    let sigma = (num_rays as f64 * p * (1.0 - p)).sqrt();
+    assert!((beam - num_rays as f64 * p).abs() < 4.0 * sigma, "{beam}");
+    let expected = 0.7 + 0.3 * 0.25;
+    assert!((flux(&trace(&ir, num_rays, Precision::F64), "sky") - expected).abs() < 5e-3);
+}
+
+// Harvey-Shack
+
+#[test]
+fn the_harvey_shack_table_is_the_integral_of_the_lobe() {
+    // For s = 2 the total is pi b0 l0^2 ln(1 + (2 / l0)^2).
+    for (b0, l0) in [(1.0, 0.05), (0.3, 0.5), (10.0, 2.0)] {
+        let (cdf, total) = harvey_shack_table(b0, l0, 2.0);
+        let integral = |beta: f64| PI * b0 * l0 * l0 * (beta / l0).powi(2).ln_1p();
+        assert!((total / integral(2.0) - 1.0).abs() < 1e-4, "l0 = {l0}: {total}");
+        assert_eq!((cdf.len(), cdf[0], cdf[4095]), (4096, 0.0, 1.0));
+        assert!(cdf.is_sorted());
+        for knot in [10, 100, 1000, 4000] {
+            let expected = integral(2.0 * f64::from(knot) / 4095.0) / integral(2.0);
+            assert!((cdf[knot as usize] - expected).abs() < 1e-4, "l0 = {l0}, knot {knot}");
+        }
+    }
+}
+
+#[test]
+fn a_harvey_shack_mirror_draws_the_lobe() {
+    let (l0, num_theta, num_rays) = (0.1, 45, 100_000);
+    let bsdf = json!({ "type": "harvey_shack", "b0": 1.0, "l0": l0, "s": 2.0 });
+    let ir = scene(pencil(0.0), &[scatterer(bsdf)], &[sky(-20.0, num_theta)]);
+    // At normal incidence the offset is the sine of the polar angle; what lies beyond 1 stays in the beam, weightless.
+    let cdf = |theta: f64| (theta.sin() / l0).powi(2).ln_1p() / (2.0 / l0).powi(2).ln_1p();
+    let edge = |i: u32| FRAC_PI_2 * f64::from(i) / f64::from(num_theta);
+    let mut expected: Vec<f64> = (0..num_theta).map(|i| cdf(edge(i + 1)) - cdf(edge(i))).collect();
+    let lost = 1.0 - cdf(FRAC_PI_2);
+    expected[0] += lost;
+    expected.iter_mut().for_each(|share| *share *= num_rays as f64);
+    for precision in PRECISIONS {
+        let p = probability(&hits_by_theta(&ir, num_rays, precision), &expected);
+        assert!(p > 1e-4, "{precision:?}: p = {p:e}");
+        let sigma = (lost * (1.0 - lost) / num_rays as f64).sqrt();
+        let deviation = (1.0 - flux(&trace(&ir, num_rays, precision), "sky") - lost) / sigma;
+        assert!(deviation.abs() < 4.0, "{precision:?}: {deviation} sigma");
+    }
+    expected.swap(0, 1);
+    assert!(
+        probability(&hits_by_theta(&ir, num_rays, Precision::F64), &expected) < 1e-9,
+        "the test is blind"
+    );
+}
+
+/// A lobe about Fresnel's reflected ray stays in the medium that the ray came from, whether it is called transmissive
+/// or not: absorption in the glass behind takes nothing of it. (Optiland goes by the name.)
+#[test]
+fn a_scattered_ray_is_in_the_medium_of_its_side() {
+    let bsdf =
+        json!({ "type": "harvey_shack", "b0": 1.0, "l0": 0.01, "s": 4.0, "transmissive_fraction": 1.0 });
+    let window = plane(json!({ "interaction": "refractive", "bsdf": bsdf,
+                               "material_back": { "type": "medium", "name": "tinted" } }));
+    let mut ir = scene(pencil(0.0), &[window], &[sky(-20.0, 9), sky_behind()]);
+    ir.sampling.reflect_prob = nsq_gpu::ir::ReflectProb::Constant(0.5);
+    let result = trace(&ir, 20_000, Precision::F64);
+    let reflected = flux(&result, "sky");
+    assert!((reflected / 0.04 - 1.0).abs() < 0.03, "R = 0.04 at n = 1.5: {reflected}");
+    assert!(flux(&result, "behind") < 1e-12, "the glass is black");
+}
+
+fn sky_behind() -> Value {
+    json!({ "type": "far_field", "name": "behind", "cs": { "z": 20.0 }, "num_bins_theta": 9, "num_bins_phi": 8 })
+}
+
+// Tabulated
+
+/// Bilinear interpolation, as written here; 0 beyond the table.
+fn bilinear(table: &BsdfTable, theta_i: f64, theta_s: f64) -> f64 {
+    let place = |angles: &[f64], x: f64| {
+        let i = angles.windows(2).position(|ends| (ends[0]..=ends[1]).contains(&x))?;
+        Some((i, (x - angles[i]) / (angles[i + 1] - angles[i])))
+    };
+    let (Some((i, u)), Some((j, v))) = (place(&table.theta_i, theta_i), place(&table.theta_s, theta_s))
+    else {
+        return 0.0;
+    };
+    let value = |i: usize, j: usize| table.values[i * table.theta_s.len() + j];
+    (1.0 - u) * ((1.0 - v) * value(i, j) + v * value(i, j + 1))
+        + u * ((1.0 - v) * value(i + 1, j) + v * value(i + 1, j + 1))
+}
+
+fn peaked_table() -> BsdfTable {
+    BsdfTable {
+        theta_i: vec![5.0, 30.0, 90.0],
+        theta_s: vec![0.0, 20.0, 50.0, 80.0],
+        // Above 1 / pi, where Optiland would cut.
+        values: vec![0.9, 0.2, 0.1, 0.05, 0.6, 0.5, 0.2, 0.1, 0.1, 0.2, 0.3, 0.7],
+    }
+}
+
+fn tabulated(table: &BsdfTable, transmissive_fraction: f64) -> Value {
+    let rows: Vec<&[f64]> = table.values.chunks(table.theta_s.len()).collect();
+    json!({ "type": "tabulated", "theta_i": table.theta_i, "theta_s": table.theta_s, "bsdf": rows,
+            "transmissive_fraction": transmissive_fraction })
+}
+
+#[test]
+fn a_tabulated_ray_carries_pi_times_the_table() {
+    let table = peaked_table();
+    for (precision, tolerance) in [(Precision::F64, 1e-12), (Precision::F32, 2e-5)] {
+        for (angle, transmissive_fraction) in
+            [(0.0, 0.0), (12.5, 0.0), (30.0, 0.0), (77.0, 0.0), (77.0, 1.0), (20.0, 1.0)]
+        {
+            let z = if transmissive_fraction > 0.0 { 5.0 } else { -5.0 };
+            let database = json!({ "type": "ray_database", "name": "rays", "cs": { "z": z }, "width": 1e6, "height": 1e6 });
+            let mirror = scatterer(tabulated(&table, transmissive_fraction));
+            let num_rays = 3000;
+            let result = trace(&scene(pencil(angle), &[mirror], &[database]), num_rays, precision);
+            let DetectorData::RayDatabase(rays) = &result.detector("rays").unwrap().data else { panic!() };
+            assert!(rays.num_rays() > 2990, "nearly all rays meet the detector");
+            for i in 0..rays.num_rays() {
+                let theta_s = rays.direction[2][i].abs().acos().to_degrees();
+                let expected = PI * bilinear(&table, angle, theta_s);
+                let weight = rays.flux[i] * num_rays as f64 * (1.0 - 1e-6);
+                // Near the table's end rounding decides between its last value and 0.
+                if (theta_s - 80.0).abs() > 1e-3 {
+                    let off = (weight - expected).abs();
+                    assert!(off <= tolerance, "{precision:?}, {angle}, {theta_s}: {weight}, not {expected}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_flux_of_a_table_is_its_albedo() {
+    let table = peaked_table();
+    let num_rays = 100_000;
+    let ir = scene(pencil(30.0), &[scatterer(tabulated(&table, 0.0))], &[sky(-20.0, 9)]);
+    let scattered = flux(&trace(&ir, num_rays, Precision::F64), "sky");
+    let expected = table.albedo(1);
+    assert!(
+        (scattered - expected).abs() < 4.0 * PI * 0.6 / (num_rays as f64).sqrt(),
+        "{scattered}, not {expected}"
+    );
+    let constant =
+        BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 90.0], values: vec![1.0 / PI; 4] };
+    assert!((constant.albedo(0) - 1.0).abs() < 1e-15, "a white Lambertian surface");
+}
+
+#[test]
+fn a_file_of_a_table_means_what_the_table_means() {
+    let table = peaked_table();
+    let mut lines = vec!["# theta_i, theta_s, bsdf".to_string(), String::new()];
+    for (i, theta_i) in table.theta_i.iter().enumerate() {
+        for (j, theta_s) in table.theta_s.iter().enumerate() {
+            lines.push(format!(
+                "{theta_i},\t{theta_s:e}, {} # a comment",
+                table.values[i * table.theta_s.len() + j]
+            ));
+        }
+    }
+    lines[2..].reverse();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("data")).unwrap();
+    std::fs::write(folder.path().join("data/table.csv"), lines.join("\r\n")).unwrap();
+    let bsdf = json!({ "type": "tabulated", "path": "data/table.csv", "transmissive_fraction": 0.5 });
+    let text = json!({
+        "nsq_schema_version": 1, "sources": [pencil(0.0)], "detectors": [sky(-20.0, 9)],
+        "nsq_gpu": { "version": 1, "surfaces": [scatterer(bsdf)] },
+    });
+    let path = folder.path().join("scene.json");
+    std::fs::write(&path, text.to_string()).unwrap();
+    let read = Scene::from_path(&path).unwrap();
+    let scatter = read.lower().unwrap().surfaces.remove(0).scatter.unwrap();
+    assert_eq!(scatter.bsdf, Bsdf::Tabulated { table, transmissive_fraction: 0.5 });
+    let warned = |words: &str| read.warnings.iter().any(|warning| warning.contains(words));
+    assert!(warned("angles of incidence from 5 to 90"), "{:?}", read.warnings);
+    assert!(warned("angles of scatter from 0 to 80"), "{:?}", read.warnings);
+}
+
+#[test]
+fn doubtful_finishes_are_warned_of() {
+    let warnings = |surface: Value| {
+        let scene = json!({
+            "nsq_schema_version": 1, "sources": [pencil(0.0)], "detectors": [sky(-20.0, 9)],
+            "nsq_gpu": { "version": 1, "surfaces": [surface] },
+        });
+        Scene::from_json(&scene.to_string()).unwrap().warnings.join("\n")
+    };
+    let bright = BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 90.0], values: vec![0.5; 4] };
+    assert!(warnings(scatterer(tabulated(&bright, 0.0))).contains("1.5708 times what it gets"));
+    let narrow = json!({ "type": "harvey_shack", "b0": 1.0, "l0": 5e-4, "s": 2.0 });
+    assert!(warnings(scatterer(narrow)).contains("too narrow"));
+    let black = plane(json!({ "interaction": "absorbing", "bsdf": { "type": "specular" } }));
+    assert!(warnings(black).contains("the BSDF of \"plane\" is ignored"));
+    assert_eq!(warnings(scatterer(json!({ "type": "lambertian" }))), "");
+}
+
+// Coatings
+
+fn coating(reflectance: f64, transmittance: f64) -> Value {
+    json!({ "type": "simple", "reflectance": reflectance, "transmittance": transmittance })
+}
+
+/// A plate of glass between two coated faces, seen from both sides.
+fn coated_plate(reflectance: f64, transmittance: f64) -> SceneIr {
+    let glass = json!({ "type": "medium", "name": "clear" });
+    let face = |name: &str, z: f64, front: Value, back: Value| {
+        json!({ "name": name, "cs": { "z": z }, "shape": { "type": "plane" }, "interaction": "refractive",
+                "material_front": front, "material_back": back, "coating": coating(reflectance, transmittance) })
+    };
+    let faces = [face("in", 0.0, Value::Null, glass.clone()), face("out", 3.0, glass, Value::Null)];
+    lowered(&json!({
+        "nsq_schema_version": 1, "sources": [pencil(0.0)], "detectors": [sky(-20.0, 9), sky_behind()],
+        "nsq_gpu": { "version": 1, "surfaces": faces, "sampling": { "rr_start_flux": 0.0 },
+                     "media": { "clear": { "type": "constant", "n": 1.5 } } },
+    }))
+}
+
+#[test]
+fn a_coating_that_reflects_nothing_transmits_exactly_its_transmittance() {
+    for (precision, tolerance) in [(Precision::F64, 1e-14), (Precision::F32, 1e-6)] {
+        let result = trace(&coated_plate(0.0, 0.99), 1000, precision);
+        assert!((flux(&result, "behind") - 0.99 * 0.99).abs() < tolerance);
+        assert!((result.ledger.coating.flux - (1.0 - 0.99 * 0.99)).abs() < tolerance);
+    }
+}
+
+/// A plate of faces R, T transmits T^2 / (1 - R^2) and reflects R (1 + T^2 / (1 - R^2)); its coatings take the rest.
+#[test]
+fn a_coated_plate_sums_its_internal_reflections() {
+    let num_rays = 200_000;
+    for policy in [
+        nsq_gpu::ir::ReflectProb::Fresnel,
+        nsq_gpu::ir::ReflectProb::Auto,
+        nsq_gpu::ir::ReflectProb::Constant(0.6),
+    ] {
+        for (r, t) in [(0.3, 0.6), (0.1, 0.9), (0.5, 0.2)] {
+            let mut ir = coated_plate(r, t);
+            ir.sampling.reflect_prob = policy;
+            let result = trace(&ir, num_rays, Precision::F64);
+            let transmitted = t * t / (1.0 - r * r);
+            let reflected = r * (1.0 + transmitted);
+            // Weights stay below 2.5 under each policy.
+            let limit = 4.0 * 2.5 * 0.5 / (num_rays as f64).sqrt();
+            for (what, found, expected) in [
+                ("transmitted", flux(&result, "behind"), transmitted),
+                ("reflected", flux(&result, "sky"), reflected),
+                ("absorbed", result.ledger.coating.flux, 1.0 - transmitted - reflected),
+            ] {
+                assert!(
+                    (found - expected).abs() < limit,
+                    "{policy:?}, {r}, {t}, {what}: {found}, not {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn no_coating_breaks_total_reflection() {
+    let face = plane(json!({ "interaction": "refractive", "coating": coating(0.01, 0.98),
+                             "material_front": { "type": "medium", "name": "clear" } }));
+    let mut source = pencil(60.0);
+    source["medium"] = json!({ "type": "medium", "name": "clear" });
+    let ir = lowered(&json!({
+        "nsq_schema_version": 1, "sources": [source], "detectors": [sky(-20.0, 9), sky_behind()],
+        "nsq_gpu": { "version": 1, "surfaces": [face], "sampling": { "reflect_prob": 0.3 },
+                     "media": { "clear": { "type": "constant", "n": 1.5 } } },
+    }));
+    let result = trace(&ir, 1000, Precision::F64);
+    assert_eq!((flux(&result, "sky"), result.ledger.coating.flux), (1.0, 0.0));
+}
+
+#[test]
+fn coatings_by_wavelength_are_looked_up() {
+    let mut ir = coated_plate(0.0, 0.0);
+    ir.wavelengths = vec![0.5, 0.6];
+    for medium in &mut ir.media {
+        (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![0.0; 2]);
+    }
+    ir.emitters[0].spectrum = nsq_gpu::ir::Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    for surface in &mut ir.surfaces {
+        let coating = nsq_gpu::ir::Coating { reflectance: vec![0.0, 1.0], transmittance: vec![0.5, 0.0] };
+        surface.coating = Some(coating);
+    }
+    let result = trace(&ir, 40_000, Precision::F64);
+    let hits = |name: &str| result.detector(name).unwrap().num_rays_hit as f64;
+    assert!((hits("sky") - 20_000.0).abs() < 400.0 && hits("sky") + hits("behind") == 40_000.0);
+    let through = flux(&result, "behind") / (hits("behind") / 40_000.0);
+    assert!((through - 0.25).abs() < 1e-12, "{through}");
+}
+
+#[test]
+fn a_mirror_reflects_what_its_coating_reflects() {
+    let mirror = plane(json!({ "interaction": "reflective", "coating": coating(0.75, 0.1) }));
+    let result = trace(&scene(pencil(20.0), &[mirror], &[sky(-20.0, 9)]), 1000, Precision::F64);
+    assert_eq!(flux(&result, "sky"), 0.75);
+    assert_eq!(result.ledger.surface.flux, 0.25, "a mirror's loss, not a coating's");
+}
+
+// Tiers
+
+#[test]
+fn f32_scatters_as_f64_does() {
+    for name in ["lambertian_sphere", "scattering_telescope", "coated_projector", "opal_lamp"] {
+        let ir = zoo::load(name);
+        let [f32, f64] = PRECISIONS.map(|precision| trace(&ir, 20_000, precision));
+        for (ours, exact) in f32.detectors.iter().zip(&f64.detectors) {
+            let off = (ours.total_flux - exact.total_flux).abs() / exact.total_flux;
+            eprintln!("{name:24} {:12} {off:.1e}", exact.name);
+            assert!(off < 1e-3, "{name}, {}: {off:e}", exact.name);
+        }
+    }
+}
