@@ -65,10 +65,11 @@ struct OptilandAnswer {
     seconds: f64,
 }
 
-/// The scripts of the child; the second builds Optiland's scene of a file, for the tests too.
+/// The scripts of the child. The second is the module of the Python package that builds Optiland's scene of a file, and
+/// needs nothing else of the package, so that Python need not have it installed.
 const OPTILAND_SCRIPTS: [(&str, &str); 2] = [
     ("bench_peer.py", include_str!("../../python/tools/bench_peer.py")),
-    ("oracle.py", include_str!("../../python/tests/oracle.py")),
+    ("scene_file.py", include_str!("../../python/nsq_gpu/scene_file.py")),
 ];
 /// Rays that wake what is loaded at first use.
 const WARM_UP_RAYS: u64 = 1000;
