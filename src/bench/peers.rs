@@ -197,7 +197,7 @@ fn gone(error: impl std::fmt::Display) -> Error {
 }
 
 /// A hand-written Dr.Jit kernel of the scene `lens_scene`: a script that takes the number of rays, traces them in both
-/// precisions, and prints for each a line with `f32` or `f64`, `N=<rays>` and `best=<seconds>s`.
+/// precisions, and prints for each a line with `f32` or `f64`, `N=<rays>` and `Mpaths/s=<millions of rays a second>`.
 pub struct DrJit {
     python: PathBuf,
     script: PathBuf,
@@ -258,11 +258,10 @@ pub fn drjit_runs(printed: &str) -> Vec<PeerRun> {
     let run = |line: &str| {
         let words = || line.split_whitespace();
         let value = |key: &str| words().find_map(|word| word.strip_prefix(key));
-        Some(PeerRun {
-            precision: ["f32", "f64"].into_iter().find(|precision| words().any(|word| word == *precision))?,
-            num_rays: value("N=")?.parse().ok()?,
-            seconds: value("best=")?.trim_end_matches('s').parse().ok()?,
-        })
+        let precision = ["f32", "f64"].into_iter().find(|precision| words().any(|word| word == *precision))?;
+        let num_rays: u64 = value("N=")?.parse().ok()?;
+        let rays_per_sec = 1e6 * value("Mpaths/s=")?.parse::<f64>().ok()?;
+        Some(PeerRun { precision, num_rays, seconds: num_rays as f64 / rays_per_sec })
     };
     printed.lines().filter_map(run).collect()
 }
