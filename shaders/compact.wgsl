@@ -11,7 +11,7 @@ struct QueuedRay {
     index: u32,
     bounce: u32,
     last: u32,
-    // Wavelength in the low 16 bits, medium in the next 15, entered_solid in the highest.
+    // Wavelength in the low 16 bits, medium in the next 14, then forward and entered_solid.
     state: u32,
 }
 
@@ -28,12 +28,13 @@ fn unpack_ray(q: QueuedRay) -> Ray {
         vec3<real>(q.position_x, q.position_y, q.position_z),
         vec3<real>(q.direction_x, q.direction_y, q.direction_z),
         q.weight, key, stream_at(key, FRESNEL_BRANCH, jump), stream_at(key, RR, jump), q.index, q.bounce, q.last,
-        q.state & 0xffffu, (q.state >> 16u) & 0x7fffu, (q.state >> 31u) != 0u, ALIVE,
+        q.state & 0xffffu, (q.state >> 16u) & 0x3fffu, (q.state >> 31u) != 0u, ((q.state >> 30u) & 1u) != 0u, ALIVE,
     );
 }
 
 fn pack_ray(ray: Ray) -> QueuedRay {
-    let state = ray.wavelength | (ray.medium << 16u) | (select(0u, 1u, ray.entered_solid) << 31u);
+    let flags = (select(0u, 1u, ray.forward) << 30u) | (select(0u, 1u, ray.entered_solid) << 31u);
+    let state = ray.wavelength | (ray.medium << 16u) | flags;
     return QueuedRay(
         ray.position.x, ray.position.y, ray.position.z, ray.direction.x, ray.direction.y, ray.direction.z,
         ray.weight, ray.index, ray.bounce, ray.last, state,

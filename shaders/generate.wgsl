@@ -14,7 +14,7 @@ fn generate(index: u32) -> Ray {
     return Ray(
         position, direction, e.weight, key,
         stream_at(key, FRESNEL_BRANCH, first_jump()), stream_at(key, RR, first_jump()),
-        index, 0u, NONE, draw_wavelength(key, e), e.medium, false, ALIVE,
+        index, 0u, NONE, draw_wavelength(key, e), e.medium, false, false, ALIVE,
     );
 }
 

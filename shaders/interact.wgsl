@@ -21,6 +21,7 @@ fn interact(ray: ptr<function, Ray>, primitive: u32) {
         refract_at(ray, surface, primitive, n);
     }
     scatter(ray, surface, n, incoming);
+    note_side(ray, n);
 }
 
 // The unit normal from the front medium to the back medium: the gradient of the quadric.

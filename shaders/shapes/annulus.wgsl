@@ -8,3 +8,9 @@ fn annulus_distance(o: vec3<real>, d: vec3<real>, inner: real, outer: real, z_of
     let r2 = x * x + y * y;
     return select(MISS, t, (r2 >= inner) & (r2 <= outer));
 }
+
+// True if a point of the plane belongs to the ring.
+fn annulus_holds(p: vec3<real>, inner: real, outer: real, z_offset: real) -> bool {
+    let r2 = p.x * p.x + p.y * p.y;
+    return (r2 >= inner) & (r2 <= outer);
+}

@@ -14,3 +14,8 @@ fn conic_crossing(c: Crossings, d: vec3<real>, distance: real, axial: real, aper
     let on_sheet = 1.0 - axial * p.z >= 0.0;
     return ahead(distance, c.shift, on_sheet & (p.x * p.x + p.y * p.y <= aperture));
 }
+
+// True if a point of the quadric belongs to the surface.
+fn conic_holds(p: vec3<real>, curvature: real, axial: real, aperture: real) -> bool {
+    return (1.0 - axial * p.z >= 0.0) & (p.x * p.x + p.y * p.y <= aperture);
+}

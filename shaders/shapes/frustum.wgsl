@@ -13,3 +13,8 @@ fn frustum_crossing(c: Crossings, d: vec3<real>, distance: real, z_front: real, 
     let z = c.base.z + distance * d.z;
     return ahead(distance, c.shift, (z >= z_front) & (z <= z_back));
 }
+
+// True if a point of the cone belongs to the surface.
+fn frustum_holds(p: vec3<real>, r0: real, slope: real, z_front: real, z_back: real) -> bool {
+    return (p.z >= z_front) & (p.z <= z_back);
+}

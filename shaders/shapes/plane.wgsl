@@ -18,3 +18,17 @@ fn disk_distance(o: vec3<real>, d: vec3<real>, aperture: real, leaving: bool) ->
     let y = o.y + t * d.y;
     return select(MISS, t, x * x + y * y <= aperture);
 }
+
+// True if a point of the plane belongs to the surface.
+
+fn plane_holds(p: vec3<real>) -> bool {
+    return true;
+}
+
+fn rectangle_holds(p: vec3<real>, half_width: real, half_height: real) -> bool {
+    return (abs(p.x) <= half_width) & (abs(p.y) <= half_height);
+}
+
+fn disk_holds(p: vec3<real>, aperture: real) -> bool {
+    return p.x * p.x + p.y * p.y <= aperture;
+}

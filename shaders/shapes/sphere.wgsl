@@ -9,3 +9,8 @@ fn sphere_distance(o: vec3<real>, d: vec3<real>, radius: real, aperture: real, l
     let p = o + t * d;
     return select(MISS, t, p.x * p.x + p.y * p.y <= aperture);
 }
+
+// True if a point of the sphere belongs to the surface.
+fn sphere_holds(p: vec3<real>, radius: real, aperture: real) -> bool {
+    return p.x * p.x + p.y * p.y <= aperture;
+}

@@ -2,6 +2,7 @@
 //! calls. No formula is written here.
 
 use super::bsdf::BsdfKind;
+use super::contact::{self, Contact};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
@@ -32,6 +33,8 @@ pub struct Composition<'a> {
     pub centre: DVec3,
     /// Its cells.
     pub cells: &'a Cells,
+    /// Which of its faces are in contact.
+    pub contacts: &'a [Contact],
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -101,6 +104,10 @@ impl Composition<'_> {
         ] {
             let _ = writeln!(text, "const {name}: bool = {value};");
         }
+        if contact::any(self.contacts) {
+            let tolerance = 4.0 * contact::widest_tolerance(self.ir, self.centre, o.precision);
+            let _ = writeln!(text, "const CONTACT_TOLERANCE: real = {};", literal(tolerance, o.precision)?);
+        }
         let threshold = literal(o.roulette_threshold, o.precision)?;
         let _ = writeln!(text, "const ROULETTE_THRESHOLD: real = {threshold};");
         Ok(text)
@@ -133,6 +140,7 @@ impl Composition<'_> {
                 shader!("lib/paths_none.wgsl"),
                 shader!("lib/paths_recorded.wgsl"),
             ),
+            pick(contact::any(self.contacts), shader!("lib/contact.wgsl"), shader!("lib/contact_none.wgsl")),
             shader!("shapes/plane.wgsl"),
             shader!("generate.wgsl"),
             shader!("intersect.wgsl"),
@@ -202,6 +210,14 @@ impl Composition<'_> {
             });
         }
         text.push_str(&self.emitter()?);
+        if contact::any(self.contacts) {
+            let contacts = lowered::contact_records(self.contacts);
+            text.push_str(&if self.options.baked {
+                contacts.baked(self.precision())?
+            } else {
+                contacts.table()
+            });
+        }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
@@ -234,6 +250,9 @@ impl Composition<'_> {
         };
         let mut text =
             String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        if contact::any(self.contacts) {
+            text.push_str("    let here = standing(ray);\n");
+        }
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
             let (function, _) = ShapeKind::of(shape).name();
             let mut arguments = String::new();
@@ -249,10 +268,25 @@ impl Composition<'_> {
             } else {
                 (v, "ray.direction".into())
             };
-            let _ = writeln!(
-                text,
-                "    best = nearer(best, {function}({o}, {d}, {arguments}ray.last == {i}u), {i}u);"
-            );
+            let leaving = format!("ray.last == {i}u");
+            match self.contacts.get(i).filter(|contact| contact.group != 0) {
+                None => {
+                    let _ = writeln!(
+                        text,
+                        "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}), {i}u);"
+                    );
+                }
+                Some(_) => {
+                    let holds = ShapeKind::of(shape).holds();
+                    let stands = format!("({leaving}) | stands_on(here, contact_of({i}u))");
+                    let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
+                    let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
+                    let _ = writeln!(
+                        text,
+                        "    best = nearer_in_contact(best, ray, here, {i}u, {elsewhere}, {holds});"
+                    );
+                }
+            }
         }
         text.push_str("    return best;\n}\n");
         Ok(text)
@@ -274,7 +308,22 @@ impl Composition<'_> {
             );
         }
         text.push_str("        default: { return MISS; }\n    }\n}\n");
-        text.push_str(shader!("lib/primitives_table.wgsl"));
+        if contact::any(self.contacts) {
+            text.push_str("fn shape_holds(p: Primitive, o: vec3<real>) -> bool {\n    switch p.shape {\n");
+            for kind in &self.features.shapes {
+                let arguments = [", p.a0", ", p.a1", ", p.a2", ", p.a3"][..kind.num_arguments()].concat();
+                let _ = writeln!(
+                    text,
+                    "        case {}u: {{ return {}(o{arguments}); }}",
+                    *kind as u32,
+                    kind.holds()
+                );
+            }
+            text.push_str("        default: { return false; }\n    }\n}\n");
+            text.push_str(shader!("lib/primitives_table_contact.wgsl"));
+        } else {
+            text.push_str(shader!("lib/primitives_table.wgsl"));
+        }
         text
     }
 

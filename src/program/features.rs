@@ -225,6 +225,19 @@ fn has_unit_gradient(shape: &Shape) -> bool {
 }
 
 impl ShapeKind {
+    /// The function in the shaders that tells whether a point of the quadric belongs to the shape.
+    pub fn holds(self) -> &'static str {
+        match self {
+            ShapeKind::Conic => "conic_holds",
+            ShapeKind::Plane => "plane_holds",
+            ShapeKind::Rectangle => "rectangle_holds",
+            ShapeKind::Disk => "disk_holds",
+            ShapeKind::Annulus => "annulus_holds",
+            ShapeKind::Frustum => "frustum_holds",
+            ShapeKind::Sphere => "sphere_holds",
+        }
+    }
+
     /// How many numbers the shape's function takes.
     pub fn num_arguments(self) -> usize {
         match self {

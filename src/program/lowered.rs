@@ -1,6 +1,7 @@
 //! What the shaders need of surfaces, sensors and primitives, as records. Origins are relative to the scene's centre.
 
 use super::bsdf;
+use super::contact::Contact;
 use super::features::{EmitterName, Features, ShapeKind};
 use super::records::Records;
 use crate::ir::{
@@ -12,6 +13,7 @@ use glam::{DMat3, DVec3};
 const SURFACES: u32 = 9;
 const SENSORS: u32 = 10;
 const PRIMITIVES: u32 = 11;
+const CONTACTS: u32 = 16;
 /// Binding of the emitter of a dispatch.
 pub const EMITTER: u32 = 13;
 
@@ -168,7 +170,7 @@ pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
 }
 
 /// (radial, axial, offset) of shaders/lib/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
-fn gradient(shape: &Shape) -> [f64; 3] {
+pub fn gradient(shape: &Shape) -> [f64; 3] {
     match *shape {
         Shape::Conic { curvature, conic, .. } => [-curvature, -(1.0 + conic) * curvature, 1.0],
         Shape::Plane(_) | Shape::Annulus { .. } => [0.0, 0.0, 1.0],
@@ -178,6 +180,28 @@ fn gradient(shape: &Shape) -> [f64; 3] {
             [1.0, -slope * slope, -slope * r0]
         }
     }
+}
+
+/// The constant of the shape's quadric.
+pub fn shape_constant(shape: &Shape) -> f64 {
+    match *shape {
+        Shape::Conic { .. } | Shape::Plane(_) => 0.0,
+        Shape::Annulus { z_offset, .. } => -2.0 * z_offset,
+        Shape::Sphere { radius, .. } => radius,
+        Shape::Frustum { .. } => {
+            let [r0, ..] = frustum_arguments(shape);
+            -r0 * r0
+        }
+    }
+}
+
+/// The records of faces in contact.
+pub fn contact_records(contacts: &[Contact]) -> Records {
+    let mut records = Records::new("Contact", "contact", CONTACTS);
+    records.uint("group", contacts.iter().map(|c| c.group));
+    records.uint("rank", contacts.iter().map(|c| c.rank));
+    records.uint("flipped", contacts.iter().map(|c| u32::from(c.flipped)));
+    records
 }
 
 /// What the shape's distance function takes between the direction and `leaving`.

@@ -2,6 +2,7 @@
 
 pub mod bsdf;
 pub mod compose;
+pub mod contact;
 pub mod features;
 pub mod library;
 pub mod lowered;
@@ -125,7 +126,15 @@ impl Program {
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
         let cells = Cells::of(ir);
-        let composition = Composition { ir, features: &features, centre, cells: &cells, options: &options };
+        let contacts = contact::contacts(ir, centre, options.precision);
+        let composition = Composition {
+            ir,
+            features: &features,
+            centre,
+            cells: &cells,
+            contacts: &contacts,
+            options: &options,
+        };
         let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
@@ -169,7 +178,9 @@ impl Program {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
             let primitives = lowered::primitive_records(ir, self.centre);
-            for records in [surfaces, sensors, primitives] {
+            let contacts = contact::contacts(ir, self.centre, self.options.precision);
+            let contacts = contact::any(&contacts).then(|| lowered::contact_records(&contacts));
+            for records in [surfaces, sensors, primitives].into_iter().chain(contacts) {
                 buffers.push((records.binding, records.bytes(&self.module, self.options.precision)?));
             }
         }

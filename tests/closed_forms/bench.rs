@@ -65,6 +65,7 @@ pub struct Bench {
     origin: Value,
     max_depth: u32,
     paths: RecordPaths,
+    baked: Option<bool>,
     seed: u64,
 }
 
@@ -80,6 +81,7 @@ impl Bench {
             origin: Value::Null,
             max_depth: 16,
             paths: RecordPaths::None,
+            baked: None,
             seed: 20_260_101,
         }
     }
@@ -92,6 +94,12 @@ impl Bench {
 
     pub fn max_depth(mut self, max_depth: u32) -> Self {
         self.max_depth = max_depth;
+        self
+    }
+
+    /// The scene in tables instead of compiled in.
+    pub fn in_tables(mut self) -> Self {
+        self.baked = Some(false);
         self
     }
 
@@ -226,6 +234,7 @@ impl Bench {
             min_flux_fraction: 0.0,
             precision: tier.precision,
             paths: self.paths,
+            baked: self.baked,
             ..Default::default()
         };
         let tally = Tracer::new(tier.gpu, &ir, &options).unwrap().trace(|_| true).unwrap();
