@@ -258,7 +258,8 @@ pub fn drjit_runs(printed: &str) -> Vec<PeerRun> {
     let run = |line: &str| {
         let words = || line.split_whitespace();
         let value = |key: &str| words().find_map(|word| word.strip_prefix(key));
-        let precision = ["f32", "f64"].into_iter().find(|precision| words().any(|word| word == *precision))?;
+        let precision =
+            ["f32", "f64"].into_iter().find(|precision| words().any(|word| word == *precision))?;
         let num_rays: u64 = value("N=")?.parse().ok()?;
         let rays_per_sec = 1e6 * value("Mpaths/s=")?.parse::<f64>().ok()?;
         Some(PeerRun { precision, num_rays, seconds: num_rays as f64 / rays_per_sec })
