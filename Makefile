@@ -1,5 +1,6 @@
 # make demo        traces a Cooke triplet into demo-out/
 # make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
+# make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
 # make clean       removes what the others made
 #
@@ -15,13 +16,17 @@ export XDG_RUNTIME_DIR ?= /tmp
 PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
 DEMO_RAYS = 1e6
+BENCH_ARGS = --quick
 # The cargo profile "dev", which the tests use too.
 BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
 
-.PHONY: demo test test-rust test-python test-torch build adapter rust-components clean
+.PHONY: demo bench test test-rust test-python test-torch build adapter rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) -o demo-out
+
+bench: adapter .venv/installed
+	@$(BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
 
 test: test-rust test-python
 
@@ -60,7 +65,7 @@ rust-components:
 
 clean:
 	cargo clean
-	rm -rf demo-out .venv .venv-torch
+	rm -rf demo-out bench-out .venv .venv-torch
 
 # $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
 python_environment = \

@@ -10,8 +10,9 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
-//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints.
+//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
 
+pub mod bench;
 pub mod cli;
 pub mod error;
 pub mod gpu;

@@ -5,11 +5,12 @@
 //! callers of the fold.
 
 use crate::error::{Error, Result};
+use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
 use crate::ir::SceneIr;
 use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{
-    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, SurfaceTally, Tally,
+    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, StageTime, SurfaceTally, Tally,
 };
 use std::time::{Duration, Instant};
 
@@ -110,6 +111,7 @@ pub struct Tracer<'a> {
     counts_undrained: u64,
     launched: Booking,
     events: Vec<DeviceEvent>,
+    profile: Option<Profile>,
 }
 
 struct DeviceState {
@@ -183,12 +185,33 @@ impl<'a> Tracer<'a> {
             counts_undrained: 0,
             launched: Booking::default(),
             events: Vec::new(),
+            profile: None,
         })
     }
 
     /// The composed program.
     pub fn program(&self) -> &Program {
         &self.program
+    }
+
+    /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace.
+    pub fn enable_profile(&mut self) -> Result<()> {
+        self.profile = Some(Profile::new(self.gpu, 2 * self.num_rounds() as u64)?);
+        Ok(())
+    }
+
+    /// What the stages took on the device; nothing unless they were timed.
+    pub fn stage_times(&self) -> Vec<StageTime> {
+        let sums = self.profile.iter().flat_map(Profile::times);
+        sums.map(|sum| StageTime {
+            stage: sum.stage.into(),
+            num_dispatches: sum.num_dispatches,
+            time_sec: sum.seconds,
+        })
+        .collect()
     }
 
     /// Traces every ray, in passes of about 40 ms; after each one `keep_going` is told how many rays are
@@ -270,38 +293,37 @@ impl<'a> Tracer<'a> {
     }
 
     /// One batch: new rays through their first events, then the survivors until none can be left.
-    fn dispatch(&self, range: &RayRange) -> Result<()> {
+    fn dispatch(&mut self, range: &RayRange) -> Result<()> {
+        let num_rounds = self.num_rounds();
         let device = &self.device;
         self.gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
         if let Some(emitter) = self.program.emitters.get(range.emitter) {
             self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("trace"),
-                timestamp_writes: None,
-            });
-            pass.set_pipeline(&device.trace_new);
-            pass.set_bind_group(0, &device.scene, &[]);
-            pass.set_bind_group(1, &device.queues[0], &[]);
-            let (x, y) = grid(range.count.div_ceil(self.options.workgroup_size), self.gpu);
-            pass.dispatch_workgroups(x, y, 1);
-            if let Some(trace_queued) = &device.trace_queued {
-                let rounds = self.options.max_depth.div_ceil(self.program.options.events_per_dispatch);
-                for round in 1..rounds as usize {
-                    pass.set_pipeline(&device.advance);
-                    pass.set_bind_group(0, &device.advancing, &[]);
-                    pass.dispatch_workgroups(1, 1, 1);
-                    pass.set_pipeline(trace_queued);
-                    pass.set_bind_group(0, &device.scene, &[]);
-                    pass.set_bind_group(1, &device.queues[round % 2], &[]);
-                    pass.dispatch_workgroups_indirect(&device.workgroups, 0);
-                }
+        let (x, y) = grid(range.count.div_ceil(self.options.workgroup_size), self.gpu);
+        let stages = device.stages([x, y, 1], num_rounds);
+        match &mut self.profile {
+            Some(profile) => {
+                stages.for_each(|stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name)));
+                profile.resolve(&mut encoder);
+            }
+            None => {
+                let descriptor = wgpu::ComputePassDescriptor { label: Some("trace"), timestamp_writes: None };
+                let mut pass = encoder.begin_compute_pass(&descriptor);
+                stages.for_each(|stage| stage.record(&mut pass));
             }
         }
         self.gpu.queue.submit([encoder.finish()]);
+        if let Some(profile) = &mut self.profile {
+            profile.collect(self.gpu)?;
+        }
         self.gpu.check()
+    }
+
+    /// Dispatches until no ray can be left.
+    fn num_rounds(&self) -> usize {
+        self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
     }
 
     /// Takes the rows of the range that began at ray `first`.
@@ -444,6 +466,34 @@ impl<'a> Tracer<'a> {
     }
 }
 
+/// One dispatch of a stage.
+struct Stage<'a> {
+    name: &'static str,
+    pipeline: &'a wgpu::ComputePipeline,
+    groups: [Option<&'a wgpu::BindGroup>; 2],
+    workgroups: Workgroups<'a>,
+}
+
+#[derive(Clone, Copy)]
+enum Workgroups<'a> {
+    Of([u32; 3]),
+    /// As many as the device has counted.
+    Counted(&'a wgpu::Buffer),
+}
+
+impl Stage<'_> {
+    fn record(&self, pass: &mut wgpu::ComputePass) {
+        pass.set_pipeline(self.pipeline);
+        for (index, group) in (0..).zip(self.groups.into_iter().flatten()) {
+            pass.set_bind_group(index, group, &[]);
+        }
+        match self.workgroups {
+            Workgroups::Of([x, y, z]) => pass.dispatch_workgroups(x, y, z),
+            Workgroups::Counted(counts) => pass.dispatch_workgroups_indirect(counts, 0),
+        }
+    }
+}
+
 impl DeviceState {
     fn new(gpu: &Gpu, program: &Program, batch: u32) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
@@ -529,6 +579,34 @@ impl DeviceState {
             counters,
             events,
         })
+    }
+
+    /// The stages of one batch, in their order.
+    fn stages(&self, new_workgroups: [u32; 3], num_rounds: usize) -> impl Iterator<Item = Stage<'_>> {
+        let trace_new = Stage {
+            name: "trace_new",
+            pipeline: &self.trace_new,
+            groups: [Some(&self.scene), Some(&self.queues[0])],
+            workgroups: Workgroups::Of(new_workgroups),
+        };
+        let rounds = self.trace_queued.iter().flat_map(move |trace_queued| {
+            (1..num_rounds).flat_map(move |round| {
+                let advance = Stage {
+                    name: "advance",
+                    pipeline: &self.advance,
+                    groups: [Some(&self.advancing), None],
+                    workgroups: Workgroups::Of([1, 1, 1]),
+                };
+                let trace_queued = Stage {
+                    name: "trace_queued",
+                    pipeline: trace_queued,
+                    groups: [Some(&self.scene), Some(&self.queues[round % 2])],
+                    workgroups: Workgroups::Counted(&self.workgroups),
+                };
+                [advance, trace_queued]
+            })
+        });
+        std::iter::once(trace_new).chain(rounds)
     }
 
     fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {

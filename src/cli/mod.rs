@@ -3,6 +3,7 @@
 //! stdout carries the result alone; progress, warnings and errors go to stderr.
 
 mod adapters;
+mod bench;
 mod check;
 mod completions;
 mod count;
@@ -39,6 +40,8 @@ enum Command {
     Check(check::Args),
     /// List the adapters that can trace.
     Adapters(adapters::Args),
+    /// Measure how fast scenes are traced, alone or against other programs.
+    Bench(bench::Args),
     /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
     Materials(materials::Args),
     /// Print the JSON Schema of scene files.
@@ -54,6 +57,7 @@ pub fn main() -> ExitCode {
         Command::Trace(args) => trace::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Materials(args) => materials::run(&args),
         Command::Schema => schema::run(),
         Command::Completions(args) => completions::run::<Cli>(&args),

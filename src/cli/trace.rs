@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, SceneIr};
 use crate::program::Precision;
-use crate::result::{RunInfo, TraceResult, output, report};
+use crate::result::{RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -55,6 +55,9 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Time the stages on the device: to stderr and into the report's diagnostics. The trace itself becomes slower.
+    #[arg(long)]
+    profile: bool,
     /// Print report.json instead of the text report.
     #[arg(long)]
     json: bool,
@@ -165,6 +168,9 @@ fn trace(
     options: &TraceOptions,
 ) -> Result<(TraceResult, bool)> {
     let mut tracer = Tracer::new(gpu, ir, options)?;
+    if args.profile {
+        tracer.enable_profile()?;
+    }
     let stop = stop_on_interrupt()?;
     let mut progress = Progress::new(args.progress, options.num_rays);
     let start = Instant::now();
@@ -174,6 +180,8 @@ fn trace(
     })?;
     let trace_time_sec = start.elapsed().as_secs_f64();
     progress.finish();
+    let stage_times = tracer.stage_times();
+    stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
         num_rays: options.num_rays,
@@ -184,6 +192,7 @@ fn trace(
         adapter: gpu.info.name.clone(),
         driver: gpu.info.driver.clone(),
         trace_time_sec,
+        stage_times,
         scene_warnings: scene.warnings.clone(),
         partial: tally.launched.count < options.num_rays,
         program: env!("CARGO_PKG_NAME").into(),
@@ -191,6 +200,14 @@ fn trace(
     };
     let interrupted = run.partial;
     Ok((TraceResult::new(ir, &run, &tally)?, interrupted))
+}
+
+fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
+    let StageTime { stage, num_dispatches, time_sec } = time;
+    let percent = 100.0 * time_sec / trace_time_sec;
+    format!(
+        "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
+    )
 }
 
 /// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.

@@ -138,6 +138,9 @@ impl Gpu {
         if native && info.int64 {
             features |= int64_features();
         }
+        if native {
+            features |= adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("nsq-gpu"),
             required_features: features,

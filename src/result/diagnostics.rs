@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::result::format::{percent, significant, thousands};
-use crate::result::{Detector, DetectorData, TraceResult};
+use crate::result::{Detector, DetectorData, StageTime, TraceResult};
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
 const DEPTH_TRUNCATION: f64 = 1e-3;
@@ -51,6 +51,9 @@ pub struct Diagnostics {
     pub medium_stack_underflows: u64,
     /// True if splitting reached its limit of live rays; this program does not split rays yet.
     pub split_budget_saturated: bool,
+    /// What the stages took on the device; left out unless they were timed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stage_times: Vec<StageTime>,
     /// One sentence per finding, the gravest first.
     pub warnings: Vec<String>,
 }
@@ -104,6 +107,7 @@ impl Diagnostics {
                 .collect(),
             medium_stack_underflows,
             split_budget_saturated: false,
+            stage_times: result.run.stage_times.clone(),
             warnings: Vec::new(),
         };
         diagnostics.warnings = diagnostics.all_warnings(result);

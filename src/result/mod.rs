@@ -33,7 +33,7 @@ pub use ray_paths::RayPaths;
 pub use report::Report;
 pub use spectral::SpectralMap;
 pub use tally::{Booking, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
-pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, SurfaceResult, TraceResult};
+pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult};
 
 /// Quanta in one unit of weight: 2^52, so that an f64 weight of order one is counted to its last bits.
 pub const QUANTA_PER_WEIGHT: f64 = (1u64 << 52) as f64;

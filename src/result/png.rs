@@ -1,5 +1,7 @@
 //! One picture per detector: linear from zero, perceptual colours, axes at round numbers, a colour bar with its unit.
+//! Benchmarks draw their bars with the same parts.
 
+pub mod bars;
 mod canvas;
 mod figures;
 mod raster;

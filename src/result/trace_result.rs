@@ -6,6 +6,7 @@ use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
     SensorTally, SpectralMap, Tally,
 };
+use serde::Serialize;
 
 /// How the trace was run.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +29,8 @@ pub struct RunInfo {
     pub driver: String,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
+    /// What the stages took on the device, if they were timed.
+    pub stage_times: Vec<StageTime>,
     /// What the scene's reader found worth a warning.
     pub scene_warnings: Vec<String>,
     /// True if the trace stopped before all its rays were launched.
@@ -36,6 +39,17 @@ pub struct RunInfo {
     pub program: String,
     /// Version of the program.
     pub version: String,
+}
+
+/// What one stage of a trace took on the device.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageTime {
+    /// The stage: `trace_new`, `advance` or `trace_queued`.
+    pub stage: String,
+    /// Times that it was dispatched.
+    pub num_dispatches: u64,
+    /// Time on the device \[s\].
+    pub time_sec: f64,
 }
 
 /// The results of one trace. The flux fields and counts are those of Optiland's `SimulationResult`.
@@ -162,6 +176,7 @@ impl Default for RunInfo {
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,
+            stage_times: Vec::new(),
             scene_warnings: Vec::new(),
             partial: false,
             program: env!("CARGO_PKG_NAME").into(),

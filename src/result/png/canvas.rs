@@ -286,6 +286,21 @@ impl<'a> Canvas<'a> {
         self.root.draw(&PathElement::new(line, style)).map_err(reason)
     }
 
+    /// A place in one colour.
+    pub fn fill(&self, place: Place, [r, g, b]: [u8; 3]) -> Drawn {
+        let corners = [(place.left, place.top), (place.right(), place.bottom())];
+        self.root.draw(&Rectangle::new(corners, RGBColor(r, g, b).filled())).map_err(reason)
+    }
+
+    /// A horizontal range, a thin line that ends in short upright ones.
+    pub fn whisker(&self, (left, right): (i32, i32), middle: i32) -> Drawn {
+        let (reach, width) = ((0.16 * self.text) as i32, 0.045 * self.text);
+        self.line((left, middle), (right, middle), INK, width)?;
+        [left, right]
+            .into_iter()
+            .try_for_each(|at| self.line((at, middle - reach), (at, middle + reach), INK, width))
+    }
+
     /// A dot, as the key to a colour.
     pub fn dot(&self, at: (i32, i32), color: [u8; 3]) -> Drawn {
         let [r, g, b] = color;

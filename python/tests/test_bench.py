@@ -1,0 +1,24 @@
+"""``nsq-gpu bench --against optiland`` runs the installed Optiland on the benchmark's own scenes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+CASES = ["rays_1e3", "surfaces_5", "depth_2", "lens_0", "spheres_100", "double_gauss"]
+
+
+def test_optiland_traces_every_kind_of_case(command: list[str]) -> None:
+    arguments = ["bench", "--max-rays", "100", "--runs", "1", "--precision", "f32", "--json"]
+    arguments += ["--scenes", ",".join(CASES), "--against", "optiland", "--python", sys.executable]
+    done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["peers"]["optiland"]["optiland"] == "0.6.3"
+    assert [case["name"] for case in report["cases"]] == CASES
+    for case in report["cases"]:
+        (peer,) = case["peers"]
+        (ours,) = case["measurements"]
+        assert peer["num_rays"] == ours["counts"]["launched"] == 100
+        assert ours["ratios"]["optiland"] > 0

@@ -1,0 +1,247 @@
+//! What is measured: scenes as the files that users trace, so that every peer reads the same ones.
+
+use serde_json::{Value, json};
+
+/// One scene, traced with so many rays.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Unique name.
+    pub name: String,
+    /// What the case is one point of: `rays`, `surfaces`, `depth`, `lenses`, `spheres`, `commands`, `cold_start`.
+    pub axis: &'static str,
+    /// The scene file's text.
+    pub scene: String,
+    /// Rays to launch.
+    pub num_rays: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// What is timed.
+    pub kind: Kind,
+}
+
+/// What is timed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The trace alone, in a process that has read the scene and is warm.
+    Trace,
+    /// A whole command, from its start to its files.
+    Command,
+    /// The same with the driver's cache of compiled shaders off.
+    ColdCommand,
+}
+
+impl Kind {
+    /// The name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Trace => "trace",
+            Kind::Command => "command",
+            Kind::ColdCommand => "cold_command",
+        }
+    }
+}
+
+/// Optiland's default, and that of `nsq-gpu trace`.
+const MAX_DEPTH: u32 = 16;
+/// The scene of Optiland's ray sweep, which a Dr.Jit kernel traces too.
+pub const LENS_AXIS: &str = "rays";
+
+/// Every case, with at most `max_rays` rays each. Of the sweep over rays, the points beyond are left out.
+pub fn all(max_rays: u64) -> Vec<Case> {
+    let mut cases = rays_sweep(max_rays);
+    cases.extend(surfaces_sweep());
+    cases.extend(depth_sweep());
+    cases.extend((0..10).map(|i| trace(&format!("lens_{i}"), "lenses", random_lens(i))));
+    cases.push(trace("spheres_100", "spheres", spheres_scene(100)));
+    cases.extend(commands());
+    cases.iter_mut().for_each(|case| case.num_rays = case.num_rays.min(max_rays));
+    cases
+}
+
+fn trace(name: &str, axis: &'static str, scene: String) -> Case {
+    Case { name: name.into(), axis, scene, num_rays: 1_000_000, max_depth: MAX_DEPTH, kind: Kind::Trace }
+}
+
+fn rays_sweep(max_rays: u64) -> Vec<Case> {
+    let powers = (3..=7).filter(|&power| power == 3 || 10_u64.pow(power) <= max_rays);
+    let case = |power| Case {
+        num_rays: 10_u64.pow(power),
+        ..trace(&format!("rays_1e{power}"), LENS_AXIS, lens_scene())
+    };
+    powers.map(case).collect()
+}
+
+fn surfaces_sweep() -> Vec<Case> {
+    let counts = [0, 1, 2, 5, 10, 20, 50, 200, 1000];
+    counts.map(|count| trace(&format!("surfaces_{count}"), "surfaces", surface_count_scene(count))).into()
+}
+
+fn depth_sweep() -> Vec<Case> {
+    let case =
+        |max_depth| Case { max_depth, ..trace(&format!("depth_{max_depth}"), "depth", cavity_scene()) };
+    [2, 4, 8, 16, 32].map(case).into()
+}
+
+fn commands() -> Vec<Case> {
+    let command =
+        |name: &str, scene: &str| Case { kind: Kind::Command, ..trace(name, "commands", scene.into()) };
+    vec![
+        command("cooke_triplet", include_str!("../../scenes/cooke_triplet.json")),
+        command("double_gauss", include_str!("../../scenes/double_gauss.json")),
+        Case { num_rays: 10_000, kind: Kind::ColdCommand, ..trace("cold_start", "cold_start", lens_scene()) },
+    ]
+}
+
+/// `lens_scene` of Optiland's harness: one lens of constant index and a detector.
+fn lens_scene() -> String {
+    let lens = json!({"r1": 100.0, "r2": -100.0, "thickness": 5.0, "front_aperture_radius": 12.5,
+        "material": {"type": "medium", "name": "glass"}});
+    scene(json!({
+        "components": [component("lens", "L", at_z(0.0), lens)],
+        "sources": [collimated(at_z(-25.0), 10.0)],
+        "detectors": [detector(at_z(150.0), 50.0, 64, true)],
+        "nsq_gpu": {"version": 1, "media": {"glass": {"type": "constant", "n": 1.5}}},
+    }))
+}
+
+/// `surface_count_scene` of Optiland's harness: mirrors off the axis, which no ray meets.
+fn surface_count_scene(num_surfaces: u32) -> String {
+    let decoy = |i: u32| {
+        let cs = json!({"x": 500.0 * f64::from(i + 1), "z": 10.0});
+        let mirror = json!({"radius": FLAT, "reflectance": 0.9, "aperture_radius": 5.0});
+        component("mirror", &format!("decoy_{i}"), cs, mirror)
+    };
+    scene(json!({
+        "components": (0..num_surfaces).map(decoy).collect::<Vec<_>>(),
+        "sources": [collimated(at_z(-10.0), 5.0)],
+        "detectors": [detector(at_z(100.0), 20.0, 64, true)],
+    }))
+}
+
+/// `cavity_scene` of Optiland's harness: two flat mirrors face to face, a transmissive detector between them.
+fn cavity_scene() -> String {
+    let mirror = |name: &str, z: f64| {
+        let config = json!({"radius": FLAT, "reflectance": 0.98, "aperture_radius": 20.0});
+        component("mirror", name, at_z(z), config)
+    };
+    scene(json!({
+        "components": [mirror("M_far", 50.0), mirror("M_near", -50.0)],
+        "sources": [collimated(at_z(0.0), 3.0)],
+        "detectors": [detector(at_z(25.0), 12.0, 32, false)],
+    }))
+}
+
+/// A lens whose radii, thickness, glass, field and pixels are drawn at random, the same on every machine.
+fn random_lens(number: u64) -> String {
+    const GLASSES: [&str; 5] = ["N-BK7", "N-SF11", "N-LAK8", "N-FK51A", "N-SF6"];
+    const PIXELS: [u32; 4] = [32, 64, 128, 256];
+    let mut draws = Draws(number);
+    let mut radius = || {
+        let size = draws.between(40.0, 200.0);
+        if draws.unit() < 0.5 { -size } else { size }
+    };
+    let (r1, r2) = (radius(), radius());
+    let glass = GLASSES[(draws.unit() * GLASSES.len() as f64) as usize];
+    let lens = json!({"r1": r1, "r2": r2, "thickness": draws.between(6.0, 10.0), "front_aperture_radius": 12.5,
+        "material": {"type": "catalog", "name": glass}});
+    let source_cs = json!({"z": -25.0, "rx": draws.between(0.0, 0.1)});
+    let pixels = PIXELS[(draws.unit() * PIXELS.len() as f64) as usize];
+    scene(json!({
+        "components": [component("lens", "L", at_z(0.0), lens)],
+        "sources": [collimated(source_cs, draws.between(5.0, 10.0))],
+        "detectors": [detector(at_z(draws.between(60.0, 150.0)), 50.0, pixels, true)],
+    }))
+}
+
+/// Rays in random directions from a disk onto absorbing spheres at random places: casts without coherence.
+fn spheres_scene(num_spheres: u32) -> String {
+    let mut draws = Draws(100);
+    let mut sphere = |i| {
+        let place = [(); 3].map(|()| draws.between(-50.0, 50.0));
+        json!({
+            "name": format!("ball_{i}"), "cs": {"x": place[0], "y": place[1], "z": place[2]},
+            "shape": {"type": "sphere", "radius": draws.between(2.0, 8.0)}, "interaction": "absorbing",
+        })
+    };
+    let source = json!({"type": "extended", "name": "S", "cs": at_z(-80.0), "spectrum": spectrum(), "total_flux": 1.0,
+        "aperture_radius": 50.0, "half_angle_deg": 45.0});
+    scene(json!({
+        "components": [],
+        "sources": [source],
+        "detectors": [detector(at_z(80.0), 200.0, 64, true)],
+        "nsq_gpu": {"version": 1, "surfaces": (0..num_spheres).map(&mut sphere).collect::<Vec<_>>()},
+    }))
+}
+
+/// A flat surface's radius; [`scene`] writes it as scene files do.
+const FLAT: &str = "Infinity";
+
+/// The text of a scene file. JSON proper has no infinity, scene files have.
+fn scene(mut document: Value) -> String {
+    document["nsq_schema_version"] = json!(1);
+    document.to_string().replace("\"Infinity\"", "Infinity")
+}
+
+fn component(kind: &str, name: &str, cs: Value, config: Value) -> Value {
+    json!({"type": kind, "name": name, "cs": cs, "config": config})
+}
+
+fn collimated(cs: Value, aperture_radius: f64) -> Value {
+    json!({"type": "collimated", "name": "S", "cs": cs, "spectrum": spectrum(), "total_flux": 1.0,
+        "aperture_radius": aperture_radius})
+}
+
+fn spectrum() -> Value {
+    json!({"wavelengths": [0.55], "weights": [1.0]})
+}
+
+fn detector(cs: Value, width: f64, pixels: u32, absorb: bool) -> Value {
+    json!({"type": "irradiance", "name": "D", "cs": cs, "width": width, "height": width, "num_pixels_x": pixels,
+        "num_pixels_y": pixels, "absorb": absorb})
+}
+
+fn at_z(z: f64) -> Value {
+    json!({"z": z})
+}
+
+/// SplitMix64: the scenes' own draws, which have nothing to do with those of a trace.
+struct Draws(u64);
+
+impl Draws {
+    /// In 0..1.
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Scene;
+
+    #[test]
+    fn every_scene_is_valid_and_every_name_unique() {
+        let cases = all(u64::MAX);
+        for case in &cases {
+            Scene::from_json(&case.scene).unwrap_or_else(|error| panic!("{}: {error}", case.name));
+        }
+        let mut names: Vec<&str> = cases.iter().map(|case| case.name.as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), cases.len());
+    }
+
+    #[test]
+    fn no_case_has_more_rays_than_asked_for() {
+        assert!(all(500).iter().all(|case| case.num_rays == 500));
+        let sweep = |max| all(max).iter().filter(|case| case.axis == LENS_AXIS).count();
+        assert_eq!((sweep(500), sweep(100_000), sweep(u64::MAX)), (1, 3, 5));
+    }
+}

@@ -1,0 +1,24 @@
+//! How fast scenes are traced: cases, run in turns by this program and by its peers, become statistics and files.
+//!
+//! ```text
+//! cases       the scenes of Optiland's harness and others, as scene files
+//! runner      warm-up, then runs in turns; launched = counted, in every run
+//! peers       Optiland's NumPy backend and a Dr.Jit kernel, as children
+//! statistics  median, least and greatest of the runs; ratios
+//! report      one JSON document, CSV and a chart
+//! ```
+//!
+//! A benchmark, never a test: nothing here passes or fails by the clock.
+
+pub mod cases;
+pub mod machine;
+pub mod peers;
+pub mod report;
+pub mod runner;
+pub mod statistics;
+
+pub use cases::{Case, Kind};
+pub use peers::Peer;
+pub use report::BenchReport;
+pub use runner::{CaseResult, Counts, Session};
+pub use statistics::Summary;

@@ -1,0 +1,295 @@
+//! The files of a benchmark: `bench.json` with everything, `bench.csv` with a line per engine, `bench.png`.
+
+use crate::bench::cases::Kind;
+use crate::bench::machine;
+use crate::bench::runner::{CaseResult, Measurement, PeerMeasurement};
+use crate::bench::statistics::Summary;
+use crate::error::{Error, Result};
+use crate::gpu::AdapterInfo;
+use crate::result::png::bars::{Bar, Bars, Group, write_bars};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
+pub const SCHEMA: u32 = 1;
+
+/// The document. Times are in s, rates per s.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BenchReport {
+    /// Version of the document: [`SCHEMA`].
+    pub schema: u32,
+    /// Name of the program.
+    pub program: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// `debug` or `release`: how the host's part was compiled. The device's part is compiled by the driver.
+    pub build: &'static str,
+    /// When the benchmark began, in UTC.
+    pub date: String,
+    /// What the reader should know, such as who else used the machine.
+    pub note: Option<String>,
+    /// The machine.
+    pub machine: Machine,
+    /// The adapter.
+    pub adapter: Adapter,
+    /// Versions of the peers, by peer.
+    pub peers: BTreeMap<String, BTreeMap<String, String>>,
+    /// Measured runs of each case.
+    pub num_runs: usize,
+    /// What was measured.
+    pub cases: Vec<CaseResult>,
+}
+
+/// The machine.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Machine {
+    /// Operating system and architecture.
+    pub system: String,
+    /// Processor; null where the system does not tell.
+    pub processor: Option<String>,
+    /// Cores that the program may use.
+    pub num_cores: usize,
+    /// Load average before the first case; null where the system does not tell.
+    pub load_average_start: Option<f64>,
+    /// Load average after the last case; null where the system does not tell.
+    pub load_average_end: Option<f64>,
+}
+
+/// The adapter.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Adapter {
+    /// Its name.
+    pub name: String,
+    /// Its driver and version.
+    pub driver: String,
+    /// Vulkan, Metal or DX12.
+    pub backend: String,
+    /// Discrete GPU, integrated GPU, CPU.
+    pub kind: String,
+}
+
+impl BenchReport {
+    /// A report without any case yet.
+    pub fn new(info: &AdapterInfo, num_runs: usize, note: Option<String>) -> Self {
+        BenchReport {
+            schema: SCHEMA,
+            program: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            build: if cfg!(debug_assertions) { "debug" } else { "release" },
+            date: machine::utc_now(),
+            note,
+            machine: Machine {
+                system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+                processor: machine::processor(),
+                num_cores: machine::num_cores(),
+                load_average_start: machine::load_average(),
+                load_average_end: None,
+            },
+            adapter: Adapter {
+                name: info.name.clone(),
+                driver: info.driver.clone(),
+                backend: info.backend.clone(),
+                kind: info.kind.clone(),
+            },
+            peers: BTreeMap::new(),
+            num_runs,
+            cases: Vec::new(),
+        }
+    }
+
+    /// The document.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).map_or_else(|error| error.to_string(), |text| text + "\n")
+    }
+
+    /// A line per case, engine and precision, with a header.
+    pub fn to_csv(&self) -> String {
+        let mut text = CSV_COLUMNS.join(",") + "\n";
+        for case in &self.cases {
+            case.measurements.iter().for_each(|ours| text.push_str(&csv_line(case, ours)));
+            case.peers.iter().for_each(|peer| text.push_str(&csv_peer_line(case, peer)));
+        }
+        text
+    }
+
+    /// Writes the files into `dir`, which is created if it does not exist, and returns their paths.
+    ///
+    /// # Errors
+    /// [`Error::File`] with the file or folder that could not be written.
+    pub fn write_all(&self, dir: &Path) -> Result<Vec<PathBuf>> {
+        std::fs::create_dir_all(dir).map_err(|error| Error::file(dir, error))?;
+        for (name, text) in [("bench.json", self.to_json()), ("bench.csv", self.to_csv())] {
+            std::fs::write(dir.join(name), text).map_err(|error| Error::file(dir.join(name), error))?;
+        }
+        write_bars(&dir.join("bench.png"), &self.bars())?;
+        Ok(["bench.json", "bench.csv", "bench.png"].map(|name| dir.join(name)).into())
+    }
+
+    /// The table for people.
+    pub fn table(&self) -> String {
+        let Adapter { name, driver, .. } = &self.adapter;
+        let mut text = format!("{} {} on {name}, {driver}\n", self.program, self.version);
+        let load = self.machine.load_average_start.map_or("unknown".into(), |load| format!("{load:.2}"));
+        let _ = writeln!(text, "{}, {} cores, load average {load}\n", self.date, self.machine.num_cores);
+        let _ = write!(text, "{:<16}{:>5}{:>12}", "case", "", "rays");
+        let _ = write!(
+            text,
+            "{:>12}{:>10}{:>10}{:>12}{:>13}",
+            "M rays/s", "min", "max", "M casts/s", "first rays"
+        );
+        self.peers.keys().for_each(|peer| text += &format!("{:>14}", format!("x {peer}")));
+        text.push('\n');
+        for case in &self.cases {
+            for ours in &case.measurements {
+                text += &self.table_line(case, ours);
+            }
+        }
+        text
+    }
+
+    fn table_line(&self, case: &CaseResult, ours: &Measurement) -> String {
+        let rays = ours.rays_per_sec.times(1e-6);
+        let first = ours.first_rays_sec.map_or("-".into(), |seconds| format!("{:.0} ms", 1e3 * seconds));
+        let mut line = format!("{:<16}{:>5}{:>12}", case.name, ours.precision, case.num_rays);
+        let _ = write!(line, "{:>12.3}{:>10.3}{:>10.3}", rays.median, rays.min, rays.max);
+        let _ = write!(line, "{:>12.3}{first:>13}", 1e-6 * ours.casts_per_sec.median);
+        for peer in self.peers.keys() {
+            let ratio = ours.ratios.get(peer).map_or("-".into(), |ratio| format!("{ratio:.3}"));
+            let _ = write!(line, "{ratio:>14}");
+        }
+        line + "\n"
+    }
+
+    fn bars(&self) -> Bars {
+        let series = self.series();
+        let group = |(i, case): (usize, &CaseResult)| Group {
+            label: label(case),
+            first_of_section: i > 0 && self.cases[i - 1].axis != case.axis,
+            bars: series.iter().map(|series| case.rate_of(series).map(bar)).collect(),
+        };
+        Bars {
+            title: format!("Rays per second on {}", self.adapter.name),
+            numbers: self.subtitle(),
+            quantity: "median of the runs and their range".into(),
+            unit: "rays/s".into(),
+            groups: self.cases.iter().enumerate().map(group).collect(),
+            series: series.iter().map(Series::label).collect(),
+        }
+    }
+
+    fn subtitle(&self) -> String {
+        let day = self.date.split('T').next().unwrap_or("");
+        let note = self.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
+        format!("{} {}, {day}, {} runs{note}", self.program, self.version, self.num_runs)
+    }
+
+    /// Every engine in every precision that measured something, this program first.
+    fn series(&self) -> Vec<Series> {
+        let mut all: Vec<Series> = Vec::new();
+        let ours = self.cases.iter().flat_map(|case| &case.measurements);
+        let ours = ours.map(|m| Series { engine: env!("CARGO_PKG_NAME").into(), precision: m.precision });
+        let peers = self.cases.iter().flat_map(|case| &case.peers);
+        let peers = peers.map(|m| Series { engine: m.name.clone(), precision: m.precision });
+        for series in ours.chain(peers) {
+            if !all.contains(&series) {
+                all.push(series);
+            }
+        }
+        all
+    }
+}
+
+/// An engine in one precision.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Series {
+    engine: String,
+    precision: &'static str,
+}
+
+impl Series {
+    fn label(&self) -> String {
+        format!("{} {}", self.engine, self.precision)
+    }
+}
+
+impl CaseResult {
+    fn rate_of(&self, series: &Series) -> Option<Summary> {
+        let ours = self.measurements.iter().map(|m| (env!("CARGO_PKG_NAME"), m.precision, m.rays_per_sec));
+        let peers = self.peers.iter().map(|m| (m.name.as_str(), m.precision, m.rays_per_sec));
+        let mut all = ours.chain(peers);
+        all.find(|(name, precision, _)| *name == series.engine && *precision == series.precision).map(|m| m.2)
+    }
+}
+
+fn label(case: &CaseResult) -> String {
+    let name = case.name.replace('_', " ");
+    if case.kind == Kind::Trace.name() { name } else { name + ", whole command" }
+}
+
+fn bar(rate: Summary) -> Bar {
+    Bar { value: rate.median, low: rate.min, high: rate.max }
+}
+
+/// The columns of the CSV; a peer has no casts and no ratios.
+pub const CSV_COLUMNS: [&str; 18] = [
+    "case",
+    "axis",
+    "kind",
+    "engine",
+    "precision",
+    "num_rays",
+    "max_depth",
+    "num_primitives",
+    "num_runs",
+    "median_rays_per_sec",
+    "min_rays_per_sec",
+    "max_rays_per_sec",
+    "median_casts_per_sec",
+    "ready_sec",
+    "first_rays_sec",
+    "load_average",
+    "ratio_to_optiland",
+    "ratio_to_drjit",
+];
+
+fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
+    let engine = [env!("CARGO_PKG_NAME"), ours.precision];
+    let ratio = |peer: &str| cell(ours.ratios.get(peer).copied());
+    let last = [
+        cell(Some(ours.casts_per_sec.median)),
+        cell(ours.ready_sec),
+        cell(ours.first_rays_sec),
+        cell(case.load_average),
+        ratio("optiland"),
+        ratio("drjit"),
+    ];
+    let first = csv_start(case, engine, case.num_rays, &ours.runs_sec, ours.rays_per_sec);
+    format!("{first},{}\n", last.join(","))
+}
+
+fn csv_peer_line(case: &CaseResult, peer: &PeerMeasurement) -> String {
+    let engine = [peer.name.as_str(), peer.precision];
+    let first = csv_start(case, engine, peer.num_rays, &peer.runs_sec, peer.rays_per_sec);
+    format!("{first},,,,{},,\n", cell(case.load_average))
+}
+
+fn csv_start(
+    case: &CaseResult,
+    [engine, precision]: [&str; 2],
+    num_rays: u64,
+    runs: &[f64],
+    rate: Summary,
+) -> String {
+    let CaseResult { name, axis, kind, max_depth, num_primitives, .. } = case;
+    let Summary { median, min, max } = rate;
+    let num_runs = runs.len();
+    format!(
+        "{name},{axis},{kind},{engine},{precision},{num_rays},{max_depth},{num_primitives},{num_runs},{median},{min},{max}"
+    )
+}
+
+fn cell(value: Option<f64>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}

@@ -1,0 +1,406 @@
+//! Runs a case: this program and its peers in turns, after a warm-up.
+
+use crate::bench::cases::{Case, Kind};
+use crate::bench::machine;
+use crate::bench::peers::{Peer, PeerRun};
+use crate::bench::statistics::Summary;
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::ir::SceneIr;
+use crate::program::Precision;
+use crate::result::{FluxUnit, Ledger, PathEventKind, Tally, output};
+use crate::scene::Scene;
+use crate::trace::{RecordPaths, TraceOptions, Tracer};
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+use tempfile::TempDir;
+
+/// What all cases share.
+pub struct Session<'a> {
+    /// The device.
+    pub gpu: &'a Gpu,
+    /// This program, for whole commands.
+    pub program: PathBuf,
+    /// Measured runs of each case.
+    pub num_runs: usize,
+    /// Precisions to measure.
+    pub precisions: Vec<Precision>,
+}
+
+/// Everything measured of one case.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CaseResult {
+    /// Name of the case.
+    pub name: String,
+    /// What the case is one point of.
+    pub axis: &'static str,
+    /// What was timed: `trace`, `command` or `cold_command`.
+    pub kind: &'static str,
+    /// Rays launched in each run of this program.
+    pub num_rays: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Surfaces and detectors of the scene.
+    pub num_primitives: usize,
+    /// Load average before the first run; null where the system does not tell.
+    pub load_average: Option<f64>,
+    /// This program, by precision.
+    pub measurements: Vec<Measurement>,
+    /// The others.
+    pub peers: Vec<PeerMeasurement>,
+}
+
+/// This program in one precision.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Measurement {
+    /// `f32` or `f64`.
+    pub precision: &'static str,
+    /// Rays launched and counted; the same in every run, and equal.
+    pub counts: Counts,
+    /// Wall-clock times of the runs, in their order \[s\].
+    pub runs_sec: Vec<f64>,
+    /// Rays per second of the runs.
+    pub rays_per_sec: Summary,
+    /// Casts per second of the runs.
+    pub casts_per_sec: Summary,
+    /// Mean casts and interactions of a ray.
+    pub per_ray: PerRay,
+    /// From the scene's text to the compiled program \[s\]; null for whole commands.
+    pub ready_sec: Option<f64>,
+    /// From the scene's text to the first rays traced, on an open device \[s\]; null for whole commands.
+    pub first_rays_sec: Option<f64>,
+    /// Median rays per second over the peer's, by peer.
+    pub ratios: BTreeMap<String, f64>,
+}
+
+/// A peer in one precision.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PeerMeasurement {
+    /// Its name.
+    pub name: String,
+    /// `f32` or `f64`.
+    pub precision: &'static str,
+    /// Rays launched in each run.
+    pub num_rays: u64,
+    /// Wall-clock times of the runs, in their order \[s\].
+    pub runs_sec: Vec<f64>,
+    /// Rays per second of the runs.
+    pub rays_per_sec: Summary,
+}
+
+/// Where rays went, by number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Rays asked for.
+    pub requested: u64,
+    /// Rays launched.
+    pub launched: u64,
+    /// Rays that ended: detected, absorbed, escaped, at the depth limit or by roulette.
+    pub counted: u64,
+    /// True if the ledger closes to the last quantum.
+    pub closed: bool,
+}
+
+/// Means over some hundreds of recorded paths.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PerRay {
+    /// Searches for the nearest surface: interactions, and the one that finds nothing.
+    pub casts: f64,
+    /// Surfaces hit and detectors crossed.
+    pub interactions: f64,
+}
+
+/// Rays whose paths are recorded for [`PerRay`].
+const RECORDED_RAYS: u64 = 4096;
+
+impl Counts {
+    /// Those of a ledger.
+    pub fn of_ledger(requested: u64, ledger: &Ledger) -> Self {
+        let ends = [ledger.detected, ledger.absorbed, ledger.escaped, ledger.depth, ledger.roulette_loss];
+        Counts {
+            requested,
+            launched: ledger.launched.count,
+            counted: ends.iter().map(|entry| entry.count).sum(),
+            closed: ledger.closes(),
+        }
+    }
+
+    /// Those of a report.json.
+    pub fn of_report(requested: u64, report: &Value) -> Self {
+        let ledger = &report["ledger"];
+        let count = |entry: &str| ledger[entry]["count"].as_u64().unwrap_or(0);
+        let ends = ["detected", "absorbed", "escaped", "depth", "roulette_loss"];
+        Counts {
+            requested,
+            launched: count("launched"),
+            counted: ends.into_iter().map(count).sum(),
+            closed: ledger["imbalance_quanta"] == "0" && ledger["invalid_deposits"] == 0,
+        }
+    }
+
+    /// Fails unless launched = counted = requested and the ledger closes: no speed is worth a lost ray.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] with the numbers.
+    pub fn check(self, case: &str) -> Result<()> {
+        let Counts { requested, launched, counted, closed } = self;
+        if launched != requested || counted != launched {
+            let message =
+                format!("{case}: {requested} rays requested, {launched} launched, {counted} counted");
+            return Err(Error::Internal(message));
+        }
+        if !closed {
+            return Err(Error::Internal(format!("{case}: the ledger does not close")));
+        }
+        Ok(())
+    }
+}
+
+/// Measures one case. Runs take turns, so that whatever else the machine does falls on all alike.
+///
+/// # Errors
+/// [`Error::Internal`] if a run lost rays; whatever the scene, the device or a peer fails with.
+pub fn measure(case: &Case, session: &Session, peers: &mut [Box<dyn Peer>]) -> Result<CaseResult> {
+    let start = Instant::now();
+    let ir = Scene::from_json(&case.scene)?.lower()?;
+    let read_sec = start.elapsed().as_secs_f64();
+    let mut subjects = Vec::new();
+    for &precision in &session.precisions {
+        subjects.push(Subject::warm(case, session, &ir, precision, read_sec)?);
+    }
+    let mut peers: Vec<PeerRuns> = peers.iter_mut().filter(|p| p.takes(case)).map(PeerRuns::new).collect();
+    peers.iter_mut().try_for_each(|runs| runs.peer.warm_up(case))?;
+    let load_average = machine::load_average();
+    for _ in 0..session.num_runs {
+        subjects.iter_mut().try_for_each(Subject::run)?;
+        peers.iter_mut().try_for_each(|runs| runs.run(case))?;
+    }
+    let mut result = CaseResult {
+        name: case.name.clone(),
+        axis: case.axis,
+        kind: case.kind.name(),
+        num_rays: case.num_rays,
+        max_depth: case.max_depth,
+        num_primitives: ir.surfaces.len() + ir.sensors.len(),
+        load_average,
+        measurements: subjects.into_iter().map(Subject::measurement).collect::<Result<_>>()?,
+        peers: peers.into_iter().flat_map(PeerRuns::measurements).collect(),
+    };
+    result.fill_ratios();
+    Ok(result)
+}
+
+impl CaseResult {
+    /// Compares every measurement with every peer: in the same precision, or in the only one that the peer has.
+    pub fn fill_ratios(&mut self) {
+        for ours in &mut self.measurements {
+            for peer in &self.peers {
+                let twin =
+                    |other: &&PeerMeasurement| other.name == peer.name && other.precision == ours.precision;
+                let fair = self.peers.iter().find(twin).unwrap_or(peer);
+                ours.ratios.insert(peer.name.clone(), ours.rays_per_sec.ratio_to(fair.rays_per_sec));
+            }
+        }
+    }
+}
+
+/// This program in one precision, ready to run a case.
+struct Subject<'a> {
+    case: &'a Case,
+    precision: Precision,
+    engine: Engine<'a>,
+    per_ray: PerRay,
+    counts: Counts,
+    ready_sec: Option<f64>,
+    first_rays_sec: Option<f64>,
+    runs_sec: Vec<f64>,
+}
+
+enum Engine<'a> {
+    Tracer { tracer: Box<Tracer<'a>>, ir: &'a SceneIr },
+    Command(Box<WholeCommand>),
+}
+
+impl<'a> Subject<'a> {
+    /// Prepares everything and runs once: drivers compile at the first dispatch.
+    fn warm(
+        case: &'a Case,
+        session: &Session<'a>,
+        ir: &'a SceneIr,
+        precision: Precision,
+        read_sec: f64,
+    ) -> Result<Self> {
+        let per_ray = per_ray(case, session.gpu, ir, precision)?;
+        let start = Instant::now();
+        let (engine, ready_sec) = match case.kind {
+            Kind::Trace => {
+                let tracer = Tracer::new(session.gpu, ir, &options(case, precision))?;
+                let ready_sec = read_sec + start.elapsed().as_secs_f64();
+                (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
+            }
+            Kind::Command | Kind::ColdCommand => {
+                (Engine::Command(Box::new(WholeCommand::new(case, session, precision)?)), None)
+            }
+        };
+        let counts = Counts { requested: case.num_rays, launched: 0, counted: 0, closed: false };
+        let mut subject = Subject {
+            case,
+            precision,
+            engine,
+            per_ray,
+            counts,
+            ready_sec,
+            first_rays_sec: None,
+            runs_sec: vec![],
+        };
+        let first_pass_sec = subject.run_once()?.first_pass_sec;
+        subject.first_rays_sec = ready_sec.zip(first_pass_sec).map(|(ready, first)| ready + first);
+        Ok(subject)
+    }
+
+    fn run(&mut self) -> Result<()> {
+        let seconds = self.run_once()?.seconds;
+        self.runs_sec.push(seconds);
+        Ok(())
+    }
+
+    fn run_once(&mut self) -> Result<Run> {
+        let (run, counts) = match &mut self.engine {
+            Engine::Tracer { tracer, ir } => {
+                let (run, tally) = timed_trace(tracer)?;
+                let ledger = Ledger::new(ir, &tally, FluxUnit::new(1.0, self.case.num_rays));
+                (run, Counts::of_ledger(self.case.num_rays, &ledger))
+            }
+            Engine::Command(command) => command.run(self.case.num_rays)?,
+        };
+        counts.check(&self.case.name)?;
+        self.counts = counts;
+        Ok(run)
+    }
+
+    fn measurement(self) -> Result<Measurement> {
+        let rays_per_sec = Summary::of_rates(self.case.num_rays as f64, &self.runs_sec)
+            .ok_or_else(|| Error::Usage("the number of runs is 0; at least one is needed".into()))?;
+        Ok(Measurement {
+            precision: self.precision.name(),
+            counts: self.counts,
+            rays_per_sec,
+            casts_per_sec: rays_per_sec.times(self.per_ray.casts),
+            per_ray: self.per_ray,
+            runs_sec: self.runs_sec,
+            ready_sec: self.ready_sec,
+            first_rays_sec: self.first_rays_sec,
+            ratios: BTreeMap::new(),
+        })
+    }
+}
+
+/// How long one run took \[s\].
+struct Run {
+    seconds: f64,
+    first_pass_sec: Option<f64>,
+}
+
+fn timed_trace(tracer: &mut Tracer) -> Result<(Run, Tally)> {
+    let start = Instant::now();
+    let mut first_pass_sec = None;
+    let tally = tracer.trace(|_| {
+        first_pass_sec.get_or_insert_with(|| start.elapsed().as_secs_f64());
+        true
+    })?;
+    Ok((Run { seconds: start.elapsed().as_secs_f64(), first_pass_sec }, tally))
+}
+
+fn options(case: &Case, precision: Precision) -> TraceOptions {
+    TraceOptions { num_rays: case.num_rays, max_depth: case.max_depth, precision, ..Default::default() }
+}
+
+/// Counts on recorded paths, because the trace itself has no counter of casts to pay for.
+fn per_ray(case: &Case, gpu: &Gpu, ir: &SceneIr, precision: Precision) -> Result<PerRay> {
+    let num_rays = case.num_rays.min(RECORDED_RAYS);
+    let options = TraceOptions { num_rays, paths: RecordPaths::All, ..options(case, precision) };
+    let paths = Tracer::new(gpu, ir, &options)?.trace(|_| true)?.paths;
+    let count = |wanted: fn(&PathEventKind) -> bool| {
+        paths.iter().filter(|event| wanted(&event.kind)).count() as f64 / num_rays as f64
+    };
+    let interactions = count(|kind| matches!(kind, PathEventKind::Surface(_) | PathEventKind::Sensor(_)));
+    let casts = interactions + count(|kind| *kind == PathEventKind::Escaped);
+    Ok(PerRay { casts, interactions })
+}
+
+/// `nsq-gpu trace` on a scene file, with its files written.
+struct WholeCommand {
+    files: TempDir,
+    command: Command,
+}
+
+impl WholeCommand {
+    fn new(case: &Case, session: &Session, precision: Precision) -> Result<Self> {
+        let files = tempfile::tempdir().map_err(|error| Error::file(std::env::temp_dir(), error))?;
+        let scene = files.path().join("scene.json");
+        std::fs::write(&scene, &case.scene).map_err(|error| Error::file(&scene, error))?;
+        let mut command = Command::new(&session.program);
+        command.arg("trace").arg(scene).arg("-o").arg(files.path().join("out"));
+        command.args(["-n", &case.num_rays.to_string(), "--max-depth", &case.max_depth.to_string()]);
+        command.args(["--precision", precision.name(), "--adapter", &session.gpu.info.name]);
+        command.args(["--progress", "never"]).stdout(Stdio::null()).stderr(Stdio::piped());
+        if case.kind == Kind::ColdCommand {
+            // Mesa's and NVIDIA's switches.
+            command.env("MESA_SHADER_CACHE_DISABLE", "true").env("__GL_SHADER_DISK_CACHE", "0");
+        }
+        Ok(WholeCommand { files, command })
+    }
+
+    fn run(&mut self, num_rays: u64) -> Result<(Run, Counts)> {
+        let start = Instant::now();
+        let output =
+            self.command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
+        let seconds = start.elapsed().as_secs_f64();
+        if !output.status.success() {
+            return Err(Error::Internal(String::from_utf8_lossy(&output.stderr).trim().to_string()));
+        }
+        let path = self.files.path().join("out").join(output::REPORT);
+        let text = std::fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
+        let report = serde_json::from_str(&text).map_err(|error| Error::Internal(error.to_string()))?;
+        Ok((Run { seconds, first_pass_sec: None }, Counts::of_report(num_rays, &report)))
+    }
+}
+
+/// A peer and its runs of one case.
+struct PeerRuns<'a> {
+    peer: &'a mut Box<dyn Peer>,
+    runs: Vec<PeerRun>,
+}
+
+impl<'a> PeerRuns<'a> {
+    fn new(peer: &'a mut Box<dyn Peer>) -> Self {
+        PeerRuns { peer, runs: Vec::new() }
+    }
+
+    fn run(&mut self, case: &Case) -> Result<()> {
+        self.runs.extend(self.peer.run(case)?);
+        Ok(())
+    }
+
+    fn measurements(self) -> impl Iterator<Item = PeerMeasurement> {
+        let name = self.peer.name();
+        PRECISIONS.into_iter().filter_map(move |precision| PeerMeasurement::of(name, precision, &self.runs))
+    }
+}
+
+const PRECISIONS: [&str; 2] = ["f32", "f64"];
+
+impl PeerMeasurement {
+    /// The runs of a peer in one precision; none if there are none. All launch the same number of rays.
+    pub fn of(name: &str, precision: &'static str, runs: &[PeerRun]) -> Option<Self> {
+        let runs: Vec<&PeerRun> = runs.iter().filter(|run| run.precision == precision).collect();
+        let num_rays = runs.first()?.num_rays;
+        let runs_sec: Vec<f64> = runs.iter().map(|run| run.seconds).collect();
+        let rays_per_sec = Summary::of_rates(num_rays as f64, &runs_sec)?;
+        Some(PeerMeasurement { name: name.into(), precision, num_rays, runs_sec, rays_per_sec })
+    }
+}

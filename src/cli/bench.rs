@@ -1,0 +1,145 @@
+//! `nsq-gpu bench`: how fast this machine traces, alone or against its peers.
+
+use super::{count, say};
+use crate::bench::peers::{DrJit, Optiland};
+use crate::bench::runner::measure;
+use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine};
+use crate::error::{Error, Result};
+use crate::gpu::{AdapterChoice, Gpu};
+use crate::program::Precision;
+use crate::result::output;
+use std::path::PathBuf;
+
+/// Arguments of `nsq-gpu bench`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// At most 1e5 rays a case, and 3 runs.
+    #[arg(long)]
+    quick: bool,
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, commands, cold_start).
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    scenes: Vec<String>,
+    /// Arithmetic to measure.
+    #[arg(long, value_enum, default_value_t = PrecisionsArg::Both)]
+    precision: PrecisionsArg,
+    /// Measured runs of each case, after one to warm up; 5, or 3 with --quick.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    runs: Option<u16>,
+    /// At most so many rays a case.
+    #[arg(long, value_name = "N", value_parser = count::parse)]
+    max_rays: Option<u64>,
+    /// Part of the adapter's name (see `nsq-gpu adapters`).
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Run a peer in turns with this program: optiland, drjit.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "PEER")]
+    against: Vec<PeerArg>,
+    /// Python that has the peers installed.
+    #[arg(long, value_name = "PYTHON", default_value = "python3")]
+    python: PathBuf,
+    /// Dr.Jit kernel of lens_scene; what it must print stands in benches/README.md.
+    #[arg(long, value_name = "PATH", required_if_eq("against", "drjit"))]
+    drjit_script: Option<PathBuf>,
+    /// At most so many rays for Optiland in a warm process, whose rate does not depend on their number.
+    #[arg(long, value_name = "N", default_value = "1e5", value_parser = count::parse)]
+    peer_rays: u64,
+    /// What the reader of the files should know, such as who else uses the machine.
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
+    /// Write bench.json, bench.csv and bench.png into this folder.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print bench.json instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The `--precision` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum PrecisionsArg {
+    /// 32-bit floats.
+    F32,
+    /// 64-bit floats.
+    F64,
+    /// Whatever of both the adapter has.
+    Both,
+}
+
+/// The `--against` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum PeerArg {
+    /// Optiland's NumPy backend.
+    Optiland,
+    /// A hand-written Dr.Jit kernel of the sweep over rays.
+    Drjit,
+}
+
+/// The limit of --quick.
+const QUICK_RAYS: u64 = 100_000;
+
+/// Measures, writes the files, and gives what goes to stdout.
+pub fn run(args: &Args) -> Result<String> {
+    let cases = chosen_cases(args)?;
+    if let Some(dir) = &args.output {
+        output::check_writable(dir)?;
+    }
+    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let session = Session {
+        gpu: &gpu,
+        program: std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?,
+        num_runs: usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 })),
+        precisions: precisions(args, &gpu),
+    };
+    let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
+    let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
+    report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
+    for case in &cases {
+        let result = measure(case, &session, &mut peers)?;
+        say(&progress(&result));
+        report.cases.push(result);
+    }
+    report.machine.load_average_end = machine::load_average();
+    if let Some(dir) = &args.output {
+        let files = report.write_all(dir)?;
+        files.iter().for_each(|file| say(&format!("written: {}", file.display())));
+    }
+    Ok(if args.json { report.to_json() } else { report.table() })
+}
+
+fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
+    let quick = if args.quick { QUICK_RAYS } else { u64::MAX };
+    let mut cases = cases::all(args.max_rays.unwrap_or(quick).max(1));
+    let is = |case: &Case, name: &String| case.name == *name || case.axis == name;
+    if let Some(unknown) = args.scenes.iter().find(|name| !cases.iter().any(|case| is(case, name))) {
+        let names: Vec<&str> = cases.iter().map(|case| case.name.as_str()).collect();
+        return Err(Error::Usage(format!("no case is named `{unknown}`; there are {}", names.join(", "))));
+    }
+    cases.retain(|case| args.scenes.is_empty() || args.scenes.iter().any(|name| is(case, name)));
+    Ok(cases)
+}
+
+fn precisions(args: &Args, gpu: &Gpu) -> Vec<Precision> {
+    match args.precision {
+        PrecisionsArg::F32 => vec![Precision::F32],
+        PrecisionsArg::F64 => vec![Precision::F64],
+        PrecisionsArg::Both if gpu.f64 => vec![Precision::F32, Precision::F64],
+        PrecisionsArg::Both => vec![Precision::F32],
+    }
+}
+
+fn start(peer: PeerArg, args: &Args) -> Result<Box<dyn Peer>> {
+    match (peer, &args.drjit_script) {
+        (PeerArg::Optiland, _) => Ok(Box::new(Optiland::start(&args.python, args.peer_rays.max(1))?)),
+        (PeerArg::Drjit, Some(script)) => Ok(Box::new(DrJit::new(&args.python, script)?)),
+        (PeerArg::Drjit, None) => Err(Error::Usage("--against drjit needs --drjit-script".into())),
+    }
+}
+
+fn progress(result: &CaseResult) -> String {
+    let ours =
+        result.measurements.iter().map(|m| (env!("CARGO_PKG_NAME"), m.precision, m.rays_per_sec.median));
+    let peers = result.peers.iter().map(|m| (m.name.as_str(), m.precision, m.rays_per_sec.median));
+    let rate = |(name, precision, rate): (&str, &str, f64)| format!("{name} {precision} {:.3}", 1e-6 * rate);
+    let rates: Vec<String> = ours.chain(peers).map(rate).collect();
+    format!("{}: {} M rays/s", result.name, rates.join(", "))
+}

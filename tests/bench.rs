@@ -1,0 +1,383 @@
+//! `nsq-gpu bench` on tiny counts: what it writes, what it refuses, how it compares. No clock decides anything here.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
+use assert_cmd::Command;
+use nsq_gpu::bench::peers::{PeerRun, drjit_runs};
+use nsq_gpu::bench::report::CSV_COLUMNS;
+use nsq_gpu::bench::runner::{Measurement, PeerMeasurement, PerRay};
+use nsq_gpu::bench::{CaseResult, Counts, Summary};
+use nsq_gpu::result::Ledger;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
+use std::process::Output;
+
+/// True where some adapter can trace; else says on stderr what is skipped.
+fn has_adapter(test: &str) -> bool {
+    let found = !nsq_gpu::gpu::list_adapters().is_empty();
+    if !found {
+        let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: no adapter");
+    }
+    found
+}
+
+/// Measures some cases with 500 rays and two runs.
+fn bench(arguments: &[&str]) -> Output {
+    let tiny = ["bench", "--max-rays", "500", "--runs", "2", "--json"];
+    Command::cargo_bin("nsq-gpu").unwrap().args(tiny).args(arguments).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn report(output: &Output) -> Value {
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn read(folder: &Path, name: &str) -> Vec<u8> {
+    std::fs::read(folder.join(name)).unwrap()
+}
+
+#[test]
+fn the_files_hold_what_was_measured() {
+    if !has_adapter("bench files") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = "rays,depth_32,lens_3,surfaces_50,spheres,cold_start,cooke_triplet";
+    let note = "a \"note\", with a comma";
+    let out = folder.path().to_str().unwrap();
+    let output = bench(&["--scenes", scenes, "--note", note, "-o", out]);
+    let printed = report(&output);
+    let written: Value = serde_json::from_slice(&read(folder.path(), "bench.json")).unwrap();
+    assert_eq!(written, printed);
+    assert_eq!(
+        (&printed["schema"], &printed["num_runs"], &printed["note"]),
+        (&json!(1), &json!(2), &json!(note))
+    );
+    for field in ["version", "build", "date"] {
+        assert!(printed[field].is_string(), "{field}");
+    }
+    assert!(printed["adapter"]["name"].is_string() && printed["adapter"]["driver"].is_string());
+    assert!(printed["machine"]["num_cores"].as_u64().unwrap() >= 1);
+    let cases = printed["cases"].as_array().unwrap();
+    assert_eq!(cases.len(), 7);
+    cases.iter().for_each(assert_case);
+
+    let csv = String::from_utf8(read(folder.path(), "bench.csv")).unwrap();
+    let columns = |line: &str| line.split(',').count();
+    assert_eq!(csv.lines().next().unwrap(), CSV_COLUMNS.join(","));
+    assert!(csv.lines().all(|line| columns(line) == CSV_COLUMNS.len()), "{csv}");
+    let measured: usize = cases.iter().map(|case| case["measurements"].as_array().unwrap().len()).sum();
+    assert_eq!(csv.lines().count(), 1 + measured);
+    assert_eq!(&read(folder.path(), "bench.png")[..8], b"\x89PNG\r\n\x1a\n");
+}
+
+fn assert_case(case: &Value) {
+    let measurements = case["measurements"].as_array().unwrap();
+    assert!(!measurements.is_empty());
+    for ours in measurements {
+        let counts = &ours["counts"];
+        assert_eq!(counts, &json!({"requested": 500, "launched": 500, "counted": 500, "closed": true}));
+        assert_eq!(ours["runs_sec"].as_array().unwrap().len(), 2);
+        let rate = |key: &str| ours["rays_per_sec"][key].as_f64().unwrap();
+        assert!(0.0 < rate("min") && rate("min") <= rate("median") && rate("median") <= rate("max"));
+        let per_ray = |key: &str| ours["per_ray"][key].as_f64().unwrap();
+        assert!(per_ray("casts") >= 1.0 && per_ray("casts") >= per_ray("interactions"), "{case}");
+        assert_eq!(ours["first_rays_sec"].is_f64(), case["kind"] == "trace");
+        assert_eq!(ours["ready_sec"].is_f64(), case["kind"] == "trace");
+    }
+    // Between two mirrors every event is an interaction, and the depth limit ends all rays.
+    if case["name"] == "depth_32" {
+        assert_eq!(measurements[0]["per_ray"], json!({"casts": 32.0, "interactions": 32.0}));
+    }
+}
+
+#[test]
+fn people_get_a_table() {
+    if !has_adapter("bench table") {
+        return;
+    }
+    let tiny = ["bench", "--max-rays", "500", "--runs", "1", "--scenes", "depth_2", "--precision", "f32"];
+    let output = Command::cargo_bin("nsq-gpu").unwrap().args(tiny).output().unwrap();
+    let table = String::from_utf8(output.stdout.clone()).unwrap();
+    assert!(table.contains("M rays/s"), "{table}{}", stderr(&output));
+    let lines = table.lines().filter(|line| line.starts_with("depth_2"));
+    assert_eq!(lines.count(), 1);
+}
+
+#[test]
+fn what_cannot_be_measured_is_a_usage_error() {
+    for (arguments, word) in [
+        (&["--scenes", "rays,nothing"][..], "`nothing`"),
+        (&["--against", "drjit"], "--drjit-script"),
+        (&["--runs", "0"], "--runs"),
+    ] {
+        let output = bench(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(stderr(&output).contains(word), "{}", stderr(&output));
+    }
+    if has_adapter("bench without its peer") {
+        let output = bench(&["--scenes", "rays", "--against", "optiland", "--python", "no-such-python"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("no-such-python"));
+    }
+}
+
+// The profile of a trace.
+
+/// The report of the deep cavity, and what stood on stderr.
+fn trace_cavity(arguments: &[&str]) -> Output {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/bench_cavity.json");
+    let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+    command.args(["trace", scene.to_str().unwrap(), "-n", "3000", "--max-depth", "40"]);
+    command.args(["--batch-size", "1000", "--precision", "f32", "--json"]).args(arguments).output().unwrap()
+}
+
+#[test]
+fn a_profile_names_the_stages_and_changes_no_bit() {
+    if !has_adapter("profile") {
+        return;
+    }
+    let profiled = trace_cavity(&["--profile"]);
+    if stderr(&profiled).contains("no timestamps") {
+        let _ = writeln!(std::io::stderr(), "SKIPPED: profile: no timestamps");
+        return;
+    }
+    let (with, without) = (report(&profiled), report(&trace_cavity(&[])));
+    assert_eq!(with["ledger"], without["ledger"]);
+    assert_eq!(without["diagnostics"].get("stage_times"), None);
+    let stages = with["diagnostics"]["stage_times"].as_array().unwrap();
+    // Three batches of three rounds: 40 events, 16 a dispatch.
+    let dispatches: Vec<_> = stages.iter().map(|s| (&s["stage"], &s["num_dispatches"])).collect();
+    let expected =
+        [(json!("trace_new"), json!(3)), (json!("advance"), json!(6)), (json!("trace_queued"), json!(6))];
+    assert_eq!(dispatches, expected.each_ref().map(|(stage, count)| (stage, count)));
+    for stage in stages {
+        assert!(stage["time_sec"].as_f64().unwrap() >= 0.0);
+        assert!(stderr(&profiled).contains(stage["stage"].as_str().unwrap()));
+    }
+}
+
+#[test]
+fn a_profile_without_timestamps_is_a_usage_error() {
+    if !has_adapter("no profile") {
+        return;
+    }
+    let output = trace_cavity(&["--profile", "--portable"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no timestamps"));
+}
+
+// Launched = counted.
+
+fn counts() -> Counts {
+    Counts { requested: 100, launched: 100, counted: 100, closed: true }
+}
+
+#[test]
+fn a_lost_ray_fails_the_benchmark() {
+    assert_eq!(counts().check("case"), Ok(()));
+    for lost in [
+        Counts { launched: 99, counted: 99, ..counts() },
+        Counts { counted: 99, ..counts() },
+        Counts { counted: 101, ..counts() },
+        Counts { closed: false, ..counts() },
+    ] {
+        let error = lost.check("case").unwrap_err();
+        assert_eq!(error.exit_code(), 1, "{lost:?}");
+        assert!(error.to_string().contains("case"));
+    }
+}
+
+#[test]
+fn counts_are_those_of_ledger_and_report() {
+    let mut ledger = Ledger::default();
+    ledger.launched.count = 100;
+    let ends = [
+        (&mut ledger.detected, 10),
+        (&mut ledger.absorbed, 20),
+        (&mut ledger.escaped, 30),
+        (&mut ledger.depth, 25),
+        (&mut ledger.roulette_loss, 15),
+    ];
+    ends.into_iter().for_each(|(entry, count)| entry.count = count);
+    assert_eq!(Counts::of_ledger(100, &ledger), counts());
+    let report = json!({"ledger": ledger});
+    assert_eq!(Counts::of_report(100, &report), counts());
+
+    ledger.escaped.count -= 1;
+    ledger.imbalance_quanta = -7;
+    let lost = Counts { counted: 99, closed: false, ..counts() };
+    assert_eq!(Counts::of_ledger(100, &ledger), lost);
+    assert_eq!(Counts::of_report(100, &json!({"ledger": ledger})), lost);
+    assert_eq!(
+        Counts::of_report(100, &json!({})),
+        Counts { launched: 0, counted: 0, closed: false, ..counts() }
+    );
+}
+
+// Ratios.
+
+fn planted(precision: &'static str, runs_sec: &[f64]) -> Measurement {
+    let rays_per_sec = Summary::of_rates(1000.0, runs_sec).unwrap();
+    Measurement {
+        precision,
+        counts: counts(),
+        runs_sec: runs_sec.to_vec(),
+        rays_per_sec,
+        casts_per_sec: rays_per_sec.times(3.0),
+        per_ray: PerRay { casts: 3.0, interactions: 3.0 },
+        ready_sec: None,
+        first_rays_sec: None,
+        ratios: BTreeMap::new(),
+    }
+}
+
+#[test]
+fn ratios_are_of_medians_in_the_same_precision_where_the_peer_has_it() {
+    let run = |precision, num_rays, seconds| PeerRun { precision, num_rays, seconds };
+    let optiland = [run("f64", 100, 1.0), run("f64", 100, 2.0), run("f64", 100, 50.0)];
+    let drjit = [run("f32", 1000, 0.1), run("f64", 1000, 0.2)];
+    let peer = |name, precision, runs: &[PeerRun]| PeerMeasurement::of(name, precision, runs);
+    let mut case = CaseResult {
+        name: "planted".into(),
+        axis: "rays",
+        kind: "trace",
+        num_rays: 1000,
+        max_depth: 16,
+        num_primitives: 3,
+        load_average: None,
+        measurements: vec![planted("f32", &[1.0, 0.5, 9.0]), planted("f64", &[2.0])],
+        peers: [
+            peer("optiland", "f64", &optiland),
+            peer("drjit", "f32", &drjit),
+            peer("drjit", "f64", &drjit),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
+    };
+    assert_eq!(peer("optiland", "f32", &optiland), None);
+    case.fill_ratios();
+    let ratios = |i: usize| &case.measurements[i].ratios;
+    // 1000 and 500 rays/s; Optiland 50 rays/s in f64 alone; Dr.Jit 10,000 and 5,000.
+    assert_eq!(*ratios(0), BTreeMap::from([("optiland".into(), 20.0), ("drjit".into(), 0.1)]));
+    assert_eq!(*ratios(1), BTreeMap::from([("optiland".into(), 10.0), ("drjit".into(), 0.1)]));
+}
+
+#[test]
+fn timings_of_the_drjit_script_are_read() {
+    let printed = "warming up\n\
+        A drjit analytic f32    N=1000 first=0.07s best=0.0000s cpu/wall=0.80 Mpaths/s=50 Mpaths/cpu-s=62.91 load=6.43\n\
+        A drjit analytic f64    N=1000 first=0.09s best=0.5s cpu/wall=0.66 Mpaths/s=0.002\n\
+        f64 without a timing N=1000\n";
+    let run = |precision, seconds| PeerRun { precision, num_rays: 1000, seconds };
+    assert_eq!(drjit_runs(printed), [run("f32", 2e-5), run("f64", 0.5)]);
+}
+
+/// Peers that are shell scripts with planted timings, in the place of Python.
+#[cfg(unix)]
+mod planted_peers {
+    use super::*;
+    use nsq_gpu::bench::runner::measure;
+    use nsq_gpu::bench::{Kind, Session, cases};
+    use nsq_gpu::gpu::{AdapterChoice, Gpu};
+    use nsq_gpu::program::Precision;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn script(folder: &Path, name: &str, text: &str) -> String {
+        let path = folder.join(name);
+        std::fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        path.to_str().unwrap().to_string()
+    }
+
+    /// Answers every request with the same number of rays in half a second.
+    fn optiland(folder: &Path, num_rays: u64) -> String {
+        let answer = json!({"num_rays": num_rays, "seconds": 0.5});
+        let versions = json!({"optiland": "0.0"});
+        script(folder, "optiland", &format!("echo '{versions}'; while read line; do echo '{answer}'; done"))
+    }
+
+    #[test]
+    fn peers_are_run_and_compared() {
+        if !has_adapter("bench against optiland") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let python = optiland(folder.path(), 500);
+        let arguments = ["--scenes", "depth_2,cold_start", "--against", "optiland", "--python", &python];
+        let printed = report(&bench(&arguments));
+        assert_eq!(printed["peers"]["optiland"], json!({"optiland": "0.0"}));
+        let case = &printed["cases"][0];
+        assert_eq!(case["peers"][0]["rays_per_sec"], json!({"median": 1000.0, "min": 1000.0, "max": 1000.0}));
+        assert_eq!(case["peers"][0]["runs_sec"], json!([0.5, 0.5]));
+        let ours = case["measurements"][0]["rays_per_sec"]["median"].as_f64().unwrap();
+        let ratio = case["measurements"][0]["ratios"]["optiland"].as_f64().unwrap();
+        approx::assert_relative_eq!(ratio, ours / 1000.0, max_relative = 1e-12);
+        // A whole command is timed here, not by the peer.
+        let whole = &printed["cases"][1]["peers"][0]["runs_sec"];
+        assert!(whole.as_array().unwrap().iter().all(|seconds| seconds.as_f64() != Some(0.5)));
+    }
+
+    #[test]
+    fn a_command_that_loses_rays_fails_the_benchmark() {
+        if !has_adapter("bench of a command that loses rays") {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut case = cases::all(500).into_iter().find(|case| case.kind == Kind::Command).unwrap();
+        case.num_rays = 500;
+        let fails_with = |detected: u64| {
+            let mut ledger = Ledger::default();
+            (ledger.launched.count, ledger.detected.count) = (500, detected);
+            let report = json!({"ledger": ledger});
+            // Called as: trace SCENE -o DIR ...
+            let text = format!("mkdir -p \"$4\"; echo '{report}' > \"$4/report.json\"");
+            let program = script(folder.path(), "nsq-gpu", &text).into();
+            let session = Session { gpu: &gpu, program, num_runs: 1, precisions: vec![Precision::F32] };
+            measure(&case, &session, &mut []).err()
+        };
+        assert_eq!(fails_with(500), None);
+        let error = fails_with(499).unwrap();
+        assert_eq!(error.exit_code(), 1);
+        assert!(error.to_string().contains("499 counted"), "{error}");
+    }
+
+    #[test]
+    fn a_peer_that_loses_rays_fails_the_benchmark() {
+        if !has_adapter("bench against a peer that loses rays") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let python = optiland(folder.path(), 499);
+        let output = bench(&["--scenes", "depth_2", "--against", "optiland", "--python", &python]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(stderr(&output).contains("499 of 500"), "{}", stderr(&output));
+    }
+
+    #[test]
+    fn the_drjit_script_is_called_with_the_rays_of_its_scene_alone() {
+        if !has_adapter("bench against drjit") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let python =
+            script(folder.path(), "python", "echo \"x f32 N=$2 Mpaths/s=2\"; echo \"x f64 N=$2 Mpaths/s=1\"");
+        let arguments = ["--scenes", "rays_1e3,depth_2", "--against", "drjit"];
+        let output = bench(&[&arguments[..], &["--python", &python, "--drjit-script", &python]].concat());
+        let printed = report(&output);
+        let medians = |case: usize| {
+            let peers = printed["cases"][case]["peers"].as_array().unwrap();
+            peers.iter().map(|peer| peer["rays_per_sec"]["median"].as_f64().unwrap()).collect::<Vec<_>>()
+        };
+        assert_eq!(medians(0), [2e6, 1e6]);
+        assert!(medians(1).is_empty());
+    }
+}
