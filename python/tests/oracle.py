@@ -38,6 +38,8 @@ FLUXES = (
     "total_flux_lost",
 )
 
+SCENES_DIR = Path(__file__).resolve().parents[2] / "scenes"
+
 #: Arrays of a detector's result, by its kind, under Optiland's own npz keys.
 DETECTOR_ARRAYS = {
     "irradiance": ("irradiance", "x_coords", "y_coords"),
@@ -53,10 +55,10 @@ def load_scene(path: str | Path) -> NSQScene:
     return scene_file.load_scene(path)
 
 
-def scene_from_dict(document: Json) -> NSQScene:
-    """Build the scene of a parsed file, in float64."""
+def scene_from_dict(document: Json, folder: Path = SCENES_DIR) -> NSQScene:
+    """Build the scene of a parsed file, in float64; files that it names lie in ``folder``."""
     _use_numpy()
-    return scene_file.scene_from_dict(document)
+    return scene_file.scene_from_dict(document, folder)
 
 
 def _use_numpy() -> None:
@@ -72,7 +74,7 @@ def detector_kinds(document: Json) -> dict[str, str]:
 def run(path: str | Path, num_rays: int, seed: int = 0, **kwargs: Any) -> Json:
     """Trace a scene file; ``kwargs`` go to ``NSQScene.trace``."""
     document = json.loads(Path(path).read_text(encoding="utf-8"))
-    return trace(scene_from_dict(document), detector_kinds(document), num_rays, seed, **kwargs)
+    return trace(scene_from_dict(document, Path(path).parent), detector_kinds(document), num_rays, seed, **kwargs)
 
 
 def trace(scene: NSQScene, kinds: dict[str, str], num_rays: int, seed: int = 0, **kwargs: Any) -> Json:

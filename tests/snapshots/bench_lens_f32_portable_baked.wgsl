@@ -65,6 +65,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/paths_none.wgsl
 
+// <- shaders/lib/contact_none.wgsl
+
 // <- shaders/shapes/plane.wgsl
 
 // <- shaders/generate.wgsl
@@ -106,17 +108,17 @@ struct Surface {
 }
 fn surface_of(i: u32) -> Surface {
     return Surface(
-        select(2u, 0u, i == 2u),
+        select(2u, 0u, (i == 2u)),
         real(0.0),
         real(0.0),
-        select(real(-62.5), real(-57.5), i == 1u),
-        select(select(real(-0.009999999776482582), real(0.009999999776482582), i == 1u), real(1.0), i == 2u),
-        select(select(real(-0.009999999776482582), real(0.009999999776482582), i == 1u), real(-0.0), i == 2u),
-        select(real(1.0), real(-0.0), i == 2u),
-        select(0u, 1u, i == 1u),
-        select(0u, 1u, i == 0u),
-        select(real(1.0), real(1.5), i == 1u),
-        select(real(1.0), real(1.5), i == 0u),
+        select(real(-62.5), real(-57.5), (i == 1u)),
+        select(select(real(-0.009999999776482582), real(0.009999999776482582), (i == 1u)), real(1.0), (i == 2u)),
+        select(select(real(-0.009999999776482582), real(0.009999999776482582), (i == 1u)), real(-0.0), (i == 2u)),
+        select(real(1.0), real(-0.0), (i == 2u)),
+        select(0u, 1u, (i == 1u)),
+        select(0u, 1u, (i == 0u)),
+        select(real(1.0), real(1.5), (i == 1u)),
+        select(real(1.0), real(1.5), (i == 0u)),
     );
 }
 struct Sensor {
