@@ -1,6 +1,6 @@
 // Stage compact: rays that are alive after a dispatch's events are packed into a queue for the next one.
 
-struct QueuedRay {
+struct PackedRay {
     position_x: real,
     position_y: real,
     position_z: real,
@@ -21,7 +21,7 @@ struct QueuedRay {
 var<workgroup> survivors: atomic<u32>;
 var<workgroup> queue_base: u32;
 
-fn unpack_ray(q: QueuedRay) -> Ray {
+fn unpack_ray(q: PackedRay) -> Ray {
     let key = key_of(q.index);
     let jump = rng_table[q.bounce];
     return Ray(
@@ -32,10 +32,10 @@ fn unpack_ray(q: QueuedRay) -> Ray {
     );
 }
 
-fn pack_ray(ray: Ray) -> QueuedRay {
+fn pack_ray(ray: Ray) -> PackedRay {
     let flags = (select(0u, 1u, ray.forward) << 30u) | (select(0u, 1u, ray.entered_solid) << 31u);
     let state = ray.wavelength | (ray.medium << 16u) | flags;
-    return QueuedRay(
+    return PackedRay(
         ray.position.x, ray.position.y, ray.position.z, ray.direction.x, ray.direction.y, ray.direction.z,
         ray.weight, ray.index, ray.bounce, ray.last, state,
     );
@@ -53,7 +53,7 @@ fn compact(ray: Ray, alive: bool, local_index: u32) {
     }
     workgroupBarrier();
     if alive {
-        queue_out[queue_base + place] = pack_ray(ray);
+        queue_out[queue_base + place] = queued(ray);
     }
 }
 
@@ -65,7 +65,7 @@ fn trace_queued(
     var ray: Ray;
     ray.fate = DETECTED;
     if id.x < atomicLoad(&queue_counts.incoming) {
-        ray = unpack_ray(queue_in[id.x]);
+        ray = unqueued(queue_in[id.x]);
         follow(&ray);
     }
     compact(ray, ray.fate == ALIVE, local_index);

@@ -24,8 +24,8 @@ fn interact(ray: ptr<function, Ray>, primitive: u32) {
     note_side(ray, n);
 }
 
-// The unit normal from the front medium to the back medium: the gradient of the quadric.
-fn geometric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+// The unit normal of an analytic shape, from the front medium to the back medium: the gradient of the quadric.
+fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);
     let p = to_surface(surface, position - origin);
     let gradient = vec3<real>(surface.radial * p.x, surface.radial * p.y, surface.axial * p.z + surface.offset);

@@ -2,5 +2,7 @@
 // then sensors, each nearer only if strictly so, which settles every tie as Optiland does.
 
 fn intersect(ray: Ray) -> Hit {
-    return nearest_primitive(ray, Hit(MISS, NONE));
+    let hit = nearest_primitive(ray, Hit(MISS, NONE));
+    keep_triangle();
+    return hit;
 }

@@ -526,8 +526,8 @@ impl DeviceState {
         let constants: Vec<(u32, wgpu::Buffer)> = program
             .buffers
             .iter()
-            .map(|(number, bytes)| (*number, gpu.constant_buffer("scene", bytes)))
-            .collect();
+            .map(|(number, bytes)| Ok((*number, gpu.scene_buffer(bytes)?)))
+            .collect::<Result<_>>()?;
         let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
         if !program.emitters.is_empty() {
             scene.push((program::lowered::EMITTER, &emitter));

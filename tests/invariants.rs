@@ -351,6 +351,7 @@ fn lamp_in_a_ball() -> SceneIr {
             front: SceneIr::VACUUM,
             back: 1,
         }],
+        meshes: vec![],
         emitters: vec![Emitter {
             name: "lamp".into(),
             frame: at(8.0),

@@ -61,6 +61,7 @@ fn scene(total_flux: f64, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Scene
         wavelengths: vec![0.45, 0.62],
         media: Vec::new(),
         surfaces,
+        meshes: vec![],
         emitters: vec![emitter],
         sensors,
         sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 1e-3 },

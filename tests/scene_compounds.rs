@@ -66,7 +66,8 @@ fn parameters(shape: &Shape) -> (&'static str, Vec<(&'static str, f64)>) {
             vec![("r_front", r_front), ("r_back", r_back), ("z_front", z_front), ("z_back", z_back)],
         ),
         Shape::Plane(Outline::Infinite | Outline::Rectangle { .. } | Outline::Disk { .. })
-        | Shape::Sphere { .. } => {
+        | Shape::Sphere { .. }
+        | Shape::Mesh(_) => {
             panic!("no compound has a {shape:?}")
         }
     }

@@ -376,11 +376,6 @@ fn overrides_and_order() {
 
 #[test]
 fn what_is_not_supported_yet_is_refused_by_name() {
-    let mesh = r#"{"type": "mesh", "path": "part.stl"}"#;
-    let sphere = r#"{"type": "sphere", "radius": 5.0}"#;
-    refused(sphere, mesh, "nsq_gpu.surfaces[0].shape", &["shape `mesh` is not supported yet"]);
-    let inline = r#"{"type": "mesh", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}"#;
-    refused(sphere, inline, "nsq_gpu.surfaces[0].shape", &["shape `mesh` is not supported yet"]);
     refused(
         r#""split_depth": 0"#,
         r#""split_depth": 3"#,

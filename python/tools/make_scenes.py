@@ -45,6 +45,7 @@ from tools.nouns import (
     far_field,
     frustum,
     harvey_shack,
+    height_field,
     irradiance,
     lambertian,
     lens,
@@ -779,6 +780,75 @@ def write_table() -> None:
     path = SCENES_DIR / "data" / "diffuser.csv"
     path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join(["# theta_i [deg], theta_s [deg], bsdf [1/sr]", *rows]) + "\n", encoding="utf-8")
+
+
+# Triangle meshes.
+
+
+@scene
+def mesh_prism() -> Json:
+    """Triangle meshes: a prism of three copies of one face, dispersion into a dish of 128 triangles, ghosts."""
+    half_side, distance = 10.0, 10.0 / math.sqrt(3.0)
+    face = height_field(half_side, half_side, 3, lambda x, y: 0.0)
+    # A dish of focal length 30; the ratios of its mesh keep edges away from the beam's axis.
+    dish = height_field(9.0, 9.0, 8, lambda x, y: ((x - 0.3) ** 2 + (y + 0.4) ** 2) / 120.0)
+
+    def side(name: str, normal_deg: float, interaction: str) -> Json:
+        """A face of the prism, its normal at an angle from z towards y."""
+        y, z = math.sin(math.radians(normal_deg)), math.cos(math.radians(normal_deg))
+        frame = cs(0.0, distance * y, distance * z, rx=math.radians(-normal_deg))
+        glass = medium("flint")
+        return surface(name, frame, face, interaction, glass, None if interaction == "refractive" else glass)
+
+    def along(angle_deg: float, length: float, start: tuple[float, float]) -> tuple[float, float]:
+        """The point (y, z) at a length from a start, in a direction from z towards y."""
+        angle = math.radians(angle_deg)
+        return start[0] + length * math.sin(angle), start[1] + length * math.cos(angle)
+
+    # Near minimum deviation: up into one face, along z inside, down out of the other.
+    enters, leaves = along(150.0, distance, (0.0, 0.0)), along(30.0, distance, (0.0, 0.0))
+    up = 19.7
+    lamp_y, lamp_z = along(up + 180.0, 20.0, enters)
+    dish_y, dish_z = along(-up, 25.0, leaves)
+    image_y, image_z = along(180.0 + 30.0, 25.0, (dish_y, dish_z))
+    ghost_y, ghost_z = along(300.0 - 180.0 - up, 20.0, enters)
+    # The dish faces the middle between where the beam comes from and where it is to go.
+    dish_rx = -math.radians((180.0 - up + 180.0 + 30.0) / 2.0)
+    return document(
+        [],
+        [collimated("beam", cs(0.15, lamp_y, lamp_z, rx=-math.radians(up)), spectrum([0.45, 0.55, 0.65], [1.0, 2.0, 1.0]),
+                    3.0),
+         point("stray", cs(-2.0, 9.0, -12.0, rx=math.radians(30.0)), spectrum([0.55]), 25.0, 0.3)],
+        [irradiance("image", cs(0.0, image_y, image_z, rx=math.radians(-30.0)), 12.0, 12.0, 40, 40),
+         irradiance("ghost", cs(0.0, ghost_y, ghost_z, rx=math.radians(up - 120.0)), 30.0, 30.0, 30, 30),
+         irradiance("beyond", cs(z=45.0), 120.0, 120.0, 30, 30)],
+        media={"flint": table([0.45, 0.55, 0.65], [1.545, 1.527, 1.518], [2e-7, 1e-7, 3e-7])},
+        surfaces=[side("entry", 150.0, "refractive"), side("exit", 30.0, "refractive"),
+                  side("base", -90.0, "absorbing"),
+                  surface("dish", cs(0.0, dish_y, dish_z, rx=dish_rx), dish, "reflective",
+                          reflectance=reflectance_table([0.45, 0.55, 0.65], [0.85, 0.9, 0.8]))],
+    )
+
+
+@scene
+def mesh_lens() -> Json:
+    """A lens of two copies of one mesh of 512 triangles in a barrel images two lamps, reflect_prob auto."""
+    face = height_field(9.0, 9.0, 16, lambda x, y: (x * x + y * y) / 60.0)
+    glass = medium("crown")
+    # The normal of either face points into the glass.
+    faces = [surface(name, cs(z=z, rx=rx), face, "refractive", None, glass)
+             for name, z, rx in (("front", -2.0, 0.0), ("back", 2.0, math.pi))]
+    return document(
+        [],
+        [point("lamp", cs(0.37, -0.21, -60.0), spectrum([0.48, 0.62], [2.0, 1.0]), 6.0),
+         collimated("sun", beam_frame(3.0, -2.0, 30.0, 1.0), spectrum([0.55]), 5.0, 0.5, sigma=2.0)],
+        [spectral_detector("focus", cs(x=-0.4, z=31.0), 8.0, 8.0, 16, 16, (0.45, 0.65, 4), absorb=False),
+         irradiance("image", cs(z=62.0), 30.0, 30.0, 50, 50, "gaussian", 0.7),
+         far_field("ghosts", cs(z=-80.0, rx=math.pi), 18, 24)],
+        media={"crown": table([0.48, 0.55, 0.62], [1.53, 1.52, 1.51], [0.0, 1e-7, 0.0])},
+        surfaces=[*faces, surface("barrel", cs(), frustum(8.0, 8.0, -2.5, 2.5), "absorbing")],
+        sampling={"reflect_prob": "auto"},
+    )
 
 
 def write(name: str) -> None:

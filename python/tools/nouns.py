@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 Json = dict[str, Any]
@@ -139,6 +140,21 @@ def frustum(r_front: float, r_back: float, z_front: float, z_back: float) -> Jso
 def plane(**outline: float) -> Json:
     """A plane: infinite, or of a width and height, or of an aperture_radius."""
     return {"type": "plane", **outline}
+
+
+def mesh(vertices: list[list[float]], faces: list[list[int]]) -> Json:
+    """Triangles, counter-clockwise seen from the side that the normal points to."""
+    return {"type": "mesh", "vertices": vertices, "faces": faces}
+
+
+def height_field(half_width: float, half_height: float, squares: int, height: Callable[[float, float], float]) -> Json:
+    """A mesh of squares x squares rectangles over local x and y, each cut in two; its normal has a part along +z."""
+    side = squares + 1
+    steps = [-1.0 + 2.0 * i / squares for i in range(side)]
+    points = [(half_width * x, half_height * y) for y in steps for x in steps]
+    corners = [row * side + column for row in range(squares) for column in range(squares)]
+    faces = [face for a in corners for face in ([a, a + 1, a + side + 1], [a, a + side + 1, a + side])]
+    return mesh([[x, y, height(x, y)] for x, y in points], faces)
 
 
 def document(components: list[Json], sources: list[Json], detectors: list[Json], /, **block: Any) -> Json:

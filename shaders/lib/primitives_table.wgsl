@@ -6,7 +6,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
         let p = primitive_of(i);
         let o = to_primitive(p, ray.position - vec3<real>(p.origin_x, p.origin_y, p.origin_z));
         let d = to_primitive(p, ray.direction);
-        best = nearer(best, shape_distance(p, o, d, ray.last == i), i);
+        best = nearer(best, shape_distance(p, o, d, ray.last == i, best.distance), i);
     }
     return best;
 }

@@ -9,10 +9,10 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
         let d = to_primitive(p, ray.direction);
         let leaving = ray.last == i;
         if i < NUM_SURFACES && contact_of(i).group != 0u {
-            let elsewhere = shape_distance(p, o, d, leaving || stands_on(here, contact_of(i)));
+            let elsewhere = shape_distance(p, o, d, leaving || stands_on(here, contact_of(i)), best.distance);
             best = nearer_in_contact(best, ray, here, i, elsewhere, shape_holds(p, o));
         } else {
-            best = nearer(best, shape_distance(p, o, d, leaving), i);
+            best = nearer(best, shape_distance(p, o, d, leaving, best.distance), i);
         }
     }
     return best;

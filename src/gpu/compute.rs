@@ -170,6 +170,24 @@ impl Gpu {
         })
     }
 
+    /// A table of the scene that shaders only read.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the adapter cannot bind so much.
+    pub fn scene_buffer(&self, contents: &[u8]) -> Result<wgpu::Buffer> {
+        let limits = self.device.limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        if contents.len() as u64 > limit {
+            return Err(Error::Device(format!(
+                "a table of the scene needs {} bytes, and the adapter `{}` binds at most {limit}; \
+                 use meshes of fewer triangles, --precision f32 or another adapter",
+                contents.len(),
+                self.info.name
+            )));
+        }
+        Ok(self.constant_buffer("scene", contents))
+    }
+
     /// Reads the first `size` bytes of a buffer, after everything submitted before.
     pub fn read(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
         if size == 0 {

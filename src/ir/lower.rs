@@ -19,6 +19,7 @@ pub(crate) fn lower(scene: &Scene) -> Result<SceneIr> {
         wavelengths: scene.wavelengths.clone(),
         media: scene.media.media.clone(),
         surfaces: surfaces(scene)?,
+        meshes: scene.meshes.clone(),
         emitters: file.sources.iter().map(|source| emitter(scene, source)).collect::<Result<_>>()?,
         sensors: file
             .detectors

@@ -7,11 +7,13 @@
 
 mod bsdf;
 pub(crate) mod lower;
+mod mesh;
 
 pub use bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
 };
 use glam::{DMat3, DVec3};
+pub use mesh::{Mesh, area_vector, unit_normal};
 
 /// Index into [`SceneIr::media`].
 pub type MediumId = usize;
@@ -25,6 +27,8 @@ pub struct SceneIr {
     pub media: Vec<Medium>,
     /// Surfaces in list order: of two hit at the same distance, the first wins.
     pub surfaces: Vec<Surface>,
+    /// Triangle meshes, each once, however often it is placed.
+    pub meshes: Vec<Mesh>,
     /// Sources in list order: rays are numbered across them in this order.
     pub emitters: Vec<Emitter>,
     /// Detectors in list order; a surface at the same distance wins over a detector.
@@ -76,8 +80,9 @@ pub struct Surface {
     pub back: MediumId,
 }
 
-/// Shapes, all of revolution about local z except the rectangle. The geometric normal points local +z for conic,
-/// plane, and annulus, inward for the sphere, outward for the frustum.
+/// Shapes, all of revolution about local z except the rectangle and the mesh. The geometric normal points local +z for
+/// conic, plane, and annulus, inward for the sphere, outward for the frustum; on a mesh, to the side from which the
+/// corners of a face run counter-clockwise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) for r <= aperture_radius.
@@ -118,6 +123,8 @@ pub enum Shape {
         /// Limit of the distance from local z \[mm\].
         aperture_radius: Option<f64>,
     },
+    /// A triangle mesh of [`SceneIr::meshes`].
+    Mesh(usize),
 }
 
 /// The outline of a plane.

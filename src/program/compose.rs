@@ -33,6 +33,8 @@ pub struct Composition<'a> {
     pub centre: DVec3,
     /// Its cells.
     pub cells: &'a Cells,
+    /// Depth of the deepest mesh.
+    pub mesh_depth: u32,
     /// Which of its faces are in contact.
     pub contacts: &'a [Contact],
     /// How to specialise.
@@ -80,6 +82,9 @@ impl Composition<'_> {
         uint("NUM_SURFACES", self.ir.surfaces.len() as u32);
         uint("NUM_PRIMITIVES", (self.ir.surfaces.len() + self.ir.sensors.len()) as u32);
         uint("NUM_WAVELENGTHS", self.ir.wavelengths.len() as u32);
+        if f.has_meshes() {
+            uint("MESH_DEPTH", self.mesh_depth);
+        }
         for (i, name) in (0..).zip(LEDGER_CELLS) {
             uint(name, i);
         }
@@ -140,6 +145,7 @@ impl Composition<'_> {
                 shader!("lib/paths_none.wgsl"),
                 shader!("lib/paths_recorded.wgsl"),
             ),
+            pick(f.has_meshes(), shader!("shapes/mesh.wgsl"), shader!("lib/mesh_none.wgsl")),
             pick(contact::any(self.contacts), shader!("lib/contact.wgsl"), shader!("lib/contact_none.wgsl")),
             shader!("shapes/plane.wgsl"),
             shader!("generate.wgsl"),
@@ -154,7 +160,7 @@ impl Composition<'_> {
                 ShapeKind::Annulus => files.push(shader!("shapes/annulus.wgsl")),
                 ShapeKind::Frustum => files.push(shader!("shapes/frustum.wgsl")),
                 ShapeKind::Sphere => files.push(shader!("shapes/sphere.wgsl")),
-                ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk => {}
+                ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Mesh => {}
             }
         }
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
@@ -186,6 +192,10 @@ impl Composition<'_> {
             (f.has_bsdf_table(), shader!("lib/bsdf_table.wgsl")),
             (self.options.has_events(f), shader!("lib/events.wgsl")),
             (self.options.has_queue(), shader!("compact.wgsl")),
+            (
+                self.options.has_queue(),
+                pick(f.has_meshes(), shader!("lib/queued_ray_mesh.wgsl"), shader!("lib/queued_ray.wgsl")),
+            ),
             (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
             (f.irradiance, shader!("sensors/irradiance.wgsl")),
             (f.spectral, shader!("sensors/spectral.wgsl")),
@@ -254,7 +264,9 @@ impl Composition<'_> {
             text.push_str("    let here = standing(ray);\n");
         }
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
-            let (function, _) = ShapeKind::of(shape).name();
+            let kind = ShapeKind::of(shape);
+            let (function, _) = kind.name();
+            let farthest = if kind.is_searched() { ", best.distance" } else { "" };
             let mut arguments = String::new();
             for argument in lowered::shape_arguments(shape) {
                 let _ = write!(arguments, "{}, ", real(argument)?);
@@ -273,11 +285,11 @@ impl Composition<'_> {
                 None => {
                     let _ = writeln!(
                         text,
-                        "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}), {i}u);"
+                        "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);"
                     );
                 }
                 Some(_) => {
-                    let holds = ShapeKind::of(shape).holds();
+                    let holds = kind.holds();
                     let stands = format!("({leaving}) | stands_on(here, contact_of({i}u))");
                     let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
                     let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
@@ -296,15 +308,16 @@ impl Composition<'_> {
         let rotated = lowered::any_rotated(lowered::primitives(self.ir).iter().map(|(frame, _)| frame));
         let mut text = frame_functions("Primitive", "primitive", rotated);
         text.push_str(
-            "fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool) -> real {\n    switch p.shape {\n",
+            "fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real {\n    switch p.shape {\n",
         );
         for kind in &self.features.shapes {
             let arguments: String = ["p.a0, ", "p.a1, ", "p.a2, ", "p.a3, "][..kind.num_arguments()].concat();
             let _ = writeln!(
                 text,
-                "        case {}u: {{ return {}(o, d, {arguments}leaving); }}",
+                "        case {}u: {{ return {}(o, d, {arguments}leaving{}); }}",
                 *kind as u32,
-                kind.name().0
+                kind.name().0,
+                if kind.is_searched() { ", farthest" } else { "" }
             );
         }
         text.push_str("        default: { return MISS; }\n    }\n}\n");

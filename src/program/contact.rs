@@ -185,6 +185,7 @@ fn reach(shape: &Shape) -> f64 {
             r_front.max(r_back).hypot(z_front.abs().max(z_back.abs()))
         }
         Shape::Sphere { radius, .. } => radius,
+        Shape::Mesh(_) => 0.0,
     }
 }
 
@@ -194,7 +195,7 @@ fn sag(curvature: f64, conic: f64, radius: f64) -> f64 {
     curvature * radius * radius / (1.0 + root)
 }
 
-/// Points of a shape, spread over its aperture, in its frame. None where the shape is unknown to this module.
+/// Points of a shape, spread over its aperture, in its frame. None of a mesh, which is in no contact.
 fn points_on(shape: &Shape) -> Vec<DVec3> {
     const TURNS: [f64; 4] = [0.0, 0.27, 0.55, 0.8];
     let ring = |radius: f64, z: f64| {
@@ -218,5 +219,7 @@ fn points_on(shape: &Shape) -> Vec<DVec3> {
         Shape::Sphere { radius, .. } => {
             rings(&[-0.7, 0.1, 0.8].map(|z: f64| (radius * (1.0 - z * z).sqrt(), radius * z)))
         }
+        // Triangles in contact with other faces are not looked for.
+        Shape::Mesh(_) => Vec::new(),
     }
 }

@@ -39,6 +39,8 @@ pub enum ShapeKind {
     Frustum,
     /// shaders/shapes/sphere.wgsl
     Sphere,
+    /// shaders/shapes/mesh.wgsl
+    Mesh,
 }
 
 /// What the scene and the options of the trace need.
@@ -186,6 +188,13 @@ impl Features {
     }
 }
 
+impl Features {
+    /// True if some surface is a triangle mesh.
+    pub fn has_meshes(&self) -> bool {
+        self.shapes.contains(&ShapeKind::Mesh)
+    }
+}
+
 impl ShapeKind {
     /// The shape function of a shape.
     pub fn of(shape: &Shape) -> Self {
@@ -198,6 +207,7 @@ impl ShapeKind {
             Shape::Annulus { .. } => ShapeKind::Annulus,
             Shape::Frustum { .. } => ShapeKind::Frustum,
             Shape::Sphere { .. } => ShapeKind::Sphere,
+            Shape::Mesh(_) => ShapeKind::Mesh,
         }
     }
 
@@ -211,15 +221,16 @@ impl ShapeKind {
             ShapeKind::Annulus => ("annulus_distance", "annulus"),
             ShapeKind::Frustum => ("frustum_distance", "frustum"),
             ShapeKind::Sphere => ("sphere_distance", "sphere"),
+            ShapeKind::Mesh => ("mesh_distance", "mesh"),
         }
     }
 }
 
-/// On a sphere |grad| = 1 with the scale used in the shaders; so it is on every plane.
+/// On a sphere |grad| = 1 with the scale used in the shaders; so it is on every plane. A mesh has none.
 fn has_unit_gradient(shape: &Shape) -> bool {
     match shape {
         Shape::Conic { curvature, conic, .. } => *conic == 0.0 || *curvature == 0.0,
-        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Sphere { .. } => true,
+        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => true,
         Shape::Frustum { .. } => false,
     }
 }
@@ -235,6 +246,7 @@ impl ShapeKind {
             ShapeKind::Annulus => "annulus_holds",
             ShapeKind::Frustum => "frustum_holds",
             ShapeKind::Sphere => "sphere_holds",
+            ShapeKind::Mesh => "mesh_holds",
         }
     }
 
@@ -242,10 +254,15 @@ impl ShapeKind {
     pub fn num_arguments(self) -> usize {
         match self {
             ShapeKind::Plane => 0,
-            ShapeKind::Disk => 1,
+            ShapeKind::Disk | ShapeKind::Mesh => 1,
             ShapeKind::Rectangle | ShapeKind::Sphere => 2,
             ShapeKind::Conic | ShapeKind::Annulus => 3,
             ShapeKind::Frustum => 4,
         }
+    }
+
+    /// True if the shape's function takes the distance of the nearest hit so far, beyond which it need not search.
+    pub fn is_searched(self) -> bool {
+        self == ShapeKind::Mesh
     }
 }

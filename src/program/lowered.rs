@@ -97,6 +97,10 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     records.real("radial", gradients.iter().map(|g| g[0]));
     records.real("axial", gradients.iter().map(|g| g[1]));
     records.real("offset", gradients.iter().map(|g| g[2]));
+    if features.has_meshes() {
+        let is_mesh = |shape: &Shape| u32::from(matches!(shape, Shape::Mesh(_)));
+        records.uint("mesh", ir.surfaces.iter().map(|s| is_mesh(&s.shape)));
+    }
     records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
     records.uint("back", ir.surfaces.iter().map(|s| s.back as u32));
     if features.refractive && !features.polychromatic {
@@ -173,7 +177,8 @@ pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
 pub fn gradient(shape: &Shape) -> [f64; 3] {
     match *shape {
         Shape::Conic { curvature, conic, .. } => [-curvature, -(1.0 + conic) * curvature, 1.0],
-        Shape::Plane(_) | Shape::Annulus { .. } => [0.0, 0.0, 1.0],
+        // Of a mesh it is not read.
+        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Mesh(_) => [0.0, 0.0, 1.0],
         Shape::Sphere { radius, .. } => [-1.0 / radius, -1.0 / radius, 0.0],
         Shape::Frustum { .. } => {
             let [r0, slope, ..] = frustum_arguments(shape);
@@ -185,7 +190,7 @@ pub fn gradient(shape: &Shape) -> [f64; 3] {
 /// The constant of the shape's quadric.
 pub fn shape_constant(shape: &Shape) -> f64 {
     match *shape {
-        Shape::Conic { .. } | Shape::Plane(_) => 0.0,
+        Shape::Conic { .. } | Shape::Plane(_) | Shape::Mesh(_) => 0.0,
         Shape::Annulus { z_offset, .. } => -2.0 * z_offset,
         Shape::Sphere { radius, .. } => radius,
         Shape::Frustum { .. } => {
@@ -221,6 +226,7 @@ pub fn shape_arguments(shape: &Shape) -> Vec<f64> {
         Shape::Sphere { radius, aperture_radius } => {
             vec![radius, aperture_radius.map_or(UNLIMITED, |a| a * a)]
         }
+        Shape::Mesh(mesh) => vec![f64::from(super::mesh::root_row(mesh))],
     }
 }
 

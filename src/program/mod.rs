@@ -6,6 +6,7 @@ pub mod contact;
 pub mod features;
 pub mod library;
 pub mod lowered;
+pub mod mesh;
 pub mod records;
 pub mod rng;
 
@@ -126,12 +127,14 @@ impl Program {
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
         let cells = Cells::of(ir);
+        let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
         let composition = Composition {
             ir,
             features: &features,
             centre,
             cells: &cells,
+            mesh_depth: meshes.depth,
             contacts: &contacts,
             options: &options,
         };
@@ -152,12 +155,12 @@ impl Program {
             emitters: Vec::new(),
             first_step,
         };
-        program.buffers = program.pack(ir, seed)?;
+        program.buffers = program.pack(ir, &meshes, seed)?;
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
-    fn pack(&self, ir: &SceneIr, seed: u64) -> Result<Vec<(u32, Vec<u8>)>> {
+    fn pack(&self, ir: &SceneIr, meshes: &mesh::Forest, seed: u64) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = vec![(RNG_TABLE, rng_table(seed, self.options.max_depth + SOURCE_STEPS))];
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
@@ -173,6 +176,9 @@ impl Program {
         }
         if self.features.spectral {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
+        }
+        if self.features.has_meshes() {
+            buffers.push((mesh::ROWS, self.reals(meshes.reals())?));
         }
         if !self.options.baked {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);

@@ -18,7 +18,12 @@ pub(crate) fn frame_of(cs: &CoordinateSystem) -> Frame {
 
 /// The frame moved along its own z axis \[mm\].
 pub(super) fn shifted(frame: &Frame, dz: f64) -> Frame {
-    Frame { origin: frame.origin + frame.rotation * DVec3::new(0.0, 0.0, dz), rotation: frame.rotation }
+    moved(frame, DVec3::new(0.0, 0.0, dz))
+}
+
+/// The frame moved within itself \[mm\].
+pub(super) fn moved(frame: &Frame, by: DVec3) -> Frame {
+    Frame { origin: frame.origin + frame.rotation * by, rotation: frame.rotation }
 }
 
 fn local_of(cs: &CoordinateSystem) -> Frame {

@@ -10,6 +10,8 @@ mod frame;
 pub mod json;
 pub mod materials;
 mod media;
+mod mesh_files;
+mod meshes;
 mod place;
 mod surfaces;
 mod text;
@@ -21,7 +23,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::ir::SceneIr;
+use crate::ir::{Mesh, SceneIr};
 use crate::{Error, Result};
 pub(crate) use frame::frame_of;
 use json::SceneFile;
@@ -45,6 +47,7 @@ pub struct Scene {
     pub folder: PathBuf,
     pub(crate) wavelengths: Vec<f64>,
     pub(crate) surfaces: Vec<SceneSurface>,
+    pub(crate) meshes: Vec<Mesh>,
     pub(crate) media: MediaTable,
 }
 
@@ -77,9 +80,11 @@ impl Scene {
         let mut warnings = Vec::new();
         validate::check(&file, &mut warnings)?;
         let wavelengths = distinct_wavelengths(&file);
-        let surfaces = surfaces::build(&file, &wavelengths, folder, &mut warnings)?;
+        let meshes = meshes::Meshes::load(&file, folder, &mut warnings)?;
+        let surfaces = surfaces::build(&file, &wavelengths, &meshes, folder, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
-        Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, media })
+        let meshes = meshes.meshes;
+        Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, meshes, media })
     }
 
     /// A path that the scene names, such as that of a mesh.

@@ -3,12 +3,15 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
+use glam::DVec3;
+
 use super::bsdf::{self, Reading};
 use super::compounds::{Part, curvature};
-use super::frame::frame_of;
+use super::frame::{frame_of, moved};
 use super::json::{
     Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
 };
+use super::meshes::{Meshes, Placed};
 use super::place::{did_you_mean, key_of, quoted};
 use crate::ir::{self, Frame, Outline};
 use crate::{Error, Result};
@@ -30,6 +33,7 @@ pub(crate) struct SceneSurface {
 pub(super) fn build(
     file: &SceneFile,
     wavelengths: &[f64],
+    meshes: &Meshes,
     folder: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<SceneSurface>> {
@@ -47,7 +51,7 @@ pub(super) fn build(
     }
     for (index, raw) in file.nsq_gpu.iter().flat_map(|block| &block.surfaces).enumerate() {
         let place = format!("nsq_gpu.surfaces[{index}]");
-        groups.push((&raw.name, vec![single(raw, &place, wavelengths, reading)?]));
+        groups.push((&raw.name, vec![single(raw, &place, wavelengths, meshes.placed(index), reading)?]));
     }
     check_labels(&groups)?;
     warn_of_idle_reflectance(file, &groups, reading.warnings);
@@ -105,6 +109,7 @@ fn single(
     raw: &RawSurface,
     place: &str,
     wavelengths: &[f64],
+    mesh: Option<Placed>,
     reading: &mut Reading<'_>,
 ) -> Result<SceneSurface> {
     let finish = Finish {
@@ -118,8 +123,8 @@ fn single(
     let refractive = raw.interaction == Interaction::Refractive;
     Ok(SceneSurface {
         name: raw.name.clone(),
-        frame: frame_of(&raw.cs),
-        shape: shape(&raw.shape, &key_of(place, "shape"))?,
+        frame: moved(&frame_of(&raw.cs), mesh.map_or(DVec3::ZERO, |mesh| mesh.centre)),
+        shape: shape(&raw.shape, &key_of(place, "shape"), mesh)?,
         interaction: finish.interaction(place, wavelengths)?,
         coating: finish.coating(place, wavelengths)?,
         scatter: finish.scatter(&raw.name, place, reading)?,
@@ -128,7 +133,7 @@ fn single(
     })
 }
 
-fn shape(shape: &Shape, place: &str) -> Result<ir::Shape> {
+fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<ir::Shape> {
     Ok(match *shape {
         Shape::Conic { radius, conic, aperture_radius } => {
             ir::Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
@@ -153,7 +158,10 @@ fn shape(shape: &Shape, place: &str) -> Result<ir::Shape> {
             ir::Shape::Frustum { r_front, r_back, z_front, z_back }
         }
         Shape::Sphere { radius, aperture_radius } => ir::Shape::Sphere { radius, aperture_radius },
-        Shape::Mesh { .. } => return Err(unsupported(place, "shape", "mesh", "use analytic shapes")),
+        Shape::Mesh { .. } => {
+            let placed = mesh.ok_or_else(|| Error::Internal(format!("the mesh at {place} was not read")))?;
+            ir::Shape::Mesh(placed.mesh)
+        }
     })
 }
 
@@ -254,10 +262,6 @@ pub(super) fn look_up(listed: &[f64], values: &[f64], wavelengths: &[f64], place
         })
     };
     wavelengths.iter().map(value_at).collect()
-}
-
-fn unsupported(place: &str, what: &str, kind: &str, remedy: &str) -> Error {
-    Error::scene(place, format!("{what} `{kind}` is not supported yet"), remedy)
 }
 
 type Group<'a> = (&'a str, Vec<SceneSurface>);

@@ -12,7 +12,7 @@ use super::place::{did_you_mean, key_of, quoted};
 use crate::{Error, Result};
 
 /// Longest coordinate or size \[mm\]: a million km.
-const MAX_LENGTH: f64 = 1e12;
+pub(super) const MAX_LENGTH: f64 = 1e12;
 /// Shortest size \[mm\]: a femtometre.
 const MIN_LENGTH: f64 = 1e-12;
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
@@ -653,7 +653,7 @@ fn check_shape(place: &str, shape: &Shape) -> Result<()> {
             // A limit beyond the radius limits nothing, as in Optiland.
             aperture_radius.map_or(Ok(()), |r| size(at("aperture_radius"), r))
         }
-        // Refused by name when surfaces are built.
+        // Checked where it is read.
         Shape::Mesh { .. } => Ok(()),
     }
 }

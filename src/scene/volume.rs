@@ -97,7 +97,7 @@ fn rim_points(face: &Face<'_>) -> Vec<DVec3> {
             vec![(inner_radius, z_offset), (outer_radius, z_offset)]
         }
         Shape::Frustum { r_front, r_back, z_front, z_back } => vec![(r_front, z_front), (r_back, z_back)],
-        Shape::Plane(_) | Shape::Sphere { .. } => Vec::new(),
+        Shape::Plane(_) | Shape::Sphere { .. } | Shape::Mesh(_) => Vec::new(),
     };
     loops.iter().flat_map(|(radius, z)| circle(*radius, face.z + z)).collect()
 }
@@ -147,7 +147,7 @@ fn hit(face: &Face<'_>, origin: DVec3, direction: DVec3) -> Option<f64> {
         Shape::Frustum { r_front, r_back, z_front, z_back } => {
             hit_frustum((r_front, z_front), (r_back, z_back), o, direction)
         }
-        Shape::Plane(_) | Shape::Sphere { .. } => [None, None],
+        Shape::Plane(_) | Shape::Sphere { .. } | Shape::Mesh(_) => [None, None],
     };
     roots.into_iter().flatten().filter(|t| t.is_finite() && *t > MIN_DISTANCE).min_by(f64::total_cmp)
 }

@@ -61,6 +61,7 @@ fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Sce
         wavelengths: vec![0.5],
         media: vec![medium("vacuum", 1.0, 0.0), medium("glass", INDEX, 0.0), medium("vapour", 1.0, 0.0)],
         surfaces,
+        meshes: vec![],
         emitters: vec![Emitter {
             name: "lamp".into(),
             frame: at(0.0),

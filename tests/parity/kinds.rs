@@ -12,7 +12,7 @@ pub const SOURCES: [&str; 6] = [
     "extended disk",
 ];
 /// Every kind of shape.
-pub const SHAPES: [&str; 9] = [
+pub const SHAPES: [&str; 10] = [
     "flat conic",
     "conic",
     "infinite plane",
@@ -22,6 +22,7 @@ pub const SHAPES: [&str; 9] = [
     "frustum",
     "sphere",
     "sphere with an aperture",
+    "mesh",
 ];
 /// Every kind of detector.
 pub const DETECTORS: [&str; 7] = [
@@ -72,6 +73,7 @@ pub fn of_shape(shape: &Shape) -> &'static str {
         Shape::Frustum { .. } => "frustum",
         Shape::Sphere { aperture_radius: None, .. } => "sphere",
         Shape::Sphere { aperture_radius: Some(_), .. } => "sphere with an aperture",
+        Shape::Mesh(_) => "mesh",
     }
 }
 

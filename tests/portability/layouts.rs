@@ -70,11 +70,57 @@ fn tiers_in_tables() -> [Tier; 2] {
 fn structs_shared_with_the_host_are_packed_scalars() {
     for tier in tiers_in_tables() {
         let program = everything().program(tier);
-        for name in
-            ["Range", "Emitter", "Event", "QueuedRay", "Surface", "Sensor", "Primitive", "QueueCounts"]
-        {
+        let structs = ["Range", "Emitter", "Event", "Surface", "Sensor", "Primitive", "QueueCounts"];
+        for name in structs {
             assert_packed(&program.module, name, program.real_size());
         }
+    }
+}
+
+/// The numbers of a buffer.
+fn reals(program: &Program, variable: &str) -> Vec<f64> {
+    let number = binding(program, variable);
+    let (_, bytes) = program.buffers.iter().find(|(of, _)| *of == number).unwrap();
+    let size = program.real_size();
+    let field = |offset| Field { name: String::new(), offset, size, real: true };
+    (0..bytes.len()).step_by(size).map(|offset| read(bytes, &field(offset))).collect()
+}
+
+/// From the root of the one mesh: every triangle lies in one leaf, strictly within its boxes, beside its unit normal.
+#[test]
+fn rows_of_a_mesh_are_where_the_shader_looks() {
+    for tier in tiers_in_tables() {
+        let variant = everything();
+        let rows = reals(&variant.program(tier), "mesh_rows");
+        let row = |i: usize| <[f64; 4]>::try_from(&rows[4 * i..4 * i + 4]).unwrap();
+        let mut corners = Vec::new();
+        let mut waiting = vec![0];
+        while let Some(node) = waiting.pop() {
+            let ([.., first], [.., count]) = (row(node), row(node + 1));
+            if count == 0.0 {
+                waiting.extend([first as usize, first as usize + 2]);
+            }
+            for triangle in (0..count as usize).map(|i| first as usize + 3 * i) {
+                let normal = [0, 1, 2].map(|i| row(triangle + i)[3]);
+                assert!(
+                    (normal.map(|x| x * x).iter().sum::<f64>() - 1.0).abs() < 1e-6,
+                    "{tier:?}: {normal:?}"
+                );
+                for corner in [0, 1, 2].map(|i| row(triangle + i)) {
+                    assert!(
+                        (0..3).all(|i| row(node)[i] < corner[i] && corner[i] < row(node + 1)[i]),
+                        "{tier:?}"
+                    );
+                    corners.push([corner[0], corner[1], corner[2]]);
+                }
+            }
+        }
+        let mesh = &variant.ir.meshes[0];
+        let mut expected: Vec<[f64; 3]> =
+            mesh.faces.iter().flat_map(|face| mesh.corners(*face)).map(|v| v.to_array()).collect();
+        expected.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        corners.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        assert_eq!(corners, expected, "{tier:?}");
     }
 }
 

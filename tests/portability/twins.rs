@@ -126,14 +126,16 @@ fn shapes_have_the_codes_of_the_dispatch() {
     }
 }
 
-/// A function takes the numbers that the host hands over: o, d, so many numbers, leaving.
+/// A function takes the numbers that the host hands over: o, d, so many numbers, leaving; where it searches, also how
+/// far.
 #[test]
 fn shapes_take_the_numbers_of_the_host() {
     let (_, program) = tables();
     for kind in shapes() {
         let function =
             program.module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(kind.name().0));
-        assert_eq!(function.unwrap().1.arguments.len(), kind.num_arguments() + 3, "{kind:?}");
+        let expected = kind.num_arguments() + 3 + usize::from(kind.is_searched());
+        assert_eq!(function.unwrap().1.arguments.len(), expected, "{kind:?}");
         let arguments = nsq_gpu::program::lowered::shape_arguments(&crate::variants::shape_of(kind));
         assert_eq!(arguments.len(), kind.num_arguments(), "{kind:?}");
     }

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::ir::{
-    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid,
+    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
     ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::bsdf::BsdfKind;
@@ -74,7 +74,8 @@ fn shape_after(kind: ShapeKind) -> Option<ShapeKind> {
         ShapeKind::Disk => Some(ShapeKind::Annulus),
         ShapeKind::Annulus => Some(ShapeKind::Frustum),
         ShapeKind::Frustum => Some(ShapeKind::Sphere),
-        ShapeKind::Sphere => None,
+        ShapeKind::Sphere => Some(ShapeKind::Mesh),
+        ShapeKind::Mesh => None,
     }
 }
 
@@ -218,7 +219,12 @@ impl Choice {
     pub fn apply(self, variant: &mut Variant) {
         let ir = &mut variant.ir;
         match self {
-            Choice::Shape(kind) => ir.surfaces.push(surface(shape_of(kind), Interaction::Absorbing)),
+            Choice::Shape(kind) => {
+                if kind == ShapeKind::Mesh && ir.meshes.is_empty() {
+                    ir.meshes.push(tetrahedron());
+                }
+                ir.surfaces.push(surface(shape_of(kind), Interaction::Absorbing));
+            }
             Choice::Emitter(name) => ir.emitters.push(emitter(emitter_of(name), ir.wavelengths.len())),
             Choice::Sensor(i) => ir.sensors.push(sensor(sensors()[i].clone(), true)),
             Choice::TransmissiveSensor(i) => ir.sensors.push(sensor(sensors()[i].clone(), false)),
@@ -270,6 +276,7 @@ impl Default for Variant {
             wavelengths: vec![0.45],
             media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
             surfaces: vec![],
+            meshes: vec![],
             emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
             sensors: vec![],
             sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
@@ -321,9 +328,15 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         ShapeKind::Annulus => Shape::Annulus { inner_radius: 5.0, outer_radius: 10.0, z_offset: 0.5 },
         ShapeKind::Frustum => Shape::Frustum { r_front: 5.0, r_back: 8.0, z_front: -1.0, z_back: 2.0 },
         ShapeKind::Sphere => Shape::Sphere { radius: 8.0, aperture_radius: Some(6.0) },
+        ShapeKind::Mesh => Shape::Mesh(0),
     };
     assert_eq!(ShapeKind::of(&shape), kind);
     shape
+}
+
+fn tetrahedron() -> Mesh {
+    let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    Mesh { vertices, faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] }
 }
 
 /// A source that its function emits.

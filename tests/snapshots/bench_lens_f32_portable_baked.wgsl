@@ -65,6 +65,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/paths_none.wgsl
 
+// <- shaders/lib/mesh_none.wgsl
+
 // <- shaders/lib/contact_none.wgsl
 
 // <- shaders/shapes/plane.wgsl

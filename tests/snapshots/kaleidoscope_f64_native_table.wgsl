@@ -65,6 +65,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/paths_none.wgsl
 
+// <- shaders/lib/mesh_none.wgsl
+
 // <- shaders/lib/contact_none.wgsl
 
 // <- shaders/shapes/plane.wgsl
@@ -213,7 +215,7 @@ fn to_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
 fn from_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
     return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
-fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
+fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real {
     switch p.shape {
         case 2u: { return rectangle_distance(o, d, p.a0, p.a1, leaving); }
         default: { return MISS; }

@@ -1,0 +1,13 @@
+// What waits in a queue: the ray alone.
+
+struct QueuedRay {
+    ray: PackedRay,
+}
+
+fn queued(ray: Ray) -> QueuedRay {
+    return QueuedRay(pack_ray(ray));
+}
+
+fn unqueued(q: QueuedRay) -> Ray {
+    return unpack_ray(q.ray);
+}

@@ -1,0 +1,163 @@
+// Triangle mesh: a tree of boxes over triangles, walked front to back.
+//
+// A ray through an edge or a vertex hits at least one of the triangles around it (Woop, Benthin and Wald, Watertight
+// Ray/Triangle Intersection, JCGT 2013): every vertex is projected along the ray on its own, and the sign of an edge is
+// the same number seen from both of its triangles. The projection is onto an orthonormal basis about the ray (Duff et
+// al., Building an Orthonormal Basis, Revisited, JCGT 2017) rather than a shear along the largest axis, which saves
+// choosing components by index.
+// The boxes are f32 in both tiers: the host pads them by more than all of their rounding (program::mesh).
+
+// Trees and triangles in one buffer, which leaves room for the others. A node has two rows, (lower corner, first) and
+// (upper corner, count): `first` is the row of its first child, which the second follows, or of the first of `count`
+// triangles. A triangle has three, each a corner and a component of its normal, which points to where the corners run
+// counter-clockwise. The host keeps row numbers to what f32 holds.
+@group(0) @binding(14) var<storage, read> mesh_rows: array<vec4<real>>;
+
+const NODE_ROWS: u32 = 2u;
+const TRIANGLE_ROWS: u32 = 3u;
+
+// The triangle, by its first row, of the nearest hit so far, and the one that the ray has arrived on: it tells nothing unless the surface
+// that was hit, or that the ray leaves, is a mesh. Here rather than in Ray and Hit, which scenes without meshes share.
+var<private> hit_triangle: u32 = 0u;
+var<private> arrived_triangle: u32 = 0u;
+
+fn keep_triangle() {
+    arrived_triangle = hit_triangle;
+}
+
+fn geometric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+    if surface.mesh == 0u {
+        return quadric_normal(surface, position);
+    }
+    let row = arrived_triangle;
+    return from_surface(surface, vec3<real>(mesh_rows[row].w, mesh_rows[row + 1u].w, mesh_rows[row + 2u].w));
+}
+
+// A ray in the mesh's frame. Distances along it are measured from its point of closest approach to the frame's origin,
+// as in `crossings`, where coordinates are of the mesh's size; the ray begins at `start`.
+struct MeshRay {
+    base: vec3<real>,
+    direction: vec3<real>,
+    across_x: vec3<real>,
+    across_y: vec3<real>,
+    start: real,
+    // The triangle that the ray leaves.
+    leaves: u32,
+    box_base: vec3<f32>,
+    box_inverse: vec3<f32>,
+}
+
+fn mesh_ray(o: vec3<real>, d: vec3<real>, leaving: bool) -> MeshRay {
+    let shift = select(-dot(o, d), 0.0, leaving);
+    let base = o + shift * d;
+    let side = choose(-1.0, 1.0, d.z >= 0.0);
+    let a = -1.0 / (side + d.z);
+    let b = d.x * d.y * a;
+    return MeshRay(
+        base, d,
+        vec3<real>(1.0 + side * d.x * d.x * a, side * b, -side * d.x),
+        vec3<real>(b, side + d.y * d.y * a, -d.y),
+        -shift, select(NONE, arrived_triangle, leaving),
+        vec3<f32>(base), box_inverse(vec3<f32>(d)),
+    );
+}
+
+// A component near zero is turned by less than a box is padded, so that no infinity occurs.
+fn box_inverse(d: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(1.0) / select(d, vec3<f32>(1e-18), abs(d) < vec3<f32>(1e-18));
+}
+
+const BOX_MISS: f32 = 3e38;
+
+// Where the ray enters a box between its start and `nearest`, or BOX_MISS.
+fn box_entry(ray: MeshRay, node: u32, nearest: real) -> f32 {
+    let lower = (vec3<f32>(mesh_rows[node].xyz) - ray.box_base) * ray.box_inverse;
+    let upper = (vec3<f32>(mesh_rows[node + 1u].xyz) - ray.box_base) * ray.box_inverse;
+    let entries = min(lower, upper);
+    let exits = max(lower, upper);
+    let entry = max(max(entries.x, entries.y), max(entries.z, f32(ray.start)));
+    let exit = min(min(exits.x, exits.y), min(exits.z, f32(nearest)));
+    return select(BOX_MISS, entry, entry <= exit);
+}
+
+// A corner as the ray sees it: across it, and along it.
+fn seen(ray: MeshRay, corner: vec3<real>) -> vec3<real> {
+    let v = corner - ray.base;
+    return vec3<real>(dot(ray.across_x, v), dot(ray.across_y, v), dot(ray.direction, v));
+}
+
+// Twice the area between the ray and an edge. The ends are put in order first: a compiler may fuse one of the products
+// with the subtraction, and the two triangles of an edge must still get opposite numbers.
+fn edge(p: vec3<real>, q: vec3<real>) -> real {
+    let swapped = p.x > q.x || (p.x == q.x && p.y > q.y);
+    let a = select(p, q, swapped);
+    let b = select(q, p, swapped);
+    let area = a.x * b.y - a.y * b.x;
+    return select(area, -area, swapped);
+}
+
+// Where the ray crosses a triangle, or MISS. Edges belong to the triangle.
+fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
+    let a = seen(ray, mesh_rows[triangle].xyz);
+    let b = seen(ray, mesh_rows[triangle + 1u].xyz);
+    let c = seen(ray, mesh_rows[triangle + 2u].xyz);
+    let u = edge(b, c);
+    let v = edge(c, a);
+    let w = edge(a, b);
+    let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
+    let area = u + v + w;
+    return select((u * a.z + v * b.z + w * c.z) / area, MISS, outside || area == 0.0);
+}
+
+// `root` is the first row of the mesh's tree. Only hits nearer than `farthest` count.
+fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthest: real) -> real {
+    let ray = mesh_ray(o, d, leaving);
+    var nearest = farthest + ray.start;
+    var found = NONE;
+    var waiting: array<u32, MESH_DEPTH>;
+    var num_waiting = 0u;
+    var node = u32(root);
+    // Every node is met at most once.
+    let most_visits = select(arrayLength(&mesh_rows) / NODE_ROWS, 0u, box_entry(ray, node, nearest) == BOX_MISS);
+    for (var visit = 0u; visit < most_visits; visit++) {
+        let first = u32(mesh_rows[node].w);
+        let end = first + u32(mesh_rows[node + 1u].w) * TRIANGLE_ROWS;
+        for (var i = first; i < end; i += TRIANGLE_ROWS) {
+            let t = triangle_crossing(ray, i);
+            if t > ray.start && t < nearest && i != ray.leaves {
+                nearest = t;
+                found = i;
+            }
+        }
+        if first == end {
+            let one = box_entry(ray, first, nearest);
+            let second = first + NODE_ROWS;
+            let other = box_entry(ray, second, nearest);
+            let in_order = one <= other;
+            if max(one, other) < BOX_MISS {
+                waiting[num_waiting] = select(first, second, in_order);
+                num_waiting += 1u;
+            }
+            if min(one, other) < BOX_MISS {
+                node = select(second, first, in_order);
+                continue;
+            }
+        }
+        if num_waiting == 0u {
+            break;
+        }
+        num_waiting -= 1u;
+        node = waiting[num_waiting];
+    }
+    let distance = nearest - ray.start;
+    if found == NONE || distance <= 0.0 || distance >= farthest {
+        return MISS;
+    }
+    hit_triangle = found;
+    return distance;
+}
+
+// A mesh is in no contact with other faces.
+fn mesh_holds(p: vec3<real>, root: real) -> bool {
+    return false;
+}

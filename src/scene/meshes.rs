@@ -1,0 +1,210 @@
+//! The meshes of a scene: from files or as written, checked, each kept once.
+
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::json::{Interaction, RawSurface, SceneFile, Shape};
+use super::mesh_files;
+use super::place::{key_of, quoted};
+use super::validate::MAX_LENGTH;
+use crate::ir::{Mesh, area_vector};
+use crate::{Error, Result};
+
+/// Most triangles of all meshes: 3 rows each and 2 for each of less than twice as many nodes, numbered below 2^24, which
+/// f32 holds.
+const MAX_TRIANGLES: usize = 1 << 21;
+
+/// Where a surface's mesh is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placed {
+    /// Its place among the meshes of the scene.
+    pub mesh: usize,
+    /// The origin of the mesh's frame in the coordinates that the user gave.
+    pub centre: DVec3,
+}
+
+/// The meshes of a scene.
+#[derive(Debug, Default)]
+pub(super) struct Meshes {
+    /// Each once, however often it is placed.
+    pub meshes: Vec<Mesh>,
+    placed: HashMap<usize, Placed>,
+    files: HashMap<PathBuf, Placed>,
+    by_hash: HashMap<u64, Vec<Placed>>,
+}
+
+impl Meshes {
+    /// Reads every mesh that the single surfaces name.
+    pub fn load(file: &SceneFile, folder: &Path, warnings: &mut Vec<String>) -> Result<Self> {
+        let mut meshes = Meshes::default();
+        for (index, raw) in file.nsq_gpu.iter().flat_map(|block| &block.surfaces).enumerate() {
+            let place = key_of(&format!("nsq_gpu.surfaces[{index}]"), "shape");
+            if let Some(placed) = meshes.mesh_of(raw, folder, &place, warnings)? {
+                meshes.placed.insert(index, placed);
+            }
+        }
+        Ok(meshes)
+    }
+
+    /// The mesh of a single surface, by its place in the list.
+    pub fn placed(&self, surface: usize) -> Option<Placed> {
+        self.placed.get(&surface).copied()
+    }
+
+    fn mesh_of(
+        &mut self,
+        raw: &RawSurface,
+        folder: &Path,
+        place: &str,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Placed>> {
+        let Shape::Mesh { path, vertices, faces } = &raw.shape else { return Ok(None) };
+        let placed = match (path, vertices, faces) {
+            (Some(path), None, None) => {
+                let path = folder.join(path);
+                if let Some(known) = self.files.get(&path) {
+                    return Ok(Some(*known));
+                }
+                let mesh = mesh_files::read(&path, &key_of(place, "path"))?;
+                let placed = self.add(mesh, raw, place, warnings)?;
+                self.files.insert(path, placed);
+                placed
+            }
+            (None, Some(vertices), Some(faces)) => {
+                let vertices = vertices.iter().copied().map(DVec3::from_array).collect();
+                self.add(Mesh { vertices, faces: faces.clone() }, raw, place, warnings)?
+            }
+            _ => {
+                return Err(Error::scene(
+                    place,
+                    "a mesh needs either a file or its vertices and faces",
+                    "give `path`, or both `vertices` and `faces`",
+                ));
+            }
+        };
+        Ok(Some(placed))
+    }
+
+    /// Checks a mesh, moves it about its middle, and keeps it unless it is there already.
+    fn add(
+        &mut self,
+        mut mesh: Mesh,
+        raw: &RawSurface,
+        place: &str,
+        warnings: &mut Vec<String>,
+    ) -> Result<Placed> {
+        check(&mesh, place)?;
+        warnings.extend(drop_degenerate(&mut mesh, &raw.name));
+        if mesh.faces.is_empty() {
+            return Err(Error::scene(
+                place,
+                "the mesh has no triangle",
+                "give at least one that has an area",
+            ));
+        }
+        let hash = hash_of(&mesh);
+        let candidates = self.by_hash.entry(hash).or_default();
+        let centre = centre_of(&mesh);
+        mesh.vertices.iter_mut().for_each(|v| *v -= centre);
+        let same = |placed: &&Placed| placed.centre == centre && self.meshes[placed.mesh] == mesh;
+        if let Some(known) = candidates.iter().find(same) {
+            return Ok(*known);
+        }
+        let total = mesh.faces.len() + self.meshes.iter().map(|m| m.faces.len()).sum::<usize>();
+        if total > MAX_TRIANGLES {
+            return Err(Error::scene(
+                place,
+                format!("with this mesh the scene has {total} triangles"),
+                format!("use at most {MAX_TRIANGLES}; the same mesh placed twice counts once"),
+            ));
+        }
+        if raw.interaction == Interaction::Refractive {
+            warnings.extend(open_edges(&mesh, &raw.name));
+        }
+        let placed = Placed { mesh: self.meshes.len(), centre };
+        candidates.push(placed);
+        self.meshes.push(mesh);
+        Ok(placed)
+    }
+}
+
+fn check(mesh: &Mesh, place: &str) -> Result<()> {
+    let absurd = |v: &DVec3| !(v.is_finite() && v.abs().max_element() <= MAX_LENGTH);
+    if let Some(i) = mesh.vertices.iter().position(absurd) {
+        return Err(Error::scene(
+            format!("{place}.vertices[{i}]"),
+            format!("{:?} mm is out of range", mesh.vertices[i].to_array()),
+            format!("give numbers from -{MAX_LENGTH:e} to {MAX_LENGTH:e}"),
+        ));
+    }
+    let strays = |face: &[u32; 3]| face.iter().any(|&vertex| vertex as usize >= mesh.vertices.len());
+    if let Some(i) = mesh.faces.iter().position(strays) {
+        return Err(Error::scene(
+            format!("{place}.faces[{i}]"),
+            format!("{:?} names a vertex that is not there", mesh.faces[i]),
+            format!("there are {} vertices, counted from 0", mesh.vertices.len()),
+        ));
+    }
+    Ok(())
+}
+
+/// Triangles without area have no normal, and no ray hits them.
+fn drop_degenerate(mesh: &mut Mesh, name: &str) -> Option<String> {
+    let before = mesh.faces.len();
+    let faces = std::mem::take(&mut mesh.faces);
+    let has_area = |face: &[u32; 3]| {
+        let area = area_vector(mesh.corners(*face));
+        area != DVec3::ZERO && area.is_finite()
+    };
+    mesh.faces = faces.into_iter().filter(has_area).collect();
+    let dropped = before - mesh.faces.len();
+    (dropped > 0).then(|| {
+        format!("{dropped} of the {before} triangles of {} have no area and are left out", quoted(name))
+    })
+}
+
+/// Says where a solid would leak: an edge of a closed mesh belongs to two faces, which run along it in opposite
+/// directions.
+fn open_edges(mesh: &Mesh, name: &str) -> Option<String> {
+    let mut balance: HashMap<([u64; 3], [u64; 3]), i64> = HashMap::new();
+    for face in &mesh.faces {
+        let corners = mesh.corners(*face).map(bits);
+        for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+            let (key, step) = match corners[from] <= corners[to] {
+                true => ((corners[from], corners[to]), 1),
+                false => ((corners[to], corners[from]), -1),
+            };
+            *balance.entry(key).or_default() += step;
+        }
+    }
+    let open = balance.values().filter(|&&count| count != 0).count();
+    (open > 0).then(|| {
+        format!(
+            "the mesh {} is not closed ({open} open edges): it bounds a solid only with other surfaces",
+            quoted(name)
+        )
+    })
+}
+
+fn bits(vertex: DVec3) -> [u64; 3] {
+    // -0 is 0.
+    vertex.to_array().map(|x| (x + 0.0).to_bits())
+}
+
+fn hash_of(mesh: &Mesh) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    mesh.faces.hash(&mut hasher);
+    mesh.vertices.iter().for_each(|v| bits(*v).hash(&mut hasher));
+    hasher.finish()
+}
+
+/// The middle of the bounds of the vertices that are used.
+fn centre_of(mesh: &Mesh) -> DVec3 {
+    let used = || mesh.faces.iter().flat_map(|face| mesh.corners(*face));
+    let low = used().fold(DVec3::INFINITY, DVec3::min);
+    let high = used().fold(DVec3::NEG_INFINITY, DVec3::max);
+    0.5 * (low + high)
+}
