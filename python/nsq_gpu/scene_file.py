@@ -276,8 +276,10 @@ def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponen
         return RefractiveComponent(frame, shape, front, back, name=name, coating=_coating(spec.get("coating")),
                                    **scatter)
     if spec["interaction"] == "reflective":
-        return ReflectiveComponent(frame, shape, reflectance(spec["reflectance"]), material_front=front, name=name,
-                                   **scatter)
+        # The file gives either of the two; Optiland takes a coating as a reflectance.
+        coating = _coating(spec.get("coating"))
+        reflects = reflectance(spec["reflectance"]) if coating is None else coating
+        return ReflectiveComponent(frame, shape, reflects, material_front=front, name=name, **scatter)
     return AbsorbingComponent(frame, shape, front, name=name)
 
 

@@ -11,13 +11,13 @@
 // (upper corner, count): `first` is the row of its first child, which the second follows, or of the first of `count`
 // triangles. A triangle has three, each a corner and a component of its normal, which points to where the corners run
 // counter-clockwise. The host keeps row numbers to what f32 holds.
-@group(0) @binding(14) var<storage, read> mesh_rows: array<vec4<real>>;
+@group(0) @binding(17) var<storage, read> mesh_rows: array<vec4<real>>;
 
 const NODE_ROWS: u32 = 2u;
 const TRIANGLE_ROWS: u32 = 3u;
 
-// The triangle, by its first row, of the nearest hit so far, and the one that the ray has arrived on: it tells nothing unless the surface
-// that was hit, or that the ray leaves, is a mesh. Here rather than in Ray and Hit, which scenes without meshes share.
+// The triangle, by its first row, of the nearest hit so far, and the one that the ray has arrived on: it tells nothing
+// unless the surface that was hit, or that the ray leaves, is a mesh. Here rather than in Ray and Hit, which scenes without meshes share.
 var<private> hit_triangle: u32 = 0u;
 var<private> arrived_triangle: u32 = 0u;
 

@@ -8,7 +8,7 @@ use obvhs::bvh2::builder::build_bvh2;
 use obvhs::{Boundable, BvhBuildParams};
 
 /// Binding of the trees and triangles in group 0.
-pub const ROWS: u32 = 14;
+pub const ROWS: u32 = 17;
 /// Rows of a node: (lower corner, first), (upper corner, count).
 const NODE_ROWS: u32 = 2;
 /// Rows of a triangle: three times a corner and a component of the normal.
