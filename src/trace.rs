@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
 use crate::ir::SceneIr;
-use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange};
+use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler};
 use crate::result::{
     Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, StageTime, SurfaceTally, Tally,
 };
@@ -33,6 +33,8 @@ pub struct TraceOptions {
     pub paths: RecordPaths,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
+    /// What the draws are.
+    pub sampler: Sampler,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
@@ -61,6 +63,7 @@ impl Default for TraceOptions {
             precision: Precision::F64,
             paths: RecordPaths::None,
             baked: None,
+            sampler: Sampler::Pcg,
             workgroup_size: 64,
             events_per_dispatch: 16,
         }
@@ -170,6 +173,7 @@ impl<'a> Tracer<'a> {
             workgroup_size: options.workgroup_size,
             paths: options.paths.sampling(options.num_rays),
             weights: rays.iter().map(|r| r.weight).collect(),
+            sampler: options.sampler,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         let batch = batch_size(gpu, &program, options);

@@ -11,6 +11,7 @@ mod common;
 
 use common::{Gpu, Storage, TIERS, real_bytes, reals_of};
 use nsq_gpu::program::library::Real;
+use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::program::{library, rng};
 
 /// One row of `tests/data/rng.csv`: a key and the draw that Optiland makes of it.
@@ -68,7 +69,7 @@ fn shader_draws_are_optilands() {
     seeds.dedup();
     for (real, integers) in TIERS {
         let Some(gpu) = Gpu::open("shader_draws_are_optilands", real, integers) else { continue };
-        let source = library::source(real, integers) + MAIN;
+        let source = library::source(real, integers, Sampler::Pcg) + MAIN;
         for &seed in &seeds {
             let of_seed: Vec<&Row> = rows.iter().filter(|row| row.seed == seed).collect();
             let keys: Vec<[u32; 4]> = of_seed
@@ -76,7 +77,7 @@ fn shader_draws_are_optilands() {
                 .map(|row| [row.ray_id as u32, (row.ray_id >> 32) as u32, row.slot, row.step])
                 .collect();
             let storages = [
-                Storage::read(1, &rng::step_table(seed, 10_001)),
+                Storage::read(1, &rng::step_table(Sampler::Pcg, seed, 10_001)),
                 Storage::read(5, &keys),
                 Storage::zeros(6, 4 * keys.len()),
             ];
@@ -143,7 +144,7 @@ fn draws_become_numbers_below_one_and_decide_exactly() {
             Storage::zeros(7, real_bytes(real) * bits.len()),
             Storage::zeros(8, 4 * bits.len()),
         ];
-        let source = library::source(real, integers) + JUDGE;
+        let source = library::source(real, integers, Sampler::Pcg) + JUDGE;
         let written = gpu.run(&source, &storages, [bits.len().div_ceil(64) as u32, 1, 1]);
         let uniforms = reals_of(real, &written[0]);
         let decisions: &[u32] = bytemuck::cast_slice(&written[1]);

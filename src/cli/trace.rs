@@ -5,7 +5,7 @@ use super::{count, read_scene, say};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, SceneIr};
-use crate::program::Precision;
+use crate::program::{Precision, Sampler};
 use crate::result::{RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
@@ -37,6 +37,9 @@ pub struct Args {
     /// Arithmetic: auto takes f64 where the adapter runs it at a good rate.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
+    /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
+    #[arg(long, value_enum, default_value_t = SamplerArg::Pcg)]
+    sampler: SamplerArg,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
@@ -75,6 +78,15 @@ pub enum PrecisionArg {
     F32,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--sampler` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SamplerArg {
+    /// Optiland's keyed PCG32, bit for bit.
+    Pcg,
+    /// Owen-scrambled Sobol points, a ray a point.
+    Sobol,
 }
 
 fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
@@ -155,6 +167,10 @@ fn options(args: &Args, gpu: &Gpu) -> Result<TraceOptions> {
         min_flux_fraction: args.min_flux_fraction,
         batch_size: args.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
         precision,
+        sampler: match args.sampler {
+            SamplerArg::Pcg => Sampler::Pcg,
+            SamplerArg::Sobol => Sampler::Sobol,
+        },
         paths: args.record_paths.unwrap_or(RecordPaths::None),
         ..Default::default()
     })
@@ -189,6 +205,7 @@ fn trace(
         max_depth: options.max_depth,
         min_flux_fraction: options.min_flux_fraction,
         precision: options.precision.name().into(),
+        sampler: options.sampler.name().into(),
         adapter: gpu.info.name.clone(),
         driver: gpu.info.driver.clone(),
         trace_time_sec,

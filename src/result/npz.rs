@@ -132,6 +132,7 @@ fn meta(result: &TraceResult, kind: &str, name: &str, units: &[(&str, &str)]) ->
         "max_depth": run.max_depth,
         "min_flux_fraction": run.min_flux_fraction,
         "precision": run.precision,
+        "sampler": run.sampler,
         "adapter": run.adapter,
         "driver": run.driver,
         "program": run.program,

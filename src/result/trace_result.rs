@@ -23,6 +23,8 @@ pub struct RunInfo {
     pub min_flux_fraction: f64,
     /// Arithmetic of the trace: `f32` or `f64`.
     pub precision: String,
+    /// What the draws were: `pcg` or `sobol`.
+    pub sampler: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver and version.
@@ -173,6 +175,7 @@ impl Default for RunInfo {
             max_depth: 16,
             min_flux_fraction: 1e-6,
             precision: "f32".into(),
+            sampler: "pcg".into(),
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,
