@@ -1,7 +1,7 @@
 // Quasi-random draws: Sobol points with Owen's scrambling, keyed like lib/rng_native.wgsl's. A draw is a coordinate of
 // the ray's point; each slot and step has a dimension of its own. What a source draws stands in five dimensions of one
 // Sobol sequence; every further decision in a pair of dimensions, whose points are shuffled against those of the others
-// (padding). Sources: Sobol, On the distribution of points in a cube (1967), with the direction numbers of Joe and Kuo,
+// (padding), and lie evenly over every 1024 rays. Sources: Sobol, On the distribution of points in a cube (1967), with the direction numbers of Joe and Kuo,
 // Constructing Sobol sequences with better two-dimensional projections (SIAM J. Sci. Comput. 30, 2008); Burley,
 // Practical hash-based Owen scrambling (JCGT 9(4), 2020).
 
@@ -35,7 +35,7 @@ fn stream_bits(stream: Stream) -> u32 {
     let place = dimension_of(stream.slot, stream.step);
     let set_seed = combined(combined(stream.seed, stream.key.y), place.x);
     // The sources' set keeps its order, so that a range of ids is a range of points.
-    let index = select(scrambled(stream.key.x, set_seed), stream.key.x, place.x == 0u);
+    let index = select(shuffled(stream.key.x, set_seed), stream.key.x, place.x == 0u);
     return scrambled(sobol(index, place.y), combined(set_seed, place.y + 1u));
 }
 
@@ -85,6 +85,26 @@ fn scrambled(bits: u32, seed: u32) -> u32 {
     x ^= x * 0x05526c56u;
     x ^= x * 0x53a22864u;
     return reverseBits(x);
+}
+
+// The index, shuffled within its block of 1024 (Kensler, Correlated multi-jittered sampling, Pixar TM 13-01, 2013, section
+// 3). A nested shuffle, as Owen's, would keep neighbours neighbours: one of either half in every dimension, so that the
+// product of two sets' coordinates has half again the variance of random numbers.
+fn shuffled(index: u32, seed: u32) -> u32 {
+    let within = index & 1023u;
+    let p = combined(seed, index - within);
+    var i = (within ^ p) * 0xE170893Du;
+    i ^= p >> 16u;
+    i ^= (i & 1023u) >> 4u;
+    i = (i ^ (p >> 8u)) * 0x0929EB3Fu;
+    i ^= p >> 23u;
+    i = (i ^ ((i & 1023u) >> 1u)) * ((p >> 27u) | 1u) * 0x6935FA69u;
+    i = (i ^ ((i & 1023u) >> 11u)) * 0x74DCB303u;
+    i = (i ^ ((i & 1023u) >> 2u)) * 0x9E501CC3u;
+    i = (i ^ ((i & 1023u) >> 2u)) * 0xC860A3DFu;
+    i &= 1023u;
+    i ^= i >> 5u;
+    return index - within + ((i + p) & 1023u);
 }
 
 // A hash of two words (finaliser of MurmurHash3, Appleby 2011).
