@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, ReflectProb, Sampling, SceneIr, Sensor, SensorKind,
-    Shape, Spectrum, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
+    Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
@@ -366,7 +366,7 @@ fn lamp_in_a_ball() -> SceneIr {
             kind: SensorKind::FarField { num_theta: 9, num_phi: 9 },
             absorb: true,
         }],
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
 

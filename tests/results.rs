@@ -9,8 +9,8 @@ use approx::assert_relative_eq;
 use glam::{DMat3, DVec3};
 use nsq_gpu::Error;
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, ReflectProb, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
+    Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::result::output::{REPORT, write_all};
 use nsq_gpu::result::report::{Files, Report};
@@ -64,7 +64,7 @@ fn scene(total_flux: f64, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Scene
         meshes: vec![],
         emitters: vec![emitter],
         sensors,
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 1e-3 },
+        sampling: Sampling::default(),
     }
 }
 

@@ -52,6 +52,9 @@ pub struct Args {
     /// Override the scene's reflect_prob: fresnel, auto or a number in 0..=1.
     #[arg(long, value_name = "P", value_parser = parse_reflect_prob)]
     reflect_prob: Option<ReflectProb>,
+    /// Override the scene's split_depth: rays of fewer events are split at refractive surfaces; 0 splits none.
+    #[arg(long, value_name = "N")]
+    split_depth: Option<u32>,
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -133,6 +136,9 @@ fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
             return Err(Error::Usage(format!("--rr-start-flux is {rr_start_flux}; it must lie in 0..=1")));
         }
         ir.sampling.rr_start_flux = rr_start_flux;
+    }
+    if let Some(split_depth) = args.split_depth {
+        ir.sampling.split_depth = split_depth;
     }
     Ok(())
 }

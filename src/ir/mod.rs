@@ -8,6 +8,7 @@
 mod bsdf;
 pub(crate) mod lower;
 mod mesh;
+pub mod ray_id;
 
 pub use bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
@@ -298,6 +299,34 @@ pub struct Sampling {
     pub reflect_prob: ReflectProb,
     /// Russian roulette starts below this fraction of the mean flux of a new ray.
     pub rr_start_flux: f64,
+    /// A ray of fewer events than this is split at a refractive surface: both branches are followed. 0: never.
+    pub split_depth: u32,
+    /// Most rays that one launched ray may become; of a fraction, so large a share of the launched rays has one more.
+    pub split_budget: f64,
+}
+
+impl Default for Sampling {
+    /// Optiland's.
+    fn default() -> Self {
+        Sampling {
+            reflect_prob: ReflectProb::Fresnel,
+            rr_start_flux: 1e-3,
+            split_depth: 0,
+            split_budget: 4.0,
+        }
+    }
+}
+
+impl Sampling {
+    /// Largest `split_budget`: that many rays of a family have numbers in their ids ([`ray_id::MOST_RAYS`]).
+    pub const MAX_SPLIT_BUDGET: f64 = ray_id::MOST_RAYS as f64;
+
+    /// The budget of a launched ray in units of 2^-32 rays: at least one ray, at most as many as `split_depth` allows.
+    pub fn family_budget(&self) -> u64 {
+        const RAY: f64 = 4294967296.0;
+        let most = 2.0_f64.powi(self.split_depth.min(63) as i32);
+        (self.split_budget.clamp(1.0, most) * RAY) as u64
+    }
 }
 
 /// Probability of drawing reflection at a refractive surface.

@@ -4,7 +4,7 @@ use glam::DVec3;
 use ndarray::Array1;
 
 use crate::error::Result;
-use crate::ir::Frame;
+use crate::ir::{Frame, ray_id};
 use crate::result::npz::NpzFile;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow, SensorTally};
 
@@ -38,7 +38,7 @@ impl RayDatabase {
         wavelengths: &[f64],
     ) -> Self {
         let mut rows: Vec<&RayRow> = sums.rows.iter().collect();
-        rows.sort_by_key(|row| (row.ray_id, row.bounce));
+        rows.sort_by_key(|row| (ray_id::order(row.ray_id), row.bounce));
         let keep =
             max_rays.map_or(rows.len(), |limit| rows.len().min(usize::try_from(limit).unwrap_or(usize::MAX)));
         let rows = rows.split_off(rows.len() - keep);

@@ -3,7 +3,7 @@
 use ndarray::Array1;
 
 use crate::error::Result;
-use crate::ir::SceneIr;
+use crate::ir::{SceneIr, ray_id};
 use crate::result::npz::NpzFile;
 use crate::result::{FluxUnit, PathEvent, PathEventKind};
 
@@ -35,7 +35,7 @@ impl RayPaths {
             return None;
         }
         let mut events: Vec<&PathEvent> = events.iter().collect();
-        events.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce, rank(event.kind)));
+        events.sort_by_key(|event| (ray_id::order(event.ray.ray_id), event.ray.bounce, rank(event.kind)));
         let column = |value: &dyn Fn(&PathEvent) -> f64| events.iter().map(|event| value(event)).collect();
         Some(RayPaths {
             ray_id: events.iter().map(|event| event.ray.ray_id as i64).collect(),

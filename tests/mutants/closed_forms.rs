@@ -71,7 +71,7 @@ fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Sce
             medium: SceneIr::VACUUM,
         }],
         sensors,
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
 

@@ -279,7 +279,7 @@ impl Default for Variant {
             meshes: vec![],
             emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
             sensors: vec![],
-            sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+            sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
         Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0 }
     }
