@@ -1,10 +1,10 @@
 // Stage split: a ray of few events that meets a refractive surface is split in two, and both branches are followed.
 //
 // The ray goes on as the reflected branch. The transmitted one is a ray of its own, with an id and so with draws of its
-// own (ir::ray_id): it waits here, as it arrived, until the rays before it have ended, and then takes up the same event.
-// So an invocation follows all rays of one family, and what a ray may become depends on its lineage alone: a family
-// owns as many numbers as its budget, and each branch takes half of those of the ray that it comes from. Where one
-// number is left the branch is drawn, as it is without splitting.
+// own (ir::ray_id): it waits here, as it arrived, until the reflected branch and all that came of it have ended, and then
+// takes up the same event. So one invocation follows a whole family, and of a family no more rays are alive at a time
+// than its budget. Those that wait for a ray are the other halves of its own reflections: so the budget that is left to
+// it depends on its lineage alone. Where nothing is left the branch is drawn, as it is without splitting.
 
 struct Waiting {
     ray: Ray,
@@ -12,14 +12,14 @@ struct Waiting {
     triangle: u32,
 }
 
-// Halving leaves no more than WAITING_RAYS of them at a time.
 var<private> waiting: array<Waiting, WAITING_RAYS>;
 var<private> num_waiting: u32 = 0u;
-// Of the ray that is followed: the numbers that it owns, its own the first of them; and true while it is to transmit.
+// Of the ray that is followed: how many rays may be alive while it is, itself included, beside those that wait; and true
+// while it is to transmit.
 var<private> budget: u32 = 0u;
 var<private> transmits: bool = false;
 
-// The draw that gives a share of the launched rays one more number, where the budget is a fraction.
+// The draw that gives a share of the families one ray more, where the budget is a fraction.
 const SPLIT_BUDGET: u32 = 12u;
 
 @compute @workgroup_size(WORKGROUP_SIZE)
@@ -82,12 +82,10 @@ fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real) -> bool {
     if lesser == 0.0 {
         return !reflects_less;
     }
-    let kept = budget / 2u;
-    waiting[num_waiting] = Waiting(
-        child(*ray, select(lesser, weight - lesser, reflects_less), kept), budget - kept, standing_triangle(),
-    );
+    let transmitted = child(*ray, select(lesser, weight - lesser, reflects_less));
+    waiting[num_waiting] = Waiting(transmitted, budget, standing_triangle());
     num_waiting += 1u;
-    budget = kept;
+    budget -= 1u;
     (*ray).weight = select(weight - lesser, lesser, reflects_less);
     return true;
 }
@@ -107,10 +105,11 @@ fn lesser_weight(weight: real, share: real, bits: u32) -> real {
     return (whole + select(real(0.0), real(1.0), below(bits, exact - whole))) * step;
 }
 
-fn child(parent: Ray, weight: real, number_offset: u32) -> Ray {
+// Of a child's number the bit of this event is set.
+fn child(parent: Ray, weight: real) -> Ray {
     var ray = parent;
     ray.weight = weight;
-    ray.index += number_offset << INDEX_BITS;
+    ray.index |= (1u << ray.bounce) << INDEX_BITS;
     ray.key = family_key(ray.index);
     let jump = rng_table[ray.bounce];
     ray.fresnel = stream_at(ray.key, FRESNEL_BRANCH, jump);
@@ -118,9 +117,9 @@ fn child(parent: Ray, weight: real, number_offset: u32) -> Ray {
     return ray;
 }
 
-// The key of a ray whose number stands above its position in the range. ray_id = launched ray + number * 2^44.
+// The key of a ray whose number stands above its position in the range. ray_id = launched ray + number * 2^40.
 fn family_key(index: u32) -> RayKey {
     let lo = range.first_lo + (index & ((1u << INDEX_BITS) - 1u));
     let hi = range.first_hi + select(0u, 1u, lo < range.first_lo);
-    return ray_key(lo, hi + ((index >> INDEX_BITS) << 12u));
+    return ray_key(lo, hi + ((index >> INDEX_BITS) << 8u));
 }

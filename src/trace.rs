@@ -525,7 +525,7 @@ impl DeviceState {
         let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
             true => {
-                let rows = u64::from(program.max_events_per_ray) * u64::from(batch);
+                let rows = program.max_events_per_ray * u64::from(batch);
                 Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
             }
             false => None,
@@ -704,18 +704,18 @@ fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
 
 /// Most events of one launched ray and its children, with where they end.
 fn counts_per_ray(program: &Program) -> u64 {
-    u64::from(program.most_rays()) * u64::from(program.options.max_depth + 1)
+    program.most_rays() * u64::from(program.options.max_depth + 1)
 }
 
 /// The table of draws has a row an event: 16 bytes each.
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
-    let default = (DEFAULT_BATCH / program.most_rays()).max(1);
+    let default = (u64::from(DEFAULT_BATCH) / program.most_rays()).max(1) as u32;
     let wanted = options.batch_size.unwrap_or(default).min(options.num_rays.min(1 << 30) as u32);
     let events = match program.max_events_per_ray {
         0 => u32::MAX,
-        per_ray => (MAX_EVENTS / per_ray).max(1),
+        per_ray => (u64::from(MAX_EVENTS) / per_ray).max(1) as u32,
     };
     let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
         (true, Ok(stride)) => {

@@ -4,7 +4,7 @@ use super::progress::{Mode, Progress};
 use super::{count, read_scene, say};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::ir::{ReflectProb, SceneIr};
+use crate::ir::{ReflectProb, Sampling, SceneIr};
 use crate::program::Precision;
 use crate::result::{RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
@@ -138,6 +138,10 @@ fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
         ir.sampling.rr_start_flux = rr_start_flux;
     }
     if let Some(split_depth) = args.split_depth {
+        if split_depth > Sampling::MAX_SPLIT_DEPTH {
+            let most = Sampling::MAX_SPLIT_DEPTH;
+            return Err(Error::Usage(format!("--split-depth is {split_depth}; it must lie in 0..={most}")));
+        }
         ir.sampling.split_depth = split_depth;
     }
     Ok(())

@@ -301,7 +301,8 @@ pub struct Sampling {
     pub rr_start_flux: f64,
     /// A ray of fewer events than this is split at a refractive surface: both branches are followed. 0: never.
     pub split_depth: u32,
-    /// Most rays that one launched ray may become; of a fraction, so large a share of the launched rays has one more.
+    /// Most rays of one launched ray's family that are alive at a time, where the reflected branch is followed to its end
+    /// before the transmitted one; of a fraction, so large a share of the families may have one more.
     pub split_budget: f64,
 }
 
@@ -318,15 +319,8 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// Largest `split_budget`: that many rays of a family have numbers in their ids ([`ray_id::MOST_RAYS`]).
-    pub const MAX_SPLIT_BUDGET: f64 = ray_id::MOST_RAYS as f64;
-
-    /// The budget of a launched ray in units of 2^-32 rays: at least one ray, at most as many as `split_depth` allows.
-    pub fn family_budget(&self) -> u64 {
-        const RAY: f64 = 4294967296.0;
-        let most = 2.0_f64.powi(self.split_depth.min(63) as i32);
-        (self.split_budget.clamp(1.0, most) * RAY) as u64
-    }
+    /// Largest `split_depth`: each event has its bit in a ray's id.
+    pub const MAX_SPLIT_DEPTH: u32 = ray_id::NUMBER_BITS;
 }
 
 /// Probability of drawing reflection at a refractive surface.

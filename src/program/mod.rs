@@ -92,7 +92,7 @@ pub struct Program {
     /// Contents of the read-only buffers of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Largest number of rows for the host that one launched ray can make, its children's included.
-    pub max_events_per_ray: u32,
+    pub max_events_per_ray: u64,
     /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
     pub emitters: Vec<Vec<u8>>,
     /// The words of step 0 of the random generator's table.
@@ -165,7 +165,7 @@ impl Program {
             emitters: Vec::new(),
             first_step,
         };
-        program.max_events_per_ray = program.max_events_per_ray.saturating_mul(program.most_rays());
+        program.max_events_per_ray *= program.most_rays();
         program.buffers = program.pack(ir, &meshes, seed)?;
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
@@ -218,7 +218,7 @@ impl Program {
     }
 
     /// Most rays that one launched ray can become.
-    pub fn most_rays(&self) -> u32 {
+    pub fn most_rays(&self) -> u64 {
         self.splitting.map_or(1, |splitting| splitting.most_rays())
     }
 
@@ -333,7 +333,7 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
     bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }
 
-fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
+fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u64 {
     let recorded = if features.ray_database {
         let all_absorb =
             ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
@@ -343,5 +343,5 @@ fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOption
     };
     // Birth, every event, death.
     let path = if options.paths == PathSampling::None { 0 } else { options.max_depth + 2 };
-    recorded + path
+    u64::from(recorded + path)
 }

@@ -8,7 +8,8 @@ use crate::ir::{Frame, ray_id};
 use crate::result::npz::NpzFile;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow, SensorTally};
 
-/// Rays at a detector, in global coordinates, by ray id and then by event: an order that no batch size changes.
+/// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`ray_id::order`]): an order that no
+/// batch size changes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayDatabase {
     /// The detector's frame.

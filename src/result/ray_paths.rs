@@ -7,7 +7,8 @@ use crate::ir::{SceneIr, ray_id};
 use crate::result::npz::NpzFile;
 use crate::result::{FluxUnit, PathEvent, PathEventKind};
 
-/// Events of recorded rays, by ray and then in the order in which they happened. All columns have shape (n,).
+/// Events of recorded rays, by launched ray and id ([`ray_id::order`]), then in the order in which they happened. A child
+/// begins with the hit at which it was split off. All columns have shape (n,).
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayPaths {
     /// Ray ids.

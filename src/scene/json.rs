@@ -744,8 +744,8 @@ pub struct SamplingPolicy {
     pub reflect_prob: ReflectProb,
     /// Split rays of fewer events than this at refractive surfaces, and follow both branches. 0: never.
     pub split_depth: u32,
-    /// Most rays that one launched ray may become by splitting; of a fraction, so large a share of the launched rays has
-    /// one more. Unused while `split_depth` is 0.
+    /// Most rays that come of one launched ray and are alive at a time; of a fraction, so large a share of the launched
+    /// rays may have one more. Unused while `split_depth` is 0.
     pub split_budget: f64,
     /// Russian roulette starts below this fraction of the mean flux of a new ray.
     pub rr_start_flux: f64,

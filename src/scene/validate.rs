@@ -709,5 +709,11 @@ fn check_sampling(place: &str, sampling: &SamplingPolicy) -> Result<()> {
         fraction(key_of(place, "reflect_prob"), p)?;
     }
     between(key_of(place, "rr_start_flux"), sampling.rr_start_flux, 0.0, 1e30)?;
-    between(key_of(place, "split_budget"), sampling.split_budget, 1e-3, Sampling::MAX_SPLIT_BUDGET)
+    between(key_of(place, "split_budget"), sampling.split_budget, 1e-3, 1e6)?;
+    between(
+        key_of(place, "split_depth"),
+        f64::from(sampling.split_depth),
+        0.0,
+        f64::from(Sampling::MAX_SPLIT_DEPTH),
+    )
 }
