@@ -93,15 +93,15 @@ fn differing_pixels(a: &[Vec<f64>], b: &[Vec<f64>]) -> (usize, usize) {
 
 #[test]
 fn splitting_is_unbiased_pixel_by_pixel_and_quiets_the_map() {
-    const RUNS: u64 = 48;
-    for name in ["stacked_plates_ghosts", "heliar_ghosts", "mesh_lens"] {
+    const RUNS: u64 = 32;
+    for name in ["stacked_plates_ghosts", "mesh_lens"] {
         let mut ir = zoo::load(name);
-        let plain = pixels(&ir, 4000, 0..RUNS);
+        let plain = pixels(&ir, 2000, 0..RUNS);
         let variance = |map: &[Vec<f64>]| map.iter().map(|pixel| mean_and_variance(pixel).1).sum::<f64>();
-        for (i, (split_depth, split_budget)) in [(1, 4.0), (3, 4.0), (6, 2.5)].into_iter().enumerate() {
+        for (i, (split_depth, split_budget)) in [(1, 4.0), (5, 2.5)].into_iter().enumerate() {
             ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
             let first = 100 * (i as u64 + 1);
-            let split = pixels(&ir, 4000, first..first + RUNS);
+            let split = pixels(&ir, 2000, first..first + RUNS);
             let (differ, tested) = differing_pixels(&split, &plain);
             eprintln!("{name} split {split_depth}, {split_budget}: {tested} pixels");
             assert!(tested > 20, "{name}: {tested} pixels are lit");

@@ -110,60 +110,92 @@ fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
     }
 }
 
-/// Families that have budget enough, and families that do not: importance sampling and absorption, a mesh, scattering.
-fn splitting() -> Vec<(String, SceneIr, bool)> {
-    let mut scenes = Vec::new();
-    for name in ["stacked_plates_ghosts", "mesh_lens", "opal_lamp"] {
-        for (split_depth, split_budget, saturated) in [(3, 4.0, false), (5, 2.5, true)] {
-            let mut ir = zoo::load(name);
-            ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
-            scenes.push((format!("{name} split {split_depth}, {split_budget}"), ir, saturated));
-        }
-    }
-    scenes
+/// Families with budget enough, and without: importance sampling and absorption; a mesh; scattering.
+const SPLIT: [(&str, u32, f64); 4] = [
+    ("stacked_plates_ghosts", 3, 4.0),
+    ("stacked_plates_ghosts", 5, 2.5),
+    ("mesh_lens", 4, 2.0),
+    ("opal_lamp", 4, 2.5),
+];
+
+fn split((name, split_depth, split_budget): (&str, u32, f64)) -> SceneIr {
+    let mut ir = zoo::load(name);
+    ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
+    ir
 }
 
-#[test]
-fn families_of_split_rays_have_the_same_bits_however_they_are_traced() {
-    let changes: [fn(&mut TraceOptions); 6] = [
-        |options| options.batch_size = Some(1000),
-        |options| options.batch_size = Some(16_384),
-        |options| options.batch_size = Some(1_000_000),
-        |options| options.workgroup_size = 32,
-        |options| options.workgroup_size = 128,
-        |options| options.events_per_dispatch = 3,
-    ];
-    for (name, ir, saturated) in splitting() {
-        for precision in PRECISIONS {
-            let options = zoo::options(20_000, 11, precision);
-            let plain = zoo::trace(&ir, &options);
-            assert_eq!(plain.split_budget_saturated, saturated, "{name}");
-            assert!(zoo::result_of(&ir, &options, &plain).ledger.closes(), "{name} in {precision:?}");
-            for change in changes {
-                let mut changed = options.clone();
-                change(&mut changed);
-                assert!(
-                    zoo::trace(&ir, &changed) == plain,
-                    "{name} in {precision:?}: other bits with {changed:?}"
-                );
-            }
-            let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
-            assert!(portable == plain, "{name} in {precision:?}: other bits with pairs of 32-bit integers");
+fn assert_same_bits_split(which: (&str, u32, f64), num_rays: u64, changes: &[fn(&mut TraceOptions)]) {
+    let ir = split(which);
+    for precision in PRECISIONS {
+        let options = zoo::options(num_rays, 11, precision);
+        let plain = zoo::trace(&ir, &options);
+        assert_eq!(plain.split_budget_saturated, which.2 < f64::from(which.1) + 1.0, "{which:?}");
+        assert!(zoo::result_of(&ir, &options, &plain).ledger.closes(), "{which:?} in {precision:?}");
+        for change in changes {
+            let mut changed = options.clone();
+            change(&mut changed);
+            assert!(
+                zoo::trace(&ir, &changed) == plain,
+                "{which:?} in {precision:?}: other bits with {changed:?}"
+            );
         }
+        let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
+        assert!(portable == plain, "{which:?} in {precision:?}: other bits with pairs of 32-bit integers");
     }
 }
 
 #[test]
-fn families_of_split_rays_are_recorded_alike_in_any_batches() {
-    for (name, ir, _) in splitting() {
-        let options = TraceOptions { paths: RecordPaths::All, ..zoo::options(300, 11, Precision::F64) };
+fn split_rays_have_the_same_bits_in_batches_of_any_size() {
+    for which in &SPLIT[..2] {
+        assert_same_bits_split(
+            *which,
+            20_000,
+            &[
+                |options| options.batch_size = Some(1000),
+                |options| options.batch_size = Some(16_384),
+                |options| options.batch_size = Some(1_000_000),
+            ],
+        );
+    }
+}
+
+#[test]
+fn split_rays_have_the_same_bits_however_they_are_dispatched() {
+    for which in SPLIT {
+        assert_same_bits_split(
+            which,
+            1000,
+            &[
+                |options| options.batch_size = Some(77),
+                |options| options.workgroup_size = 32,
+                |options| options.workgroup_size = 128,
+                |options| options.events_per_dispatch = 3,
+            ],
+        );
+    }
+}
+
+#[test]
+fn split_rays_in_tables_are_those_compiled_in() {
+    for which in SPLIT {
+        let ir = split(which);
+        let [baked, table] = [true, false].map(|baked| {
+            zoo::trace(&ir, &TraceOptions { baked: Some(baked), ..zoo::options(1000, 11, Precision::F64) })
+        });
+        let deviation = deviation(&table, &baked);
+        assert!(deviation < 1e-9, "{which:?}: {deviation}");
+    }
+}
+
+#[test]
+fn paths_of_split_rays_are_the_same_rows_in_any_batches() {
+    for which in SPLIT {
+        let ir = split(which);
+        let options = TraceOptions { paths: RecordPaths::All, ..zoo::options(100, 11, Precision::F64) };
         let batches = TraceOptions { batch_size: Some(7), ..options.clone() };
         let (one, other) = (zoo::trace(&ir, &options), zoo::trace(&ir, &batches));
-        assert!(
-            one.paths.iter().any(|event| event.ray.ray_id >= options.num_rays),
-            "{name} records children"
-        );
-        assert!(one == other, "{name}");
+        assert!(one.paths.iter().any(|event| event.ray.ray_id >= options.num_rays), "{which:?}: no children");
+        assert!(one == other, "{which:?}");
     }
 }
 
