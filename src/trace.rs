@@ -7,7 +7,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
-use crate::ir::SceneIr;
+use crate::ir::{SceneIr, ray_id};
 use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler};
 use crate::result::{
     Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, StageTime, SurfaceTally, Tally,
@@ -101,6 +101,7 @@ const MAX_EVENTS: u32 = 1 << 18;
 const SUBMISSION_TIME: Duration = Duration::from_millis(40);
 /// Counters are 32 bits wide: they are drained before they can overflow.
 const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
+const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
 
 /// A scene ready to trace on a device.
 pub struct Tracer<'a> {
@@ -176,6 +177,7 @@ impl<'a> Tracer<'a> {
             sampler: options.sampler,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
+        check_families(&program, options)?;
         let batch = batch_size(gpu, &program, options);
         let device = DeviceState::new(gpu, &program, batch)?;
         Ok(Tracer {
@@ -233,9 +235,7 @@ impl<'a> Tracer<'a> {
             self.pass(done, end)?;
             pass_rays = self.next_pass_rays(end - done, start.elapsed());
             done = end;
-            if self.counts_undrained
-                > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1)
-            {
+            if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
                 tally += &self.drain()?;
             }
             if !keep_going(done) {
@@ -251,7 +251,7 @@ impl<'a> Tracer<'a> {
         let ratio = SUBMISSION_TIME.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
         let batch = u64::from(self.batch);
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
-        let most = MAX_COUNTS_UNDRAINED / 4 / u64::from(self.options.max_depth + 1);
+        let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.program);
         // Rows for the host are fetched once a pass, and there is room for those of one batch.
         let limit = if self.device.events.is_some() { batch } else { most.max(batch) };
         wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
@@ -262,7 +262,7 @@ impl<'a> Tracer<'a> {
         for range in self.ranges(first, end) {
             self.dispatch(&range)?;
             self.launched += self.launch(&range);
-            self.counts_undrained += u64::from(range.count) * u64::from(self.options.max_depth + 1);
+            self.counts_undrained += u64::from(range.count) * counts_per_ray(&self.program);
             if self.device.events.is_some() {
                 self.fetch_events(range.first)?;
             }
@@ -374,7 +374,7 @@ impl<'a> Tracer<'a> {
             kind: uint("kind")?,
             subject: uint("subject")?,
             row: RayRow {
-                ray_id: first + u64::from(uint("index")?),
+                ray_id: self.ray_id(first, uint("index")?),
                 bounce: uint("bounce")?,
                 wavelength: uint("wavelength")?,
                 position: [
@@ -386,6 +386,12 @@ impl<'a> Tracer<'a> {
                 weight: real("weight")?,
             },
         })
+    }
+
+    fn ray_id(&self, first: u64, index: u32) -> u64 {
+        let (position, number) =
+            self.program.splitting.map_or((index, 0), |splitting| splitting.parts(index));
+        ray_id::of(first + u64::from(position), number)
     }
 
     /// A tally of no rays, in the scene's shape.
@@ -427,6 +433,7 @@ impl<'a> Tracer<'a> {
         tally.bsdf_loss = booking(10);
         tally.bsdf_gain = booking(11);
         let cells = &self.program.cells;
+        tally.split_budget_saturated = cells.saturated.is_some_and(|counter| counters[counter as usize] != 0);
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
             surface.reached = match self.program.options.baked && cells.fit_reached_mask() {
                 true => counters[cells.reached as usize] >> i & 1 != 0,
@@ -448,9 +455,9 @@ impl<'a> Tracer<'a> {
         Ok(tally)
     }
 
-    /// Sorts the rows into databases and paths, in the order of (ray id, event).
+    /// Sorts the rows into databases and paths, in the order of (ray, event).
     fn take_events(&mut self, tally: &mut Tally) {
-        self.events.sort_by_key(|event| (event.row.ray_id, event.row.bounce, event.kind));
+        self.events.sort_by_key(|event| (ray_id::order(event.row.ray_id), event.row.bounce, event.kind));
         for DeviceEvent { kind, subject, row } in self.events.drain(..) {
             let index = subject as usize;
             let kind = match (kind, subject) {
@@ -506,7 +513,7 @@ impl DeviceState {
         let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
         let layouts = [&scene_layout, &queue_layout];
         let has_queue = program.options.has_queue();
-        let trace_new = gpu.pipeline("trace_new", &shader, &layouts, &[]);
+        let trace_new = gpu.pipeline(program.entry_point(), &shader, &layouts, &[]);
         let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
 
         let num_cells = u64::from(program.cells.num_cells);
@@ -522,7 +529,7 @@ impl DeviceState {
         let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
             true => {
-                let rows = u64::from(program.max_events_per_ray) * u64::from(batch);
+                let rows = program.max_events_per_ray * u64::from(batch);
                 Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
             }
             false => None,
@@ -676,14 +683,43 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     Ok(())
 }
 
+/// What splitting could make of the launched rays must have ids, and be counted.
+fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
+    if program.splitting.is_none() {
+        return Ok(());
+    }
+    if options.num_rays > ray_id::MOST_LAUNCHED {
+        return Err(Error::Usage(format!(
+            "{} rays are too many where rays are split; launch at most {}",
+            options.num_rays,
+            ray_id::MOST_LAUNCHED
+        )));
+    }
+    if counts_per_ray(program) > MAX_COUNTS_PER_PASS {
+        return Err(Error::Usage(format!(
+            "a launched ray may become {} rays of up to {} events each, more than can be counted; lower split_budget or \
+             max_depth",
+            program.most_rays(),
+            options.max_depth
+        )));
+    }
+    Ok(())
+}
+
+/// Most events of one launched ray and its children, with where they end.
+fn counts_per_ray(program: &Program) -> u64 {
+    program.most_rays() * u64::from(program.options.max_depth + 1)
+}
+
 /// The table of draws has a row an event: 16 bytes each.
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
-    let wanted = options.batch_size.unwrap_or(DEFAULT_BATCH).min(options.num_rays.min(1 << 30) as u32);
+    let default = (u64::from(DEFAULT_BATCH) / program.most_rays()).max(1) as u32;
+    let wanted = options.batch_size.unwrap_or(default).min(options.num_rays.min(1 << 30) as u32);
     let events = match program.max_events_per_ray {
         0 => u32::MAX,
-        per_ray => (MAX_EVENTS / per_ray).max(1),
+        per_ray => (u64::from(MAX_EVENTS) / per_ray).max(1) as u32,
     };
     let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
         (true, Ok(stride)) => {
@@ -691,7 +727,10 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         }
         _ => u32::MAX,
     };
-    wanted.min(events).min(queued).max(1)
+    let families = program.splitting.map_or(u32::MAX, |splitting| {
+        (1 << splitting.index_bits()).min((MAX_COUNTS_PER_PASS / counts_per_ray(program)) as u32)
+    });
+    wanted.min(events).min(queued).min(families).max(1)
 }
 
 /// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by

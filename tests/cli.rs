@@ -445,6 +445,17 @@ fn overrides_of_the_sampling_act() {
     assert!(killed("1") > 0);
     assert_ne!(report(&["--seed", "1"])["detectors"], report(&["--seed", "2"])["detectors"]);
     assert_eq!(report(&["--max-depth", "1"])["num_rays_depth_killed"], 20_000);
+    let split = report(&["--split-depth", "5"]);
+    assert_eq!(split["diagnostics"]["split_budget_saturated"], true);
+    assert_eq!(report(&["--split-depth", "3"])["diagnostics"]["split_budget_saturated"], false);
+    let ended = |report: &Value| {
+        ["detected", "escaped"]
+            .map(|bin| report["ledger"][bin]["count"].as_u64().unwrap())
+            .iter()
+            .sum::<u64>()
+    };
+    assert!(ended(&split) > 30_000 && ended(&report(&[])) <= 20_000);
+    trace("bench_lens", &["--split-depth", "24"]).refuses(USAGE, &["--split-depth is 24", "0..=23"]);
 }
 
 #[test]

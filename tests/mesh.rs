@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, ReflectProb, Sampling,
-    SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface, unit_normal,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, Sampling, SceneIr, Sensor,
+    SensorKind, Shape, Spectrum, Splat, Surface, unit_normal,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
@@ -84,7 +84,7 @@ fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, emitters: Vec<Emitter>) -> S
         meshes,
         emitters,
         sensors: vec![],
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
 

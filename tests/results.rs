@@ -9,8 +9,8 @@ use approx::assert_relative_eq;
 use glam::{DMat3, DVec3};
 use nsq_gpu::Error;
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, ReflectProb, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
+    Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::result::output::{REPORT, write_all};
 use nsq_gpu::result::report::{Files, Report};
@@ -64,7 +64,7 @@ fn scene(total_flux: f64, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Scene
         meshes: vec![],
         emitters: vec![emitter],
         sensors,
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 1e-3 },
+        sampling: Sampling::default(),
     }
 }
 
@@ -730,6 +730,7 @@ mod addition {
                 bsdf_loss: bookings[9],
                 bsdf_gain: bookings[10],
                 medium_stack_underflows: counts.0,
+                split_budget_saturated: counts.0 % 2 == 1,
                 invalid_deposits: counts.1,
                 paths: Vec::new(),
             }
@@ -771,6 +772,7 @@ mod addition {
                 prop_assert_eq!(total, one);
             }
             prop_assert_eq!(sum.surfaces[0].reached, a.surfaces[0].reached || b.surfaces[0].reached);
+            prop_assert_eq!(sum.split_budget_saturated, a.split_budget_saturated || b.split_budget_saturated);
             prop_assert_eq!(sum.sensors[0].rows.len(), a.sensors[0].rows.len() + b.sensors[0].rows.len());
         }
 

@@ -39,9 +39,9 @@ NUM_RAYS = 4000
 posix_only = pytest.mark.skipif(os.name == "nt", reason="the stand-ins for the program are shell scripts")
 
 
-def side(name: str, result: Any, figures: Json) -> compare.Side:
+def side(name: str, scene: NSQScene, result: Any, figures: Json) -> compare.Side:
     hits = {detector: found["num_rays_hit"] for detector, found in figures["detectors"].items()}
-    return compare.Side(name, result, hits, 1.0, 1.0)
+    return compare.Side(name, result, hits, 1.0, 1.0, splits=scene.sampling_policy.split_depth > 0)
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -50,7 +50,8 @@ def test_equals_numpy(path: Path) -> None:
     result, ours = traced(scene, NUM_RAYS, backend(), record_paths=300)
     reference, theirs = traced(live.load_uncapped(path), NUM_RAYS, NumpyBackend(), record_paths=300)
     if parity.is_chaotic(path):
-        text, agrees = compare.verdict(side("ours", result, ours), side("theirs", reference, theirs), statistical=True)
+        sides = side("ours", scene, result, ours), side("theirs", scene, reference, theirs)
+        text, agrees = compare.verdict(*sides, statistical=True)
         assert agrees, text
         return
     assert not agreement(ours, theirs, capped).violations
@@ -381,6 +382,15 @@ def test_compare_finds_a_difference(capsys: pytest.CaptureFixture[str]) -> None:
     # A shallower trace is.
     with wrong(max_depth=3):
         assert compare.main([*options, "--statistical"]) == compare.DISAGREE
+    assert "DISAGREE" in capsys.readouterr().out
+
+
+def test_compare_judges_split_rays_by_their_flux(capsys: pytest.CaptureFixture[str]) -> None:
+    path = live.ROOT / "scenes" / "split_ghosts.json"
+    options = [str(path), "-n", "2e3", "--precision", "f64", "--binary", live.binary()]
+    assert compare.main(options) == 0
+    with wrong(max_depth=3):
+        assert compare.main(options) == compare.DISAGREE
     assert "DISAGREE" in capsys.readouterr().out
 
 

@@ -4,7 +4,7 @@ use super::progress::{Mode, Progress};
 use super::{count, read_scene, say};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::ir::{ReflectProb, SceneIr};
+use crate::ir::{ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::result::{RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
@@ -55,6 +55,9 @@ pub struct Args {
     /// Override the scene's reflect_prob: fresnel, auto or a number in 0..=1.
     #[arg(long, value_name = "P", value_parser = parse_reflect_prob)]
     reflect_prob: Option<ReflectProb>,
+    /// Override the scene's split_depth: rays of fewer events are split at refractive surfaces; 0 splits none.
+    #[arg(long, value_name = "N")]
+    split_depth: Option<u32>,
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -145,6 +148,13 @@ fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
             return Err(Error::Usage(format!("--rr-start-flux is {rr_start_flux}; it must lie in 0..=1")));
         }
         ir.sampling.rr_start_flux = rr_start_flux;
+    }
+    if let Some(split_depth) = args.split_depth {
+        if split_depth > Sampling::MAX_SPLIT_DEPTH {
+            let most = Sampling::MAX_SPLIT_DEPTH;
+            return Err(Error::Usage(format!("--split-depth is {split_depth}; it must lie in 0..={most}")));
+        }
+        ir.sampling.split_depth = split_depth;
     }
     Ok(())
 }

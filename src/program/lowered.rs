@@ -2,7 +2,7 @@
 
 use super::bsdf;
 use super::contact::Contact;
-use super::features::{EmitterName, Features, ShapeKind};
+use super::features::{self, EmitterName, Features, ShapeKind};
 use super::records::Records;
 use crate::ir::{
     Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat, Surface,
@@ -31,7 +31,9 @@ pub struct Cells {
     pub num_cells: u32,
     /// First of the counters that tell whether a primitive was reached.
     pub reached: u32,
-    /// Number of counters: one a cell, then one a primitive.
+    /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
+    pub saturated: Option<u32>,
+    /// Number of counters: one a cell, one a primitive, and that of splitting.
     pub num_counters: u32,
 }
 
@@ -67,14 +69,16 @@ impl Cells {
             })
             .collect();
         let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
-        Cells { surfaces, sensors, num_cells: next, reached: next, num_counters: next + primitives }
+        let saturated = features::splits(ir).then_some(next + primitives);
+        let num_counters = next + primitives + u32::from(saturated.is_some());
+        Cells { surfaces, sensors, num_cells: next, reached: next, saturated, num_counters }
     }
 }
 
 impl Cells {
     /// True if a compiled-in scene marks the primitives that were reached as bits of one counter.
     pub fn fit_reached_mask(&self) -> bool {
-        self.num_counters - self.num_cells <= u32::BITS
+        self.saturated.unwrap_or(self.num_counters) - self.reached <= u32::BITS
     }
 }
 

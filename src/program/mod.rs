@@ -9,6 +9,7 @@ pub mod lowered;
 pub mod mesh;
 pub mod records;
 pub mod rng;
+pub mod splitting;
 
 use crate::error::{Error, Result};
 use crate::ir::{SceneIr, SensorKind, Surface};
@@ -18,6 +19,7 @@ use glam::DVec3;
 pub use lowered::Cells;
 use records::{StructLayout, put_real};
 pub use rng::Sampler;
+pub use splitting::Splitting;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
@@ -84,14 +86,16 @@ pub struct Program {
     pub features: Features,
     /// How it was specialised.
     pub options: ProgramOptions,
+    /// Limits of splitting, where rays are split.
+    pub splitting: Option<Splitting>,
     /// Its sums.
     pub cells: Cells,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// Contents of the read-only buffers of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
-    /// Largest number of rows for the host that one ray can make.
-    pub max_events_per_ray: u32,
+    /// Largest number of rows for the host that one launched ray can make, its children's included.
+    pub max_events_per_ray: u64,
     /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
     pub emitters: Vec<Vec<u8>>,
     /// The words of step 0 of the random generator's table.
@@ -122,12 +126,17 @@ impl Program {
     #[doc(hidden)]
     pub fn with_wgsl_edit(
         ir: &SceneIr,
-        options: ProgramOptions,
+        mut options: ProgramOptions,
         seed: u64,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
         let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
+        let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
+        if splitting.is_some() {
+            // A family waits in registers, and so stays with its invocation to its end.
+            options.events_per_dispatch = options.max_depth;
+        }
         let centre = centre_of(ir);
         let cells = Cells::of(ir);
         let meshes = mesh::Forest::of(&ir.meshes)?;
@@ -151,6 +160,7 @@ impl Program {
             module,
             features,
             options,
+            splitting,
             cells,
             centre,
             buffers: Vec::new(),
@@ -158,6 +168,7 @@ impl Program {
             emitters: Vec::new(),
             first_step,
         };
+        program.max_events_per_ray *= program.most_rays();
         program.buffers = program.pack(ir, &meshes, seed)?;
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
@@ -208,6 +219,16 @@ impl Program {
         }
         let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
         (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
+    }
+
+    /// The entry point that follows new rays.
+    pub fn entry_point(&self) -> &'static str {
+        if self.features.splits { "trace_split" } else { "trace_new" }
+    }
+
+    /// Most rays that one launched ray can become.
+    pub fn most_rays(&self) -> u64 {
+        self.splitting.map_or(1, |splitting| splitting.most_rays())
     }
 
     fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
@@ -317,7 +338,7 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
     bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }
 
-fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
+fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u64 {
     let recorded = if features.ray_database {
         let all_absorb =
             ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
@@ -327,5 +348,5 @@ fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOption
     };
     // Birth, every event, death.
     let path = if options.paths == PathSampling::None { 0 } else { options.max_depth + 2 };
-    recorded + path
+    u64::from(recorded + path)
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::result::format::{percent, significant, thousands};
-use crate::result::{Detector, DetectorData, StageTime, TraceResult};
+use crate::result::{Detector, DetectorData, StageTime, Tally, TraceResult};
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
 const DEPTH_TRUNCATION: f64 = 1e-3;
@@ -49,7 +49,7 @@ pub struct Diagnostics {
     pub detectors: Vec<DetectorDiagnostic>,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
-    /// True if splitting reached its limit of live rays; this program does not split rays yet.
+    /// True if some launched ray had no more rays in its budget where it was to be split: there branches were drawn.
     pub split_budget_saturated: bool,
     /// What the stages took on the device; left out unless they were timed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -93,7 +93,7 @@ impl DetectorDiagnostic {
 }
 
 impl Diagnostics {
-    pub(crate) fn new(result: &TraceResult, medium_stack_underflows: u64) -> Self {
+    pub(crate) fn new(result: &TraceResult, tally: &Tally) -> Self {
         let unreached = result.surfaces.iter().filter(|surface| !surface.reached);
         let mut diagnostics = Diagnostics {
             depth_truncated_flux_fraction: result.fraction_of_launched(result.ledger.depth.flux),
@@ -105,8 +105,8 @@ impl Diagnostics {
                 .iter()
                 .map(|detector| DetectorDiagnostic::new(detector, result.num_rays_total))
                 .collect(),
-            medium_stack_underflows,
-            split_budget_saturated: false,
+            medium_stack_underflows: tally.medium_stack_underflows,
+            split_budget_saturated: tally.split_budget_saturated,
             stage_times: result.run.stage_times.clone(),
             warnings: Vec::new(),
         };
@@ -123,6 +123,7 @@ impl Diagnostics {
         warnings.extend(self.detectors.iter().filter_map(DetectorDiagnostic::warning));
         warnings.extend(result.detectors.iter().filter_map(truncated_database));
         warnings.extend(self.underflows());
+        warnings.extend(self.saturated());
         warnings
     }
 
@@ -164,6 +165,14 @@ impl Diagnostics {
                 self.unreached_geometry.len(),
                 self.unreached_geometry.join(", ")
             )
+        })
+    }
+
+    fn saturated(&self) -> Option<String> {
+        self.split_budget_saturated.then(|| {
+            "splitting used up the split_budget of some launched rays, whose later branches were drawn: unbiased, but \
+             noisier; raise split_budget if the noise matters"
+                .into()
         })
     }
 

@@ -4,11 +4,12 @@ use glam::DVec3;
 use ndarray::Array1;
 
 use crate::error::Result;
-use crate::ir::Frame;
+use crate::ir::{Frame, ray_id};
 use crate::result::npz::NpzFile;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow, SensorTally};
 
-/// Rays at a detector, in global coordinates, by ray id and then by event: an order that no batch size changes.
+/// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`ray_id::order`]): an order that no
+/// batch size changes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayDatabase {
     /// The detector's frame.
@@ -38,7 +39,7 @@ impl RayDatabase {
         wavelengths: &[f64],
     ) -> Self {
         let mut rows: Vec<&RayRow> = sums.rows.iter().collect();
-        rows.sort_by_key(|row| (row.ray_id, row.bounce));
+        rows.sort_by_key(|row| (ray_id::order(row.ray_id), row.bounce));
         let keep =
             max_rays.map_or(rows.len(), |limit| rows.len().min(usize::try_from(limit).unwrap_or(usize::MAX)));
         let rows = rows.split_off(rows.len() - keep);

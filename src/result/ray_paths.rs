@@ -3,11 +3,12 @@
 use ndarray::Array1;
 
 use crate::error::Result;
-use crate::ir::SceneIr;
+use crate::ir::{SceneIr, ray_id};
 use crate::result::npz::NpzFile;
 use crate::result::{FluxUnit, PathEvent, PathEventKind};
 
-/// Events of recorded rays, by ray and then in the order in which they happened. All columns have shape (n,).
+/// Events of recorded rays, by launched ray and id ([`ray_id::order`]), then in the order in which they happened. A child
+/// begins with the hit at which it was split off. All columns have shape (n,).
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayPaths {
     /// Ray ids.
@@ -35,7 +36,7 @@ impl RayPaths {
             return None;
         }
         let mut events: Vec<&PathEvent> = events.iter().collect();
-        events.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce, rank(event.kind)));
+        events.sort_by_key(|event| (ray_id::order(event.ray.ray_id), event.ray.bounce, rank(event.kind)));
         let column = |value: &dyn Fn(&PathEvent) -> f64| events.iter().map(|event| value(event)).collect();
         Some(RayPaths {
             ray_id: events.iter().map(|event| event.ray.ray_id as i64).collect(),

@@ -45,6 +45,8 @@ pub struct Tally {
     pub bsdf_gain: Booking,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
+    /// True if splitting wanted more rays of some launched ray than its budget.
+    pub split_budget_saturated: bool,
     /// Deposits that no sum can hold: not a number, infinite, or over 2^43 units of weight. Never 0 in silence.
     pub invalid_deposits: u64,
     /// Events of the recorded paths.
@@ -155,6 +157,7 @@ impl AddAssign<&Tally> for Tally {
         self.bsdf_loss += other.bsdf_loss;
         self.bsdf_gain += other.bsdf_gain;
         self.medium_stack_underflows += other.medium_stack_underflows;
+        self.split_budget_saturated |= other.split_budget_saturated;
         self.invalid_deposits += other.invalid_deposits;
         self.paths.extend_from_slice(&other.paths);
     }

@@ -240,7 +240,7 @@ impl TraceResult {
             ray_paths: RayPaths::new(ir, unit, &tally.paths),
         };
         result.flux_conservation_error = result.conservation_error();
-        result.diagnostics = Diagnostics::new(&result, tally.medium_stack_underflows);
+        result.diagnostics = Diagnostics::new(&result, tally);
         Ok(result)
     }
 

@@ -18,3 +18,4 @@ mod imaging;
 mod interfaces;
 mod shapes;
 mod sources;
+mod splitting;

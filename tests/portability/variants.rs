@@ -58,6 +58,7 @@ pub enum Choice {
     Scattering(BsdfKind),
     TransmissiveLobe(BsdfKind),
     Policy(ReflectProb),
+    Split,
     Roulette,
     Polychromatic,
     AbsorbingMedium,
@@ -219,6 +220,7 @@ impl Choice {
             Choice::Absorbing,
             Choice::Coated,
             Choice::CoatedBySpectrum,
+            Choice::Split,
             Choice::Roulette,
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
@@ -270,6 +272,10 @@ impl Choice {
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
                 ir.sampling.reflect_prob = policy;
             }
+            Choice::Split => {
+                ir.surfaces.push(surface(ball(), Interaction::Refractive));
+                ir.sampling = Sampling { split_depth: 5, split_budget: 2.5, ..ir.sampling };
+            }
             Choice::Roulette => variant.roulette_threshold = 1.5,
             Choice::Polychromatic => polychromatic(ir),
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
@@ -293,7 +299,7 @@ impl Default for Variant {
             meshes: vec![],
             emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
             sensors: vec![],
-            sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+            sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
         Variant {
             ir,
@@ -331,11 +337,19 @@ impl Variant {
     }
 }
 
-/// Every choice at once.
+/// Every choice at once, but splitting: it follows rays to their end, and so leaves no queue.
 pub fn everything() -> Variant {
     let mut variant = Variant::default();
     // Last, what the others build on: rotation turns what is there.
-    Choice::all().into_iter().for_each(|choice| choice.apply(&mut variant));
+    let others = Choice::all().into_iter().filter(|choice| *choice != Choice::Split);
+    others.for_each(|choice| choice.apply(&mut variant));
+    variant
+}
+
+/// Every choice at once.
+pub fn everything_split() -> Variant {
+    let mut variant = everything();
+    Choice::Split.apply(&mut variant);
     variant
 }
 
