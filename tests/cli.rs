@@ -464,6 +464,35 @@ fn recorded_paths_are_written_with_the_result() {
     trace("bench_lens", &["--record-paths", "many"]).refuses(USAGE, &["many"]);
 }
 
+/// A limit on the size of files stands in for a full disk.
+#[cfg(unix)]
+#[test]
+fn rows_that_do_not_fit_the_disk_are_an_error_and_leave_nothing() {
+    if !has_adapter("a full disk") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/bench_lens.json");
+    // 2048 blocks of 512 bytes; the shell ignores the signal that would end the program.
+    let limited =
+        "trap '' XFSZ; ulimit -f 2048; exec \"$0\" trace \"$1\" -n 20000 --record-paths all -o \"$2\"";
+    let said = std::process::Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_nsq-gpu")])
+        .args([&scene, &out])
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&said.stderr);
+    assert_eq!(said.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("File too large") && stderr.contains("recorded rows of 80 bytes"), "{stderr}");
+    assert!(stderr.contains(folder.path().to_str().unwrap()), "{stderr}");
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "neither files nor hidden folders are left"
+    );
+}
+
 #[test]
 fn materials_tell_what_a_name_stands_for() {
     let said = run(&["materials", "N-BK7", "--wavelengths", "0.5876"]);

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, SceneIr};
 use crate::program::Precision;
-use crate::result::{RunInfo, StageTime, TraceResult, output, report};
+use crate::result::{Recording, RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -168,6 +168,10 @@ fn trace(
     options: &TraceOptions,
 ) -> Result<(TraceResult, bool)> {
     let mut tracer = Tracer::new(gpu, ir, options)?;
+    tracer.record_to(match &args.output {
+        Some(dir) => Recording::in_folder(ir, &output::file_system_of(dir)?),
+        None => Recording::counted(ir),
+    });
     if args.profile {
         tracer.enable_profile()?;
     }
@@ -199,7 +203,11 @@ fn trace(
         version: env!("CARGO_PKG_VERSION").into(),
     };
     let interrupted = run.partial;
-    Ok((TraceResult::new(ir, &run, &tally)?, interrupted))
+    let result = match tracer.take_recording() {
+        Some(recording) => TraceResult::with_rows(ir, &run, &tally, &recording.finish())?,
+        None => TraceResult::new(ir, &run, &tally)?,
+    };
+    Ok((result, interrupted))
 }
 
 fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {

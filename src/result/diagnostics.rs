@@ -222,7 +222,7 @@ fn truncated_database(detector: &Detector) -> Option<String> {
         DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
             "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
             detector.name,
-            thousands(rays.num_rays() as u64),
+            thousands(rays.num_rays()),
             thousands(detector.num_rays_hit)
         )),
         _ => None,

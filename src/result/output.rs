@@ -43,6 +43,14 @@ pub fn check_writable(dir: &Path) -> Result<()> {
     stage(dir).map(|_| ())
 }
 
+/// The deepest folder on the way to `dir` that exists: where files lie on the file system of the results.
+///
+/// # Errors
+/// [`Error::File`] if no such folder exists.
+pub fn file_system_of(dir: &Path) -> Result<PathBuf> {
+    split_existing(dir).map(|(base, _)| base)
+}
+
 /// A hidden folder on the file system of `dir`, with what [`split_existing`] says.
 fn stage(dir: &Path) -> Result<(tempfile::TempDir, PathBuf, PathBuf)> {
     let (base, missing) = split_existing(dir)?;
