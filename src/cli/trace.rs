@@ -55,6 +55,9 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write no pictures, the numbers alone.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// Time the stages on the device: to stderr and into the report's diagnostics. The trace itself becomes slower.
     #[arg(long)]
     profile: bool,
@@ -64,6 +67,9 @@ pub struct Args {
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
+    /// End at once when stdin closes: a program that holds it leaves no trace running, however it ends itself.
+    #[arg(long)]
+    watch_stdin: bool,
 }
 
 /// The `--precision` argument.
@@ -94,6 +100,9 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
+    if args.watch_stdin {
+        std::thread::spawn(end_with_stdin);
+    }
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
@@ -104,7 +113,7 @@ pub fn run(args: &Args) -> Result<String> {
     let options = options(args, &gpu)?;
     let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options)?;
     if let Some(dir) = &args.output {
-        let files = output::write_all(dir, &result)?;
+        let files = if args.no_pictures { output::write_numbers } else { output::write_all }(dir, &result)?;
         files.iter().filter(|_| !args.json).for_each(|file| say(&format!("written: {}", file.display())));
     }
     let printed = if args.json { json(&result, args.output.as_deref())? } else { result.report() };
@@ -216,6 +225,13 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     format!(
         "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
     )
+}
+
+/// Waits until nobody holds the other end of stdin, and ends the process. Results appear whole or not at all, so that
+/// there is nothing to tidy up.
+fn end_with_stdin() {
+    let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+    std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 
 /// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.

@@ -19,8 +19,10 @@ pub struct RayDatabase {
     pub frame: Frame,
     /// True if `max_rays` dropped rows: the first ones in the order above.
     pub truncated: bool,
-    /// Flux of the rows kept \[W\]; of a database that was not truncated, that of the detector.
+    /// Flux of the rows kept \[W\].
     pub kept_flux: f64,
+    /// Flux of all rows recorded \[W\].
+    pub recorded_flux: f64,
     rows: Arc<Rows>,
     unit: FluxUnit,
     wavelengths: Vec<f64>,
@@ -51,7 +53,15 @@ impl RayDatabase {
     ) -> Result<Self> {
         let truncated = rows.len() < rows.num_recorded();
         let kept_flux = if truncated { unit.watts(quanta(&rows)?) } else { recorded_flux };
-        Ok(RayDatabase { frame, truncated, kept_flux, rows, unit, wavelengths: wavelengths.into() })
+        Ok(RayDatabase {
+            frame,
+            truncated,
+            kept_flux,
+            recorded_flux,
+            rows,
+            unit,
+            wavelengths: wavelengths.into(),
+        })
     }
 
     /// Rows kept.
