@@ -138,6 +138,16 @@ def test_is_a_backend_of_optiland_and_its_result_works_on() -> None:
         scene.view(result)
 
 
+def test_the_example_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    readme = (live.ROOT / "README.md").read_text(encoding="utf-8")
+    example = readme.split("```python\n")[1].split("```")[0]
+    names: dict[str, Any] = {}
+    with mock.patch.dict(os.environ, {"NSQ_GPU_BINARY": live.binary()}), live.quiet():
+        exec(compile(example.replace("1_000_000", "2_000"), "README.md", "exec"), names)
+    assert "NSQ trace diagnostics" in capsys.readouterr().out
+    assert names["result"].detectors["image"].total_flux > 0.3
+
+
 def test_to_photometric() -> None:
     scene = all_detectors()
     result, _ = traced(scene, NUM_RAYS, backend())
