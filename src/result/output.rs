@@ -170,13 +170,9 @@ fn sync_folder(folder: &Path) {
 
 /// Names the place that the user asked for, not the one where the file was first written.
 fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
-    match error {
-        Error::File { path, problem } => {
-            let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
-            Error::File { path, problem }
-        }
-        other => other,
-    }
+    let Error::File { path, problem } = error else { return error };
+    let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
+    Error::File { path, problem }
 }
 
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
