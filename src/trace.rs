@@ -356,7 +356,7 @@ impl<'a> Tracer<'a> {
         let decode = self.event_decoder(&layout, first)?;
         let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
         self.gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
-        events.sort_unstable_by_key(|event| (event.row.ray_id, event.row.bounce, event.kind));
+        events.sort_unstable_by_key(|event| (event.row.order(), event.kind));
         match &mut self.recording {
             Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
             None => self.events.append(&mut events),

@@ -376,13 +376,20 @@ impl Recorded {
         let mut recording = Recording::in_memory(ir);
         for (index, sensor) in tally.sensors.iter().enumerate() {
             let mut rows: Vec<&RayRow> = sensor.rows.iter().collect();
-            rows.sort_by_key(|row| (row.ray_id, row.bounce));
+            rows.sort_by_key(|row| row.order());
             rows.into_iter().try_for_each(|row| recording.ray(index, *row))?;
         }
         let mut events: Vec<&PathEvent> = tally.paths.iter().collect();
-        events.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce, event.kind.rank()));
+        events.sort_by_key(|event| (event.ray.order(), event.kind.rank()));
         events.into_iter().try_for_each(|event| recording.event(event))?;
         Ok(recording.finish())
+    }
+}
+
+impl RayRow {
+    /// What rows are ordered by.
+    pub(crate) fn order(&self) -> (u64, u32) {
+        (self.ray_id, self.bounce)
     }
 }
 
