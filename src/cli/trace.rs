@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
-use crate::result::{RunInfo, StageTime, TraceResult, output, report};
+use crate::result::{Recording, RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -61,6 +61,9 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write no pictures, the numbers alone.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// Time the stages on the device: to stderr and into the report's diagnostics. The trace itself becomes slower.
     #[arg(long)]
     profile: bool,
@@ -70,6 +73,9 @@ pub struct Args {
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
+    /// End at once when stdin closes: a program that holds it leaves no trace running, however it ends itself.
+    #[arg(long)]
+    watch_stdin: bool,
 }
 
 /// The `--precision` argument.
@@ -109,6 +115,9 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
+    if args.watch_stdin {
+        std::thread::spawn(end_with_stdin);
+    }
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
@@ -119,7 +128,7 @@ pub fn run(args: &Args) -> Result<String> {
     let options = options(args, &gpu)?;
     let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options)?;
     if let Some(dir) = &args.output {
-        let files = output::write_all(dir, &result)?;
+        let files = if args.no_pictures { output::write_numbers } else { output::write_all }(dir, &result)?;
         files.iter().filter(|_| !args.json).for_each(|file| say(&format!("written: {}", file.display())));
     }
     let printed = if args.json { json(&result, args.output.as_deref())? } else { result.report() };
@@ -194,6 +203,10 @@ fn trace(
     options: &TraceOptions,
 ) -> Result<(TraceResult, bool)> {
     let mut tracer = Tracer::new(gpu, ir, options)?;
+    tracer.record_to(match &args.output {
+        Some(dir) => Recording::in_folder(ir, &output::file_system_of(dir)?),
+        None => Recording::counted(ir),
+    });
     if args.profile {
         tracer.enable_profile()?;
     }
@@ -226,7 +239,11 @@ fn trace(
         version: env!("CARGO_PKG_VERSION").into(),
     };
     let interrupted = run.partial;
-    Ok((TraceResult::new(ir, &run, &tally)?, interrupted))
+    let result = match tracer.take_recording() {
+        Some(recording) => TraceResult::with_rows(ir, &run, &tally, &recording.finish())?,
+        None => TraceResult::new(ir, &run, &tally)?,
+    };
+    Ok((result, interrupted))
 }
 
 fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
@@ -235,6 +252,13 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     format!(
         "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
     )
+}
+
+/// Waits until nobody holds the other end of stdin, and ends the process. Results appear whole or not at all, so that
+/// there is nothing to tidy up.
+fn end_with_stdin() {
+    let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+    std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 
 /// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.

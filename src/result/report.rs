@@ -72,8 +72,9 @@ pub struct Report {
     pub flux_conservation_error: f64,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
-    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, file}}` in scene order. `total_flux` is in W;
-    /// `num_rays_stored`, the rows kept, stands for ray databases only; `file` is null if no file was written.
+    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, total_flux_recorded, file}}` in scene order.
+    /// Fluxes are in W. Ray databases alone have `num_rays_stored`, the rows kept, whose flux is `total_flux`, and
+    /// `total_flux_recorded`, that of all rows. `file` is null if no file was written.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -155,6 +156,7 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
         });
         if let DetectorData::RayDatabase(rays) = &detector.data {
             entry["num_rays_stored"] = json!(rays.num_rays());
+            entry["total_flux_recorded"] = json!(rays.recorded_flux);
         }
         (detector.name.clone(), entry)
     });
