@@ -10,6 +10,7 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
+//! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
 
 pub mod bench;
@@ -17,6 +18,7 @@ pub mod cli;
 pub mod error;
 pub mod gpu;
 pub mod ir;
+pub mod precision;
 pub mod program;
 pub mod result;
 pub mod scene;

@@ -36,6 +36,8 @@ pub struct Report {
     pub min_flux_fraction: f64,
     /// Arithmetic: `f32` or `f64`.
     pub precision: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver.
@@ -109,6 +111,7 @@ impl Report {
             max_depth: run.max_depth,
             min_flux_fraction: run.min_flux_fraction,
             precision: run.precision.clone(),
+            precision_reason: run.precision_reason.clone(),
             adapter: run.adapter.clone(),
             driver: run.driver.clone(),
             rays_per_sec: run.rays_per_sec(result.num_rays_total),

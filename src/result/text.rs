@@ -21,9 +21,13 @@ impl TraceResult {
         } else {
             String::new()
         };
+        let precision = match run.precision_reason.as_str() {
+            "" => String::new(),
+            reason => format!("{}: {reason}\n", run.precision),
+        };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}, {} on {}{driver}\n{} s, {} rays/s\n",
+            "{} {}: {} rays{partial}{scene}\nseed {}, {} on {}{driver}\n{precision}{} s, {} rays/s\n",
             run.program,
             run.version,
             thousands(self.num_rays_total),

@@ -23,6 +23,10 @@ pub struct RunInfo {
     pub min_flux_fraction: f64,
     /// Arithmetic of the trace: `f32` or `f64`.
     pub precision: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
+    /// What to beware of in it.
+    pub precision_warning: Option<String>,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver and version.
@@ -173,6 +177,8 @@ impl Default for RunInfo {
             max_depth: 16,
             min_flux_fraction: 1e-6,
             precision: "f32".into(),
+            precision_reason: String::new(),
+            precision_warning: None,
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,
