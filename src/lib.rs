@@ -10,6 +10,7 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
+//! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
 
 pub mod bench;
@@ -21,6 +22,8 @@ pub mod gpu;
     reason = "whoever adds a kind must be told of every place that knows kinds"
 )]
 pub mod ir;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
+pub mod precision;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod program;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]

@@ -5,6 +5,7 @@ use super::{count, read_scene, say};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, Sampling, SceneIr};
+use crate::precision::{self, Choice, Wanted};
 use crate::program::{Precision, Sampler};
 use crate::result::{Recording, RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
@@ -34,7 +35,7 @@ pub struct Args {
     /// Rays per dispatch; it changes memory and speed, never a result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
-    /// Arithmetic: auto takes f64 where the adapter runs it at a good rate.
+    /// Arithmetic: auto takes the cheapest that keeps positions to a hundredth of a pixel, predicted from the scene.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
     /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
@@ -81,7 +82,7 @@ pub struct Args {
 /// The `--precision` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PrecisionArg {
-    /// f64 on a processor; on a GPU by its measured rates.
+    /// f64 on a processor; on a GPU f32, unless the error predicted for the scene is too large.
     Auto,
     /// 32-bit floats.
     F32,
@@ -125,8 +126,10 @@ pub fn run(args: &Args) -> Result<String> {
         output::check_writable(dir)?;
     }
     let gpu = Gpu::open(&adapter_choice(args))?;
-    let options = options(args, &gpu)?;
-    let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options)?;
+    let mut options = options(args);
+    let choice = precision::choose(&gpu, &ir, &options, wanted(args.precision))?;
+    options.precision = choice.precision;
+    let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options, choice)?;
     if let Some(dir) = &args.output {
         let files = if args.no_pictures { output::write_numbers } else { output::write_all }(dir, &result)?;
         files.iter().filter(|_| !args.json).for_each(|file| say(&format!("written: {}", file.display())));
@@ -173,26 +176,29 @@ fn adapter_choice(args: &Args) -> AdapterChoice {
     AdapterChoice { name: args.adapter.clone(), native, runtime_checks: false }
 }
 
-fn options(args: &Args, gpu: &Gpu) -> Result<TraceOptions> {
-    let precision = match args.precision {
-        PrecisionArg::F32 => Precision::F32,
-        PrecisionArg::F64 => Precision::F64,
-        PrecisionArg::Auto => gpu.preferred_precision()?,
-    };
-    Ok(TraceOptions {
+fn wanted(precision: PrecisionArg) -> Wanted {
+    match precision {
+        PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
+        PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
+        PrecisionArg::Auto => Wanted::Auto,
+    }
+}
+
+/// All but the precision.
+fn options(args: &Args) -> TraceOptions {
+    TraceOptions {
         num_rays: args.num_rays,
         seed: args.seed,
         max_depth: args.max_depth,
         min_flux_fraction: args.min_flux_fraction,
         batch_size: args.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
-        precision,
         sampler: match args.sampler {
             SamplerArg::Pcg => Sampler::Pcg,
             SamplerArg::Sobol => Sampler::Sobol,
         },
         paths: args.record_paths.unwrap_or(RecordPaths::None),
         ..Default::default()
-    })
+    }
 }
 
 fn trace(
@@ -201,6 +207,7 @@ fn trace(
     ir: &SceneIr,
     gpu: &Gpu,
     options: &TraceOptions,
+    choice: Choice,
 ) -> Result<(TraceResult, bool)> {
     let mut tracer = Tracer::new(gpu, ir, options)?;
     tracer.record_to(match &args.output {
@@ -229,6 +236,8 @@ fn trace(
         min_flux_fraction: options.min_flux_fraction,
         precision: options.precision.name().into(),
         sampler: options.sampler.name().into(),
+        precision_reason: choice.reason,
+        precision_warning: choice.warning,
         adapter: gpu.info.name.clone(),
         driver: gpu.info.driver.clone(),
         trace_time_sec,

@@ -328,7 +328,7 @@ fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
 }
 
 /// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
-fn centre_of(ir: &SceneIr) -> DVec3 {
+pub fn centre_of(ir: &SceneIr) -> DVec3 {
     let frames = lowered::primitives(ir).into_iter().map(|(frame, _)| frame);
     let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
     let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {

@@ -119,6 +119,7 @@ impl Diagnostics {
     fn all_warnings(&self, result: &TraceResult) -> Vec<String> {
         let mut warnings = broken_books(result);
         warnings.extend(partial(result));
+        warnings.extend(result.run.precision_warning.iter().cloned());
         warnings.extend(result.run.scene_warnings.iter().cloned());
         warnings.extend(self.flux_warnings(result.ledger.closes()));
         warnings.extend(self.unreached());
@@ -203,8 +204,8 @@ fn broken_books(result: &TraceResult) -> Vec<String> {
     }
     if ledger.invalid_deposits > 0 {
         warnings.push(format!(
-            "INVALID DEPOSITS: {} deposits were not finite or too large for any sum; this is a defect of the program, \
-             please report it with the scene",
+            "INVALID DEPOSITS: {} deposits were not finite or too large for any sum, or rays ended nowhere; this is a \
+             defect of the program, please report it with the scene",
             thousands(ledger.invalid_deposits)
         ));
     }

@@ -38,6 +38,8 @@ pub struct Report {
     pub precision: String,
     /// What the draws were: `pcg` or `sobol`.
     pub sampler: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver.
@@ -113,6 +115,7 @@ impl Report {
             min_flux_fraction: run.min_flux_fraction,
             precision: run.precision.clone(),
             sampler: run.sampler.clone(),
+            precision_reason: run.precision_reason.clone(),
             adapter: run.adapter.clone(),
             driver: run.driver.clone(),
             rays_per_sec: run.rays_per_sec(result.num_rays_total),

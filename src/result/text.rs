@@ -22,9 +22,13 @@ impl TraceResult {
             String::new()
         };
         let sampler = if run.sampler == "pcg" { String::new() } else { format!(" ({})", run.sampler) };
+        let precision = match run.precision_reason.as_str() {
+            "" => String::new(),
+            reason => format!("{}: {reason}\n", run.precision),
+        };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{} s, {} rays/s\n",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{precision}{} s, {} rays/s\n",
             run.program,
             run.version,
             thousands(self.num_rays_total),

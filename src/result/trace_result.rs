@@ -26,6 +26,10 @@ pub struct RunInfo {
     pub precision: String,
     /// What the draws were: `pcg` or `sobol`.
     pub sampler: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
+    /// What to beware of in it.
+    pub precision_warning: Option<String>,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver and version.
@@ -177,6 +181,8 @@ impl Default for RunInfo {
             min_flux_fraction: 1e-6,
             precision: "f32".into(),
             sampler: "pcg".into(),
+            precision_reason: String::new(),
+            precision_warning: None,
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,

@@ -249,7 +249,7 @@ impl Source {
 fn check_source(place: &str, source: &Source) -> Result<()> {
     coordinate_system(&key_of(place, "cs"), source.cs())?;
     check_spectrum(&key_of(place, "spectrum"), source.spectrum())?;
-    between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e30)?;
+    between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e100)?;
     match source {
         Source::Point(point) => between(key_of(place, "half_angle_deg"), point.half_angle_deg, 0.0, 180.0),
         Source::Collimated(beam) => check_collimated(place, beam),

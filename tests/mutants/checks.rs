@@ -3,6 +3,7 @@
 use crate::bench::{Bench, Setting, precision, scene};
 use crate::closed_forms;
 use crate::oracle::Oracle;
+use nsq_gpu::bench::stability::{StabilityCase, cases};
 use nsq_gpu::ir::{Sensor, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEventKind, Tally};
@@ -26,6 +27,8 @@ pub enum Check {
     Hits(Scene),
     /// A scene whose result is known in closed form.
     ClosedForm(fn(&Bench) -> Outcome),
+    /// A case of benches/stability/cases.json.
+    Stability(Box<StabilityCase>, Precision),
 }
 
 /// A scene and how it is traced.
@@ -39,6 +42,12 @@ impl Check {
     pub fn named(name: &str) -> Self {
         if let Some(check) = closed_forms::named(name) {
             return Check::ClosedForm(check);
+        }
+        if let Some((case, tier)) = name.strip_prefix("stability ").and_then(|rest| rest.rsplit_once(", in "))
+        {
+            let found = cases().unwrap().into_iter().find(|known| known.name == case);
+            let case = found.unwrap_or_else(|| panic!("no case is named {case}"));
+            return Check::Stability(Box::new(case), precision(tier).unwrap());
         }
         let (kind, scene) = name.split_once(' ').unwrap_or_else(|| panic!("no check is named {name}"));
         let scene = Scene::parse(scene);
@@ -61,6 +70,7 @@ impl Check {
             Check::Paths(scene) => paths(bench, scene),
             Check::Hits(scene) => hits(bench, scene),
             Check::ClosedForm(check) => check(bench),
+            Check::Stability(case, precision) => stability(bench, case, *precision),
         }
     }
 }
@@ -93,6 +103,13 @@ fn parity(bench: &Bench, scene_of: &Scene) -> Outcome {
         Precision::F64 => oracle.compare(&result),
         Precision::F32 => oracle.compare_roughly(&result),
     }
+}
+
+fn stability(bench: &Bench, case: &StabilityCase, precision: Precision) -> Outcome {
+    let setting = Setting { options: case.options(precision), native: true };
+    let read = case.read(&bench.result(&case.scene().unwrap(), &setting));
+    let faults = case.faults(precision, &read.map_err(|error| error.to_string())?);
+    if faults.is_empty() { Ok(()) } else { Err(faults.join("; ")) }
 }
 
 fn ledger(bench: &Bench, scene_of: &Scene) -> Outcome {
