@@ -16,9 +16,16 @@ pub mod bench;
 pub mod cli;
 pub mod error;
 pub mod gpu;
+#[warn(
+    clippy::wildcard_enum_match_arm,
+    reason = "whoever adds a kind must be told of every place that knows kinds"
+)]
 pub mod ir;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod program;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod result;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod scene;
 pub mod trace;
 

@@ -8,9 +8,10 @@ use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
 use crate::ir::{SceneIr, ray_id};
-use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange};
+use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting};
 use crate::result::{
-    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, StageTime, SurfaceTally, Tally,
+    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, Recording, SensorTally, StageTime,
+    SurfaceTally, Tally,
 };
 use std::time::{Duration, Instant};
 
@@ -33,6 +34,8 @@ pub struct TraceOptions {
     pub paths: RecordPaths,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
+    /// What the draws are.
+    pub sampler: Sampler,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
@@ -61,6 +64,7 @@ impl Default for TraceOptions {
             precision: Precision::F64,
             paths: RecordPaths::None,
             baked: None,
+            sampler: Sampler::Pcg,
             workgroup_size: 64,
             events_per_dispatch: 16,
         }
@@ -112,6 +116,7 @@ pub struct Tracer<'a> {
     counts_undrained: u64,
     launched: Booking,
     events: Vec<DeviceEvent>,
+    recording: Option<Recording>,
     profile: Option<Profile>,
 }
 
@@ -171,6 +176,7 @@ impl<'a> Tracer<'a> {
             workgroup_size: options.workgroup_size,
             paths: options.paths.sampling(options.num_rays),
             weights: rays.iter().map(|r| r.weight).collect(),
+            sampler: options.sampler,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
@@ -187,6 +193,7 @@ impl<'a> Tracer<'a> {
             counts_undrained: 0,
             launched: Booking::default(),
             events: Vec::new(),
+            recording: None,
             profile: None,
         })
     }
@@ -203,6 +210,17 @@ impl<'a> Tracer<'a> {
     pub fn enable_profile(&mut self) -> Result<()> {
         self.profile = Some(Profile::new(self.gpu, 2 * self.num_rounds() as u64)?);
         Ok(())
+    }
+
+    /// Gives the rows of what is traced from now on to `recording`, pass by pass, instead of the tally: so memory need
+    /// not grow with the rays. They come in the order of (ray id, event), because ids ascend from pass to pass.
+    pub fn record_to(&mut self, recording: Recording) {
+        self.recording = Some(recording);
+    }
+
+    /// Takes back what [`Tracer::record_to`] was given.
+    pub fn take_recording(&mut self) -> Option<Recording> {
+        self.recording.take()
     }
 
     /// What the stages took on the device; nothing unless they were timed.
@@ -339,55 +357,51 @@ impl<'a> Tracer<'a> {
             return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
         }
         let bytes = self.gpu.read(buffer, size)?;
-        for row in bytes.chunks_exact(layout.stride) {
-            self.events.push(self.device_event(row, &layout, first)?);
-        }
+        let decode = self.event_decoder(&layout, first)?;
+        let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
         self.gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
+        events.sort_unstable_by_key(|event| (event.row.order(), event.kind));
+        match &mut self.recording {
+            Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
+            None => self.events.append(&mut events),
+        }
         Ok(())
     }
 
-    fn device_event(
+    /// Reads the rows of the range that began at ray `first`.
+    fn event_decoder(
         &self,
-        row: &[u8],
         layout: &program::records::StructLayout,
         first: u64,
-    ) -> Result<DeviceEvent> {
-        let uint = |field: &str| -> Result<u32> {
-            let offset = layout.offset(field)?;
-            Ok(u32::from_le_bytes(row[offset..offset + 4].try_into().unwrap_or_default()))
-        };
-        let real = |field: &str| -> Result<f64> {
-            let offset = layout.offset(field)?;
-            Ok(match self.options.precision {
-                Precision::F32 => {
-                    f64::from(f32::from_le_bytes(row[offset..offset + 4].try_into().unwrap_or_default()))
-                }
-                Precision::F64 => f64::from_le_bytes(row[offset..offset + 8].try_into().unwrap_or_default()),
-            })
-        };
-        let centre = self.program.centre;
-        Ok(DeviceEvent {
-            kind: uint("kind")?,
-            subject: uint("subject")?,
-            row: RayRow {
-                ray_id: self.ray_id(first, uint("index")?),
-                bounce: uint("bounce")?,
-                wavelength: uint("wavelength")?,
-                position: [
-                    real("position_x")? + centre.x,
-                    real("position_y")? + centre.y,
-                    real("position_z")? + centre.z,
-                ],
-                direction: [real("direction_x")?, real("direction_y")?, real("direction_z")?],
-                weight: real("weight")?,
-            },
+    ) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
+        let at = |field: &str| layout.offset(field);
+        let [kind, subject, index, bounce, wavelength] =
+            [at("kind")?, at("subject")?, at("index")?, at("bounce")?, at("wavelength")?];
+        let position = [at("position_x")?, at("position_y")?, at("position_z")?];
+        let direction = [at("direction_x")?, at("direction_y")?, at("direction_z")?];
+        let weight = at("weight")?;
+        let centre = self.program.centre.to_array();
+        let precision = self.options.precision;
+        let splitting = self.program.splitting;
+        Ok(move |row: &[u8]| {
+            let uint = |at: usize| u32::from_le_bytes(row[at..at + 4].try_into().unwrap_or_default());
+            let real = |at: usize| match precision {
+                Precision::F32 => f64::from(f32::from_bits(uint(at))),
+                Precision::F64 => f64::from_le_bytes(row[at..at + 8].try_into().unwrap_or_default()),
+            };
+            DeviceEvent {
+                kind: uint(kind),
+                subject: uint(subject),
+                row: RayRow {
+                    ray_id: ray_id_of(splitting, first, uint(index)),
+                    bounce: uint(bounce),
+                    wavelength: uint(wavelength),
+                    position: [0, 1, 2].map(|axis| real(position[axis]) + centre[axis]),
+                    direction: direction.map(real),
+                    weight: real(weight),
+                },
+            }
         })
-    }
-
-    fn ray_id(&self, first: u64, index: u32) -> u64 {
-        let (position, number) =
-            self.program.splitting.map_or((index, 0), |splitting| splitting.parts(index));
-        ray_id::of(first + u64::from(position), number)
     }
 
     /// A tally of no rays, in the scene's shape.
@@ -447,30 +461,44 @@ impl<'a> Tracer<'a> {
             let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
             sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
         }
-        self.take_events(&mut tally);
+        for event in self.events.drain(..) {
+            match event.path_event() {
+                Some(path_event) => tally.paths.push(path_event),
+                None => tally.sensors[event.subject as usize].rows.push(event.row),
+            }
+        }
         Ok(tally)
     }
+}
 
-    /// Sorts the rows into databases and paths, in the order of (ray, event).
-    fn take_events(&mut self, tally: &mut Tally) {
-        self.events.sort_by_key(|event| (ray_id::order(event.row.ray_id), event.row.bounce, event.kind));
-        for DeviceEvent { kind, subject, row } in self.events.drain(..) {
-            let index = subject as usize;
-            let kind = match (kind, subject) {
-                (0, _) => {
-                    tally.sensors[index].rows.push(row);
-                    continue;
-                }
-                (1, _) => PathEventKind::Birth(index),
-                (2, _) => PathEventKind::Surface(index),
-                (3, _) => PathEventKind::Sensor(index),
-                (_, 3) => PathEventKind::Escaped,
-                (_, 4) => PathEventKind::DepthKilled,
-                (..) => PathEventKind::FluxKilled,
-            };
-            tally.paths.push(PathEvent { ray: row, kind });
+impl DeviceEvent {
+    /// An event of a path; none if the row is one of a ray database.
+    fn path_event(&self) -> Option<PathEvent> {
+        let index = self.subject as usize;
+        let kind = match (self.kind, self.subject) {
+            (0, _) => return None,
+            (1, _) => PathEventKind::Birth(index),
+            (2, _) => PathEventKind::Surface(index),
+            (3, _) => PathEventKind::Sensor(index),
+            (_, 3) => PathEventKind::Escaped,
+            (_, 4) => PathEventKind::DepthKilled,
+            (..) => PathEventKind::FluxKilled,
+        };
+        Some(PathEvent { ray: self.row, kind })
+    }
+
+    fn record(self, recording: &mut Recording) -> Result<()> {
+        match self.path_event() {
+            Some(event) => recording.event(&event),
+            None => recording.ray(self.subject as usize, self.row),
         }
     }
+}
+
+/// The id of a ray with this index in the range that began at ray `first`.
+fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
+    let (position, number) = splitting.map_or((index, 0), |splitting| splitting.parts(index));
+    ray_id::of(first + u64::from(position), number)
 }
 
 /// One dispatch of a stage.

@@ -4,7 +4,7 @@
 
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
-use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions};
+use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler};
 use nsq_gpu::{Error, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -475,6 +475,76 @@ fn recorded_paths_are_written_with_the_result() {
     trace("bench_lens", &["--record-paths", "many"]).refuses(USAGE, &["many"]);
 }
 
+/// A limit on the size of files stands in for a full disk.
+#[cfg(unix)]
+#[test]
+fn rows_that_do_not_fit_the_disk_are_an_error_and_leave_nothing() {
+    if !has_adapter("a full disk") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/bench_lens.json");
+    // 2048 blocks of 512 bytes; the shell ignores the signal that would end the program.
+    let limited =
+        "trap '' XFSZ; ulimit -f 2048; exec \"$0\" trace \"$1\" -n 20000 --record-paths all -o \"$2\"";
+    let said = std::process::Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_nsq-gpu")])
+        .args([&scene, &out])
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&said.stderr);
+    assert_eq!(said.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("File too large") && stderr.contains("recorded rows of 80 bytes"), "{stderr}");
+    assert!(stderr.contains(folder.path().to_str().unwrap()), "{stderr}");
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "neither files nor hidden folders are left"
+    );
+}
+
+#[test]
+fn a_trace_may_end_with_whoever_started_it() {
+    if !has_adapter("stdin") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_nsq-gpu"))
+        .args(["trace", "scenes/bench_lens.json", "-n", "1e15", "--watch-stdin", "--progress", "json", "-o"])
+        .arg(&out)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut begun = [0; 1];
+    child.stderr.take().unwrap().read_exact(&mut begun).unwrap();
+    assert!(child.try_wait().unwrap().is_none(), "it traces as long as stdin is open");
+    drop(child.stdin.take());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is written");
+}
+
+#[test]
+fn pictures_may_be_left_out() {
+    if !has_adapter("pictures") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let written = |options: &[&str]| {
+        let out = folder.path().join(options.len().to_string());
+        trace("bench_lens", &[&["-o", out.to_str().unwrap()], options].concat()).succeeds();
+        files_in(&out)
+    };
+    let (all, numbers) = (written(&[]), written(&["--no-pictures"]));
+    let pictures: Vec<&String> = all.keys().filter(|name| name.ends_with(".png")).collect();
+    assert!(!pictures.is_empty());
+    assert_eq!(numbers.len() + pictures.len(), all.len());
+    assert!(numbers.iter().all(|(name, bytes)| name == "report.json" || all[name] == *bytes));
+}
+
 #[test]
 fn materials_tell_what_a_name_stands_for() {
     let said = run(&["materials", "N-BK7", "--wavelengths", "0.5876"]);
@@ -556,6 +626,7 @@ fn compose(text: &str) -> Result<(), Error> {
             workgroup_size: 64,
             paths: PathSampling::None,
             weights: vec![1.0; ir.emitters.len()],
+            sampler: Sampler::Pcg,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

@@ -359,7 +359,7 @@ fn values(detector: &nsq_gpu::result::Detector) -> Vec<f64> {
         DetectorData::Irradiance(map) => map.irradiance.iter().copied().collect(),
         DetectorData::Spectral(map) => map.irradiance.iter().copied().collect(),
         DetectorData::FarField(map) => map.intensity.iter().copied().collect(),
-        DetectorData::RayDatabase(rays) => rays.flux.to_vec(),
+        DetectorData::RayDatabase(rays) => rays.columns().unwrap().flux.to_vec(),
     }
 }
 

@@ -11,7 +11,7 @@ mod common;
 
 use common::{Gpu, Storage, real_bytes, reals_of};
 use nsq_gpu::program::library::{self, Integers, Real};
-use nsq_gpu::program::rng::splitmix64;
+use nsq_gpu::program::rng::{Sampler, splitmix64};
 use std::f64::consts::TAU;
 
 /// A function of the shader library.
@@ -184,7 +184,7 @@ fn evaluate(gpu: &Gpu, real: Real, call: &str, arguments: &[(f64, f64)]) -> Vec<
         Storage::zeros(7, real_bytes(real) * draws.len()),
     ];
     let groups = [u32::try_from(draws.len().div_ceil(64)).unwrap(), 1, 1];
-    let source = library::source(real, Integers::Portable) + &entry;
+    let source = library::source(real, Integers::Portable, Sampler::Pcg) + &entry;
     reals_of(real, &gpu.run(&source, &storages, groups)[0])
 }
 

@@ -240,6 +240,7 @@ fn a_ray_database_keeps_the_last_rows_in_an_order_that_batches_do_not_change() {
     assert_eq!(one, other);
     let detector = one.detector("rays").unwrap();
     let DetectorData::RayDatabase(rays) = &detector.data else { panic!("kind") };
+    let rays = rays.columns().unwrap();
     assert_eq!(rays.ray_id.to_vec(), [3, 9], "events 1 and 4 of ray 3, then ray 9: the first is dropped");
     assert_eq!(rays.flux.to_vec(), [0.003, 0.002]);
     assert_eq!(rays.wavelength.to_vec(), [0.62, 0.62]);
@@ -378,7 +379,7 @@ fn maps_are_optilands() {
     assert_floats(&far.theta, &oracle["far"]["theta"], 0.0);
     assert_floats(&far.phi, &oracle["far"]["phi"], 0.0);
     let DetectorData::RayDatabase(rays) = data("rays") else { panic!("kind") };
-    assert_floats(&rays.flux, &oracle["rays"]["flux"], 1e-12);
+    assert_floats(&rays.columns().unwrap().flux, &oracle["rays"]["flux"], 1e-12);
 }
 
 // ---- files ----
@@ -553,7 +554,7 @@ mod npz {
             [0, 1, 0, 0, 1]
         );
         let result = with_paths();
-        let paths = result.ray_paths.as_ref().unwrap();
+        let paths = result.ray_paths.as_ref().unwrap().columns().unwrap();
         assert_eq!(paths.event_type, ["birth", "hit", "birth", "hit", "death"]);
         assert_eq!(paths.component_name, ["lamp", "map", "lamp", "mirror", "escaped"]);
         assert_eq!(paths.flux.to_vec(), [0.002; 5]);

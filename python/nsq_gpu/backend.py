@@ -106,7 +106,9 @@ class NsqGpuBackend(TracerBackend):
         scene_file = folder / "scene.json"
         scene_file.write_text(to_json(exported.document, indent=None), encoding="utf-8")
         mode = "json" if self.progress else "never"
-        command = [binary, "trace", str(scene_file), *options, f"--progress={mode}", f"--output={folder / 'out'}"]
+        # Nobody looks at pictures of a folder that is about to go; and the child ends when stdin closes with us.
+        command = [binary, "trace", str(scene_file), *options, f"--progress={mode}", f"--output={folder / 'out'}",
+                   "--no-pictures", "--watch-stdin"]
         if callable(self.progress):
             run(command, self.timeout, self.progress)
             return

@@ -23,14 +23,16 @@ _TICK = 0.1
 def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | None = None) -> None:
     """Run a command; what it writes to stderr goes to the exception if it fails.
 
-    Whatever ends the call early, a timeout, Ctrl-C or an exception of the callback, ends the child first.
+    Whatever ends the call early, a timeout, Ctrl-C or an exception of the callback, ends the child first. And the
+    child's stdin is a pipe that this process holds: what ends the process, be it SIGKILL, closes the pipe, and the
+    command ends with it.
 
     Raises:
         NsqGpuError: The exit code was not 0; the class says which.
         TraceTimeoutError: It ran longer than ``timeout`` [s].
     """
     child = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         encoding="utf-8", errors="replace",
     )
     try:
@@ -40,6 +42,8 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Progress
         raise
     finally:
         code = child.wait()
+        assert child.stdin is not None
+        child.stdin.close()
     if code != 0:
         raise error_of(code, "\n".join(said))
 

@@ -98,7 +98,8 @@ def _fill_far_field(live: Any, spec: Json, arrays: Any) -> None:
 
 
 def _fill_ray_database(live: Any, spec: Json, arrays: Any) -> None:
-    live._total_flux = spec["total_flux"]
+    # Of a capped database the live detector counts every row, its result those that were kept.
+    live._total_flux = spec["total_flux_recorded"]
     # Without rows Optiland's own detector holds no arrays at all.
     if len(arrays["x"]):
         for key in _ROWS:

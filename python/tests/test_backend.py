@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
+import shutil
 import signal
 import stat
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -97,6 +102,21 @@ def test_private_state_of_detectors_is_as_numpy_leaves_it() -> None:
                 assert got == pytest.approx(value), key
 
 
+def test_a_capped_live_database_is_as_numpy_leaves_it() -> None:
+    """Which rows a cap keeps depends on the batches; how many, and the flux of all, do not."""
+    capped = [], []
+    for scenes, which in zip(capped, (backend(), NumpyBackend()), strict=True):
+        scene = bench()
+        scene.add_detector("rays", cs(z=12.0), RayDatabaseConfig(40.0, 40.0, max_rays=100, absorb=False))
+        result, _ = traced(scene, NUM_RAYS, which)
+        live_one = scene.detector_registry.get("rays")
+        scenes.extend((live_one._num_rays_hit, live_one._total_flux, sum(map(len, live_one._x)), live_one.max_rays,
+                       result.detectors["rays"].total_flux, float(live_one.get_result().flux.sum())))
+    ours, theirs = capped
+    assert ours[2] == 100 and ours[0] > 3000 and ours[1] > 10.0 * ours[4]
+    assert ours == pytest.approx(theirs, rel=1e-11)
+
+
 def test_a_second_trace_starts_from_nothing() -> None:
     scene = all_detectors()
     _, once = traced(scene, NUM_RAYS, backend())
@@ -117,6 +137,16 @@ def test_is_a_backend_of_optiland_and_its_result_works_on() -> None:
     assert np.array_equal(np.asarray(image.data).shape, (image.irradiance.size,))
     with live.quiet():
         scene.view(result)
+
+
+def test_the_example_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    readme = (live.ROOT / "README.md").read_text(encoding="utf-8")
+    example = readme.split("```python\n")[1].split("```")[0]
+    names: dict[str, Any] = {}
+    with mock.patch.dict(os.environ, {"NSQ_GPU_BINARY": live.binary()}), live.quiet():
+        exec(compile(example.replace("1_000_000", "2_000"), "README.md", "exec"), names)
+    assert "NSQ trace diagnostics" in capsys.readouterr().out
+    assert names["result"].detectors["image"].total_flux > 0.3
 
 
 def test_to_photometric() -> None:
@@ -248,6 +278,39 @@ def test_interrupt_ends_the_child(tmp_path: Path) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert_child_is_gone(tmp_path)
+
+
+def _is_running(pid: int) -> bool:
+    """Tell whether a process runs; one that ended and that nobody has waited for does not."""
+    said = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True).stdout.strip()
+    return bool(said) and not said.startswith("Z")
+
+
+@posix_only
+@pytest.mark.skipif(shutil.which("ps") is None, reason="ps tells which processes run")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["SIGTERM", "SIGKILL"])
+def test_the_real_program_ends_with_the_process_that_traces(tmp_path: Path, how: signal.Signals) -> None:
+    program = script(tmp_path, f'exec {live.binary()} "$@"')
+    text = ("import sys; from tests import live; "
+            "live.load(live.SCENES[0]).trace(10**15, backend=live.backend(binary=sys.argv[1]))")
+    parent = subprocess.Popen([sys.executable, "-c", text, program], cwd=live.ROOT / "python")
+    try:
+        child = _eventually(lambda: int((tmp_path / "pid").read_text()) if (tmp_path / "pid").exists() else None)
+        assert _is_running(child)
+    finally:
+        parent.send_signal(how)
+        parent.wait()
+    assert _eventually(lambda: not _is_running(child))
+
+
+def _eventually(found: Callable[[], Any]) -> Any:
+    """Return what is found as soon as something is, within a minute."""
+    for _ in range(600):
+        with contextlib.suppress(ValueError):
+            if value := found():
+                return value
+        time.sleep(0.1)
+    raise AssertionError("it never came")
 
 
 @posix_only

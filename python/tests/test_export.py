@@ -409,7 +409,8 @@ def test_every_known_class_is_walked() -> None:
 
 
 def test_tabulated_bsdf_is_embedded(tmp_path: Path, schema: jsonschema.Draft202012Validator) -> None:
-    rows = [(i, s, 0.1 + 0.001 * i + 0.002 * s) for i in (0.0, 45.0, 90.0) for s in (0.0, 30.0, 60.0, 90.0)]
+    # The same for every incidence and below 1 / pi: for the others Optiland's transmissive lobes are wrong (README).
+    rows = [(i, s, 0.1 + 0.002 * s) for i in (0.0, 45.0, 90.0) for s in (0.0, 30.0, 60.0, 90.0)]
     (tmp_path / "scatter.csv").write_text("\n".join(",".join(map(str, row)) for row in rows))
     scene = with_surface_config(bsdf=TabulatedBSDF(tmp_path / "scatter.csv", 0.25))
     (tmp_path / "scatter.csv").unlink()

@@ -5,8 +5,8 @@ use super::{count, read_scene, say};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::ir::{ReflectProb, Sampling, SceneIr};
-use crate::program::Precision;
-use crate::result::{RunInfo, StageTime, TraceResult, output, report};
+use crate::program::{Precision, Sampler};
+use crate::result::{Recording, RunInfo, StageTime, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -37,6 +37,9 @@ pub struct Args {
     /// Arithmetic: auto takes f64 where the adapter runs it at a good rate.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
+    /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
+    #[arg(long, value_enum, default_value_t = SamplerArg::Pcg)]
+    sampler: SamplerArg,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
@@ -58,6 +61,9 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write no pictures, the numbers alone.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// Time the stages on the device: to stderr and into the report's diagnostics. The trace itself becomes slower.
     #[arg(long)]
     profile: bool,
@@ -67,6 +73,9 @@ pub struct Args {
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
+    /// End at once when stdin closes: a program that holds it leaves no trace running, however it ends itself.
+    #[arg(long)]
+    watch_stdin: bool,
 }
 
 /// The `--precision` argument.
@@ -78,6 +87,15 @@ pub enum PrecisionArg {
     F32,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--sampler` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SamplerArg {
+    /// Optiland's keyed PCG32, bit for bit.
+    Pcg,
+    /// Owen-scrambled Sobol points, a ray a point.
+    Sobol,
 }
 
 fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
@@ -97,6 +115,9 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
+    if args.watch_stdin {
+        std::thread::spawn(end_with_stdin);
+    }
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
@@ -107,7 +128,7 @@ pub fn run(args: &Args) -> Result<String> {
     let options = options(args, &gpu)?;
     let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options)?;
     if let Some(dir) = &args.output {
-        let files = output::write_all(dir, &result)?;
+        let files = if args.no_pictures { output::write_numbers } else { output::write_all }(dir, &result)?;
         files.iter().filter(|_| !args.json).for_each(|file| say(&format!("written: {}", file.display())));
     }
     let printed = if args.json { json(&result, args.output.as_deref())? } else { result.report() };
@@ -165,6 +186,10 @@ fn options(args: &Args, gpu: &Gpu) -> Result<TraceOptions> {
         min_flux_fraction: args.min_flux_fraction,
         batch_size: args.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
         precision,
+        sampler: match args.sampler {
+            SamplerArg::Pcg => Sampler::Pcg,
+            SamplerArg::Sobol => Sampler::Sobol,
+        },
         paths: args.record_paths.unwrap_or(RecordPaths::None),
         ..Default::default()
     })
@@ -178,6 +203,10 @@ fn trace(
     options: &TraceOptions,
 ) -> Result<(TraceResult, bool)> {
     let mut tracer = Tracer::new(gpu, ir, options)?;
+    tracer.record_to(match &args.output {
+        Some(dir) => Recording::in_folder(ir, &output::file_system_of(dir)?),
+        None => Recording::counted(ir),
+    });
     if args.profile {
         tracer.enable_profile()?;
     }
@@ -199,6 +228,7 @@ fn trace(
         max_depth: options.max_depth,
         min_flux_fraction: options.min_flux_fraction,
         precision: options.precision.name().into(),
+        sampler: options.sampler.name().into(),
         adapter: gpu.info.name.clone(),
         driver: gpu.info.driver.clone(),
         trace_time_sec,
@@ -209,7 +239,11 @@ fn trace(
         version: env!("CARGO_PKG_VERSION").into(),
     };
     let interrupted = run.partial;
-    Ok((TraceResult::new(ir, &run, &tally)?, interrupted))
+    let result = match tracer.take_recording() {
+        Some(recording) => TraceResult::with_rows(ir, &run, &tally, &recording.finish())?,
+        None => TraceResult::new(ir, &run, &tally)?,
+    };
+    Ok((result, interrupted))
 }
 
 fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
@@ -218,6 +252,13 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     format!(
         "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
     )
+}
+
+/// Waits until nobody holds the other end of stdin, and ends the process. Results appear whole or not at all, so that
+/// there is nothing to tidy up.
+fn end_with_stdin() {
+    let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+    std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 
 /// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.

@@ -50,7 +50,7 @@ impl Composition<'_> {
             Precision::F64 => Real::F64,
         };
         let integers = if self.options.native { Integers::Native } else { Integers::Portable };
-        let mut text = library::source(real, integers);
+        let mut text = library::source(real, integers, self.options.sampler);
         text.push_str(&self.constants()?);
         for file in self.files() {
             text.push_str(file);

@@ -149,7 +149,7 @@ impl Features {
         let reflectances = || {
             ir.surfaces.iter().filter_map(|s| match &s.interaction {
                 Interaction::Reflective { reflectance } => Some(reflectance),
-                _ => None,
+                Interaction::Refractive | Interaction::Absorbing => None,
             })
         };
         let bulk_absorption = ir.media.iter().any(|m| m.k.iter().any(|&k| k != 0.0));

@@ -18,6 +18,7 @@ pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
 use records::{StructLayout, put_real};
+pub use rng::Sampler;
 pub use splitting::Splitting;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables.
@@ -58,6 +59,8 @@ pub struct ProgramOptions {
     pub paths: PathSampling,
     /// The weight that each emitter's rays are born with.
     pub weights: Vec<f64>,
+    /// What the draws are.
+    pub sampler: Sampler,
 }
 
 impl ProgramOptions {
@@ -151,7 +154,7 @@ impl Program {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
-        let first_step = rng::step_table(seed, 1)[0];
+        let first_step = rng::step_table(options.sampler, seed, 1)[0];
         let mut program = Program {
             wgsl,
             module,
@@ -172,7 +175,7 @@ impl Program {
     }
 
     fn pack(&self, ir: &SceneIr, meshes: &mesh::Forest, seed: u64) -> Result<Vec<(u32, Vec<u8>)>> {
-        let mut buffers = vec![(RNG_TABLE, rng_table(seed, self.options.max_depth + SOURCE_STEPS))];
+        let mut buffers = vec![(RNG_TABLE, self.rng_table(seed))];
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
         }
@@ -202,6 +205,12 @@ impl Program {
             }
         }
         Ok(buffers)
+    }
+
+    fn rng_table(&self, seed: u64) -> Vec<u8> {
+        let num_steps = (self.options.max_depth + SOURCE_STEPS) as usize;
+        let rows = rng::step_table(self.options.sampler, seed, num_steps);
+        rows.into_iter().flatten().flat_map(u32::to_le_bytes).collect()
     }
 
     fn pack_emitters(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {
@@ -291,10 +300,6 @@ pub struct RayRange {
     pub count: u32,
     /// The emitter they come from.
     pub emitter: usize,
-}
-
-fn rng_table(seed: u64, num_steps: u32) -> Vec<u8> {
-    rng::step_table(seed, num_steps as usize).into_iter().flatten().flat_map(u32::to_le_bytes).collect()
 }
 
 /// (threshold, wavelength) per entry: bits <= threshold decides as bits / 2^32 <= cdf does.

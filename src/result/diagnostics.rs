@@ -62,7 +62,9 @@ impl DetectorDiagnostic {
     fn new(detector: &Detector, num_rays_total: u64) -> Self {
         let num_rays_hit = match detector.data {
             DetectorData::RayDatabase(_) => 0,
-            _ => detector.num_rays_hit,
+            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
+                detector.num_rays_hit
+            }
         };
         let num_pixels = detector.data.num_pixels();
         let mean = num_pixels.map(|pixels| num_rays_hit as f64 / pixels as f64);
@@ -231,9 +233,12 @@ fn truncated_database(detector: &Detector) -> Option<String> {
         DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
             "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
             detector.name,
-            thousands(rays.num_rays() as u64),
+            thousands(rays.num_rays()),
             thousands(detector.num_rays_hit)
         )),
-        _ => None,
+        DetectorData::RayDatabase(_)
+        | DetectorData::Irradiance(_)
+        | DetectorData::Spectral(_)
+        | DetectorData::FarField(_) => None,
     }
 }

@@ -4,7 +4,7 @@
 //! a new ray, `total_flux_in / num_rays`. Watts appear only here, once per sum: [`FluxUnit`].
 //!
 //! ```text
-//! Tally -> TraceResult  (one file per detector kind; ledger, diagnostics, ray paths)
+//! Tally -> TraceResult  (one file per detector kind; ledger, diagnostics, ray paths; rows in memory or on disk)
 //!       -> report.json, <detector>.npz, <detector>.png, ray_paths.npz, the text of report()
 //! ```
 
@@ -19,6 +19,7 @@ pub mod png;
 pub mod ray_database;
 pub mod ray_paths;
 pub mod report;
+pub mod rows;
 pub mod spectral;
 pub mod tally;
 mod text;
@@ -28,9 +29,10 @@ pub use diagnostics::{DetectorDiagnostic, Diagnostics};
 pub use far_field::FarFieldPattern;
 pub use irradiance::IrradianceMap;
 pub use ledger::{Entry, Ledger};
-pub use ray_database::RayDatabase;
-pub use ray_paths::RayPaths;
+pub use ray_database::{RayColumns, RayDatabase};
+pub use ray_paths::{PathColumns, RayPaths};
 pub use report::Report;
+pub use rows::{Recorded, Recording, RowWriter, Rows};
 pub use spectral::SpectralMap;
 pub use tally::{Booking, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
 pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult};

@@ -22,11 +22,23 @@ pub const RAY_PATHS: &str = "ray_paths.npz";
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
 pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
+    write(dir, result, true)
+}
+
+/// As [`write_all`], without the pictures.
+///
+/// # Errors
+/// Those of [`write_all`].
+pub fn write_numbers(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
+    write(dir, result, false)
+}
+
+fn write(dir: &Path, result: &TraceResult, pictures: bool) -> Result<Vec<PathBuf>> {
     let (staging, base, missing) = stage(dir)?;
     let new = staging.path().join("new");
     let staged = new.join(&missing);
     fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
-    let names = write_files(&staged, result).map_err(|error| relocate(error, &staged, dir))?;
+    let names = write_files(&staged, result, pictures).map_err(|error| relocate(error, &staged, dir))?;
     match missing.iter().next() {
         Some(top) => fs::rename(new.join(top), base.join(top)).map_err(|error| Error::file(dir, error))?,
         None => install(&staged, &staging.path().join("old"), dir, &names)?,
@@ -41,6 +53,14 @@ pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
 /// [`Error::File`] with the folder that cannot be written to.
 pub fn check_writable(dir: &Path) -> Result<()> {
     stage(dir).map(|_| ())
+}
+
+/// The deepest folder on the way to `dir` that exists: where files lie on the file system of the results.
+///
+/// # Errors
+/// [`Error::File`] if no such folder exists.
+pub fn file_system_of(dir: &Path) -> Result<PathBuf> {
+    split_existing(dir).map(|(base, _)| base)
 }
 
 /// A hidden folder on the file system of `dir`, with what [`split_existing`] says.
@@ -68,15 +88,18 @@ fn split_existing(dir: &Path) -> Result<(PathBuf, PathBuf)> {
 }
 
 /// Writes every file into `folder`; returns their names, `report.json` last.
-fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
+fn write_files(folder: &Path, result: &TraceResult, pictures: bool) -> Result<Vec<String>> {
     let mut names = Vec::new();
     let mut files = Files::default();
     for (detector, stem) in result.detectors.iter().zip(file_stems(result)) {
         let (data, picture) = (format!("{stem}.npz"), format!("{stem}.png"));
         npz::write_detector(&folder.join(&data), result, detector)?;
-        png::write_detector(&folder.join(&picture), detector)?;
         files.detectors.insert(detector.name.clone(), data.clone());
-        names.extend([data, picture]);
+        names.push(data);
+        if pictures {
+            png::write_detector(&folder.join(&picture), detector)?;
+            names.push(picture);
+        }
     }
     if let Some(paths) = &result.ray_paths {
         npz::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
@@ -147,13 +170,9 @@ fn sync_folder(folder: &Path) {
 
 /// Names the place that the user asked for, not the one where the file was first written.
 fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
-    match error {
-        Error::File { path, problem } => {
-            let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
-            Error::File { path, problem }
-        }
-        other => other,
-    }
+    let Error::File { path, problem } = error else { return error };
+    let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
+    Error::File { path, problem }
 }
 
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper

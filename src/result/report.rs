@@ -36,6 +36,8 @@ pub struct Report {
     pub min_flux_fraction: f64,
     /// Arithmetic: `f32` or `f64`.
     pub precision: String,
+    /// What the draws were: `pcg` or `sobol`.
+    pub sampler: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver.
@@ -70,8 +72,9 @@ pub struct Report {
     pub flux_conservation_error: f64,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
-    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, file}}` in scene order. `total_flux` is in W;
-    /// `num_rays_stored`, the rows kept, stands for ray databases only; `file` is null if no file was written.
+    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, total_flux_recorded, file}}` in scene order.
+    /// Fluxes are in W. Ray databases alone have `num_rays_stored`, the rows kept, whose flux is `total_flux`, and
+    /// `total_flux_recorded`, that of all rows. `file` is null if no file was written.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -109,6 +112,7 @@ impl Report {
             max_depth: run.max_depth,
             min_flux_fraction: run.min_flux_fraction,
             precision: run.precision.clone(),
+            sampler: run.sampler.clone(),
             adapter: run.adapter.clone(),
             driver: run.driver.clone(),
             rays_per_sec: run.rays_per_sec(result.num_rays_total),
@@ -152,6 +156,7 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
         });
         if let DetectorData::RayDatabase(rays) = &detector.data {
             entry["num_rays_stored"] = json!(rays.num_rays());
+            entry["total_flux_recorded"] = json!(rays.recorded_flux);
         }
         (detector.name.clone(), entry)
     });

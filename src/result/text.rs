@@ -21,9 +21,10 @@ impl TraceResult {
         } else {
             String::new()
         };
+        let sampler = if run.sampler == "pcg" { String::new() } else { format!(" ({})", run.sampler) };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}, {} on {}{driver}\n{} s, {} rays/s\n",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{} s, {} rays/s\n",
             run.program,
             run.version,
             thousands(self.num_rays_total),

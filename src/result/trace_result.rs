@@ -4,9 +4,10 @@ use crate::error::{Error, Result};
 use crate::ir::{Interaction, SceneIr, Sensor, SensorKind};
 use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
-    SensorTally, SpectralMap, Tally,
+    Recorded, Rows, SensorTally, SpectralMap, Tally,
 };
 use serde::Serialize;
+use std::sync::Arc;
 
 /// How the trace was run.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +24,8 @@ pub struct RunInfo {
     pub min_flux_fraction: f64,
     /// Arithmetic of the trace: `f32` or `f64`.
     pub precision: String,
+    /// What the draws were: `pcg` or `sobol`.
+    pub sampler: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver and version.
@@ -173,6 +176,7 @@ impl Default for RunInfo {
             max_depth: 16,
             min_flux_fraction: 1e-6,
             precision: "f32".into(),
+            sampler: "pcg".into(),
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,
@@ -193,11 +197,20 @@ impl RunInfo {
 }
 
 impl TraceResult {
-    /// Reads the sums of a trace of `ir` out into physical units.
+    /// Reads the sums of a trace of `ir` out into physical units, with the rows that the tally holds.
     ///
     /// # Errors
     /// [`Error::Internal`] if the tally is not one of this scene.
     pub fn new(ir: &SceneIr, run: &RunInfo, tally: &Tally) -> Result<TraceResult> {
+        check_shape(ir, tally)?;
+        TraceResult::with_rows(ir, run, tally, &Recorded::of_tally(ir, tally)?)
+    }
+
+    /// As [`TraceResult::new`], with rows that were recorded apart from the tally.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if tally or rows are not those of this scene, [`Error::File`] if the rows cannot be read.
+    pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
         let emitted: f64 = ir.emitters.iter().map(|emitter| emitter.total_flux).sum();
         let unit = FluxUnit::new(emitted, run.num_rays);
@@ -207,8 +220,9 @@ impl TraceResult {
             .sensors
             .iter()
             .zip(&tally.sensors)
-            .map(|(sensor, sums)| Detector::new(sensor, sums, unit, &ir.wavelengths))
-            .collect();
+            .zip(&recorded.databases)
+            .map(|((sensor, sums), rows)| Detector::new(sensor, sums, rows.as_ref(), unit, &ir.wavelengths))
+            .collect::<Result<_>>()?;
         let surfaces = surfaces(ir, tally, unit);
         let ledger = Ledger::new(ir, tally, unit);
         let total_flux_detected = total_flux(detectors.iter());
@@ -234,7 +248,7 @@ impl TraceResult {
             flux_conservation_error: 0.0,
             ledger,
             diagnostics: Diagnostics::default(),
-            ray_paths: RayPaths::new(ir, unit, &tally.paths),
+            ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();
         result.diagnostics = Diagnostics::new(&result, tally);
@@ -263,7 +277,13 @@ impl TraceResult {
 }
 
 impl Detector {
-    fn new(sensor: &Sensor, sums: &SensorTally, unit: FluxUnit, wavelengths: &[f64]) -> Self {
+    fn new(
+        sensor: &Sensor,
+        sums: &SensorTally,
+        rows: Option<&Arc<Rows>>,
+        unit: FluxUnit,
+        wavelengths: &[f64],
+    ) -> Result<Self> {
         let Booking { count: num_rays_hit, quanta } = sums.total();
         let mut total_flux = unit.watts(quanta);
         let data = match &sensor.kind {
@@ -274,15 +294,14 @@ impl Detector {
             SensorKind::FarField { num_theta, num_phi } => {
                 DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit))
             }
-            SensorKind::RayDatabase { max_rays, .. } => {
-                let database = RayDatabase::new(sensor.frame, *max_rays, sums, unit, wavelengths);
-                if database.truncated {
-                    total_flux = database.kept_flux;
-                }
+            SensorKind::RayDatabase { .. } => {
+                let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", sensor.name)))?;
+                let database = RayDatabase::new(sensor.frame, rows.clone(), total_flux, unit, wavelengths)?;
+                total_flux = database.kept_flux;
                 DetectorData::RayDatabase(database)
             }
         };
-        Detector { name: sensor.name.clone(), absorb: sensor.absorb, total_flux, num_rays_hit, data }
+        Ok(Detector { name: sensor.name.clone(), absorb: sensor.absorb, total_flux, num_rays_hit, data })
     }
 }
 

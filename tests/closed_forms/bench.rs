@@ -316,6 +316,7 @@ pub fn rows(result: &TraceResult, name: &str) -> Vec<Row> {
     let DetectorData::RayDatabase(database) = &result.detector(name).unwrap().data else {
         panic!("{name} is no ray database");
     };
+    let database = database.columns().unwrap();
     let row = |i: usize| Row {
         ray: database.ray_id[i],
         position: DVec3::from_array([0, 1, 2].map(|axis: usize| database.position[axis][i])),
@@ -323,7 +324,7 @@ pub fn rows(result: &TraceResult, name: &str) -> Vec<Row> {
         flux: database.flux[i],
         wavelength: database.wavelength[i],
     };
-    (0..database.num_rays()).map(row).collect()
+    (0..database.flux.len()).map(row).collect()
 }
 
 pub fn irradiance<'a>(result: &'a TraceResult, name: &str) -> &'a IrradianceMap {
@@ -361,7 +362,8 @@ pub fn path_events(paths: &RayPaths, kind: &str, subject: &str) -> Vec<(DVec3, D
     let vector = |columns: &[ndarray::Array1<f64>; 3], i: usize| {
         DVec3::from_array([0, 1, 2].map(|axis: usize| columns[axis][i]))
     };
-    (0..paths.len())
+    let paths = paths.columns().unwrap();
+    (0..paths.flux.len())
         .filter(|&i| {
             paths.event_type[i] == kind && (subject.is_empty() || paths.component_name[i] == subject)
         })

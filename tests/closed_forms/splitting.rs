@@ -286,8 +286,8 @@ fn a_fraction_of_a_ray_is_given_to_that_share_of_the_families() {
 fn paths_of_children_begin_where_they_were_split_off() {
     for tier in tiers("paths of split rays") {
         let result = plate(4).split(2, 4.0).record_paths().trace(&tier, 2);
-        let paths = result.ray_paths.as_ref().unwrap();
-        let told: Vec<(u64, u64, String)> = (0..paths.len())
+        let paths = result.ray_paths.as_ref().unwrap().columns().unwrap();
+        let told: Vec<(u64, u64, String)> = (0..paths.ray_id.len())
             .map(|i| {
                 let (launched, number) = ray_id::order(paths.ray_id[i] as u64);
                 (launched, number, format!("{} {}", paths.event_type[i], paths.component_name[i]))

@@ -8,8 +8,8 @@ use nsq_gpu::ir::{
     Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
     ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface, ray_id,
 };
-use nsq_gpu::program::{Precision, rng};
-use nsq_gpu::result::{DetectorData, Ledger, RayRow};
+use nsq_gpu::program::{Precision, Sampler, rng};
+use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
 
 /// The closed form of this name.
 pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
@@ -25,6 +25,10 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "extended cap" => extended_cap,
         "ties" => ties,
         "many faces" => many_faces,
+        "points over an area" => points_over_an_area,
+        "points over the sky" => points_over_the_sky,
+        "points of a window" => points_of_a_window,
+        "points of half mirrors" => points_of_half_mirrors,
         "scatter gain" => scatter_gain,
         "split plate" => split_plate,
         "split faint" => split_faint,
@@ -251,6 +255,90 @@ fn many_faces(bench: &Bench) -> Outcome {
     } else {
         Err(format!("{reached} faces are reached"))
     }
+}
+
+/// The tally of so many Sobol points.
+fn points(bench: &Bench, ir: &SceneIr, num_rays: u64) -> Tally {
+    let mut setting = Setting::default();
+    setting.options.num_rays = num_rays;
+    setting.options.sampler = Sampler::Sobol;
+    setting.options.seed = 3;
+    bench.tally(ir, &setting)
+}
+
+/// All counts are this one: Sobol points lie evenly, exactly, over any net of 2^a x 2^b cells.
+fn evenly(what: &str, counts: &[u64], expected: u64) -> Outcome {
+    match counts.iter().find(|&&count| count != expected) {
+        None => Ok(()),
+        Some(count) => Err(format!("{count} rays {what} instead of {expected}")),
+    }
+}
+
+/// Each of 32 x 32 pixels over an area gets one of 1024 rays.
+fn points_over_an_area(bench: &Bench) -> Outcome {
+    let area = Outline::Rectangle { width: 16.0, height: 16.0 };
+    let grid =
+        PixelGrid { width: 16.0, height: 16.0, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Hard };
+    let kind = EmitterKind::Extended { area, half_angle: 1e-9 };
+    let mut film = pixels("film", 1.0);
+    film.kind = SensorKind::Irradiance(grid);
+    let tally = points(bench, &scene(kind, vec![], vec![film]), 1024);
+    evenly("in a pixel", &tally.sensors[0].hits, 1)
+}
+
+/// Of a point's rays, and of an area's, each of eight azimuths gets the same number, and each of two wavelengths.
+fn points_over_the_sky(bench: &Bench) -> Outcome {
+    let azimuths = SensorKind::FarField { num_theta: 1, num_phi: 8 };
+    let area = Outline::Disk { radius: 1.0 };
+    for kind in [EmitterKind::Point { half_angle: 0.8 }, EmitterKind::Extended { area, half_angle: 0.8 }] {
+        let mut ir = scene(kind, vec![], vec![sky()]);
+        ir.sensors[0].kind = azimuths.clone();
+        let tally = points(bench, &ir, 1024);
+        evenly("in an azimuth", &tally.sensors[0].hits, 128)?;
+    }
+    let mut ir = scene(beam(), vec![], vec![pixels("colours", 1.0)]);
+    ir.wavelengths = vec![0.4, 0.5];
+    ir.media.iter_mut().for_each(|medium| {
+        medium.n.push(medium.n[0]);
+        medium.k.push(medium.k[0]);
+    });
+    ir.emitters[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    let grid = PixelGrid { width: 4.0, height: 4.0, num_pixels_x: 1, num_pixels_y: 1, splat: Splat::Hard };
+    ir.sensors[0].kind = SensorKind::Spectral { grid, wavelength_edges: vec![0.3, 0.45, 0.6] };
+    evenly("of a wavelength", &points(bench, &ir, 1024).sensors[0].hits, 512)
+}
+
+/// Two faces' reflections are a point of two dimensions, and all further ones nearly so: the transmittance is a tenth as
+/// far from the truth as random numbers would bring it.
+fn points_of_a_window(bench: &Bench) -> Outcome {
+    let num_rays = 1 << 14;
+    let tally = points(bench, &window_scene(), num_rays);
+    let through: u64 = tally.sensors[0].hits.iter().sum();
+    let expected = 2.0 * INDEX / (INDEX * INDEX + 1.0);
+    let limit = 0.2 * (expected * (1.0 - expected) / num_rays as f64).sqrt();
+    let mean = through as f64 / num_rays as f64;
+    if (mean - expected).abs() <= limit {
+        Ok(())
+    } else {
+        Err(format!("transmittance is {mean} instead of {expected} +- {limit}"))
+    }
+}
+
+/// Of two faces that reflect a half, the first sends back a half of the rays, and of the others a half passes at once.
+fn points_of_half_mirrors(bench: &Bench) -> Outcome {
+    let mut ir = window_scene();
+    for surface in &mut ir.surfaces {
+        surface.coating = Some(Coating { reflectance: vec![0.5], transmittance: vec![0.5] });
+    }
+    let mut setting = Setting::default();
+    setting.options.num_rays = 1 << 14;
+    setting.options.sampler = Sampler::Sobol;
+    // No more than two faces and a detector.
+    setting.options.max_depth = 3;
+    let tally = bench.tally(&ir, &setting);
+    let hits = |sensor: usize| tally.sensors[sensor].hits.iter().sum::<u64>();
+    evenly("passed", &[hits(0)], 1 << 12)?;
+    evenly("came back", &[hits(1)], 1 << 13)
 }
 
 /// A mirror whose table is higher than a Lambertian lobe gains pi times its value, less what came in.

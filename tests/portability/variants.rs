@@ -7,7 +7,7 @@ use nsq_gpu::ir::{
 };
 use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
-use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions};
+use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler};
 
 /// How a scene is compiled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +37,7 @@ pub struct Variant {
     pub paths: PathSampling,
     pub queue: bool,
     pub roulette_threshold: f64,
+    pub sampler: Sampler,
 }
 
 /// One feature.
@@ -64,6 +65,7 @@ pub enum Choice {
     Paths(PathSampling),
     Queue,
     Rotated,
+    Sampler(Sampler),
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -186,6 +188,16 @@ fn path_samplings() -> Vec<PathSampling> {
     samplings
 }
 
+fn samplers() -> Vec<Sampler> {
+    let position = |sampler: &Sampler| match sampler {
+        Sampler::Pcg => 0,
+        Sampler::Sobol => 1,
+    };
+    let samplers = vec![Sampler::Pcg, Sampler::Sobol];
+    assert!(samplers.iter().map(position).eq(0..samplers.len()));
+    samplers
+}
+
 impl Choice {
     /// Every feature.
     pub fn all() -> Vec<Choice> {
@@ -200,6 +212,7 @@ impl Choice {
         );
         choices.extend(policies().into_iter().map(Choice::Policy));
         choices.extend(path_samplings().into_iter().map(Choice::Paths));
+        choices.extend(samplers().into_iter().map(Choice::Sampler));
         choices.extend([
             Choice::Refractive,
             Choice::Reflective,
@@ -269,6 +282,7 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::Rotated => rotate(ir),
+            Choice::Sampler(sampler) => variant.sampler = sampler,
         }
     }
 }
@@ -287,7 +301,13 @@ impl Default for Variant {
             sensors: vec![],
             sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
-        Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0 }
+        Variant {
+            ir,
+            paths: PathSampling::None,
+            queue: false,
+            roulette_threshold: 0.0,
+            sampler: Sampler::Pcg,
+        }
     }
 }
 
@@ -311,6 +331,7 @@ impl Variant {
             workgroup_size: 64,
             paths: self.paths,
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
+            sampler: self.sampler,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
