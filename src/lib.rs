@@ -10,9 +10,11 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
+//! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
 
 pub mod bench;
+pub mod checkpoint;
 pub mod cli;
 pub mod error;
 pub mod gpu;
@@ -20,9 +22,10 @@ pub mod ir;
 pub mod program;
 pub mod result;
 pub mod scene;
+pub mod stopping;
 pub mod trace;
 
 pub use error::{Error, Result};
 pub use result::TraceResult;
 pub use scene::Scene;
-pub use trace::{TraceOptions, Tracer};
+pub use trace::{Progress, TraceOptions, Tracer};

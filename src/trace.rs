@@ -1,16 +1,20 @@
 //! A trace is a fold: `Tally += pass(range of ray ids)`.
 //!
 //! A pass runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
-//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
-//! callers of the fold.
+//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and
+//! checkpoints are callers of the fold: after each pass they may ask for all that was summed up so far ([`Progress`]).
+//!
+//! Sources take turns: each pass takes the same share of every source's rays, so that what is done at any moment is a
+//! fair sample of the scene.
 
 use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
 use crate::ir::SceneIr;
-use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange};
+use crate::program::{self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{
-    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, StageTime, SurfaceTally, Tally,
+    Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, SensorTally,
+    StageTime, SurfaceTally, Tally,
 };
 use std::time::{Duration, Instant};
 
@@ -19,6 +23,12 @@ use std::time::{Duration, Instant};
 pub struct TraceOptions {
     /// Rays to launch.
     pub num_rays: u64,
+    /// Number of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
+    pub first_ray: u64,
+    /// The rays are a part, from `first_ray` on, of a trace of so many rays, which the sources share: each source gives
+    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a lone source both are
+    /// the same.
+    pub of_rays: Option<u64>,
     /// Seed of every draw.
     pub seed: u64,
     /// Largest number of events of a ray.
@@ -31,6 +41,8 @@ pub struct TraceOptions {
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
+    /// Second moments are summed as well: the results have standard errors.
+    pub standard_error: bool,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
     /// Invocations a workgroup.
@@ -54,12 +66,15 @@ impl Default for TraceOptions {
     fn default() -> Self {
         TraceOptions {
             num_rays: 1_000_000,
+            first_ray: 0,
+            of_rays: None,
             seed: 0,
             max_depth: 16,
             min_flux_fraction: 1e-6,
             batch_size: None,
             precision: Precision::F64,
             paths: RecordPaths::None,
+            standard_error: true,
             baked: None,
             workgroup_size: 64,
             events_per_dispatch: 16,
@@ -90,6 +105,18 @@ struct EmitterRays {
     weight: f64,
 }
 
+impl EmitterRays {
+    /// How many of them are done at `position` of `length`.
+    fn done(&self, position: u64, length: u64) -> u64 {
+        share(self.count, position, length)
+    }
+}
+
+/// floor(count * position / length): its share of `count` things.
+fn share(count: u64, position: u64, length: u64) -> u64 {
+    (u128::from(count) * u128::from(position) / u128::from(length.max(1))) as u64
+}
+
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
 /// Rows for the host in one pass.
@@ -106,10 +133,14 @@ pub struct Tracer<'a> {
     options: TraceOptions,
     program: Program,
     rays: Vec<EmitterRays>,
+    num_rays: u64,
+    moments: MomentSource,
     batch: u32,
     device: DeviceState,
     counts_undrained: u64,
     launched: Booking,
+    launched_rays: RaySet,
+    pause: Option<u64>,
     events: Vec<DeviceEvent>,
     profile: Option<Profile>,
 }
@@ -139,6 +170,29 @@ struct DeviceEvent {
     row: RayRow,
 }
 
+/// Where second moments come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MomentSource {
+    /// Nobody asked for them.
+    Nowhere,
+    /// Every ray weighs the same for life and ends in one cell: the hits say it all.
+    Hits,
+    /// The device sums them.
+    Device,
+}
+
+impl MomentSource {
+    fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
+        let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
+        let keeps_weight = || Features::of(ir, lowest_weight, roulette_threshold).keeps_weight(ir);
+        match options.standard_error {
+            false => MomentSource::Nowhere,
+            true if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
+            true => MomentSource::Device,
+        }
+    }
+}
+
 impl<'a> Tracer<'a> {
     /// Prepares a scene: composes, compiles and packs.
     ///
@@ -158,18 +212,27 @@ impl<'a> Tracer<'a> {
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
         check_options(gpu, options)?;
-        let rays = distribute(ir, options.num_rays)?;
+        let rays = part(distribute(ir, budget(options))?, options)?;
         let primitives = ir.surfaces.len() + ir.sensors.len();
+        let weights: Vec<f64> = rays.iter().map(|r| r.weight).collect();
+        let roulette_threshold = options.min_flux_fraction.max(ir.sampling.rr_start_flux);
+        let moments = MomentSource::of(ir, options, &weights, roulette_threshold);
+        let events_per_dispatch = match moments {
+            // A ray's crossings are known to the invocation that traces it alone.
+            MomentSource::Device if ir.sensors.iter().any(|sensor| !sensor.absorb) => options.max_depth,
+            _ => options.events_per_dispatch.min(options.max_depth),
+        };
         let program_options = ProgramOptions {
             precision: options.precision,
             native: gpu.int64,
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
             max_depth: options.max_depth,
-            roulette_threshold: options.min_flux_fraction.max(ir.sampling.rr_start_flux),
-            events_per_dispatch: options.events_per_dispatch.min(options.max_depth),
+            roulette_threshold,
+            events_per_dispatch,
             workgroup_size: options.workgroup_size,
-            paths: options.paths.sampling(options.num_rays),
-            weights: rays.iter().map(|r| r.weight).collect(),
+            paths: options.paths.sampling(budget(options)),
+            weights,
+            moments: moments == MomentSource::Device,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         let batch = batch_size(gpu, &program, options);
@@ -179,11 +242,15 @@ impl<'a> Tracer<'a> {
             ir,
             options: options.clone(),
             program,
+            moments,
+            num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             batch,
             device,
             counts_undrained: 0,
             launched: Booking::default(),
+            launched_rays: RaySet::default(),
+            pause: None,
             events: Vec::new(),
             profile: None,
         })
@@ -220,26 +287,100 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
-        let mut tally = self.empty_tally();
-        let mut done = 0;
+        self.go_on(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
+    }
+
+    /// Traces the rays that `begun` lacks, and gives the sum of all. After each pass `keep_going` is shown the progress,
+    /// may take a snapshot of the sums, and stops the trace by returning false.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if `begun` is not the beginning of this trace, [`Error::Device`] if the device fails, and
+    /// whatever `keep_going` fails with.
+    pub fn go_on(
+        &mut self,
+        begun: Tally,
+        mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+    ) -> Result<Tally> {
+        if self.counts_undrained > 0 {
+            // A trace before this one failed half-way.
+            self.drain()?;
+        }
+        let mut position = self.position_after(&begun)?;
+        let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
-        while done < self.options.num_rays {
-            let end = self.options.num_rays.min(done + pass_rays);
-            let start = Instant::now();
-            self.pass(done, end)?;
-            pass_rays = self.next_pass_rays(end - done, start.elapsed());
-            done = end;
+        let start = Instant::now();
+        while position < self.num_rays {
+            let mut end = self.num_rays.min(position + pass_rays);
+            if let Some(pause) = self.pause.filter(|pause| *pause > position) {
+                end = end.min(pause);
+            }
+            let pass_start = Instant::now();
+            self.pass(position, end)?;
+            pass_rays = self.next_pass_rays(end - position, pass_start.elapsed());
+            position = end;
             if self.counts_undrained
                 > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1)
             {
                 tally += &self.drain()?;
             }
-            if !keep_going(done) {
+            let mut progress = Progress {
+                done: self.done(position),
+                num_rays: self.num_rays,
+                elapsed: start.elapsed(),
+                position,
+                tracer: self,
+                tally: &mut tally,
+            };
+            if !keep_going(&mut progress)? {
                 break;
             }
         }
         tally += &self.drain()?;
+        if self.rays.len() > 1 {
+            tally.sort_rows();
+        }
         Ok(tally)
+    }
+
+    /// Rays in all.
+    pub fn num_rays(&self) -> u64 {
+        self.num_rays
+    }
+
+    /// Ends a pass at a position, if it lies ahead: so that what is decided there does not depend on the batch size or on
+    /// the speed of the device.
+    pub fn pause_at(&mut self, position: u64) {
+        self.pause = Some(position);
+    }
+
+    /// Rays that are done at a position.
+    fn done(&self, position: u64) -> u64 {
+        self.rays.iter().map(|rays| rays.done(position, self.num_rays)).sum()
+    }
+
+    /// Ids of the rays that are done at a position.
+    fn rays_done(&self, position: u64) -> RaySet {
+        let mut set = RaySet::default();
+        for (emitter, rays) in (0..).zip(&self.rays) {
+            set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), emitter };
+        }
+        set
+    }
+
+    /// Where a trace goes on that has come as far as `begun`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if `begun` is not the beginning of this trace.
+    pub fn position_after(&self, begun: &Tally) -> Result<u64> {
+        let (mut low, mut high) = (0, self.num_rays);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.done(middle) < begun.launched.count { low = middle + 1 } else { high = middle }
+        }
+        if self.rays_done(low) == begun.rays {
+            return Ok(low);
+        }
+        Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
     }
 
     /// So many rays that the next pass takes about [`SUBMISSION_TIME`].
@@ -253,11 +394,13 @@ impl<'a> Tracer<'a> {
         wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
     }
 
-    /// Traces rays `first..end` into the device's sums.
+    /// Traces from position `first` to `end` into the device's sums.
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
         for range in self.ranges(first, end) {
             self.dispatch(&range)?;
             self.launched += self.launch(&range);
+            let (count, emitter) = (u64::from(range.count), range.emitter as u32);
+            self.launched_rays += RaySpan { first: range.first, count, emitter };
             self.counts_undrained += u64::from(range.count) * u64::from(self.options.max_depth + 1);
             if self.device.events.is_some() {
                 self.fetch_events(range.first)?;
@@ -268,11 +411,7 @@ impl<'a> Tracer<'a> {
 
     /// What a range is born with, quantised as the device does it.
     fn launch(&self, range: &RayRange) -> Booking {
-        let weight = self.rays[range.emitter].weight;
-        let weight = match self.options.precision {
-            Precision::F32 => f64::from(weight as f32),
-            Precision::F64 => weight,
-        };
+        let weight = held(self.rays[range.emitter].weight, self.options.precision);
         let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
         Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
     }
@@ -281,8 +420,8 @@ impl<'a> Tracer<'a> {
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
-            let last = end.min(rays.first + rays.count);
-            let mut next = first.max(rays.first);
+            let last = rays.first + rays.done(end, self.num_rays);
+            let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
                 ranges.push(RayRange { first: next, count, emitter });
@@ -385,7 +524,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// A tally of no rays, in the scene's shape.
-    fn empty_tally(&self) -> Tally {
+    pub fn empty_tally(&self) -> Tally {
         let sensors = self.ir.sensors.iter().map(|sensor| SensorTally {
             quanta: vec![0; sensor.num_cells()],
             hits: vec![0; sensor.num_cells()],
@@ -410,6 +549,7 @@ impl<'a> Tracer<'a> {
         let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
         let mut tally = self.empty_tally();
         tally.launched = std::mem::take(&mut self.launched);
+        tally.rays = std::mem::take(&mut self.launched_rays);
         tally.invalid_deposits = u64::from(counters[0]);
         tally.medium_stack_underflows = u64::from(counters[1]);
         tally.roulette_gain = booking(2);
@@ -440,8 +580,43 @@ impl<'a> Tracer<'a> {
             let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
             sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
         }
+        self.take_moments(&mut tally, &sums);
         self.take_events(&mut tally);
         Ok(tally)
+    }
+
+    /// The second moments of a tally whose first ones are there.
+    fn take_moments(&self, tally: &mut Tally, sums: &[u128]) {
+        match (self.moments, &self.program.cells.moments) {
+            (MomentSource::Hits, _) => {
+                let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
+                for sensor in &mut tally.sensors {
+                    sensor.squares = sensor.hits.iter().map(|&hits| u128::from(hits) * square).collect();
+                    let Booking { count, quanta } = sensor.total();
+                    sensor.totals = vec![Moments { quanta, squares: u128::from(count) * square }];
+                }
+            }
+            (MomentSource::Device, Some(cells)) => {
+                tally.moments_overflowed = sums[cells.large_squares as usize] >= LARGE_SQUARES_LIMIT;
+                for (index, sensor) in tally.sensors.iter_mut().enumerate() {
+                    let first = (self.program.cells.sensors[index] + cells.squares_offset) as usize;
+                    let squares = &sums[first..first + sensor.quanta.len().max(1)];
+                    sensor.totals = match cells.totals {
+                        Some(totals) => {
+                            let num_emitters = self.rays.len();
+                            let first = totals as usize + 2 * index * num_emitters;
+                            let pairs = sums[first..first + 2 * num_emitters].chunks_exact(2);
+                            pairs.map(|pair| Moments { quanta: pair[0], squares: pair[1] }).collect()
+                        }
+                        None => {
+                            vec![Moments { quanta: sensor.total().quanta, squares: squares.iter().sum() }]
+                        }
+                    };
+                    sensor.squares = squares[..sensor.quanta.len()].to_vec();
+                }
+            }
+            (MomentSource::Nowhere | MomentSource::Device, _) => {}
+        }
     }
 
     /// Sorts the rows into databases and paths, in the order of (ray id, event).
@@ -463,6 +638,42 @@ impl<'a> Tracer<'a> {
             };
             tally.paths.push(PathEvent { ray: row, kind });
         }
+    }
+}
+
+/// How far a trace is, after a pass.
+pub struct Progress<'t, 'a> {
+    /// Rays done, those included that the trace began with.
+    pub done: u64,
+    /// Rays in all.
+    pub num_rays: u64,
+    /// Time since the trace began, or was taken up again.
+    pub elapsed: Duration,
+    position: u64,
+    tracer: &'t mut Tracer<'a>,
+    tally: &'t mut Tally,
+}
+
+impl Progress<'_, '_> {
+    /// The sums of all rays so far. The device's sums are fetched for it, once a pass.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn tally(&mut self) -> Result<&Tally> {
+        if self.tracer.counts_undrained > 0 {
+            *self.tally += &self.tracer.drain()?;
+        }
+        Ok(self.tally)
+    }
+
+    /// Where the trace is between 0 and `num_rays`; for a lone source, the rays done.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// See [`Tracer::pause_at`].
+    pub fn pause_at(&mut self, position: u64) {
+        self.tracer.pause_at(position);
     }
 }
 
@@ -505,12 +716,10 @@ impl DeviceState {
         let trace_new = gpu.pipeline("trace_new", &shader, &layouts, &[]);
         let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
 
-        let num_cells = u64::from(program.cells.num_cells);
-        let sums = gpu.buffer("the sums", num_cells * cell_bytes(program))?;
+        let num_sums = u64::from(program.cells.num_sums);
+        let sums = gpu.buffer("the sums", num_sums * cell_bytes(program))?;
         let tops = match program.options.native {
-            true => {
-                Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?)
-            }
+            true => Some(gpu.buffer("the sums' upper words", num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?),
             false => None,
         };
         let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
@@ -610,11 +819,11 @@ impl DeviceState {
     }
 
     fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {
-        let num_cells = u64::from(program.cells.num_cells);
-        let sums = gpu.read(&self.sums, num_cells * cell_bytes(program))?;
+        let num_sums = u64::from(program.cells.num_sums);
+        let sums = gpu.read(&self.sums, num_sums * cell_bytes(program))?;
         Ok(match &self.tops {
             Some(tops) => {
-                let tops = gpu.read(tops, num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?;
+                let tops = gpu.read(tops, num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?;
                 gpu::sums::read_native(&sums, &tops)
             }
             None => gpu::sums::read_portable(&sums),
@@ -634,6 +843,23 @@ impl DeviceState {
         gpu.queue.submit([encoder.finish()]);
     }
 }
+
+/// A weight as the device holds it.
+fn held(weight: f64, precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => f64::from(weight as f32),
+        Precision::F64 => weight,
+    }
+}
+
+/// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
+fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
+    let weight = held(weight, precision);
+    (held(weight * weight, precision) * QUANTA_PER_WEIGHT).ceil() as u128
+}
+
+/// From here on some cell of squares may have overflowed (shaders/lib/moments.wgsl).
+const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
 
 fn cell_bytes(program: &Program) -> u64 {
     let bytes =
@@ -657,6 +883,21 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     if options.num_rays == 0 {
         return usage("the number of rays is 0; at least one ray is needed".into());
     }
+    let end = options.first_ray.checked_add(options.num_rays);
+    if end.is_none_or(|end| end > MAX_RAY_ID) {
+        return usage(format!(
+            "{} rays from ray {} on: ray ids end at 2^63",
+            options.num_rays, options.first_ray
+        ));
+    }
+    if let Some(of_rays) = options.of_rays
+        && end.is_some_and(|end| end > of_rays)
+    {
+        return usage(format!(
+            "{} rays from ray {} on are no part of a trace of {of_rays} rays",
+            options.num_rays, options.first_ray
+        ));
+    }
     if options.max_depth == 0 || options.max_depth > MAX_DEPTH_LIMIT {
         return usage(format!("max_depth is {}; it must lie in 1..={MAX_DEPTH_LIMIT}", options.max_depth));
     }
@@ -671,6 +912,9 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     }
     Ok(())
 }
+
+/// NumPy and Optiland keep ray ids in signed integers.
+const MAX_RAY_ID: u64 = 1 << 63;
 
 /// The table of draws has a row an event: 16 bytes each.
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
@@ -688,6 +932,32 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         _ => u32::MAX,
     };
     wanted.min(events).min(queued).max(1)
+}
+
+/// Rays that the sources share.
+fn budget(options: &TraceOptions) -> u64 {
+    options.of_rays.unwrap_or(options.num_rays)
+}
+
+/// Those of a budget's rays that are traced here.
+fn part(budget_rays: Vec<EmitterRays>, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
+    let Some(of_rays) = options.of_rays else {
+        let shift = |rays: EmitterRays| EmitterRays { first: rays.first + options.first_ray, ..rays };
+        return Ok(budget_rays.into_iter().map(shift).collect());
+    };
+    let end = options.first_ray + options.num_rays;
+    let rays = budget_rays.into_iter().map(|rays| {
+        let before = rays.done(options.first_ray, of_rays);
+        EmitterRays { first: rays.first + before, count: rays.done(end, of_rays) - before, ..rays }
+    });
+    let rays: Vec<EmitterRays> = rays.collect();
+    if rays.iter().all(|rays| rays.count == 0) {
+        return Err(Error::Usage(format!(
+            "no source has a ray in so small a part: {} of {of_rays} rays",
+            options.num_rays
+        )));
+    }
+    Ok(rays)
 }
 
 /// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by

@@ -56,6 +56,8 @@ pub struct ProgramOptions {
     pub paths: PathSampling,
     /// The weight that each emitter's rays are born with.
     pub weights: Vec<f64>,
+    /// Second moments are summed on the device. Where a detector lets rays pass, no ray may outlive a dispatch.
+    pub moments: bool,
 }
 
 impl ProgramOptions {
@@ -126,7 +128,7 @@ impl Program {
         let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
         let centre = centre_of(ir);
-        let cells = Cells::of(ir);
+        let cells = if options.moments { Cells::of(ir).with_moments(ir) } else { Cells::of(ir) };
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
         let composition = Composition {

@@ -1,5 +1,5 @@
 //! `.npz` files that `numpy.load(allow_pickle=False)` reads: Optiland's keys and shapes, float64 in C order, scalars as
-//! 0-d arrays, plus `hits` and `meta`.
+//! 0-d arrays, plus `hits`, `standard_error`, `total_flux_standard_error` and `meta`.
 //!
 //! `meta` is a 0-d string of JSON: what the file holds, its units, and the trace it comes from. No file holds a time,
 //! so equal results are equal files.
@@ -35,6 +35,11 @@ impl NpzFile {
     /// Adds an array.
     pub(crate) fn add(&mut self, name: &str, array: &(impl WriteNpyExt + ?Sized)) -> Result<()> {
         self.writer.add_array(name, array).map_err(|error| Error::file(&self.path, error))
+    }
+
+    /// Adds an array if it is there.
+    pub(crate) fn add_optional(&mut self, name: &str, array: &Option<impl WriteNpyExt>) -> Result<()> {
+        array.as_ref().map_or(Ok(()), |array| self.add(name, array))
     }
 
     /// Adds a column of strings, shape (n,).
@@ -101,6 +106,7 @@ pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) ->
     if !matches!(detector.data, DetectorData::RayDatabase(_)) {
         file.add("total_flux", &arr0(detector.total_flux))?;
         file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
+        file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
     }
     file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, units))?;
     file.finish()

@@ -16,17 +16,27 @@ use crate::result::{Report, TraceResult, npz, png};
 pub const REPORT: &str = "report.json";
 /// Name of the file of recorded paths.
 pub const RAY_PATHS: &str = "ray_paths.npz";
+/// Name of the file of raw sums.
+pub const TALLY: &str = "tally.bin";
 
 /// Writes all files of `result` into `dir`, which is created if it does not exist, and returns their paths.
 ///
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
 pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
+    write_all_and(dir, result, None)
+}
+
+/// As [`write_all`], with the contents of the file of raw sums.
+///
+/// # Errors
+/// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
+pub fn write_all_and(dir: &Path, result: &TraceResult, tally: Option<&[u8]>) -> Result<Vec<PathBuf>> {
     let (staging, base, missing) = stage(dir)?;
     let new = staging.path().join("new");
     let staged = new.join(&missing);
     fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
-    let names = write_files(&staged, result).map_err(|error| relocate(error, &staged, dir))?;
+    let names = write_files(&staged, result, tally).map_err(|error| relocate(error, &staged, dir))?;
     match missing.iter().next() {
         Some(top) => fs::rename(new.join(top), base.join(top)).map_err(|error| Error::file(dir, error))?,
         None => install(&staged, &staging.path().join("old"), dir, &names)?,
@@ -68,7 +78,7 @@ fn split_existing(dir: &Path) -> Result<(PathBuf, PathBuf)> {
 }
 
 /// Writes every file into `folder`; returns their names, `report.json` last.
-fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
+fn write_files(folder: &Path, result: &TraceResult, tally: Option<&[u8]>) -> Result<Vec<String>> {
     let mut names = Vec::new();
     let mut files = Files::default();
     for (detector, stem) in result.detectors.iter().zip(file_stems(result)) {
@@ -83,7 +93,11 @@ fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
         files.ray_paths = Some(RAY_PATHS.into());
         names.push(RAY_PATHS.into());
     }
-    write_text(&folder.join(REPORT), &Report::new(result, &files).to_json())?;
+    if let Some(bytes) = tally {
+        write_bytes(&folder.join(TALLY), bytes)?;
+        names.push(TALLY.into());
+    }
+    write_bytes(&folder.join(REPORT), Report::new(result, &files).to_json().as_bytes())?;
     names.push(REPORT.into());
     for name in &names {
         sync_file(&folder.join(name))?;
@@ -91,8 +105,8 @@ fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
     Ok(names)
 }
 
-fn write_text(path: &Path, text: &str) -> Result<()> {
-    let write = || -> io::Result<()> { File::create(path)?.write_all(text.as_bytes()) };
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    let write = || -> io::Result<()> { File::create(path)?.write_all(bytes) };
     write().map_err(|error| Error::file(path, error))
 }
 

@@ -37,6 +37,7 @@ pub struct Variant {
     pub paths: PathSampling,
     pub queue: bool,
     pub roulette_threshold: f64,
+    pub moments: bool,
 }
 
 /// One feature.
@@ -63,6 +64,7 @@ pub enum Choice {
     Paths(PathSampling),
     Queue,
     Rotated,
+    Moments,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -211,6 +213,7 @@ impl Choice {
             Choice::AbsorbingMedium,
             Choice::Queue,
             Choice::Rotated,
+            Choice::Moments,
         ]);
         choices
     }
@@ -262,6 +265,7 @@ impl Choice {
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
+            Choice::Moments => variant.moments = true,
             Choice::Rotated => rotate(ir),
         }
     }
@@ -281,7 +285,7 @@ impl Default for Variant {
             sensors: vec![],
             sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
         };
-        Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0 }
+        Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0, moments: false }
     }
 }
 
@@ -305,6 +309,7 @@ impl Variant {
             workgroup_size: 64,
             paths: self.paths,
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
+            moments: self.moments,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
