@@ -11,9 +11,11 @@
 //! ```
 //!
 //! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
+//! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
 
 pub mod bench;
+pub mod checkpoint;
 pub mod cli;
 pub mod error;
 pub mod gpu;
@@ -30,9 +32,10 @@ pub mod program;
 pub mod result;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod scene;
+pub mod stopping;
 pub mod trace;
 
 pub use error::{Error, Result};
 pub use result::TraceResult;
 pub use scene::Scene;
-pub use trace::{TraceOptions, Tracer};
+pub use trace::{Progress, TraceOptions, Tracer};

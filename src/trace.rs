@@ -1,17 +1,22 @@
 //! A trace is a fold: `Tally += pass(range of ray ids)`.
 //!
 //! A pass runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
-//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
-//! callers of the fold.
+//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and
+//! checkpoints are callers of the fold: after each pass they may ask for all that was summed up so far ([`Progress`]).
+//!
+//! Sources take turns: each pass takes the same share of every source's rays, so that what is done at any moment is a
+//! fair sample of the scene.
 
 use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
 use crate::ir::{SceneIr, ray_id};
-use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting};
+use crate::program::{
+    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting,
+};
 use crate::result::{
-    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, Recording, SensorTally, StageTime,
-    SurfaceTally, Tally,
+    Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
+    Recording, SensorTally, StageTime, SurfaceTally, Tally,
 };
 use std::time::{Duration, Instant};
 
@@ -20,6 +25,12 @@ use std::time::{Duration, Instant};
 pub struct TraceOptions {
     /// Rays to launch.
     pub num_rays: u64,
+    /// Number of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
+    pub first_ray: u64,
+    /// The rays are a part, from `first_ray` on, of a trace of so many rays, which the sources share: each source gives
+    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a lone source both are
+    /// the same.
+    pub of_rays: Option<u64>,
     /// Seed of every draw.
     pub seed: u64,
     /// Largest number of events of a ray.
@@ -32,6 +43,8 @@ pub struct TraceOptions {
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
+    /// Second moments are summed as well: the results have standard errors.
+    pub standard_error: bool,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
     /// What the draws are.
@@ -57,12 +70,15 @@ impl Default for TraceOptions {
     fn default() -> Self {
         TraceOptions {
             num_rays: 1_000_000,
+            first_ray: 0,
+            of_rays: None,
             seed: 0,
             max_depth: 16,
             min_flux_fraction: 1e-6,
             batch_size: None,
             precision: Precision::F64,
             paths: RecordPaths::None,
+            standard_error: true,
             baked: None,
             sampler: Sampler::Pcg,
             workgroup_size: 64,
@@ -94,6 +110,18 @@ struct EmitterRays {
     weight: f64,
 }
 
+impl EmitterRays {
+    /// How many of them are done at `position` of `length`.
+    fn done(&self, position: u64, length: u64) -> u64 {
+        share(self.count, position, length)
+    }
+}
+
+/// floor(count * position / length): its share of `count` things.
+fn share(count: u64, position: u64, length: u64) -> u64 {
+    (u128::from(count) * u128::from(position) / u128::from(length.max(1))) as u64
+}
+
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
 /// Rows for the host in one pass.
@@ -111,12 +139,17 @@ pub struct Tracer<'a> {
     options: TraceOptions,
     program: Program,
     rays: Vec<EmitterRays>,
+    num_rays: u64,
+    moments: MomentSource,
     batch: u32,
     device: DeviceState,
     counts_undrained: u64,
     launched: Booking,
+    launched_rays: RaySet,
+    pause: Option<u64>,
     events: Vec<DeviceEvent>,
-    recording: Option<Recording>,
+    /// One for each emitter.
+    recordings: Vec<Recording>,
     profile: Option<Profile>,
 }
 
@@ -145,6 +178,29 @@ struct DeviceEvent {
     row: RayRow,
 }
 
+/// Where second moments come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MomentSource {
+    /// Nobody asked for them.
+    Nowhere,
+    /// Every ray weighs the same for life and ends in one cell: the hits say it all.
+    Hits,
+    /// The device sums them.
+    Device,
+}
+
+impl MomentSource {
+    fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
+        let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
+        let keeps_weight = || Features::of(ir, lowest_weight, roulette_threshold).keeps_weight(ir);
+        match options.standard_error {
+            false => MomentSource::Nowhere,
+            true if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
+            true => MomentSource::Device,
+        }
+    }
+}
+
 impl<'a> Tracer<'a> {
     /// Prepares a scene: composes, compiles and packs.
     ///
@@ -164,19 +220,28 @@ impl<'a> Tracer<'a> {
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
         check_options(gpu, options)?;
-        let rays = distribute(ir, options.num_rays)?;
+        let rays = part(distribute(ir, budget(options))?, options)?;
         let primitives = ir.surfaces.len() + ir.sensors.len();
+        let weights: Vec<f64> = rays.iter().map(|r| r.weight).collect();
+        let roulette_threshold = options.min_flux_fraction.max(ir.sampling.rr_start_flux);
+        let moments = MomentSource::of(ir, options, &weights, roulette_threshold);
+        let events_per_dispatch = match moments {
+            // A ray's crossings are known to the invocation that traces it alone.
+            MomentSource::Device if ir.sensors.iter().any(|sensor| !sensor.absorb) => options.max_depth,
+            _ => options.events_per_dispatch.min(options.max_depth),
+        };
         let program_options = ProgramOptions {
             precision: options.precision,
             native: gpu.int64,
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
             max_depth: options.max_depth,
-            roulette_threshold: options.min_flux_fraction.max(ir.sampling.rr_start_flux),
-            events_per_dispatch: options.events_per_dispatch.min(options.max_depth),
+            roulette_threshold,
+            events_per_dispatch,
             workgroup_size: options.workgroup_size,
-            paths: options.paths.sampling(options.num_rays),
-            weights: rays.iter().map(|r| r.weight).collect(),
+            paths: options.paths.sampling(budget(options)),
+            weights,
             sampler: options.sampler,
+            moments: moments == MomentSource::Device,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
@@ -187,13 +252,17 @@ impl<'a> Tracer<'a> {
             ir,
             options: options.clone(),
             program,
+            moments,
+            num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             batch,
             device,
             counts_undrained: 0,
             launched: Booking::default(),
+            launched_rays: RaySet::default(),
+            pause: None,
             events: Vec::new(),
-            recording: None,
+            recordings: Vec::new(),
             profile: None,
         })
     }
@@ -212,15 +281,22 @@ impl<'a> Tracer<'a> {
         Ok(())
     }
 
-    /// Gives the rows of what is traced from now on to `recording`, pass by pass, instead of the tally: so memory need
-    /// not grow with the rays. They come in the order of (ray id, event), because ids ascend from pass to pass.
-    pub fn record_to(&mut self, recording: Recording) {
-        self.recording = Some(recording);
+    /// Gives the rows of what is traced from now on to recordings, pass by pass, instead of the tally: so memory need not
+    /// grow with the rays. Each source has its own, which gets them in the order of (ray id, event), because a source's ids
+    /// ascend from pass to pass.
+    pub fn record_to(&mut self, recording: impl Fn() -> Recording) {
+        self.recordings = self.rays.iter().map(|_| recording()).collect();
     }
 
-    /// Takes back what [`Tracer::record_to`] was given.
-    pub fn take_recording(&mut self) -> Option<Recording> {
-        self.recording.take()
+    /// What was recorded since [`Tracer::record_to`], sources in order; none without it.
+    ///
+    /// # Errors
+    /// [`Error::File`] if a file cannot be read or written.
+    pub fn take_recorded(&mut self) -> Result<Option<Recorded>> {
+        let mut parts = std::mem::take(&mut self.recordings).into_iter();
+        let Some(mut all) = parts.next() else { return Ok(None) };
+        parts.try_for_each(|part| all.append(part.finish()))?;
+        Ok(Some(all.finish()))
     }
 
     /// What the stages took on the device; nothing unless they were timed.
@@ -240,24 +316,98 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
-        let mut tally = self.empty_tally();
-        let mut done = 0;
+        self.go_on(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
+    }
+
+    /// Traces the rays that `begun` lacks, and gives the sum of all. After each pass `keep_going` is shown the progress,
+    /// may take a snapshot of the sums, and stops the trace by returning false.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if `begun` is not the beginning of this trace, [`Error::Device`] if the device fails, and
+    /// whatever `keep_going` fails with.
+    pub fn go_on(
+        &mut self,
+        begun: Tally,
+        mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+    ) -> Result<Tally> {
+        if self.counts_undrained > 0 {
+            // A trace before this one failed half-way.
+            self.drain()?;
+        }
+        let mut position = self.position_after(&begun)?;
+        let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
-        while done < self.options.num_rays {
-            let end = self.options.num_rays.min(done + pass_rays);
-            let start = Instant::now();
-            self.pass(done, end)?;
-            pass_rays = self.next_pass_rays(end - done, start.elapsed());
-            done = end;
+        let start = Instant::now();
+        while position < self.num_rays {
+            let mut end = self.num_rays.min(position + pass_rays);
+            if let Some(pause) = self.pause.filter(|pause| *pause > position) {
+                end = end.min(pause);
+            }
+            let pass_start = Instant::now();
+            self.pass(position, end)?;
+            pass_rays = self.next_pass_rays(end - position, pass_start.elapsed());
+            position = end;
             if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
                 tally += &self.drain()?;
             }
-            if !keep_going(done) {
+            let mut progress = Progress {
+                done: self.done(position),
+                num_rays: self.num_rays,
+                elapsed: start.elapsed(),
+                position,
+                tracer: self,
+                tally: &mut tally,
+            };
+            if !keep_going(&mut progress)? {
                 break;
             }
         }
         tally += &self.drain()?;
+        if self.rays.len() > 1 {
+            tally.sort_rows();
+        }
         Ok(tally)
+    }
+
+    /// Rays in all.
+    pub fn num_rays(&self) -> u64 {
+        self.num_rays
+    }
+
+    /// Ends a pass at a position, if it lies ahead: so that what is decided there does not depend on the batch size or on
+    /// the speed of the device.
+    pub fn pause_at(&mut self, position: u64) {
+        self.pause = Some(position);
+    }
+
+    /// Rays that are done at a position.
+    fn done(&self, position: u64) -> u64 {
+        self.rays.iter().map(|rays| rays.done(position, self.num_rays)).sum()
+    }
+
+    /// Ids of the rays that are done at a position.
+    fn rays_done(&self, position: u64) -> RaySet {
+        let mut set = RaySet::default();
+        for (emitter, rays) in (0..).zip(&self.rays) {
+            set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), emitter };
+        }
+        set
+    }
+
+    /// Where a trace goes on that has come as far as `begun`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if `begun` is not the beginning of this trace.
+    pub fn position_after(&self, begun: &Tally) -> Result<u64> {
+        let (mut low, mut high) = (0, self.num_rays);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.done(middle) < begun.launched.count { low = middle + 1 } else { high = middle }
+        }
+        if self.rays_done(low) == begun.rays {
+            return Ok(low);
+        }
+        Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
     }
 
     /// So many rays that the next pass takes about [`SUBMISSION_TIME`].
@@ -271,14 +421,16 @@ impl<'a> Tracer<'a> {
         wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
     }
 
-    /// Traces rays `first..end` into the device's sums.
+    /// Traces from position `first` to `end` into the device's sums.
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
         for range in self.ranges(first, end) {
             self.dispatch(&range)?;
             self.launched += self.launch(&range);
+            let (count, emitter) = (u64::from(range.count), range.emitter as u32);
+            self.launched_rays += RaySpan { first: range.first, count, emitter };
             self.counts_undrained += u64::from(range.count) * counts_per_ray(&self.program);
             if self.device.events.is_some() {
-                self.fetch_events(range.first)?;
+                self.fetch_events(&range)?;
             }
         }
         self.gpu.wait()
@@ -286,11 +438,7 @@ impl<'a> Tracer<'a> {
 
     /// What a range is born with, quantised as the device does it.
     fn launch(&self, range: &RayRange) -> Booking {
-        let weight = self.rays[range.emitter].weight;
-        let weight = match self.options.precision {
-            Precision::F32 => f64::from(weight as f32),
-            Precision::F64 => weight,
-        };
+        let weight = held(self.rays[range.emitter].weight, self.options.precision);
         let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
         Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
     }
@@ -299,8 +447,8 @@ impl<'a> Tracer<'a> {
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
-            let last = end.min(rays.first + rays.count);
-            let mut next = first.max(rays.first);
+            let last = rays.first + rays.done(end, self.num_rays);
+            let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
                 ranges.push(RayRange { first: next, count, emitter });
@@ -344,8 +492,8 @@ impl<'a> Tracer<'a> {
         self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
     }
 
-    /// Takes the rows of the range that began at ray `first`.
-    fn fetch_events(&mut self, first: u64) -> Result<()> {
+    /// Takes the rows of a range.
+    fn fetch_events(&mut self, range: &RayRange) -> Result<()> {
         let Some(buffer) = &self.device.events else {
             return Ok(());
         };
@@ -357,11 +505,11 @@ impl<'a> Tracer<'a> {
             return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
         }
         let bytes = self.gpu.read(buffer, size)?;
-        let decode = self.event_decoder(&layout, first)?;
+        let decode = self.event_decoder(&layout, range.first)?;
         let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
         self.gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
         events.sort_unstable_by_key(|event| (event.row.order(), event.kind));
-        match &mut self.recording {
+        match self.recordings.get_mut(range.emitter) {
             Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
             None => self.events.append(&mut events),
         }
@@ -405,7 +553,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// A tally of no rays, in the scene's shape.
-    fn empty_tally(&self) -> Tally {
+    pub fn empty_tally(&self) -> Tally {
         let sensors = self.ir.sensors.iter().map(|sensor| SensorTally {
             quanta: vec![0; sensor.num_cells()],
             hits: vec![0; sensor.num_cells()],
@@ -430,6 +578,7 @@ impl<'a> Tracer<'a> {
         let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
         let mut tally = self.empty_tally();
         tally.launched = std::mem::take(&mut self.launched);
+        tally.rays = std::mem::take(&mut self.launched_rays);
         tally.invalid_deposits = u64::from(counters[0]);
         tally.medium_stack_underflows = u64::from(counters[1]);
         tally.roulette_gain = booking(2);
@@ -461,6 +610,7 @@ impl<'a> Tracer<'a> {
             let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
             sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
         }
+        self.take_moments(&mut tally, &sums);
         for event in self.events.drain(..) {
             match event.path_event() {
                 Some(path_event) => tally.paths.push(path_event),
@@ -468,6 +618,40 @@ impl<'a> Tracer<'a> {
             }
         }
         Ok(tally)
+    }
+
+    /// The second moments of a tally whose first ones are there.
+    fn take_moments(&self, tally: &mut Tally, sums: &[u128]) {
+        match (self.moments, &self.program.cells.moments) {
+            (MomentSource::Hits, _) => {
+                let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
+                for sensor in &mut tally.sensors {
+                    sensor.squares = sensor.hits.iter().map(|&hits| u128::from(hits) * square).collect();
+                    let Booking { count, quanta } = sensor.total();
+                    sensor.totals = vec![Moments { quanta, squares: u128::from(count) * square }];
+                }
+            }
+            (MomentSource::Device, Some(cells)) => {
+                tally.moments_overflowed = sums[cells.large_squares as usize] >= LARGE_SQUARES_LIMIT;
+                for (index, sensor) in tally.sensors.iter_mut().enumerate() {
+                    let first = (self.program.cells.sensors[index] + cells.squares_offset) as usize;
+                    let squares = &sums[first..first + sensor.quanta.len().max(1)];
+                    sensor.totals = match cells.totals {
+                        Some(totals) => {
+                            let num_emitters = self.rays.len();
+                            let first = totals as usize + 2 * index * num_emitters;
+                            let pairs = sums[first..first + 2 * num_emitters].chunks_exact(2);
+                            pairs.map(|pair| Moments { quanta: pair[0], squares: pair[1] }).collect()
+                        }
+                        None => {
+                            vec![Moments { quanta: sensor.total().quanta, squares: squares.iter().sum() }]
+                        }
+                    };
+                    sensor.squares = squares[..sensor.quanta.len()].to_vec();
+                }
+            }
+            (MomentSource::Nowhere | MomentSource::Device, _) => {}
+        }
     }
 }
 
@@ -492,6 +676,42 @@ impl DeviceEvent {
             Some(event) => recording.event(&event),
             None => recording.ray(self.subject as usize, self.row),
         }
+    }
+}
+
+/// How far a trace is, after a pass.
+pub struct Progress<'t, 'a> {
+    /// Rays done, those included that the trace began with.
+    pub done: u64,
+    /// Rays in all.
+    pub num_rays: u64,
+    /// Time since the trace began, or was taken up again.
+    pub elapsed: Duration,
+    position: u64,
+    tracer: &'t mut Tracer<'a>,
+    tally: &'t mut Tally,
+}
+
+impl Progress<'_, '_> {
+    /// The sums of all rays so far. The device's sums are fetched for it, once a pass.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn tally(&mut self) -> Result<&Tally> {
+        if self.tracer.counts_undrained > 0 {
+            *self.tally += &self.tracer.drain()?;
+        }
+        Ok(self.tally)
+    }
+
+    /// Where the trace is between 0 and `num_rays`; for a lone source, the rays done.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// See [`Tracer::pause_at`].
+    pub fn pause_at(&mut self, position: u64) {
+        self.tracer.pause_at(position);
     }
 }
 
@@ -540,12 +760,10 @@ impl DeviceState {
         let trace_new = gpu.pipeline(program.entry_point(), &shader, &layouts, &[]);
         let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
 
-        let num_cells = u64::from(program.cells.num_cells);
-        let sums = gpu.buffer("the sums", num_cells * cell_bytes(program))?;
+        let num_sums = u64::from(program.cells.num_sums);
+        let sums = gpu.buffer("the sums", num_sums * cell_bytes(program))?;
         let tops = match program.options.native {
-            true => {
-                Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?)
-            }
+            true => Some(gpu.buffer("the sums' upper words", num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?),
             false => None,
         };
         let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
@@ -645,11 +863,11 @@ impl DeviceState {
     }
 
     fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {
-        let num_cells = u64::from(program.cells.num_cells);
-        let sums = gpu.read(&self.sums, num_cells * cell_bytes(program))?;
+        let num_sums = u64::from(program.cells.num_sums);
+        let sums = gpu.read(&self.sums, num_sums * cell_bytes(program))?;
         Ok(match &self.tops {
             Some(tops) => {
-                let tops = gpu.read(tops, num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?;
+                let tops = gpu.read(tops, num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?;
                 gpu::sums::read_native(&sums, &tops)
             }
             None => gpu::sums::read_portable(&sums),
@@ -669,6 +887,23 @@ impl DeviceState {
         gpu.queue.submit([encoder.finish()]);
     }
 }
+
+/// A weight as the device holds it.
+fn held(weight: f64, precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => f64::from(weight as f32),
+        Precision::F64 => weight,
+    }
+}
+
+/// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
+fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
+    let weight = held(weight, precision);
+    (held(weight * weight, precision) * QUANTA_PER_WEIGHT).ceil() as u128
+}
+
+/// From here on some cell of squares may have overflowed (shaders/lib/moments.wgsl).
+const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
 
 fn cell_bytes(program: &Program) -> u64 {
     let bytes =
@@ -691,6 +926,21 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     let usage = |message: String| Err(Error::Usage(message));
     if options.num_rays == 0 {
         return usage("the number of rays is 0; at least one ray is needed".into());
+    }
+    let end = options.first_ray.checked_add(options.num_rays);
+    if end.is_none_or(|end| end > MAX_RAY_ID) {
+        return usage(format!(
+            "{} rays from ray {} on: ray ids end at 2^63",
+            options.num_rays, options.first_ray
+        ));
+    }
+    if let Some(of_rays) = options.of_rays
+        && end.is_some_and(|end| end > of_rays)
+    {
+        return usage(format!(
+            "{} rays from ray {} on are no part of a trace of {of_rays} rays",
+            options.num_rays, options.first_ray
+        ));
     }
     if options.max_depth == 0 || options.max_depth > MAX_DEPTH_LIMIT {
         return usage(format!("max_depth is {}; it must lie in 1..={MAX_DEPTH_LIMIT}", options.max_depth));
@@ -734,6 +984,8 @@ fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
 fn counts_per_ray(program: &Program) -> u64 {
     program.most_rays() * u64::from(program.options.max_depth + 1)
 }
+/// NumPy and Optiland keep ray ids in signed integers.
+const MAX_RAY_ID: u64 = 1 << 63;
 
 /// The table of draws has a row an event: 16 bytes each.
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
@@ -755,6 +1007,32 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         (1 << splitting.index_bits()).min((MAX_COUNTS_PER_PASS / counts_per_ray(program)) as u32)
     });
     wanted.min(events).min(queued).min(families).max(1)
+}
+
+/// Rays that the sources share.
+fn budget(options: &TraceOptions) -> u64 {
+    options.of_rays.unwrap_or(options.num_rays)
+}
+
+/// Those of a budget's rays that are traced here.
+fn part(budget_rays: Vec<EmitterRays>, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
+    let Some(of_rays) = options.of_rays else {
+        let shift = |rays: EmitterRays| EmitterRays { first: rays.first + options.first_ray, ..rays };
+        return Ok(budget_rays.into_iter().map(shift).collect());
+    };
+    let end = options.first_ray + options.num_rays;
+    let rays = budget_rays.into_iter().map(|rays| {
+        let before = rays.done(options.first_ray, of_rays);
+        EmitterRays { first: rays.first + before, count: rays.done(end, of_rays) - before, ..rays }
+    });
+    let rays: Vec<EmitterRays> = rays.collect();
+    if rays.iter().all(|rays| rays.count == 0) {
+        return Err(Error::Usage(format!(
+            "no source has a ray in so small a part: {} of {of_rays} rays",
+            options.num_rays
+        )));
+    }
+    Ok(rays)
 }
 
 /// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by

@@ -187,7 +187,7 @@ fn progress_in_json_is_lines_on_stderr_up_to_the_last_ray() {
     let last = lines.last().unwrap();
     assert_eq!((&last["rays"], &last["num_rays"]), (&Value::from(20_000), &Value::from(20_000)));
     let keys: Vec<&String> = last.as_object().unwrap().keys().collect();
-    assert_eq!(keys, ["rays", "num_rays", "rays_per_sec", "eta_sec"]);
+    assert_eq!(keys, ["rays", "num_rays", "rays_per_sec", "eta_sec", "relative_error"]);
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn output_folder_gets_report_and_two_files_a_detector() {
     let report = said.json();
     let files = files_in(&out);
     let names: Vec<&String> = files.keys().collect();
-    assert_eq!(names, ["camera.npz", "camera.png", "pupil.npz", "pupil.png", "report.json"]);
+    assert_eq!(names, ["camera.npz", "camera.png", "pupil.npz", "pupil.png", "report.json", "tally.bin"]);
     assert_eq!(files["report.json"], said.stdout.as_bytes(), "what is printed is what is written");
     assert_eq!(report["detectors"]["camera"]["file"], "camera.npz");
     assert!(files["camera.npz"].starts_with(b"PK") && files["camera.png"].starts_with(b"\x89PNG"));
@@ -627,6 +627,7 @@ fn compose(text: &str) -> Result<(), Error> {
             paths: PathSampling::None,
             weights: vec![1.0; ir.emitters.len()],
             sampler: Sampler::Pcg,
+            moments: false,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

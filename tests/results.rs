@@ -15,8 +15,8 @@ use nsq_gpu::ir::{
 use nsq_gpu::result::output::{REPORT, write_all};
 use nsq_gpu::result::report::{Files, Report};
 use nsq_gpu::result::{
-    Booking, DetectorData, PathEvent, PathEventKind, RayRow, RunInfo, SensorTally, SurfaceTally, Tally,
-    TraceResult,
+    Booking, DetectorData, PathEvent, PathEventKind, RayRow, RaySet, RunInfo, SensorTally, SurfaceTally,
+    Tally, TraceResult,
 };
 use serde_json::Value;
 
@@ -195,12 +195,12 @@ fn invalid_deposits_and_missing_rays_are_reported_in_capitals() {
 }
 
 #[test]
-fn a_partial_trace_reports_the_flux_launched_so_far() {
+fn a_partial_trace_is_scaled_to_all_that_the_sources_emit() {
     let (ir, tally) = everything();
     let result = TraceResult::new(&ir, &RunInfo { partial: true, ..run(4000) }, &tally).unwrap();
-    assert_eq!(result.total_flux_in, 0.5);
+    assert_eq!(result.total_flux_in, 2.0);
     assert_eq!(result.num_rays_total, 1000);
-    assert_eq!(result.detector("map").unwrap().total_flux, 0.15);
+    assert_eq!(result.detector("map").unwrap().total_flux, 0.6);
     assert!(result.diagnostics.warnings[0].starts_with("partial result: 1,000 of 4,000 rays"));
 }
 
@@ -704,7 +704,7 @@ mod addition {
         ) -> SensorTally {
             let rows = ids.into_iter().map(|ray_id| row(ray_id, 0, 1.0)).collect();
             let (quanta, hits) = cells.into_iter().unzip();
-            SensorTally { quanta, hits, recorded, rows }
+            SensorTally { quanta, hits, recorded, rows, ..SensorTally::default() }
         }
     }
 
@@ -718,6 +718,7 @@ mod addition {
             let surfaces = surfaces.into_iter();
             Tally {
                 launched: bookings[0],
+                rays: RaySet::default(),
                 sensors,
                 surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed }).collect(),
                 escaped: bookings[1],
@@ -733,6 +734,7 @@ mod addition {
                 medium_stack_underflows: counts.0,
                 split_budget_saturated: counts.0 % 2 == 1,
                 invalid_deposits: counts.1,
+                moments_overflowed: false,
                 paths: Vec::new(),
             }
         }

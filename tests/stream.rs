@@ -66,12 +66,12 @@ fn options(num_rays: u64, batch_size: Option<u32>) -> TraceOptions {
 fn traced(ir: &SceneIr, options: &TraceOptions, folder: Option<&Path>) -> TraceResult {
     let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
     if let Some(folder) = folder {
-        tracer.record_to(Recording::in_folder(ir, folder));
+        tracer.record_to(|| Recording::in_folder(ir, folder));
     }
     let tally = tracer.trace(|_| true).unwrap();
     let run = RunInfo { num_rays: options.num_rays, seed: options.seed, ..RunInfo::default() };
-    match tracer.take_recording() {
-        Some(recording) => TraceResult::with_rows(ir, &run, &tally, &recording.finish()).unwrap(),
+    match tracer.take_recorded().unwrap() {
+        Some(recorded) => TraceResult::with_rows(ir, &run, &tally, &recorded).unwrap(),
         None => TraceResult::new(ir, &run, &tally).unwrap(),
     }
 }
@@ -164,10 +164,10 @@ fn an_interrupted_trace_keeps_its_rows() {
     let ir = zoo::load(SCENE);
     let folder = tempfile::tempdir().unwrap();
     let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(40_000, Some(500))).unwrap();
-    tracer.record_to(Recording::in_folder(&ir, folder.path()));
+    tracer.record_to(|| Recording::in_folder(&ir, folder.path()));
     let tally = tracer.trace(|done| done < 2000).unwrap();
     assert!(tally.launched.count < 40_000);
-    let recorded = tracer.take_recording().unwrap().finish();
+    let recorded = tracer.take_recorded().unwrap().unwrap();
     let births = recorded.paths.to_vec().unwrap();
     let births = births.iter().filter(|event| event.kind.event_type() == "birth").count();
     assert_eq!(births as u64, tally.launched.count);

@@ -47,6 +47,8 @@ def fill_scene(scene: NSQScene, report: Json, folder: Path, surface_labels: list
     for name, live in zip(scene.detector_names, scene.detectors, strict=True):
         _fill_detector(live, report["detectors"][name], folder)
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
+    for name, detector in detectors.items():
+        _add_errors(detector, report["detectors"][name], folder)
     return SimulationResult(
         **{key: report[key] for key in _SAME},
         detectors=detectors,
@@ -78,6 +80,15 @@ def _fill_detector(live: Any, spec: Json, folder: Path) -> None:
     with np.load(folder / spec["file"]) as arrays:
         _FILL[type(live)](live, spec, arrays)
     live._num_rays_hit = spec["num_rays_hit"]
+
+
+def _add_errors(detector: Any, spec: Json, folder: Path) -> None:
+    """Put the standard errors on a result, where Optiland's has no field for them."""
+    detector.total_flux_standard_error = spec["total_flux_standard_error"]
+    detector.standard_error = None
+    with np.load(folder / spec["file"]) as arrays:
+        if "standard_error" in arrays:
+            detector.standard_error = arrays["standard_error"]
 
 
 def _pixel_area(live: Any) -> float:

@@ -8,7 +8,9 @@ mod check;
 mod completions;
 mod count;
 pub mod materials;
+mod merge;
 mod progress;
+mod quantity;
 mod schema;
 mod trace;
 
@@ -36,6 +38,8 @@ struct Cli {
 enum Command {
     /// Trace a scene and report what its detectors saw.
     Trace(Box<trace::Args>),
+    /// Add up results of one scene that were traced apart, on one machine or several.
+    Merge(merge::Args),
     /// Check a scene file without tracing it.
     Check(check::Args),
     /// List the adapters that can trace.
@@ -55,6 +59,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
         Command::Bench(args) => bench::run(&args),

@@ -103,6 +103,12 @@ impl Composition<'_> {
             uint("WAITING_RAYS", splitting.waiting_rays());
             uint("INDEX_BITS", splitting.index_bits());
         }
+        if let Some(moments) = &self.cells.moments {
+            uint("SQUARES_OFFSET", moments.squares_offset);
+            uint("CELL_LARGE_SQUARES", moments.large_squares);
+            uint("CELL_TOTALS", moments.totals.unwrap_or_default());
+            uint("NUM_EMITTERS", self.ir.emitters.len() as u32);
+        }
         if let PathSampling::Hashed { threshold } = o.paths {
             uint("PATH_THRESHOLD", threshold);
         } else {
@@ -117,6 +123,7 @@ impl Composition<'_> {
             ("HAS_TRANSMISSIVE", f.transmissive),
             ("HAS_TRANSMISSIVE_LOBES", f.transmissive_lobes),
             ("HAS_QUEUE", o.has_queue()),
+            ("HAS_TOTALS", self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some())),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
         ] {
@@ -216,6 +223,12 @@ impl Composition<'_> {
                 pick(f.has_meshes(), shader!("lib/queued_ray_mesh.wgsl"), shader!("lib/queued_ray.wgsl")),
             ),
             (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
+            (!o.moments, shader!("lib/moments_none.wgsl")),
+            (o.moments, shader!("lib/moments.wgsl")),
+            (
+                o.moments,
+                pick(f.transmissive || f.splits, shader!("lib/visits.wgsl"), shader!("lib/visits_none.wgsl")),
+            ),
             (f.irradiance, shader!("sensors/irradiance.wgsl")),
             (f.spectral, shader!("sensors/spectral.wgsl")),
             (f.far_field, shader!("sensors/far_field.wgsl")),

@@ -202,6 +202,12 @@ impl Features {
 }
 
 impl Features {
+    /// True if every ray keeps the weight that it was born with.
+    pub fn keeps_weight(&self, ir: &SceneIr) -> bool {
+        let losses = self.bulk_absorption || self.importance || self.coated || self.roulette;
+        !losses && self.bsdfs.is_empty() && super::lowered::lossy_mirrors(ir).next().is_none()
+    }
+
     /// True if some surface is a triangle mesh.
     pub fn has_meshes(&self) -> bool {
         self.shapes.contains(&ShapeKind::Mesh)

@@ -61,6 +61,8 @@ pub struct ProgramOptions {
     pub weights: Vec<f64>,
     /// What the draws are.
     pub sampler: Sampler,
+    /// Second moments are summed on the device. Where a detector lets rays pass, no ray may outlive a dispatch.
+    pub moments: bool,
 }
 
 impl ProgramOptions {
@@ -138,7 +140,7 @@ impl Program {
             options.events_per_dispatch = options.max_depth;
         }
         let centre = centre_of(ir);
-        let cells = Cells::of(ir);
+        let cells = if options.moments { Cells::of(ir).with_moments(ir) } else { Cells::of(ir) };
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
         let composition = Composition {

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::result::format::{percent, significant, thousands};
 use crate::result::{Detector, DetectorData, StageTime, Tally, TraceResult};
+use crate::stopping::StoppedBy;
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
 const DEPTH_TRUNCATION: f64 = 1e-3;
@@ -220,9 +221,14 @@ fn broken_books(result: &TraceResult) -> Vec<String> {
 }
 
 fn partial(result: &TraceResult) -> Option<String> {
+    let why = match result.run.stopped_by {
+        Some(StoppedBy::TargetError) => return None,
+        Some(StoppedBy::TimeLimit) => "stopped at the time limit",
+        Some(StoppedBy::Interrupt) | None => "partial result",
+    };
     result.run.partial.then(|| {
         format!(
-            "partial result: {} of {} rays; every flux is that of the rays launched so far",
+            "{why}: {} of {} rays; fluxes are scaled to all that the sources emit",
             thousands(result.num_rays_total),
             thousands(result.run.num_rays)
         )

@@ -1,5 +1,5 @@
 //! `.npz` files that `numpy.load(allow_pickle=False)` reads: Optiland's keys and shapes, float64 in C order, scalars as
-//! 0-d arrays, plus `hits` and `meta`.
+//! 0-d arrays, plus `hits`, `standard_error`, `total_flux_standard_error` and `meta`.
 //!
 //! `meta` is a 0-d string of JSON: what the file holds, its units, and the trace it comes from. No file holds a time,
 //! so equal results are equal files.
@@ -67,6 +67,11 @@ impl NpzFile {
             bytes.extend_from_slice(texts.get(&word).map_or(&[], Vec::as_slice));
         };
         self.add_column(name, &Column::new(rows, word, &format!("<U{width}"), 4 * width, text))
+    }
+
+    /// Adds an array if it is there.
+    pub(crate) fn add_optional(&mut self, name: &str, array: &Option<impl WriteNpyExt>) -> Result<()> {
+        array.as_ref().map_or(Ok(()), |array| self.add(name, array))
     }
 
     /// Adds one string, 0-d.
@@ -190,6 +195,7 @@ pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) ->
     if !matches!(detector.data, DetectorData::RayDatabase(_)) {
         file.add("total_flux", &arr0(detector.total_flux))?;
         file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
+        file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
     }
     file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, units))?;
     file.finish()

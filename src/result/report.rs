@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::result::{DetectorData, Diagnostics, Ledger, SurfaceResult, TraceResult};
+use crate::stopping::StoppedBy;
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
@@ -26,6 +27,17 @@ pub struct Report {
     pub num_rays_requested: u64,
     /// True if the trace stopped before all of them were launched.
     pub partial: bool,
+    /// Why it stopped before: `interrupt`, `time_limit` or `target_error`; null if it did not.
+    pub stopped_by: Option<StoppedBy>,
+    /// The target for the relative error; null if there was none.
+    pub target_error: Option<f64>,
+    /// The largest of all detectors' relative standard errors: of `total_flux`, and `mean_relative_error`. Null where it
+    /// is not known.
+    pub relative_error: Option<f64>,
+    /// Number of the first ray.
+    pub first_ray: u64,
+    /// The rays are a part of a trace of so many; null if they are a trace of their own.
+    pub of_rays: Option<u64>,
     /// What the scene's reader found worth a warning; the diagnostics' warnings repeat it.
     pub scene_warnings: Vec<String>,
     /// Seed of the draws.
@@ -74,9 +86,11 @@ pub struct Report {
     pub flux_conservation_error: f64,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
-    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, total_flux_recorded, file}}` in scene order.
-    /// Fluxes are in W. Ray databases alone have `num_rays_stored`, the rows kept, whose flux is `total_flux`, and
-    /// `total_flux_recorded`, that of all rows. `file` is null if no file was written.
+    /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, num_rays_stored,
+    /// total_flux_recorded, file}}` in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the
+    /// mean of the relative standard errors of the cells that are not dark. Both errors are null where they are not known.
+    /// Ray databases alone have `num_rays_stored`, the rows kept, whose flux is `total_flux`, and `total_flux_recorded`,
+    /// that of all rows. `file` is null if no file was written.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -109,6 +123,11 @@ impl Report {
             scene: run.scene.clone(),
             num_rays_requested: run.num_rays,
             partial: run.partial,
+            stopped_by: run.stopped_by,
+            target_error: run.target_error,
+            relative_error: result.relative_error,
+            first_ray: run.first_ray,
+            of_rays: run.of_rays,
             scene_warnings: run.scene_warnings.clone(),
             seed: run.seed,
             max_depth: run.max_depth,
@@ -154,6 +173,8 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "kind": detector.data.kind(),
             "absorb": detector.absorb,
             "total_flux": detector.total_flux,
+            "total_flux_standard_error": detector.total_flux_standard_error,
+            "mean_relative_error": detector.mean_relative_error(),
             "num_rays_hit": detector.num_rays_hit,
             "file": files.detectors.get(&detector.name),
         });

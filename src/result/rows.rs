@@ -61,6 +61,8 @@ pub struct Rows {
     store: Store,
     /// Rows recorded, those included that were not kept.
     recorded: u64,
+    /// Rows that were recorded before these, and kept nowhere.
+    before: u64,
     keep: Option<u64>,
     /// The rows after the last complete block, at most a block.
     tail: Vec<[u64; WORDS]>,
@@ -68,7 +70,7 @@ pub struct Rows {
 
 impl RowWriter {
     fn new(store: Store, keep: Option<u64>) -> Self {
-        RowWriter { rows: Rows { store, recorded: 0, keep, tail: Vec::new() } }
+        RowWriter { rows: Rows { store, recorded: 0, before: 0, keep, tail: Vec::new() } }
     }
 
     /// Rows that stay in memory; the last `keep` of them, or all.
@@ -103,6 +105,25 @@ impl RowWriter {
         if rows.tail.len() == BLOCK_ROWS { rows.store_block() } else { Ok(()) }
     }
 
+    /// Adds rows that were recorded apart, and all follow the rows before them.
+    ///
+    /// # Errors
+    /// As [`RowWriter::push`], and [`Error::File`] if a file cannot be read.
+    fn append(&mut self, rows: &Rows) -> Result<()> {
+        if matches!(self.rows.store, Store::Nowhere) {
+            self.rows.recorded += rows.recorded;
+            return Ok(());
+        }
+        self.rows.before += rows.num_recorded() - rows.len();
+        let mut pushed = Ok(());
+        rows.for_each(|event| {
+            if pushed.is_ok() {
+                pushed = self.push(event);
+            }
+        })?;
+        pushed
+    }
+
     /// The rows, for reading.
     pub fn finish(self) -> Arc<Rows> {
         Arc::new(self.rows)
@@ -122,7 +143,7 @@ impl Rows {
 
     /// Rows recorded, those included that were not kept.
     pub fn num_recorded(&self) -> u64 {
-        self.recorded
+        self.before + self.recorded
     }
 
     /// Calls `take` with every row kept, in order.
@@ -261,7 +282,7 @@ impl Rows {
 
 impl PartialEq for Rows {
     fn eq(&self, other: &Self) -> bool {
-        self.recorded == other.recorded && self.to_vec() == other.to_vec()
+        self.num_recorded() == other.num_recorded() && self.to_vec() == other.to_vec()
     }
 }
 
@@ -356,6 +377,19 @@ impl Recording {
     /// [`Error::File`] if a file cannot be written.
     pub fn event(&mut self, event: &PathEvent) -> Result<()> {
         self.paths.push(event)
+    }
+
+    /// Adds what was recorded of rays that all follow those before them.
+    ///
+    /// # Errors
+    /// [`Error::File`] if a file cannot be read or written.
+    pub(crate) fn append(&mut self, part: Recorded) -> Result<()> {
+        for (writer, rows) in self.databases.iter_mut().zip(part.databases) {
+            if let (Some(writer), Some(rows)) = (writer, rows) {
+                writer.append(&rows)?;
+            }
+        }
+        self.paths.append(&part.paths)
     }
 
     /// Ends the recording.

@@ -38,6 +38,7 @@ pub struct Variant {
     pub queue: bool,
     pub roulette_threshold: f64,
     pub sampler: Sampler,
+    pub moments: bool,
 }
 
 /// One feature.
@@ -66,6 +67,7 @@ pub enum Choice {
     Queue,
     Rotated,
     Sampler(Sampler),
+    Moments,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -226,6 +228,7 @@ impl Choice {
             Choice::AbsorbingMedium,
             Choice::Queue,
             Choice::Rotated,
+            Choice::Moments,
         ]);
         choices
     }
@@ -281,6 +284,7 @@ impl Choice {
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
+            Choice::Moments => variant.moments = true,
             Choice::Rotated => rotate(ir),
             Choice::Sampler(sampler) => variant.sampler = sampler,
         }
@@ -307,6 +311,7 @@ impl Default for Variant {
             queue: false,
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
+            moments: false,
         }
     }
 }
@@ -332,6 +337,7 @@ impl Variant {
             paths: self.paths,
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
+            moments: self.moments,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
