@@ -116,7 +116,7 @@ fn a_time_limit_ends_a_trace_that_would_take_for_ever() {
 
 #[test]
 fn progress_tells_the_error() {
-    let output = run(&trace(LENS, &["-n", "1e7", "--target-error", "10%", "--progress", "json"]));
+    let output = run(&trace(CAVITY, &["-n", "1e7", "--target-error", "10%", "--progress", "json"]));
     let lines: Vec<Value> = stderr(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let errors: Vec<f64> = lines.iter().filter_map(|line| line["relative_error"].as_f64()).collect();
     assert!(lines.iter().all(|line| line["eta_sec"].is_number()));

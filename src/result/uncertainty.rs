@@ -43,8 +43,8 @@ impl Uncertainty {
     }
 
     /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
-    /// where they light a cell unequally, the error is a little too large, by a fraction below the largest share of a
-    /// source's rays that ends in the cell.
+    /// where they light a cell unequally, the error is too large, by a factor of at most 1/sqrt(1 - p) where p is the
+    /// largest share of a source's rays that comes by the cell; it is never too small.
     pub(crate) fn of_cells(&self, sums: &SensorTally) -> Option<Vec<f64>> {
         if sums.squares.len() != sums.quanta.len() || sums.totals.is_empty() {
             return None;

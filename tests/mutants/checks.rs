@@ -4,7 +4,7 @@ use crate::bench::{Bench, Setting, precision, scene};
 use crate::closed_forms;
 use crate::oracle::Oracle;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
-use nsq_gpu::ir::{Sensor, SensorKind, Splat};
+use nsq_gpu::ir::{SceneIr, Sensor, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEventKind, SensorTally, Tally};
 use nsq_gpu::trace::RecordPaths;
@@ -140,19 +140,40 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }
 }
 
-/// The squares of what each ray adds to every cell and detector, ray by ray, against the device's sums of squares.
+/// The scene with few pixels, so that rays come by the same again and taps fall beyond the map; then with all its sources.
 fn squares(bench: &Bench, scene_of: &Scene) -> Outcome {
-    let mut ir = scene(&scene_of.name);
-    // Few pixels, so that rays come by the same again and taps fall beyond the map.
-    for sensor in &mut ir.sensors {
-        if let SensorKind::Irradiance(grid) = &mut sensor.kind {
-            (grid.num_pixels_x, grid.num_pixels_y) = (3, 3);
+    let ir = scene(&scene_of.name);
+    for num_pixels in [3, 1] {
+        let mut lone = ir.clone();
+        // Of several sources, one step would launch several rays.
+        lone.emitters.truncate(1);
+        for sensor in &mut lone.sensors {
+            if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+                (grid.num_pixels_x, grid.num_pixels_y) = (num_pixels, num_pixels);
+            }
+        }
+        squares_of_rays(bench, &lone, &scene_of.setting)?;
+    }
+    totals_of_sources(bench, &ir, &scene_of.setting)
+}
+
+/// The sources' sums on each detector add up to what it took.
+fn totals_of_sources(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
+    for sensor in &bench.tally(ir, setting).sensors {
+        let quanta: u128 = sensor.totals.iter().map(|total| total.quanta).sum();
+        if quanta != sensor.total().quanta {
+            return Err(format!("the sources' sums add up to {quanta}, not {}", sensor.total().quanta));
         }
     }
-    let mut setting = scene_of.setting.clone();
+    Ok(())
+}
+
+/// The squares of what each ray adds to every cell and detector, ray by ray, against the device's sums of squares.
+fn squares_of_rays(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
+    let mut setting = setting.clone();
     setting.options.num_rays = 100;
     setting.options.batch_size = Some(1);
-    let snapshots = bench.ray_by_ray(&ir, &setting);
+    let snapshots = bench.ray_by_ray(ir, &setting);
     let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
     let last = snapshots.last().ok_or("no ray was traced")?;
     for (index, sensor) in last.sensors.iter().enumerate() {
@@ -170,10 +191,6 @@ fn squares(bench: &Bench, scene_of: &Scene) -> Outcome {
         }
         let total = sensor.totals.iter().map(|total| total.squares).sum();
         agrees("the total".into(), total, expected(&|sensor| sensor.total().quanta))?;
-        let quanta: u128 = sensor.totals.iter().map(|total| total.quanta).sum();
-        if quanta != sensor.total().quanta {
-            return Err(format!("the sources' sums add up to {quanta}, not {}", sensor.total().quanta));
-        }
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use nsq_gpu::ir::{ReflectProb, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, Tally, TraceResult};
 use nsq_gpu::{TraceOptions, Tracer};
-use statrs::distribution::{Binomial, DiscreteCDF};
+use statrs::distribution::{Binomial, Discrete, DiscreteCDF};
 
 /// Half the width of the interval that holds a normal variable with a probability of 95 %, in standard deviations.
 const Z95: f64 = 1.959963984540054;
@@ -144,8 +144,7 @@ fn assert_covers(what: &str, ir: &SceneIr, num_rays: u64, num_blocks: u64) {
 #[test]
 fn intervals_of_pixels_hold_the_converged_value() {
     let gaussian = Some(Splat::Gaussian { sigma: 0.7 });
-    // A disk of light on a detector that ends it: the hits say it all; bilinear and Gaussian splats; several sources,
-    // absorption and roulette.
+    // A disk of light on a detector that ends it: the hits say it all, or splats spread them.
     let disk = |splat| {
         let mut ir = coarse("bench_cavity", 16, splat);
         ir.sensors[0].absorb = true;
@@ -155,7 +154,18 @@ fn intervals_of_pixels_hold_the_converged_value() {
     assert_covers("hard", &disk(Some(Splat::Hard)), 15_000, 120);
     assert_covers("bilinear", &disk(Some(Splat::Bilinear)), 15_000, 120);
     assert_covers("Gaussian", &disk(gaussian), 15_000, 120);
-    assert_covers("sources and losses", &coarse("tessar_gaussian_beams", 10, None), 15_000, 200);
+    // The port of a sphere, after many lossy reflections and roulette.
+    let mut port = coarse("lambertian_sphere", 3, None);
+    port.sensors.retain(|sensor| sensor.absorb);
+    assert_covers("losses and roulette", &port, 10_000, 500);
+}
+
+/// Sources that light cells unequally are pooled there: the interval is then too wide, and never too narrow.
+#[test]
+fn intervals_of_pixels_that_sources_light_unequally_are_not_too_narrow() {
+    let (within, all) = coverage(&coarse("tessar_gaussian_beams", 10, None), 5_000, 100);
+    println!("several sources: {within} of {all} cells");
+    assert!(all >= 400 && within as f64 >= 0.94 * all as f64, "{within} of {all}");
 }
 
 #[test]
@@ -168,6 +178,18 @@ fn intervals_hold_where_rays_come_by_a_pixel_several_times() {
     }
 }
 
+/// How often the interval about the number of hits, of `n` rays of one weight that hit with probability `p`, holds the
+/// expected number: not exactly 95 %, because numbers are whole.
+fn coverage_of_counts(n: u64, p: f64) -> f64 {
+    let binomial = Binomial::new(p, n).unwrap();
+    let holds = |&hits: &u64| {
+        let found = hits as f64;
+        let variance = found * (1.0 - found / n as f64) * n as f64 / (n - 1) as f64;
+        (found - n as f64 * p).abs() <= Z95 * variance.sqrt()
+    };
+    (0..=n).filter(holds).map(|hits| binomial.pmf(hits)).sum()
+}
+
 /// Two-sided bounds that a binomial variable leaves with a probability of 1e-6.
 fn binomial_bounds(n: u64, p: f64) -> std::ops::RangeInclusive<u64> {
     let binomial = Binomial::new(p, n).unwrap();
@@ -177,12 +199,13 @@ fn binomial_bounds(n: u64, p: f64) -> std::ops::RangeInclusive<u64> {
 #[test]
 fn intervals_of_totals_hold_the_converged_value() {
     const BLOCKS: u64 = 2000;
+    const NUM_RAYS: u64 = 500;
     const CONVERGED: u64 = 200_000;
-    for name in ["bench_lens", "bench_cavity", "tessar_gaussian_beams"] {
+    for name in ["bench_lens", "tessar_gaussian_beams"] {
         let ir = zoo::load(name);
         let converged = converged(&ir, CONVERGED);
         let mut within = vec![0; ir.sensors.len()];
-        for block in blocks(&ir, 500, BLOCKS) {
+        for block in blocks(&ir, NUM_RAYS, BLOCKS) {
             let result = result_of(&ir, &block);
             for ((found, truth), within) in result.detectors.iter().zip(&converged.detectors).zip(&mut within)
             {
@@ -195,10 +218,11 @@ fn intervals_of_totals_hold_the_converged_value() {
         for (detector, &within) in within.iter().enumerate() {
             // A detector that is hit, or missed, too seldom has no normal distribution yet.
             let share = converged.detectors[detector].num_rays_hit as f64 / CONVERGED as f64;
-            if share > 0.1 && share < 0.9 {
+            let nominal = if name == "bench_lens" { coverage_of_counts(NUM_RAYS, share) } else { 0.95 };
+            if share > 0.1 && share < 0.95 {
                 assert!(
-                    binomial_bounds(BLOCKS, 0.95).contains(&within),
-                    "{name}, detector {detector}: {within}"
+                    binomial_bounds(BLOCKS, nominal).contains(&within),
+                    "{name}, detector {detector}: {within} where {nominal} is expected"
                 );
             }
         }
