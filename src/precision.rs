@@ -146,11 +146,10 @@ impl Need {
     fn text(&self, ir: &SceneIr) -> String {
         match self {
             Need::Pixels(error) => format!(
-                "in f32, 99 % of the flux on `{}` lands within {:.2e} pixel ({:.2e} mm) of where it should (predicted; \
-                 good below {GOOD_PIXELS})",
+                "in f32, 99 % of the flux on `{}` lands within {:.2e} pixel of where it should (predicted; good below \
+                 {GOOD_PIXELS})",
                 ir.sensors[error.sensor].name,
-                error.pixels.unwrap_or(0.0),
-                error.position
+                error.pixels.unwrap_or(0.0)
             ),
             Need::Positions(error) => format!(
                 "`{}` records positions, which f32 holds to {:.2e} mm (predicted)",
@@ -167,7 +166,7 @@ impl Need {
         let pixels = error.pixels.filter(|pixels| *pixels > BAD_PIXELS)?;
         Some(format!(
             "f32 is too coarse for detector '{}': 1 % of its flux or more may land beyond {pixels:.2} pixel from where it \
-             should (predicted); f64 (--precision f64) is not",
+             should (predicted); in f64 (--precision f64) it is 2^29 times less",
             ir.sensors[error.sensor].name
         ))
     }
