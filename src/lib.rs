@@ -21,6 +21,8 @@ pub mod program;
 pub mod result;
 pub mod scene;
 pub mod trace;
+#[cfg(feature = "viewer")]
+pub mod viewer;
 
 pub use error::{Error, Result};
 pub use result::TraceResult;

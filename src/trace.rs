@@ -82,6 +82,20 @@ impl RecordPaths {
     }
 }
 
+/// Whoever looks on while rays are traced.
+pub trait Watch {
+    /// So many rays are done; false stops the trace.
+    fn keep_going(&mut self, rays: u64) -> bool;
+
+    /// True if the sums so far should be shown now.
+    fn wants_tally(&mut self) -> bool {
+        false
+    }
+
+    /// The sums so far.
+    fn tally(&mut self, _tally: &Tally) {}
+}
+
 /// Rays of one emitter, numbered from `first`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct EmitterRays {
@@ -219,7 +233,22 @@ impl<'a> Tracer<'a> {
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
+    pub fn trace(&mut self, keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
+        struct KeepGoing<F>(F);
+        impl<F: FnMut(u64) -> bool> Watch for KeepGoing<F> {
+            fn keep_going(&mut self, rays: u64) -> bool {
+                self.0(rays)
+            }
+        }
+        self.trace_watched(&mut KeepGoing(keep_going))
+    }
+
+    /// As [`Tracer::trace`], and shows the sums so far whenever `watch` asks for them. Reading them takes time; it
+    /// never changes a result.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn trace_watched(&mut self, watch: &mut dyn Watch) -> Result<Tally> {
         let mut tally = self.empty_tally();
         let mut done = 0;
         let mut pass_rays = u64::from(self.batch);
@@ -234,7 +263,11 @@ impl<'a> Tracer<'a> {
             {
                 tally += &self.drain()?;
             }
-            if !keep_going(done) {
+            if watch.wants_tally() {
+                tally += &self.drain()?;
+                watch.tally(&tally);
+            }
+            if !watch.keep_going(done) {
                 break;
             }
         }

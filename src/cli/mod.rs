@@ -6,11 +6,13 @@ mod adapters;
 mod bench;
 mod check;
 mod completions;
-mod count;
+pub mod count;
 pub mod materials;
 mod progress;
 mod schema;
 mod trace;
+#[cfg(feature = "viewer")]
+mod view;
 
 use crate::error::{Error, Result};
 use crate::scene::Scene;
@@ -36,6 +38,9 @@ struct Cli {
 enum Command {
     /// Trace a scene and report what its detectors saw.
     Trace(Box<trace::Args>),
+    /// Look at a scene while it is traced, or at results.
+    #[cfg(feature = "viewer")]
+    View(Box<view::Args>),
     /// Check a scene file without tracing it.
     Check(check::Args),
     /// List the adapters that can trace.
@@ -55,6 +60,8 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args),
+        #[cfg(feature = "viewer")]
+        Command::View(args) => view::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
         Command::Bench(args) => bench::run(&args),

@@ -10,7 +10,7 @@
 
 pub mod diagnostics;
 pub mod far_field;
-mod format;
+pub(crate) mod format;
 pub mod irradiance;
 pub mod ledger;
 pub mod npz;
@@ -18,6 +18,7 @@ pub mod output;
 pub mod png;
 pub mod ray_database;
 pub mod ray_paths;
+mod reader;
 pub mod report;
 pub mod spectral;
 pub mod tally;

@@ -6,6 +6,7 @@ mod canvas;
 mod figures;
 mod raster;
 
+pub(crate) use canvas::ticks;
 use std::path::Path;
 
 use crate::error::{Error, Result};

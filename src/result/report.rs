@@ -2,17 +2,20 @@
 
 use std::collections::HashMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::result::{DetectorData, Diagnostics, Ledger, SurfaceResult, TraceResult};
+use crate::ir::Frame;
+use crate::result::{
+    DetectorData, Diagnostics, IrradianceMap, Ledger, SpectralMap, SurfaceResult, TraceResult,
+};
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
 
 /// The document. Fluxes are in W, times in s; the fields from `num_rays_total` to `trace_time_sec` are those of
 /// Optiland's `SimulationResult`, by their names and meanings ([`TraceResult`]).
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Version of the document: [`SCHEMA`].
     pub schema: u32,
@@ -70,8 +73,9 @@ pub struct Report {
     pub flux_conservation_error: f64,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
-    /// `{name: {kind, absorb, total_flux, num_rays_hit, num_rays_stored, file}}` in scene order. `total_flux` is in W;
-    /// `num_rays_stored`, the rows kept, stands for ray databases only; `file` is null if no file was written.
+    /// `{name: {kind, absorb, total_flux, num_rays_hit, file, ...}}` in scene order. `total_flux` is in W; `file` is null
+    /// if no file was written. Detectors with pixels have `width` and `height` \[mm\], ray databases `num_rays_stored`,
+    /// the rows kept, and `frame`, whose `axes` are the local x, y, z in global coordinates and whose `origin` is in mm.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -150,8 +154,18 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "num_rays_hit": detector.num_rays_hit,
             "file": files.detectors.get(&detector.name),
         });
-        if let DetectorData::RayDatabase(rays) = &detector.data {
-            entry["num_rays_stored"] = json!(rays.num_rays());
+        match &detector.data {
+            DetectorData::Irradiance(IrradianceMap { width, height, .. })
+            | DetectorData::Spectral(SpectralMap { width, height, .. }) => {
+                entry["width"] = json!(width);
+                entry["height"] = json!(height);
+            }
+            DetectorData::FarField(_) => {}
+            DetectorData::RayDatabase(rays) => {
+                let Frame { origin, rotation } = rays.frame;
+                entry["num_rays_stored"] = json!(rays.num_rays());
+                entry["frame"] = json!({ "origin": origin.to_array(), "axes": rotation.to_cols_array_2d() });
+            }
         }
         (detector.name.clone(), entry)
     });

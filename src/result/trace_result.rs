@@ -6,7 +6,7 @@ use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
     SensorTally, SpectralMap, Tally,
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// How the trace was run.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,7 +42,7 @@ pub struct RunInfo {
 }
 
 /// What one stage of a trace took on the device.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
     /// The stage: `trace_new`, `advance` or `trace_queued`.
     pub stage: String,
