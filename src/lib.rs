@@ -10,7 +10,8 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
-//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
+//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
+//! `viewer`, behind the feature of that name, is the window of `nsq-gpu view`.
 
 pub mod bench;
 pub mod cli;

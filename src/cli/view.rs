@@ -89,8 +89,9 @@ pub fn run(args: &Args) -> Result<String> {
         // The same picture whatever the user chose in the window before.
         let mut app = app(args, Settings::default(), Arc::new(|| {}))?;
         let picture = screenshot::draw(&mut app, args.size, args.pixels_per_point)?;
-        if let Some(problem) = app.model.messages.first() {
-            return Err(Error::Usage(problem.clone()));
+        if app.model.a().is_none() {
+            let problem = app.model.messages.first().cloned();
+            return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
         }
         picture.write(path)?;
         super::say(&format!("written: {}", path.display()));

@@ -6,6 +6,7 @@ mod canvas;
 mod figures;
 mod raster;
 
+#[cfg(feature = "viewer")]
 pub(crate) use canvas::ticks;
 use std::path::Path;
 

@@ -90,6 +90,14 @@ pub enum RegionFigures {
     Spots(Figures),
 }
 
+impl Cursor {
+    /// What it reads, to the bit: a value that is not known equals itself.
+    pub(super) fn reads(&self) -> impl PartialEq + use<> {
+        let value = self.value.map(|(value, hits, sigma)| (value.to_bits(), hits, sigma.to_bits()));
+        (self.at, self.cell, value, self.spot, self.pinned)
+    }
+}
+
 impl App {
     /// The window of a model.
     pub fn new(model: Model) -> Self {
@@ -137,6 +145,11 @@ impl App {
         });
     }
 
+    /// Where exports go.
+    pub fn set_export_folder(&mut self, folder: &std::path::Path) {
+        self.export_folder = folder.display().to_string();
+    }
+
     /// What the cursor reads.
     pub fn cursor(&self) -> Option<&Cursor> {
         self.cursor.as_ref()
@@ -171,7 +184,7 @@ impl App {
 
     /// Keys that work wherever nothing is typed.
     fn shortcuts(&mut self, ui: &Ui) {
-        if ui.ctx().egui_wants_keyboard_input() {
+        if ui.ctx().text_edit_focused() {
             return;
         }
         let pressed = |key| ui.input(|input| input.key_pressed(key) && input.modifiers == Modifiers::NONE);
@@ -223,6 +236,7 @@ impl eframe::App for App {
     }
 
     fn on_exit(&mut self) {
+        self.model.shut_down();
         if self.frames_left.is_none() {
             self.model.settings.save();
         }

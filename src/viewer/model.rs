@@ -60,6 +60,18 @@ pub struct Reference {
     pub result: Arc<TraceResult>,
 }
 
+/// The rays of the side view.
+enum Paths {
+    /// Nobody has looked at it yet.
+    NotAsked,
+    /// They are being traced.
+    Recording(PathsJob),
+    /// They are there.
+    Recorded(Arc<RayPaths>),
+    /// They could not be traced.
+    Failed,
+}
+
 /// All that a picture follows from.
 #[derive(Debug, Clone, PartialEq)]
 struct PictureKey {
@@ -91,8 +103,7 @@ pub struct Model {
     b: Option<Reference>,
     device: Device,
     job: Option<Job>,
-    paths_job: Option<PathsJob>,
-    paths: Option<Arc<RayPaths>>,
+    paths: Paths,
     notify: Notify,
     marks: HashMap<String, Marks>,
     /// Grows with every new result.
@@ -122,8 +133,7 @@ impl Model {
             b: None,
             device,
             job: None,
-            paths_job: None,
-            paths: None,
+            paths: Paths::NotAsked,
             notify,
             marks: HashMap::new(),
             revision: 0,
@@ -219,27 +229,46 @@ impl Model {
                 self.job = None;
             }
         }
-        if let Some(paths) = self.paths_job.as_ref().and_then(PathsJob::take) {
-            match paths {
-                Ok(paths) => self.paths = Some(paths),
-                Err(error) => self.messages.push(error.to_string()),
-            }
+        if let Paths::Recording(job) = &self.paths
+            && let Some(paths) = job.take()
+        {
+            self.paths = match paths {
+                Ok(paths) => Paths::Recorded(paths),
+                Err(error) => {
+                    self.messages.push(error.to_string());
+                    Paths::Failed
+                }
+            };
         }
     }
 
     /// Paths of a few rays; they are recorded when they are first asked for.
     pub fn paths(&mut self) -> Option<Arc<RayPaths>> {
-        if let (None, Some(scene)) = (&self.paths_job, &self.scene) {
-            let job = PathsJob::start(&self.device, scene, &self.run, NUM_PATHS, self.notify.clone());
-            self.paths_job = Some(job);
+        match (&self.paths, &self.scene) {
+            (Paths::NotAsked, Some(scene)) => {
+                let notify = self.notify.clone();
+                let job = PathsJob::start(&self.device, scene, &self.run, NUM_PATHS, notify);
+                self.paths = Paths::Recording(job);
+                None
+            }
+            (Paths::Recorded(paths), _) => Some(paths.clone()),
+            _ => None,
         }
-        self.paths.clone()
     }
 
     /// True while nothing more will come by itself.
     pub fn is_idle(&self) -> bool {
-        self.job.as_ref().is_none_or(|job| !job.is_running())
-            && (self.paths_job.is_none() || self.paths.is_some() || !self.messages.is_empty())
+        self.job.as_ref().is_none_or(|job| !job.is_running()) && !matches!(self.paths, Paths::Recording(_))
+    }
+
+    /// Ends what runs in the background, and waits for it.
+    pub fn shut_down(&mut self) {
+        if let Some(job) = self.job.take() {
+            job.finish();
+        }
+        if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
+            job.finish();
+        }
     }
 
     /// Compares with the results in a folder.

@@ -85,7 +85,8 @@ fn mean(field: &Field, rows: &Range<usize>, columns: &Range<usize>) -> f64 {
     if count == 0 { f64::NAN } else { sum / f64::from(count) }
 }
 
-/// Rays as dots of `radius` pixels, each in the colour of its wavelength, the dimmer ones fainter.
+/// Rays as dots of `radius` pixels, each in the colour of its wavelength. Where many overlap, their colours mix in any order
+/// of the rays, and the density still shows.
 pub fn spots(
     spots: &Spots,
     color: impl Fn(f64) -> Color32,
@@ -94,34 +95,56 @@ pub fn spots(
     size: [usize; 2],
     radius: f64,
 ) -> ColorImage {
-    let mut image = ColorImage::new(size, vec![ground; size[0] * size[1]]);
+    let mut canvas = Canvas { size, sums: vec![[0.0; 4]; size[0] * size[1]] };
     let place = |at: f64, (low, high): (f64, f64), count: usize| (at - low) / (high - low) * count as f64;
-    let alpha = if spots.spots.len() > 20_000 { 0.35 } else { 0.75 };
     for spot in &spots.spots {
         let x = place(spot.at.0, view.x, size[0]);
         let y = size[1] as f64 - place(spot.at.1, view.y, size[1]);
-        let reach = radius + 1.0;
-        if x < -reach || y < -reach || x > size[0] as f64 + reach || y > size[1] as f64 + reach {
-            continue;
-        }
-        dot(&mut image, (x, y), radius, color(spot.wavelength), alpha);
+        canvas.dot((x, y), radius, color(spot.wavelength));
     }
-    image
+    let opacity = canvas.opacity();
+    let pixels = canvas.sums.iter().map(|[r, g, b, cover]| {
+        let mean = [r, g, b].map(|sum| (sum / cover.max(1e-6)).round() as u8);
+        let ink = Color32::from_rgb(mean[0], mean[1], mean[2]);
+        ground.lerp_to_gamma(ink, 1.0 - (-opacity * cover).exp())
+    });
+    ColorImage::new(size, pixels.collect())
 }
 
-fn dot(image: &mut ColorImage, (x, y): (f64, f64), radius: f64, color: Color32, alpha: f64) {
-    let [width, height] = image.size;
-    let reach = |at: f64, limit: usize| {
-        let low = (at - radius - 1.0).floor().max(0.0) as usize;
-        low..((at + radius + 1.0).ceil().max(0.0) as usize).min(limit)
-    };
-    for row in reach(y, height) {
-        for column in reach(x, width) {
-            let distance = (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y);
-            let cover = (radius + 0.5 - distance).clamp(0.0, 1.0);
-            let pixel = &mut image.pixels[row * width + column];
-            *pixel = pixel.lerp_to_gamma(color, (alpha * cover) as f32);
+/// Sums of colours and of coverage.
+struct Canvas {
+    size: [usize; 2],
+    sums: Vec<[f32; 4]>,
+}
+
+impl Canvas {
+    fn dot(&mut self, (x, y): (f64, f64), radius: f64, color: Color32) {
+        let [width, height] = self.size;
+        let reach = |at: f64, limit: usize| {
+            let low = (at - radius - 1.0).floor().clamp(0.0, limit as f64) as usize;
+            low..(at + radius + 1.0).ceil().clamp(0.0, limit as f64) as usize
+        };
+        for row in reach(y, height) {
+            for column in reach(x, width) {
+                let distance = (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y);
+                let cover = (radius + 0.5 - distance).clamp(0.0, 1.0) as f32;
+                let ink = [color.r(), color.g(), color.b()].map(|part| cover * f32::from(part));
+                let sum = &mut self.sums[row * width + column];
+                sum.iter_mut().zip(ink.into_iter().chain([cover])).for_each(|(sum, part)| *sum += part);
+            }
         }
+    }
+
+    /// Of one dot, so that a lone one shows well and the densest places still differ.
+    fn opacity(&self) -> f32 {
+        const LONE: f32 = 1.4;
+        const DENSE: f32 = 2.2;
+        let mut covers: Vec<f32> = self.sums.iter().map(|sum| sum[3]).filter(|cover| *cover > 0.0).collect();
+        let Some(last) = covers.len().checked_sub(1) else {
+            return LONE;
+        };
+        let (_, dense, _) = covers.select_nth_unstable_by(last * 98 / 100, f32::total_cmp);
+        LONE.min(DENSE / *dense)
     }
 }
 

@@ -12,6 +12,7 @@ use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer, Watch};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A scene file, read and lowered.
@@ -123,6 +124,7 @@ impl Device {
 /// A trace that runs in a thread of its own; it stops when this is dropped.
 pub struct Job {
     shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
     /// Rays that it will launch.
     pub num_rays: u64,
 }
@@ -139,13 +141,13 @@ impl Job {
         });
         let (device, scene, options) = (device.clone(), scene.clone(), options.clone());
         let (num_rays, worker) = (options.num_rays, shared.clone());
-        std::thread::spawn(move || {
+        let thread = std::thread::spawn(move || {
             if let Err(error) = trace(&worker, &device, &scene, &options) {
                 lock(&worker.shelf).state = State::Failed(error.to_string());
             }
             (worker.notify)();
         });
-        Job { shared, num_rays }
+        Job { shared, thread: Some(thread), num_rays }
     }
 
     /// Makes it wait after the pass that runs, or go on.
@@ -158,6 +160,15 @@ impl Job {
     pub fn stop(&self) {
         lock(&self.shared.control).stopped = true;
         self.shared.changed.notify_all();
+    }
+
+    /// Ends it, and waits until it has let go of the device.
+    pub fn finish(mut self) {
+        self.stop();
+        if let Some(thread) = self.thread.take() {
+            // Whatever a thread panicked with, it has ended.
+            let _ = thread.join();
+        }
     }
 
     /// How far it is.
@@ -325,6 +336,7 @@ impl Watch for Observer<'_> {
 
 /// The paths of a few rays, recorded in a thread of their own.
 pub struct PathsJob {
+    thread: JoinHandle<()>,
     paths: Arc<Mutex<Option<Result<Arc<RayPaths>>>>>,
 }
 
@@ -340,11 +352,16 @@ impl PathsJob {
         let paths = Arc::new(Mutex::new(None));
         let (device, scene, shelf) = (device.clone(), scene.clone(), paths.clone());
         let options = RunOptions { num_rays, ..options.clone() };
-        std::thread::spawn(move || {
+        let thread = std::thread::spawn(move || {
             *lock(&shelf) = Some(record(&device, &scene, &options));
             notify();
         });
-        PathsJob { paths }
+        PathsJob { thread, paths }
+    }
+
+    /// Waits for it.
+    pub fn finish(self) {
+        let _ = self.thread.join();
     }
 
     /// The paths, once they are there.

@@ -189,7 +189,9 @@ impl Spectrum {
         let top = values.iter().copied().fold(0.0, f64::max);
         let (factor, prefix) = si_prefix(top);
         let x = (edges[0], edges[edges.len() - 1]);
-        let home = View::new(x, headroom(values.iter().map(|value| value / factor)));
+        let (low, high) = headroom(values.iter().map(|value| value / factor));
+        // The note stands above the bars.
+        let home = View::new(x, (low, 1.15 * high));
         let unit = format!("{prefix}{unit}");
         let plot = plot("Spectrum", home, ("wavelength", "µm"), ("per bin", &unit));
         let colors = Colors::of(ui);

@@ -80,8 +80,9 @@ fn plot(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Arc<Picture>) {
     app.frame = Some(shown.frame);
     drag(app, ui, &shown, picture);
     let cursor = read(app, &shown, picture);
-    if cursor != app.cursor {
-        app.cursor = cursor;
+    let changed = cursor.as_ref().map(Cursor::reads) != app.cursor.as_ref().map(Cursor::reads);
+    app.cursor = cursor;
+    if changed {
         // The panels that show it were drawn before.
         ui.ctx().request_repaint();
     }

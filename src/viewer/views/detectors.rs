@@ -1,12 +1,12 @@
 //! What there is to see, what it is compared with, and how the next trace is run.
 
-use super::{title, value};
+use super::{quiet, title, value};
 use crate::program::Precision;
 use crate::result::Detector;
 use crate::viewer::app::App;
 use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};
-use eframe::egui::{self, DragValue, RichText, ScrollArea, TextEdit, Ui};
+use eframe::egui::{self, DragValue, ScrollArea, TextEdit, Ui};
 use std::path::PathBuf;
 
 /// The panel on the left.
@@ -57,7 +57,7 @@ fn entry(ui: &mut Ui, subject: &Subject, name: &str, detector: Option<&Detector>
         }
         None => "no rays yet".into(),
     };
-    ui.indent(name, |ui| ui.add(egui::Label::new(RichText::new(line).weak().small()).wrap()));
+    ui.indent(name, |ui| ui.add(egui::Label::new(quiet(ui, line).size(11.5)).wrap()));
     clicked
 }
 
@@ -69,7 +69,7 @@ fn compare(app: &mut App, ui: &mut Ui) {
                 ui.selectable_value(&mut app.model.settings.comparison, comparison, name);
             }
         });
-        ui.label(RichText::new(format!("B: {name}")).weak().small());
+        ui.label(quiet(ui, format!("B: {name}")).size(11.5));
         ui.checkbox(&mut app.model.settings.common_scale, "Common scale");
         if ui.button("End comparison").clicked() {
             app.model.drop_b();
@@ -81,7 +81,7 @@ fn compare(app: &mut App, ui: &mut Ui) {
         app.model.hold_as_b();
     }
     ui.horizontal(|ui| {
-        let width = ui.available_width() - 48.0;
+        let width = (ui.available_width() - 62.0).max(60.0);
         let edit = TextEdit::singleline(&mut app.compare_path).hint_text("folder of results");
         let label = ui.add(edit.desired_width(width)).on_hover_text("Or drop a folder on the window");
         label.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Folder of B"));
@@ -100,7 +100,10 @@ fn options(app: &mut App, ui: &mut Ui) {
             let label = ui.label("Rays");
             let edit = ui.add(TextEdit::singleline(num_rays).desired_width(96.0)).labelled_by(label.id);
             match crate::cli::count::parse(num_rays) {
-                Ok(rays) if rays > 0 => model.run.num_rays = rays,
+                Ok(rays) if rays > 0 && edit.changed() => model.run.num_rays = rays,
+                Ok(rays) if rays == model.run.num_rays => {}
+                // What is no count is only kept while it is typed.
+                _ if !edit.has_focus() => *num_rays = model.run.num_rays.to_string(),
                 _ => {
                     edit.on_hover_text("Write 250000, 1e7 or 10M");
                     ui.colored_label(ui.visuals().error_fg_color, "?");

@@ -1,13 +1,13 @@
 //! On the right: what the cursor reads, the figures of the region, the ledger, and what deserves a warning.
 
-use super::{row, table, title, value, with_error};
+use super::{quiet, row, table, title, value, with_error};
 use crate::result::format::{percent, significant, thousands};
 use crate::result::{Entry, TraceResult};
 use crate::viewer::app::{App, RegionFigures};
 use crate::viewer::field::Labels;
 use crate::viewer::model::{Picture, Subject};
 use crate::viewer::region::{EncircledEnergy, Outline, Statistics};
-use eframe::egui::{RichText, ScrollArea, Ui};
+use eframe::egui::{ScrollArea, Ui};
 
 /// The panel on the right.
 pub fn show(app: &mut App, ui: &mut Ui) {
@@ -30,7 +30,7 @@ fn cursor(app: &mut App, ui: &mut Ui) {
         return;
     };
     let Some(cursor) = app.cursor() else {
-        ui.label(RichText::new("Point at the plot; click to pin a point.").weak());
+        ui.label(quiet(ui, "Point at the plot; click to pin a point."));
         return;
     };
     let labels = match picture.as_ref() {
@@ -148,7 +148,7 @@ fn ledger(ui: &mut Ui, result: &TraceResult) {
         ledger.destinations().into_iter().for_each(|(name, entry)| line(ui, name, entry));
     });
     if ledger.closes() {
-        ui.label(RichText::new("closes to the last quantum").weak());
+        ui.label(quiet(ui, "closes to the last quantum"));
     } else {
         let text = format!("DOES NOT CLOSE: {} quanta", ledger.imbalance_quanta);
         ui.colored_label(ui.visuals().error_fg_color, text);

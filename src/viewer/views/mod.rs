@@ -47,7 +47,7 @@ pub(super) fn with_error(value: f64, sigma: f64, unit: &str) -> String {
 
 /// A line of a table: what it is on the left, how much on the right.
 pub(super) fn row(ui: &mut Ui, name: &str, value: &str) {
-    ui.label(RichText::new(name).weak());
+    ui.label(quiet(ui, name));
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(value));
     ui.end_row();
 }
@@ -55,6 +55,11 @@ pub(super) fn row(ui: &mut Ui, name: &str, value: &str) {
 /// A table of two columns over the whole width.
 pub(super) fn table(ui: &mut Ui, name: &str, rows: impl FnOnce(&mut Ui)) {
     egui::Grid::new(name).num_columns(2).spacing([10.0, 3.0]).min_col_width(70.0).show(ui, rows);
+}
+
+/// Text beside what matters, still easy to read.
+pub(super) fn quiet(ui: &Ui, text: impl Into<String>) -> RichText {
+    RichText::new(text).color(ui.visuals().text_color().gamma_multiply(0.8))
 }
 
 /// The title of a part.

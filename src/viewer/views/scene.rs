@@ -169,9 +169,16 @@ impl Drawing {
                 painter.add(Shape::line(points, Stroke::new(width, color)));
             }
         }
+        let mut taken: Vec<egui::Rect> = Vec::new();
         for (at, name) in &self.names {
+            let galley = painter.layout_no_wrap(name.clone(), FontId::proportional(12.0), colors.text);
             let place = frame.place(*at) - egui::vec2(0.0, 5.0);
-            painter.text(place, Align2::CENTER_BOTTOM, name, FontId::proportional(12.0), colors.text);
+            let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+            // Sources often stand in one place; one name there tells more than all on top of each other.
+            if !taken.iter().any(|other| other.intersects(rect)) {
+                painter.galley(rect.min, galley, colors.text);
+                taken.push(rect);
+            }
         }
     }
 }
@@ -185,27 +192,38 @@ fn curves(ir: &SceneIr, frame: &LocalFrame, shape: &Surface, plane: Plane) -> Ve
         let at = |step: i32| from + (to - from) * f64::from(step) / f64::from(STEPS);
         (0..=STEPS).map(|step| global(radial * at(step) + DVec3::Z * sag(at(step)))).collect()
     };
-    let ring = |radius: f64, z: f64| circle(frame, radius, z);
+    // Seen from the side, a rim is a line through the surface that would only hide its shape.
+    let (across, up) = plane.project(frame.rotation * DVec3::Z);
+    let from_the_side = across.hypot(up) > 0.95;
+    let rings = |rims: &[(f64, f64)]| -> Vec<Curve> {
+        let rims = rims.iter().filter(|_| !from_the_side);
+        rims.map(|(radius, z)| circle(frame, *radius, *z)).collect()
+    };
+    let with = |mut curves: Vec<Curve>, more: Vec<Curve>| {
+        curves.extend(more);
+        curves
+    };
     match *shape {
         Surface::Conic { curvature, conic, aperture_radius } => {
             let sag = |r: f64| {
                 let root = (1.0 - (1.0 + conic) * curvature * curvature * r * r).max(0.0).sqrt();
                 curvature * r * r / (1.0 + root)
             };
-            vec![
-                section(-aperture_radius, aperture_radius, &sag),
-                ring(aperture_radius, sag(aperture_radius)),
-            ]
+            with(
+                vec![section(-aperture_radius, aperture_radius, &sag)],
+                rings(&[(aperture_radius, sag(aperture_radius))]),
+            )
         }
         // An endless plane has no outline that could be drawn.
         Surface::Plane(Outline::Infinite) => Vec::new(),
         Surface::Plane(shape) => outline(frame, &shape),
-        Surface::Annulus { inner_radius, outer_radius, z_offset } => vec![
-            section(inner_radius, outer_radius, &|_| z_offset),
-            section(-outer_radius, -inner_radius, &|_| z_offset),
-            ring(inner_radius, z_offset),
-            ring(outer_radius, z_offset),
-        ],
+        Surface::Annulus { inner_radius, outer_radius, z_offset } => with(
+            vec![
+                section(inner_radius, outer_radius, &|_| z_offset),
+                section(-outer_radius, -inner_radius, &|_| z_offset),
+            ],
+            rings(&[(inner_radius, z_offset), (outer_radius, z_offset)]),
+        ),
         Surface::Frustum { r_front, r_back, z_front, z_back } => {
             let side = |sign: f64| {
                 vec![
@@ -213,7 +231,7 @@ fn curves(ir: &SceneIr, frame: &LocalFrame, shape: &Surface, plane: Plane) -> Ve
                     global(radial * (sign * r_back) + DVec3::Z * z_back),
                 ]
             };
-            vec![side(1.0), side(-1.0), ring(r_front, z_front), ring(r_back, z_back)]
+            with(vec![side(1.0), side(-1.0)], rings(&[(r_front, z_front), (r_back, z_back)]))
         }
         Surface::Sphere { radius, aperture_radius } => {
             let limit = aperture_radius.unwrap_or(radius).min(radius);
