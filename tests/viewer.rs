@@ -111,15 +111,22 @@ fn npz(dir: &Path, file: &str) -> NpzReader<File> {
     NpzReader::new(File::open(dir.join(file)).unwrap()).unwrap()
 }
 
-/// The brightest cell of a map, and where its middle lies.
-fn brightest(dir: &Path, file: &str) -> ((usize, usize), (f64, f64), Array2<f64>, Array2<u64>) {
+/// A map in a file, its brightest cell, and where the middle of that lies.
+struct MapFile {
+    cell: (usize, usize),
+    middle: (f64, f64),
+    values: Array2<f64>,
+    hits: Array2<u64>,
+}
+
+fn map_file(dir: &Path, file: &str) -> MapFile {
     let mut npz = npz(dir, file);
     let values: Array2<f64> = npz.by_name("irradiance").unwrap();
     let hits: Array2<u64> = npz.by_name("hits").unwrap();
     let x: Array1<f64> = npz.by_name("x_coords").unwrap();
     let y: Array1<f64> = npz.by_name("y_coords").unwrap();
     let (cell, _) = values.indexed_iter().max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
-    (cell, (x[cell.1], y[cell.0]), values, hits)
+    MapFile { cell, middle: (x[cell.1], y[cell.0]), values, hits }
 }
 
 #[test]
@@ -193,7 +200,7 @@ fn the_cursor_reads_what_stands_in_the_file() {
     click(&mut window, "stray");
     assert_eq!(window.state().model.subject, Subject::Detector("stray".into()));
     click(&mut window, "image");
-    let (cell, middle, values, hits) = brightest(&dir, "image.npz");
+    let MapFile { cell, middle, values, hits } = map_file(&dir, "image.npz");
     hover(&mut window, middle);
     let cursor = window.state().cursor().unwrap().clone();
     assert_eq!(cursor.cell, Some(cell));
@@ -279,7 +286,7 @@ fn the_scale_follows_the_buttons() {
         return;
     }
     let dir = results("cooke_triplet", 0);
-    let (.., values, _) = brightest(&dir, "image.npz");
+    let MapFile { values, .. } = map_file(&dir, "image.npz");
     let largest = values.iter().copied().fold(0.0, f64::max);
     let smallest = values.iter().copied().filter(|value| *value > 0.0).fold(f64::INFINITY, f64::min);
     let mut window = window(model(&dir));
@@ -305,7 +312,7 @@ fn a_dragged_region_sums_the_cells_of_the_file() {
         return;
     }
     let dir = results("cooke_triplet", 0);
-    let (.., values, hits) = brightest(&dir, "image.npz");
+    let MapFile { values, hits, .. } = map_file(&dir, "image.npz");
     let mut window = window(model(&dir));
     click(&mut window, "Rectangle");
     drag(&mut window, (-3.0, -2.0), (3.0, 2.5));
@@ -372,8 +379,8 @@ fn two_results_are_compared_cell_by_cell() {
         return;
     }
     let (a, b) = (results("cooke_triplet", 0), results("cooke_triplet", 1));
-    let (.., of_a, hits_a) = brightest(&a, "image.npz");
-    let (.., of_b, hits_b) = brightest(&b, "image.npz");
+    let MapFile { values: of_a, hits: hits_a, .. } = map_file(&a, "image.npz");
+    let MapFile { values: of_b, hits: hits_b, .. } = map_file(&b, "image.npz");
     // The error of a cell follows from its hits, so there must be some in both.
     let hits_of_both = |cell: &(usize, usize)| hits_a[*cell].min(hits_b[*cell]);
     let (cell, _) = hits_a.indexed_iter().max_by_key(|(cell, _)| hits_of_both(cell)).unwrap();

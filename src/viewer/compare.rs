@@ -67,10 +67,52 @@ pub fn difference(comparison: Comparison, a: &Field, b: &Field) -> Result<Field,
                     if sigma > 0.0 { difference / sigma } else { f64::NAN }
                 },
             );
-        field.sigma = field.values.mapv(|value| if value.is_nan() { f64::NAN } else { 1.0 });
+        // A score has no error of its own.
+        field.sigma.fill(f64::NAN);
         field.labels = Labels { value: ("(A − B) / σ", "σ"), ..field.labels };
     }
     Ok(field)
+}
+
+/// How (A - B) / sigma is distributed. Of two results that differ by chance alone it is normal, with mean 0 and variance 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scores {
+    /// Cells whose error is known.
+    pub num_cells: u64,
+    /// Cells per bin of [`Scores::WIDTH`], from -[`Scores::REACH`] to [`Scores::REACH`]; the end bins hold what lies beyond.
+    pub counts: Vec<u64>,
+    /// Their mean.
+    pub mean: f64,
+    /// Their mean square: chi squared per cell.
+    pub mean_square: f64,
+}
+
+impl Scores {
+    /// Where the bins end.
+    pub const REACH: f64 = 5.0;
+    /// Width of a bin.
+    pub const WIDTH: f64 = 0.25;
+
+    /// The scores of a difference or of a significance.
+    pub fn of(field: &Field) -> Self {
+        let bins = (2.0 * Self::REACH / Self::WIDTH) as usize;
+        let mut scores = Scores { num_cells: 0, counts: vec![0; bins], mean: 0.0, mean_square: 0.0 };
+        let is_score = field.labels.value.1 == "σ";
+        for (value, sigma) in field.values.iter().zip(&field.sigma) {
+            let score = if is_score { *value } else { value / sigma };
+            if !score.is_finite() {
+                continue;
+            }
+            let bin = ((score + Self::REACH) / Self::WIDTH).max(0.0) as usize;
+            scores.counts[bin.min(bins - 1)] += 1;
+            scores.num_cells += 1;
+            scores.mean += score;
+            scores.mean_square += score * score;
+        }
+        scores.mean /= scores.num_cells as f64;
+        scores.mean_square /= scores.num_cells as f64;
+        scores
+    }
 }
 
 fn zip(a: &Array2<f64>, b: &Array2<f64>, of: impl Fn(f64, f64) -> f64) -> Array2<f64> {
@@ -111,6 +153,11 @@ mod tests {
         assert_eq!(significance.values[(0, 0)], 3.0 / 4f64.hypot(5.0));
         assert_eq!(significance.values[(0, 1)], 3.0);
         assert!(significance.values[(0, 2)].is_nan(), "nothing is known of a cell that no ray hit");
+        let scores = Scores::of(&significance);
+        assert_eq!((scores.num_cells, scores.counts.iter().sum::<u64>()), (2, 2));
+        let first = 3.0 / 4f64.hypot(5.0);
+        assert_eq!((scores.mean, scores.mean_square), ((first + 3.0) / 2.0, (first * first + 9.0) / 2.0));
+        assert_eq!(Scores::of(&difference), scores);
     }
 
     #[test]

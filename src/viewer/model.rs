@@ -1,6 +1,6 @@
 //! What the window shows, without the window: results, traces and choices.
 
-use super::compare::{Comparison, difference};
+use super::compare::{Comparison, Scores, difference};
 use super::field::{Field, Geometry};
 use super::photometry;
 use super::profile::Line;
@@ -42,11 +42,13 @@ pub enum Picture {
     /// Values over a plane.
     Map {
         /// The values.
-        field: Field,
+        field: Box<Field>,
         /// Their colours.
         scale: Scale,
         /// The other of two results, for profiles.
-        other: Option<Field>,
+        other: Option<Box<Field>>,
+        /// How significant a difference is.
+        scores: Option<Scores>,
     },
     /// Rays as points.
     Spots(Spots),
@@ -379,7 +381,8 @@ impl Model {
                 let field = difference(comparison, &a, &b)?;
                 let Settings { scale, percentile, .. } = self.settings;
                 let scale = Scale::fit_difference(scale, percentile, &field.values);
-                Ok(Picture::Map { field, scale, other: None })
+                let scores = Some(Scores::of(&field));
+                Ok(Picture::Map { field: Box::new(field), scale, other: None, scores })
             }
         }
     }
@@ -390,12 +393,12 @@ impl Model {
             return Ok(Picture::Spots(spots));
         }
         let field = self.field(detector)?;
-        let other = other.and_then(|other| self.field(other).ok());
+        let other = other.and_then(|other| self.field(other).ok()).map(Box::new);
         let Settings { scale, percentile, common_scale, .. } = self.settings;
         let scaled_with = other.as_ref().filter(|_| common_scale);
         let values = std::iter::once(&field.values).chain(scaled_with.map(|other| &other.values));
         let scale = Scale::fit(scale, percentile, values);
-        Ok(Picture::Map { field, scale, other })
+        Ok(Picture::Map { field: Box::new(field), scale, other, scores: None })
     }
 
     /// The values of a detector, as the settings want them.

@@ -54,6 +54,9 @@ pub struct Shown {
     pub frame: Frame,
 }
 
+/// A value and its label.
+pub type Tick = (f64, String);
+
 const LABEL_SIZE: f32 = 12.0;
 
 impl View {
@@ -192,7 +195,7 @@ impl Plot<'_> {
         ui: &Ui,
         rect: Rect,
         frame: &Frame,
-        (x_ticks, y_ticks): (&[(f64, String)], &[(f64, String)]),
+        (x_ticks, y_ticks): (&[Tick], &[Tick]),
         colors: &Colors,
     ) {
         let font = FontId::proportional(LABEL_SIZE);
@@ -342,9 +345,9 @@ impl Colors {
 }
 
 /// Ticks whose labels stand side by side.
-fn horizontal_ticks(ui: &Ui, frame: &Frame, font: &FontId) -> Vec<(f64, String)> {
+fn horizontal_ticks(ui: &Ui, frame: &Frame, font: &FontId) -> Vec<Tick> {
     let width = |label: &str| text_width(ui, label, font);
-    let fits = |ticks: &Vec<(f64, String)>| {
+    let fits = |ticks: &Vec<Tick>| {
         let widest = ticks.iter().map(|(_, label)| width(label)).fold(0.0, f32::max);
         (widest + 18.0) * ticks.len() as f32 <= frame.rect.width()
     };
@@ -352,7 +355,7 @@ fn horizontal_ticks(ui: &Ui, frame: &Frame, font: &FontId) -> Vec<(f64, String)>
 }
 
 /// Ticks at powers of ten, between decimal logarithms.
-pub fn decades((low, high): (f64, f64), count: usize) -> Vec<(f64, String)> {
+pub fn decades((low, high): (f64, f64), count: usize) -> Vec<Tick> {
     let (first, last) = ((low - 1e-9).ceil() as i32, (high + 1e-9).floor() as i32);
     let step = ((last - first).max(0) as usize / count.max(1) + 1).max(1);
     let label = |power: i32| match power {

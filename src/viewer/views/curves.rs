@@ -2,6 +2,7 @@
 
 use crate::result::format::si_prefix;
 use crate::viewer::app::App;
+use crate::viewer::compare::Scores;
 use crate::viewer::field::Field;
 use crate::viewer::model::Picture;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
@@ -20,17 +21,18 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         return;
     };
     match picture.as_ref() {
-        Picture::Map { field, other, scale } => {
+        Picture::Map { field, other, scale, .. } => {
             let line = app.model.marks().line.unwrap_or_else(|| default_line(field));
             let log = scale.kind == ScaleKind::Log && !scale.diverging;
-            let lines = Lines { field, other: other.as_ref(), line, log };
+            let lines = Lines { field, other: other.as_deref(), line, log };
             lines.show(ui, left);
         }
         Picture::Spots(spots) => wavelengths(ui, left, spots),
     }
-    match Spectrum::of(app) {
-        Some(spectrum) => spectrum.show(app, ui, right),
-        None => energy(app, ui, right, &picture),
+    match (picture.as_ref(), Spectrum::of(app)) {
+        (Picture::Map { scores: Some(scores), .. }, _) => significance(ui, right, scores),
+        (_, Some(spectrum)) => spectrum.show(app, ui, right),
+        _ => energy(app, ui, right, &picture),
     }
 }
 
@@ -125,11 +127,14 @@ fn staircase(
     color: Color32,
     place: impl Fn(f64) -> f64,
 ) {
+    let stroke = Stroke::new(1.5, color);
     let mut points = Vec::with_capacity(2 * samples.len());
     for sample in samples {
         let at = |along: f64, value: f64| frame.place((start + along, place(value)));
         let (from, to) = (at(sample.span.0, sample.value), at(sample.span.1, sample.value));
         if !sample.value.is_finite() {
+            // Where nothing is known, the curve has a gap.
+            painter.add(egui::Shape::line(std::mem::take(&mut points), stroke));
             continue;
         }
         if sample.sigma > 0.0 {
@@ -143,7 +148,7 @@ fn staircase(
         }
         points.extend([from, to]);
     }
-    painter.add(egui::Shape::line(points, Stroke::new(1.5, color)));
+    painter.add(egui::Shape::line(points, stroke));
 }
 
 fn legend(painter: &Painter, frame: &Frame, entries: &[(&str, Color32)]) {
@@ -245,11 +250,36 @@ fn wavelengths(ui: &mut Ui, rect: Rect, spots: &Spots) {
     });
 }
 
+/// How (A - B) / sigma is distributed, over the normal distribution that chance alone gives.
+fn significance(ui: &mut Ui, rect: Rect, scores: &Scores) {
+    let (reach, width) = (Scores::REACH, Scores::WIDTH);
+    let density = |count: u64| count as f64 / (scores.num_cells.max(1) as f64 * width);
+    let normal = |score: f64| (-0.5 * score * score).exp() / std::f64::consts::TAU.sqrt();
+    let top = scores.counts.iter().map(|count| density(*count)).fold(normal(0.0), f64::max);
+    let home = View::new((-reach, reach), (0.0, 1.25 * top));
+    let colors = Colors::of(ui);
+    let plot = plot("Significance of the difference", home, ("(A − B) / σ", ""), ("density of cells", ""));
+    plot.show(ui, rect, &mut None, |_, painter, frame| {
+        for (bin, count) in scores.counts.iter().enumerate() {
+            let left = -reach + width * bin as f64;
+            let bar =
+                Rect::from_two_pos(frame.place((left, 0.0)), frame.place((left + width, density(*count))));
+            painter.rect_filled(bar.shrink2(egui::vec2(0.5, 0.0)), 0.0, colors.curve.gamma_multiply(0.7));
+        }
+        let curve = (0..=200).map(|step| {
+            let score = -reach + 2.0 * reach * f64::from(step) / 200.0;
+            frame.place((score, normal(score)))
+        });
+        painter.add(egui::Shape::line(curve.collect(), Stroke::new(1.5, colors.second)));
+        let text = format!("χ² per cell {:.3}", scores.mean_square);
+        note(painter, frame, &text, colors.text);
+    });
+}
+
 /// The fraction of the flux within a radius.
 fn energy(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Picture) {
     let unit = match picture {
-        Picture::Map { field, scale, .. } if !scale.diverging => field.labels.x.1,
-        Picture::Map { .. } => return,
+        Picture::Map { field, .. } => field.labels.x.1,
         Picture::Spots(spots) => spots.labels.x.1,
     };
     let curve = app.region_figures().and_then(|(_, curve)| curve);

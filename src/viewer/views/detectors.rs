@@ -3,6 +3,7 @@
 use super::{quiet, title, value};
 use crate::program::Precision;
 use crate::result::Detector;
+use crate::result::format::with_prefix;
 use crate::viewer::app::App;
 use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};
@@ -53,12 +54,17 @@ fn entry(ui: &mut Ui, subject: &Subject, name: &str, detector: Option<&Detector>
     let line = match detector {
         Some(detector) => {
             let kind = detector.data.kind().replace('_', " ");
-            format!("{kind} · {} · {} rays", value(detector.total_flux, "W"), count(detector.num_rays_hit))
+            format!("{kind} · {} · {} rays", value(detector.total_flux, "W"), rounded(detector.num_rays_hit))
         }
         None => "no rays yet".into(),
     };
     ui.indent(name, |ui| ui.add(egui::Label::new(quiet(ui, line).size(11.5)).wrap()));
     clicked
+}
+
+/// A count that need not be exact: 1.15 M.
+fn rounded(rays: u64) -> String {
+    if rays < 1_000_000 { count(rays) } else { with_prefix(rays as f64, "") }
 }
 
 fn compare(app: &mut App, ui: &mut Ui) {

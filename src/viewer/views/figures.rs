@@ -47,6 +47,8 @@ fn cursor(app: &mut App, ui: &mut Ui) {
             if labels.value.1 != "σ" {
                 row(ui, "standard error", &value(sigma, labels.value.1));
             }
+        } else if cursor.spot.is_none() {
+            row(ui, labels.value.0, "nothing here");
         }
         if let Some(spot) = cursor.spot {
             row(ui, "ray", &spot.ray_id.to_string());

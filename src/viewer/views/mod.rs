@@ -35,7 +35,8 @@ fn with_plain_unit(value: f64, unit: &str) -> String {
 
 /// A value with its standard error, where that is known.
 pub(super) fn with_error(value: f64, sigma: f64, unit: &str) -> String {
-    if !(sigma > 0.0) || unit == "σ" {
+    let known = sigma > 0.0;
+    if !known || unit == "σ" {
         return self::value(value, unit);
     }
     let (factor, prefix) = format::si_prefix(value);

@@ -176,6 +176,7 @@ impl Drawing {
             let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
             // Sources often stand in one place; one name there tells more than all on top of each other.
             if !taken.iter().any(|other| other.intersects(rect)) {
+                painter.rect_filled(rect.expand(2.0), 2.0, colors.ground.gamma_multiply(0.8));
                 painter.galley(rect.min, galley, colors.text);
                 taken.push(rect);
             }
