@@ -49,6 +49,9 @@ pub struct Args {
     /// Scale of the picture.
     #[arg(long, value_enum, requires = "screenshot")]
     scale: Option<ScaleArg>,
+    /// Draw dark on white, as for print.
+    #[arg(long, requires = "screenshot")]
+    light: bool,
     /// What the picture shows of two results.
     #[arg(long, value_enum, requires = "compare")]
     show: Option<ShowArg>,
@@ -87,7 +90,8 @@ fn parse_pixels_per_point(text: &str) -> std::result::Result<f32, String> {
 pub fn run(args: &Args) -> Result<String> {
     if let Some(path) = &args.screenshot {
         // The same picture whatever the user chose in the window before.
-        let mut app = app(args, Settings::default(), Arc::new(|| {}))?;
+        let settings = Settings { dark: !args.light, ..Settings::default() };
+        let mut app = app(args, settings, Arc::new(|| {}))?;
         let picture = screenshot::draw(&mut app, args.size, args.pixels_per_point)?;
         if app.model.a().is_none() {
             let problem = app.model.messages.first().cloned();

@@ -7,7 +7,7 @@ use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Points of a curve.
 type Curve = Vec<DVec3>;
@@ -190,7 +190,9 @@ fn curves(ir: &SceneIr, frame: &LocalFrame, shape: &Surface, plane: Plane) -> Ve
     let radial = radial(frame, plane);
     let section = |from: f64, to: f64, sag: &dyn Fn(f64) -> f64| -> Curve {
         const STEPS: i32 = 48;
-        let at = |step: i32| from + (to - from) * f64::from(step) / f64::from(STEPS);
+        // Closer together towards the rims, where a sphere is steep.
+        let part = |step: i32| 0.5 - 0.5 * (PI * f64::from(step) / f64::from(STEPS)).cos();
+        let at = |step: i32| from + (to - from) * part(step);
         (0..=STEPS).map(|step| global(radial * at(step) + DVec3::Z * sag(at(step)))).collect()
     };
     // Seen from the side, a rim is a line through the surface that would only hide its shape.
