@@ -137,7 +137,8 @@ fn staircase(
             painter.add(egui::Shape::line(std::mem::take(&mut points), stroke));
             continue;
         }
-        if sample.sigma > 0.0 {
+        // Of cells finer than the screen, thousands of bands would be one.
+        if sample.sigma > 0.0 && to.x - from.x >= 0.5 {
             let (low, high) = (sample.value - sample.sigma, sample.value + sample.sigma);
             let band = Rect::from_two_pos(at(sample.span.0, low), at(sample.span.1, high));
             painter.rect_filled(band, 0.0, color.gamma_multiply(0.22));
