@@ -23,7 +23,7 @@ RANDOM_SEED = 1
 # The cargo profile "dev", which the tests use too.
 BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
 
-.PHONY: demo bench test test-rust test-python test-random test-torch build adapter rust-components clean
+.PHONY: demo bench test test-rust test-python test-random test-torch build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) -o demo-out
@@ -33,9 +33,10 @@ bench: adapter .venv/installed
 
 test: test-rust test-python
 
-test-rust: adapter rust-components
+test-rust: adapter rust-components display
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
+	cargo check --no-default-features
 	cargo test
 
 test-python: adapter .venv/installed
@@ -58,6 +59,13 @@ adapter: build
 		echo "no adapter was found: installing Vulkan in software"; \
 		$(call apt_install,libvulkan1 mesa-vulkan-drivers); \
 		$(BINARY) adapters >/dev/null; \
+	fi
+
+# One test opens a real window, on a display in software; without one it says by name that it is skipped.
+display: build
+	@if ! command -v xvfb-run >/dev/null && command -v apt-get >/dev/null; then \
+		echo "installing a display in software"; \
+		( $(call apt_install,xvfb xauth) ) || echo "the test of a real window will be skipped" >&2; \
 	fi
 
 rust-components:

@@ -12,7 +12,8 @@
 //!
 //! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
 //! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
-//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures.
+//! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
+//! `viewer`, behind the feature of that name, is the window of `nsq-gpu view`.
 
 pub mod bench;
 pub mod checkpoint;
@@ -34,6 +35,8 @@ pub mod result;
 pub mod scene;
 pub mod stopping;
 pub mod trace;
+#[cfg(feature = "viewer")]
+pub mod viewer;
 
 pub use error::{Error, Result};
 pub use result::TraceResult;

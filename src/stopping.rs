@@ -8,11 +8,11 @@ use crate::ir::SceneIr;
 use crate::result::Tally;
 use crate::result::uncertainty::worst_relative_error;
 use crate::trace::{Progress, Tracer};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// Why a trace ended before its last ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StoppedBy {
     /// Ctrl-C.

@@ -6,13 +6,15 @@ mod adapters;
 mod bench;
 mod check;
 mod completions;
-mod count;
+pub mod count;
 pub mod materials;
 mod merge;
 mod progress;
 mod quantity;
 mod schema;
 mod trace;
+#[cfg(feature = "viewer")]
+mod view;
 
 use crate::error::{Error, Result};
 use crate::scene::Scene;
@@ -40,6 +42,9 @@ enum Command {
     Trace(Box<trace::Args>),
     /// Add up results of one scene that were traced apart, on one machine or several.
     Merge(merge::Args),
+    /// Look at a scene while it is traced, or at results.
+    #[cfg(feature = "viewer")]
+    View(Box<view::Args>),
     /// Check a scene file without tracing it.
     Check(check::Args),
     /// List the adapters that can trace.
@@ -60,6 +65,8 @@ pub fn main() -> ExitCode {
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args),
         Command::Merge(args) => merge::run(&args),
+        #[cfg(feature = "viewer")]
+        Command::View(args) => view::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
         Command::Bench(args) => bench::run(&args),

@@ -1,6 +1,6 @@
 //! Signs that a result should be read with care: Optiland's figures and thresholds, and those of the exact ledger.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::result::format::{percent, significant, thousands};
 use crate::result::{Detector, DetectorData, StageTime, Tally, TraceResult};
@@ -18,7 +18,7 @@ const UNDERSAMPLED_HITS: f64 = 10.0;
 const TARGET_HITS: f64 = 400.0;
 
 /// How well one detector was sampled.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DetectorDiagnostic {
     /// The detector.
     pub name: String,
@@ -36,7 +36,7 @@ pub struct DetectorDiagnostic {
 }
 
 /// Optiland's `Diagnostics`, field by field, and the warnings that follow.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnostics {
     /// Fraction of the launched flux that ended at the depth limit.
     pub depth_truncated_flux_fraction: f64,
@@ -53,7 +53,7 @@ pub struct Diagnostics {
     /// True if some launched ray had no more rays in its budget where it was to be split: there branches were drawn.
     pub split_budget_saturated: bool,
     /// What the stages took on the device; left out unless they were timed.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stage_times: Vec<StageTime>,
     /// One sentence per finding, the gravest first.
     pub warnings: Vec<String>,

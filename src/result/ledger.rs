@@ -1,17 +1,17 @@
 //! Where every quantum went: integers, so that the books close to the last bit or show that they do not.
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::ir::{Interaction, SceneIr};
 use crate::result::{Booking, FluxUnit, Tally};
 
 /// One line of the ledger.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     /// Rays or events.
     pub count: u64,
     /// Their quanta, exact.
-    #[serde(serialize_with = "as_string")]
+    #[serde(serialize_with = "as_string", deserialize_with = "from_string")]
     pub quanta: u128,
     /// The same as flux \[W\].
     pub flux: f64,
@@ -19,7 +19,7 @@ pub struct Entry {
 
 /// launched + roulette_gain + importance_gain + bsdf_gain = detected + absorbed + surface + coating + bsdf + bulk
 /// + escaped + depth + roulette_loss + importance_loss, in quanta.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
     /// Rays launched.
     pub launched: Entry,
@@ -52,7 +52,7 @@ pub struct Ledger {
     /// Read in passing by transmissive detectors: a memo, no part of the balance.
     pub tapped: Entry,
     /// Sources minus destinations \[quanta\]; anything but 0 is a defect of this program.
-    #[serde(serialize_with = "as_string")]
+    #[serde(serialize_with = "as_string", deserialize_with = "from_string")]
     pub imbalance_quanta: i128,
     /// The same as flux \[W\].
     pub imbalance_flux: f64,
@@ -158,4 +158,11 @@ fn total(bookings: impl Iterator<Item = Booking>) -> Booking {
 /// Quanta go into JSON as decimal strings, because most readers of JSON keep 53 bits of a number.
 fn as_string<S: Serializer>(value: &impl ToString, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     serializer.serialize_str(&value.to_string())
+}
+
+fn from_string<'de, D: Deserializer<'de>, T: std::str::FromStr>(
+    deserializer: D,
+) -> std::result::Result<T, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    text.parse().map_err(|_| serde::de::Error::custom(format!("`{text}` is not a number of quanta")))
 }

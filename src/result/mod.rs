@@ -10,7 +10,7 @@
 
 pub mod diagnostics;
 pub mod far_field;
-mod format;
+pub(crate) mod format;
 pub mod irradiance;
 pub mod ledger;
 pub mod npz;
@@ -19,6 +19,7 @@ pub mod png;
 pub mod ray_database;
 pub mod ray_paths;
 mod ray_set;
+mod reader;
 pub mod report;
 pub mod rows;
 pub mod spectral;

@@ -6,6 +6,8 @@ mod canvas;
 mod figures;
 mod raster;
 
+#[cfg(feature = "viewer")]
+pub(crate) use canvas::ticks;
 use std::path::Path;
 
 use crate::error::{Error, Result};

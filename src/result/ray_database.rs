@@ -9,11 +9,11 @@ use crate::error::Result;
 use crate::ir::Frame;
 use crate::result::npz::{Column, NpzFile};
 use crate::result::rows::{self, Rows};
-use crate::result::{FluxUnit, QUANTA_PER_WEIGHT};
+use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow};
 
 /// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`crate::ir::ray_id::order`]): an order
 /// that no batch size changes. The rows may lie on disk; [`RayDatabase::columns`] brings them into memory.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct RayDatabase {
     /// The detector's frame.
     pub frame: Frame,
@@ -43,7 +43,56 @@ pub struct RayColumns {
     pub wavelength: Array1<f64>,
 }
 
+/// What was recorded in all, of which a database may keep a part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RecordedRays {
+    /// Rays.
+    pub num_rays: u64,
+    /// Flux of those kept \[W\].
+    pub kept_flux: f64,
+    /// Flux of all \[W\].
+    pub recorded_flux: f64,
+}
+
+/// Equal frames and columns; how they are stored does not matter.
+impl PartialEq for RayDatabase {
+    fn eq(&self, other: &Self) -> bool {
+        (self.frame, self.truncated, self.kept_flux, self.recorded_flux)
+            == (other.frame, other.truncated, other.kept_flux, other.recorded_flux)
+            && self.columns() == other.columns()
+    }
+}
+
 impl RayDatabase {
+    /// A database of rays in memory, which stand in the order of this program's files.
+    ///
+    /// # Errors
+    /// Those of [`RowWriter::push`](crate::result::RowWriter::push).
+    pub fn of_columns(frame: Frame, columns: &RayColumns, recorded: RecordedRays) -> Result<Self> {
+        let mut wavelengths: Vec<f64> = columns.wavelength.to_vec();
+        wavelengths.sort_by(f64::total_cmp);
+        wavelengths.dedup();
+        let rows = (0..columns.ray_id.len()).map(|row| RayRow {
+            ray_id: columns.ray_id[row],
+            bounce: 0,
+            wavelength: wavelengths.partition_point(|other| *other < columns.wavelength[row]) as u32,
+            position: [0, 1, 2].map(|axis| columns.position[axis][row]),
+            direction: [0, 1, 2].map(|axis| columns.direction[axis][row]),
+            weight: columns.flux[row],
+        });
+        let rows = Rows::of_rays(rows)?;
+        Ok(RayDatabase {
+            frame,
+            truncated: rows.len() < recorded.num_rays,
+            kept_flux: recorded.kept_flux,
+            recorded_flux: recorded.recorded_flux,
+            rows,
+            // A weight of 1 is 1 W.
+            unit: FluxUnit::new(1.0, 1),
+            wavelengths,
+        })
+    }
+
     pub(crate) fn new(
         frame: Frame,
         rows: Arc<Rows>,

@@ -2,10 +2,13 @@
 
 use std::collections::HashMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::result::{DetectorData, Diagnostics, Ledger, SurfaceResult, TraceResult};
+use crate::ir::Frame;
+use crate::result::{
+    DetectorData, Diagnostics, IrradianceMap, Ledger, SpectralMap, SurfaceResult, TraceResult,
+};
 use crate::stopping::StoppedBy;
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
@@ -13,7 +16,7 @@ pub const SCHEMA: u32 = 1;
 
 /// The document. Fluxes are in W, times in s; the fields from `num_rays_total` to `trace_time_sec` are those of
 /// Optiland's `SimulationResult`, by their names and meanings ([`TraceResult`]).
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Version of the document: [`SCHEMA`].
     pub schema: u32,
@@ -86,11 +89,12 @@ pub struct Report {
     pub flux_conservation_error: f64,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
-    /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, num_rays_stored,
-    /// total_flux_recorded, file}}` in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the
-    /// mean of the relative standard errors of the cells that are not dark. Both errors are null where they are not known.
-    /// Ray databases alone have `num_rays_stored`, the rows kept, whose flux is `total_flux`, and `total_flux_recorded`,
-    /// that of all rows. `file` is null if no file was written.
+    /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, ...}}` in scene
+    /// order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard errors of
+    /// the cells that are not dark. Both errors are null where they are not known; `file` is null if no file was written.
+    /// Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
+    /// flux is `total_flux`; `total_flux_recorded`, that of all rows; and `frame`, whose `axes` are the local x, y, z in
+    /// global coordinates and whose `origin` is in mm.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -178,9 +182,19 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "num_rays_hit": detector.num_rays_hit,
             "file": files.detectors.get(&detector.name),
         });
-        if let DetectorData::RayDatabase(rays) = &detector.data {
-            entry["num_rays_stored"] = json!(rays.num_rays());
-            entry["total_flux_recorded"] = json!(rays.recorded_flux);
+        match &detector.data {
+            DetectorData::Irradiance(IrradianceMap { width, height, .. })
+            | DetectorData::Spectral(SpectralMap { width, height, .. }) => {
+                entry["width"] = json!(width);
+                entry["height"] = json!(height);
+            }
+            DetectorData::FarField(_) => {}
+            DetectorData::RayDatabase(rays) => {
+                let Frame { origin, rotation } = rays.frame;
+                entry["num_rays_stored"] = json!(rays.num_rays());
+                entry["total_flux_recorded"] = json!(rays.recorded_flux);
+                entry["frame"] = json!({ "origin": origin.to_array(), "axes": rotation.to_cols_array_2d() });
+            }
         }
         (detector.name.clone(), entry)
     });

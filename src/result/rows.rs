@@ -131,6 +131,13 @@ impl RowWriter {
 }
 
 impl Rows {
+    /// Rays in memory.
+    pub(crate) fn of_rays(mut rays: impl Iterator<Item = RayRow>) -> Result<Arc<Self>> {
+        let mut writer = RowWriter::in_memory(None);
+        rays.try_for_each(|ray| writer.push(&PathEvent { ray, kind: PathEventKind::Sensor(0) }))?;
+        Ok(writer.finish())
+    }
+
     /// Rows kept.
     pub fn len(&self) -> u64 {
         self.keep.map_or(self.recorded, |keep| keep.min(self.recorded))

@@ -8,7 +8,7 @@ use crate::result::{
     uncertainty::{mean_relative, worst_relative_error},
 };
 use crate::stopping::StoppedBy;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// How the trace was run.
@@ -59,7 +59,7 @@ pub struct RunInfo {
 }
 
 /// What one stage of a trace took on the device.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
     /// The stage: `trace_new`, `advance` or `trace_queued`.
     pub stage: String,

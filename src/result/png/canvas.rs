@@ -109,7 +109,7 @@ impl Axis {
 }
 
 /// At most `count` round values within a range, a step of 1, 2 or 5 times a power of ten apart, with their labels.
-fn ticks((low, high): (f64, f64), count: usize) -> Vec<(f64, String)> {
+pub(crate) fn ticks((low, high): (f64, f64), count: usize) -> Vec<(f64, String)> {
     let span = high - low;
     let power = 10f64.powf((span / count as f64).log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0, 20.0].map(|factor| factor * power);

@@ -1,0 +1,152 @@
+//! `nsq-gpu view`: the window of a trace or of results, or a picture of it.
+
+use super::count;
+use crate::error::{Error, Result};
+use crate::viewer::compare::Comparison;
+use crate::viewer::model::Subject;
+use crate::viewer::scale::ScaleKind;
+use crate::viewer::settings::Settings;
+use crate::viewer::tracing::{Device, Notify};
+use crate::viewer::{App, Model, open, screenshot};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Arguments of `nsq-gpu view`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Args {
+    /// A scene file, which is traced while you look on, or a folder that `trace -o` wrote.
+    path: PathBuf,
+    /// Rays to launch: 250000, 1e7, 10M.
+    #[arg(short = 'n', long, value_parser = count::parse, value_name = "N")]
+    num_rays: Option<u64>,
+    /// Seed of every random draw.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Largest number of events (surfaces and detectors) of a ray.
+    #[arg(long, value_name = "N")]
+    max_depth: Option<u32>,
+    /// Part of the adapter's name (see `nsq-gpu adapters`).
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Compare with the results in this folder: A is what is opened, B is this.
+    #[arg(long, value_name = "DIR")]
+    compare: Option<PathBuf>,
+    /// Show this detector first.
+    #[arg(long, value_name = "NAME", conflicts_with = "side_view")]
+    detector: Option<String>,
+    /// Show the scene from the side first, with a few hundred rays.
+    #[arg(long)]
+    side_view: bool,
+    /// Draw the window into a PNG file once everything is traced; no display is needed.
+    #[arg(long, value_name = "FILE")]
+    screenshot: Option<PathBuf>,
+    /// Size of the picture in points.
+    #[arg(long, value_name = "WxH", default_value = "1440x900", value_parser = parse_size)]
+    size: (f32, f32),
+    /// Pixels of the picture per point.
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = parse_pixels_per_point)]
+    pixels_per_point: f32,
+    /// Scale of the picture.
+    #[arg(long, value_enum, requires = "screenshot")]
+    scale: Option<ScaleArg>,
+    /// Draw dark on white, as for print.
+    #[arg(long, requires = "screenshot")]
+    light: bool,
+    /// What the picture shows of two results.
+    #[arg(long, value_enum, requires = "compare")]
+    show: Option<ShowArg>,
+    /// Close the window after so many frames, once everything is traced.
+    #[arg(long, hide = true)]
+    frames: Option<u32>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum ScaleArg {
+    Linear,
+    Log,
+    Percentile,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum ShowArg {
+    A,
+    B,
+    Difference,
+    Significance,
+}
+
+fn parse_size(text: &str) -> std::result::Result<(f32, f32), String> {
+    let side = |side: &str| side.parse::<f32>().ok().filter(|side| (320.0..=8192.0).contains(side));
+    let sides = text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
+    sides.ok_or_else(|| format!("`{text}` is not a size; write 1440x900, each side in 320..=8192"))
+}
+
+fn parse_pixels_per_point(text: &str) -> std::result::Result<f32, String> {
+    let number = text.parse::<f32>().ok().filter(|number| (0.5..=4.0).contains(number));
+    number.ok_or_else(|| format!("`{text}` is not a number in 0.5..=4"))
+}
+
+/// Opens the window, or draws it; stdout stays empty.
+pub fn run(args: &Args) -> Result<String> {
+    if let Some(path) = &args.screenshot {
+        // The same picture whatever the user chose in the window before.
+        let settings = Settings { dark: !args.light, ..Settings::default() };
+        let mut app = app(args, settings, Arc::new(|| {}))?;
+        let picture = screenshot::draw(&mut app, args.size, args.pixels_per_point)?;
+        if app.model.a().is_none() {
+            let problem = app.model.messages.first().cloned();
+            return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
+        }
+        picture.write(path)?;
+        super::say(&format!("written: {}", path.display()));
+        return Ok(String::new());
+    }
+    let settings = Settings::load();
+    let title = format!("{} – nsq-gpu", args.path.display());
+    let (owned, window) = (args.clone(), settings.window);
+    open(&title, window, move |notify| app(&owned, settings, notify))?;
+    Ok(String::new())
+}
+
+fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
+    let device = Device::on(args.adapter.clone());
+    let mut model = Model::open(&args.path, settings, device, notify)?;
+    let run = &mut model.run;
+    run.num_rays = args.num_rays.unwrap_or(run.num_rays);
+    run.seed = args.seed.unwrap_or(run.seed);
+    run.max_depth = args.max_depth.unwrap_or(run.max_depth);
+    if let Some(dir) = &args.compare {
+        model.compare_with(dir)?;
+    }
+    if let Some(scale) = args.scale {
+        model.settings.scale = match scale {
+            ScaleArg::Linear => ScaleKind::Linear,
+            ScaleArg::Log => ScaleKind::Log,
+            ScaleArg::Percentile => ScaleKind::Percentile,
+        };
+    }
+    if let Some(show) = args.show {
+        model.settings.comparison = match show {
+            ShowArg::A => Comparison::A,
+            ShowArg::B => Comparison::B,
+            ShowArg::Difference => Comparison::Difference,
+            ShowArg::Significance => Comparison::Significance,
+        };
+    }
+    if let Some(name) = &args.detector {
+        let names = model.detector_names();
+        if !names.contains(name) {
+            let known = names.join(", ");
+            return Err(Error::Usage(format!("there is no detector '{name}'; there are {known}")));
+        }
+        model.subject = Subject::Detector(name.clone());
+    } else if args.side_view {
+        model.subject = Subject::Scene;
+    }
+    if model.a().is_none() {
+        model.trace();
+    }
+    let mut app = App::new(model);
+    app.frames_left = args.frames;
+    Ok(app)
+}

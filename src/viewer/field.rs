@@ -1,0 +1,287 @@
+//! What a map shows: values over a plane, whatever the kind of detector.
+
+use crate::result::{FarFieldPattern, IrradianceMap, SpectralMap};
+use ndarray::{Array2, Axis};
+
+/// How the cells of a field lie in the plane of a plot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Geometry {
+    /// Equal rectangles.
+    Rectangles,
+    /// Directions as a disc: the polar angle grows from the middle, the azimuth turns counter-clockwise from the right.
+    Polar,
+}
+
+/// Values over a plane. Row 0 lies at the smallest y.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// Where the cells lie.
+    pub geometry: Geometry,
+    /// What the plot spans.
+    pub x_range: (f64, f64),
+    /// What the plot spans.
+    pub y_range: (f64, f64),
+    /// Axes and quantity, with their units.
+    pub labels: Labels,
+    /// Value per cell; NaN where there is none, as in a ratio.
+    pub values: Array2<f64>,
+    /// Rays per cell.
+    pub hits: Array2<u64>,
+    /// Standard error per cell, NaN where it is unknown.
+    pub sigma: Array2<f64>,
+    /// Flux of a cell per unit of its value, by row: an area \[mm^2\] or a solid angle \[sr\].
+    pub measure: Vec<f64>,
+}
+
+/// Names and units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Labels {
+    /// Horizontal axis.
+    pub x: (&'static str, &'static str),
+    /// Vertical axis.
+    pub y: (&'static str, &'static str),
+    /// The values.
+    pub value: (&'static str, &'static str),
+    /// Value times measure, summed: the flux.
+    pub flux: &'static str,
+}
+
+/// A cell: row and column.
+pub type Cell = (usize, usize);
+
+/// The standard errors of a result; where it has none, those of equal deposits.
+fn sigma_of(errors: Option<&Array2<f64>>, values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
+    // An error of 0 stands where no ray came, and says nothing.
+    let known = |error: f64| if error > 0.0 { error } else { f64::NAN };
+    errors.map_or_else(|| sigma_from_hits(values, hits), |errors| errors.mapv(known))
+}
+
+/// value / sqrt(hits).
+fn sigma_from_hits(values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
+    let sigma =
+        |(&value, &hits): (&f64, &u64)| if hits > 0 { value / (hits as f64).sqrt() } else { f64::NAN };
+    let sigma = values.iter().zip(hits).map(sigma).collect();
+    Array2::from_shape_vec(values.dim(), sigma).unwrap_or_else(|_| Array2::from_elem(values.dim(), f64::NAN))
+}
+
+const IRRADIANCE: Labels =
+    Labels { x: ("x", "mm"), y: ("y", "mm"), value: ("Irradiance", "W/mm²"), flux: "W" };
+const INTENSITY: Labels =
+    Labels { x: ("θx", "°"), y: ("θy", "°"), value: ("Intensity", "W/sr"), flux: "W" };
+
+impl Field {
+    /// Irradiance over x and y.
+    pub fn of_irradiance(map: &IrradianceMap) -> Field {
+        let sigma = sigma_of(map.standard_error.as_ref(), &map.irradiance, &map.hits);
+        Field {
+            sigma,
+            ..Field::over_pixels((map.width, map.height), map.irradiance.clone(), map.hits.clone())
+        }
+    }
+
+    /// Irradiance over x and y: the sum over the wavelength bins, each times its weight.
+    pub fn of_spectral(map: &SpectralMap, weights: &[f64]) -> Field {
+        let (rows, columns, _) = map.irradiance.dim();
+        let (mut values, mut variance) =
+            (Array2::zeros((rows, columns)), Array2::<f64>::zeros((rows, columns)));
+        let mut all_hits = Array2::zeros((rows, columns));
+        for (bin, &weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+            let (irradiance, hits) =
+                (map.irradiance.index_axis(Axis(2), bin), map.hits.index_axis(Axis(2), bin));
+            let errors = map.standard_error.as_ref().map(|errors| errors.index_axis(Axis(2), bin).to_owned());
+            let sigma = sigma_of(errors.as_ref(), &irradiance.to_owned(), &hits.to_owned());
+            let sums = values.iter_mut().zip(&mut variance).zip(&mut all_hits);
+            for ((((value, variance), all_hits), (&irradiance, &hits)), &sigma) in
+                sums.zip(irradiance.iter().zip(hits)).zip(&sigma)
+            {
+                *value += weight * irradiance;
+                *all_hits += hits;
+                // A ray has one wavelength: what falls into two bins comes from two rays.
+                *variance += if sigma.is_nan() { 0.0 } else { (weight * sigma).powi(2) };
+            }
+        }
+        let sigma = variance.mapv(|variance| if variance > 0.0 { variance.sqrt() } else { f64::NAN });
+        Field { sigma, ..Field::over_pixels((map.width, map.height), values, all_hits) }
+    }
+
+    fn over_pixels((width, height): (f64, f64), values: Array2<f64>, hits: Array2<u64>) -> Field {
+        let (rows, columns) = values.dim();
+        Field {
+            geometry: Geometry::Rectangles,
+            x_range: (-width / 2.0, width / 2.0),
+            y_range: (-height / 2.0, height / 2.0),
+            labels: IRRADIANCE,
+            sigma: sigma_from_hits(&values, &hits),
+            measure: vec![(width / columns as f64) * (height / rows as f64); rows],
+            values,
+            hits,
+        }
+    }
+
+    /// Intensity over directions.
+    pub fn of_far_field(pattern: &FarFieldPattern, geometry: Geometry) -> Field {
+        let (rows, columns) = pattern.intensity.dim();
+        let limit = crate::result::far_field::THETA_MAX;
+        let (d_theta, d_phi) = ((limit / rows as f64).to_radians(), (360.0 / columns as f64).to_radians());
+        let measure = |theta: &f64| theta.to_radians().sin() * d_theta * d_phi;
+        let (x_range, y_range, labels) = match geometry {
+            Geometry::Polar => ((-limit, limit), (-limit, limit), INTENSITY),
+            Geometry::Rectangles => (
+                (-180.0, 180.0),
+                (0.0, limit),
+                Labels { x: ("azimuth φ", "°"), y: ("polar angle θ", "°"), ..INTENSITY },
+            ),
+        };
+        Field {
+            geometry,
+            x_range,
+            y_range,
+            labels,
+            values: pattern.intensity.clone(),
+            hits: pattern.hits.clone(),
+            sigma: sigma_of(pattern.standard_error.as_ref(), &pattern.intensity, &pattern.hits),
+            measure: pattern.theta.iter().map(measure).collect(),
+        }
+    }
+
+    /// The same in photometric units: `efficacy` is in lm/W.
+    pub fn photometric(mut self, efficacy: f64) -> Field {
+        let per_area = self.labels.value.1 == IRRADIANCE.value.1;
+        // 1 lm/mm² is 10^6 lx.
+        let (name, unit, factor) =
+            if per_area { ("Illuminance", "lx", 1e6) } else { ("Luminous intensity", "cd", 1.0) };
+        self.labels.value = (name, unit);
+        self.labels.flux = "lm";
+        self.values *= efficacy * factor;
+        self.sigma *= efficacy * factor;
+        self.measure.iter_mut().for_each(|measure| *measure /= factor);
+        self
+    }
+
+    /// Rows and columns.
+    pub fn dim(&self) -> (usize, usize) {
+        self.values.dim()
+    }
+
+    /// The cell at a point of the plot.
+    pub fn cell_at(&self, x: f64, y: f64) -> Option<Cell> {
+        let (rows, columns) = self.dim();
+        let bin = |at: f64, (low, high): (f64, f64), bins: usize| {
+            let part = (at - low) / (high - low) * bins as f64;
+            (part >= 0.0 && part < bins as f64).then_some(part as usize)
+        };
+        match self.geometry {
+            Geometry::Rectangles => Some((bin(y, self.y_range, rows)?, bin(x, self.x_range, columns)?)),
+            Geometry::Polar => {
+                let phi = y.atan2(x).to_degrees();
+                // 180 degrees is where the azimuth begins anew.
+                let phi = if phi >= 180.0 { phi - 360.0 } else { phi };
+                Some((bin(x.hypot(y), (0.0, self.x_range.1), rows)?, bin(phi, (-180.0, 180.0), columns)?))
+            }
+        }
+    }
+
+    /// The middle of a cell, in the plot.
+    pub fn centre(&self, (row, column): Cell) -> (f64, f64) {
+        let (rows, columns) = self.dim();
+        let middle = |index: usize, (low, high): (f64, f64), bins: usize| {
+            low + (high - low) * (index as f64 + 0.5) / bins as f64
+        };
+        match self.geometry {
+            Geometry::Rectangles => (middle(column, self.x_range, columns), middle(row, self.y_range, rows)),
+            Geometry::Polar => {
+                let theta = middle(row, (0.0, self.x_range.1), rows);
+                let (sin, cos) = middle(column, (-180.0, 180.0), columns).to_radians().sin_cos();
+                (theta * cos, theta * sin)
+            }
+        }
+    }
+
+    /// A length that resolves every cell.
+    pub fn finest(&self) -> f64 {
+        let (rows, columns) = self.dim();
+        let pitch = |(low, high): (f64, f64), bins: usize| (high - low) / bins as f64;
+        match self.geometry {
+            Geometry::Rectangles => pitch(self.x_range, columns).min(pitch(self.y_range, rows)),
+            Geometry::Polar => self.x_range.1 / rows as f64,
+        }
+    }
+
+    /// Value times measure \[W or lm\].
+    pub fn flux_of(&self, (row, column): Cell) -> f64 {
+        self.values[(row, column)] * self.measure[row]
+    }
+
+    /// Sum over all cells \[W or lm\].
+    pub fn total(&self) -> f64 {
+        self.values.outer_iter().zip(&self.measure).map(|(row, measure)| row.sum() * measure).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array1;
+
+    fn pattern(rows: usize, columns: usize) -> FarFieldPattern {
+        let centres = |low: f64, high: f64, bins: usize| -> Array1<f64> {
+            (0..bins).map(|bin| low + (high - low) * (bin as f64 + 0.5) / bins as f64).collect()
+        };
+        FarFieldPattern {
+            intensity: Array2::from_elem((rows, columns), 2.0),
+            theta: centres(0.0, 90.0, rows),
+            phi: centres(-180.0, 180.0, columns),
+            hits: Array2::from_elem((rows, columns), 4),
+            standard_error: None,
+        }
+    }
+
+    #[test]
+    fn every_cell_holds_its_own_middle() {
+        let pattern = pattern(9, 16);
+        for geometry in [Geometry::Rectangles, Geometry::Polar] {
+            let field = Field::of_far_field(&pattern, geometry);
+            for row in 0..9 {
+                for column in 0..16 {
+                    let (x, y) = field.centre((row, column));
+                    assert_eq!(field.cell_at(x, y), Some((row, column)), "{geometry:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn outside_of_the_disc_there_is_nothing() {
+        let field = Field::of_far_field(&pattern(9, 16), Geometry::Polar);
+        assert_eq!(field.cell_at(80.0, 80.0), None);
+        assert_eq!(field.cell_at(-89.0, 0.0), Some((8, 0)));
+    }
+
+    #[test]
+    fn an_even_intensity_over_a_hemisphere_sums_to_two_pi() {
+        let field = Field::of_far_field(&pattern(900, 8), Geometry::Polar);
+        let expected = 2.0 * 2.0 * std::f64::consts::PI;
+        // The midpoint rule for sin over a quarter turn errs by h^2 / 24, h = 0.1 degrees.
+        assert!((field.total() / expected - 1.0).abs() < 2e-7);
+        assert_eq!(field.sigma[(3, 3)], 1.0);
+    }
+
+    #[test]
+    fn lux_times_area_is_lumen() {
+        let map = IrradianceMap {
+            irradiance: Array2::from_elem((4, 5), 0.5),
+            x_coords: Array1::zeros(5),
+            y_coords: Array1::zeros(4),
+            hits: Array2::zeros((4, 5)),
+            width: 10.0,
+            height: 2.0,
+            standard_error: None,
+        };
+        let field = Field::of_irradiance(&map);
+        assert!((field.total() - 10.0).abs() < 1e-12);
+        assert!(field.sigma.iter().all(|sigma| sigma.is_nan()));
+        let field = field.photometric(683.0);
+        assert_eq!((field.values[(0, 0)], field.labels.value.1), (0.5 * 683.0 * 1e6, "lx"));
+        assert!((field.total() - 6830.0).abs() < 1e-9);
+    }
+}

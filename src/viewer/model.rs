@@ -1,0 +1,494 @@
+//! What the window shows, without the window: results, traces and choices.
+
+use super::compare::{Comparison, Scores, difference};
+use super::field::{Field, Geometry};
+use super::photometry;
+use super::profile::Line;
+use super::region::Region;
+use super::scale::{Scale, ScaleKind};
+use super::settings::Settings;
+use super::spots::Spots;
+use super::tracing::{Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State};
+use crate::error::{Error, Result};
+use crate::result::output::REPORT;
+use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// What the middle of the window shows.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Subject {
+    /// The detector of this name.
+    Detector(String),
+    /// The scene from the side, with rays.
+    Scene,
+}
+
+/// What the user marked in one plot.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Marks {
+    /// Region of the figures; the whole plot where there is none.
+    pub region: Option<Region>,
+    /// Line of the profile; along x through the middle where there is none.
+    pub line: Option<Line>,
+    /// Point that is read where the pointer is not over the plot.
+    pub pin: Option<(f64, f64)>,
+}
+
+/// A picture of the detector that is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Picture {
+    /// Values over a plane.
+    Map {
+        /// The values.
+        field: Box<Field>,
+        /// Their colours.
+        scale: Scale,
+        /// The other of two results, for profiles.
+        other: Option<Box<Field>>,
+        /// How significant a difference is.
+        scores: Option<Scores>,
+    },
+    /// Rays as points.
+    Spots(Spots),
+}
+
+/// A result that another is compared with.
+pub struct Reference {
+    /// What it is called.
+    pub name: String,
+    /// The result.
+    pub result: Arc<TraceResult>,
+}
+
+/// The rays of the side view.
+enum Paths {
+    /// Nobody has looked at it yet.
+    NotAsked,
+    /// They are being traced.
+    Recording(PathsJob),
+    /// They are there.
+    Recorded(Arc<PathColumns>),
+    /// They could not be traced.
+    Failed,
+}
+
+/// All that a picture follows from.
+#[derive(Debug, Clone, PartialEq)]
+struct PictureKey {
+    revision: u64,
+    detector: String,
+    bin: Option<usize>,
+    settings: Settings,
+    wavelength: f64,
+}
+
+/// The state of the viewer.
+pub struct Model {
+    /// Choices that are kept between starts.
+    pub settings: Settings,
+    /// What was opened.
+    pub title: String,
+    /// How the next trace is run.
+    pub run: RunOptions,
+    /// What is shown.
+    pub subject: Subject,
+    /// Wavelength bin of a spectral detector; all where there is none.
+    pub bin: Option<usize>,
+    /// Wavelength by which watts become lumens where a detector does not tell wavelengths apart \[um\].
+    pub wavelength: f64,
+    /// What went wrong or was done, the latest last.
+    pub messages: Vec<String>,
+    scene: Option<Arc<LoadedScene>>,
+    a: Option<Arc<TraceResult>>,
+    b: Option<Reference>,
+    device: Device,
+    job: Option<Job>,
+    paths: Paths,
+    notify: Notify,
+    marks: HashMap<String, Marks>,
+    /// Grows with every new result.
+    revision: u64,
+    picture: Option<(PictureKey, std::result::Result<Arc<Picture>, String>)>,
+}
+
+/// Rays of the side view.
+const NUM_PATHS: u64 = 300;
+
+impl Model {
+    /// Opens a scene file, which is traced at once, or a folder of results.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the scene cannot be traced, [`Error::File`] if something cannot be read.
+    pub fn open(path: &Path, settings: Settings, device: Device, notify: Notify) -> Result<Self> {
+        let mut model = Model {
+            settings,
+            title: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+            run: RunOptions::default(),
+            subject: Subject::Scene,
+            bin: None,
+            wavelength: 0.555,
+            messages: Vec::new(),
+            scene: None,
+            a: None,
+            b: None,
+            device,
+            job: None,
+            paths: Paths::NotAsked,
+            notify,
+            marks: HashMap::new(),
+            revision: 0,
+            picture: None,
+        };
+        if path.is_dir() || path.file_name().is_some_and(|name| name == REPORT) {
+            model.open_results(if path.is_dir() { path } else { path.parent().unwrap_or(path) })?;
+        } else {
+            model.scene = Some(Arc::new(LoadedScene::read(path)?));
+        }
+        model.subject = model.first_detector().map_or(Subject::Scene, Subject::Detector);
+        if let Some([wavelength]) = model.scene.as_ref().map(|scene| scene.ir.wavelengths.as_slice()) {
+            model.wavelength = *wavelength;
+        }
+        Ok(model)
+    }
+
+    fn open_results(&mut self, dir: &Path) -> Result<()> {
+        let result = TraceResult::read(dir)?;
+        self.run = RunOptions {
+            num_rays: result.run.num_rays,
+            seed: result.run.seed,
+            max_depth: result.run.max_depth,
+            precision: None,
+        };
+        if let Some(path) = &result.run.scene {
+            match LoadedScene::read(Path::new(path)) {
+                Ok(scene) => self.scene = Some(Arc::new(scene)),
+                Err(error) => {
+                    self.messages
+                        .push(format!("without its scene, the result cannot be traced anew: {error}"));
+                }
+            }
+        }
+        self.a = Some(Arc::new(result));
+        Ok(())
+    }
+
+    fn first_detector(&self) -> Option<String> {
+        self.detector_names().into_iter().next()
+    }
+
+    /// Names of the detectors, in the order of the scene.
+    pub fn detector_names(&self) -> Vec<String> {
+        match (&self.a, &self.scene) {
+            (Some(result), _) => result.detectors.iter().map(|detector| detector.name.clone()).collect(),
+            (None, Some(scene)) => scene.ir.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+            (None, None) => Vec::new(),
+        }
+    }
+
+    /// The scene, if it is known.
+    pub fn scene(&self) -> Option<&LoadedScene> {
+        self.scene.as_deref()
+    }
+
+    /// The result that was opened or is being traced.
+    pub fn a(&self) -> Option<&TraceResult> {
+        self.a.as_deref()
+    }
+
+    /// What it is compared with.
+    pub fn b(&self) -> Option<&Reference> {
+        self.b.as_ref()
+    }
+
+    /// Grows whenever a result changes.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Begins to trace with [`Model::run`]; a trace that runs ends.
+    pub fn trace(&mut self) {
+        if let Some(scene) = &self.scene {
+            self.job = Some(Job::start(&self.device, scene, &self.run, self.notify.clone()));
+        }
+    }
+
+    /// The trace that runs or ran.
+    pub fn job(&self) -> Option<&Job> {
+        self.job.as_ref()
+    }
+
+    /// Takes what the tracing threads have put on the shelf; never waits.
+    pub fn poll(&mut self) {
+        if let Some(job) = &self.job {
+            if let Some(result) = job.take_result() {
+                self.a = Some(result);
+                self.revision += 1;
+            }
+            if let State::Failed(problem) = job.state() {
+                self.messages.push(problem);
+                self.job = None;
+            }
+        }
+        if let Paths::Recording(job) = &self.paths
+            && let Some(paths) = job.take()
+        {
+            self.paths = match paths {
+                Ok(paths) => Paths::Recorded(paths),
+                Err(error) => {
+                    self.messages.push(error.to_string());
+                    Paths::Failed
+                }
+            };
+        }
+    }
+
+    /// Paths of a few rays; they are recorded when they are first asked for.
+    pub fn paths(&mut self) -> Option<Arc<PathColumns>> {
+        match (&self.paths, &self.scene) {
+            (Paths::NotAsked, Some(scene)) => {
+                let notify = self.notify.clone();
+                let job = PathsJob::start(&self.device, scene, &self.run, NUM_PATHS, notify);
+                self.paths = Paths::Recording(job);
+                None
+            }
+            (Paths::Recorded(paths), _) => Some(paths.clone()),
+            _ => None,
+        }
+    }
+
+    /// True while nothing more will come by itself.
+    pub fn is_idle(&self) -> bool {
+        self.job.as_ref().is_none_or(|job| !job.is_running()) && !matches!(self.paths, Paths::Recording(_))
+    }
+
+    /// Ends what runs in the background, and waits for it.
+    pub fn shut_down(&mut self) {
+        if let Some(job) = self.job.take() {
+            job.finish();
+        }
+        if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
+            job.finish();
+        }
+    }
+
+    /// Compares with the results in a folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] if they cannot be read.
+    pub fn compare_with(&mut self, dir: &Path) -> Result<()> {
+        let result = Arc::new(TraceResult::read(dir)?);
+        self.set_reference(dir.display().to_string(), result);
+        Ok(())
+    }
+
+    /// Keeps the present result as B, to compare the next one with it.
+    pub fn hold_as_b(&mut self) {
+        if let Some(result) = self.a.clone() {
+            let name = format!("{} rays, seed {}", count(result.num_rays_total), result.run.seed);
+            self.set_reference(name, result);
+        }
+    }
+
+    fn set_reference(&mut self, name: String, result: Arc<TraceResult>) {
+        self.b = Some(Reference { name, result });
+        self.revision += 1;
+    }
+
+    /// Ends the comparison.
+    pub fn drop_b(&mut self) {
+        self.b = None;
+        self.settings.comparison = Comparison::A;
+        self.revision += 1;
+    }
+
+    /// The detector that is shown: of B where B is shown alone, else of A.
+    pub fn detector(&self) -> Option<&Detector> {
+        let Subject::Detector(name) = &self.subject else {
+            return None;
+        };
+        match (self.settings.comparison, &self.b) {
+            (Comparison::B, Some(b)) => b.result.detector(name),
+            _ => self.a.as_ref()?.detector(name),
+        }
+    }
+
+    /// The spectral map that is shown.
+    pub fn spectral(&self) -> Option<&SpectralMap> {
+        match &self.detector()?.data {
+            DetectorData::Spectral(map) => Some(map),
+            _ => None,
+        }
+    }
+
+    /// What the user marked in the plot that is shown. Each way of plotting has marks of its own.
+    pub fn marks(&mut self) -> &mut Marks {
+        let name = match &self.subject {
+            Subject::Detector(name) => name.as_str(),
+            Subject::Scene => "",
+        };
+        let Settings { polar, directions, .. } = self.settings;
+        let key = match self.detector().map(|detector| &detector.data) {
+            Some(DetectorData::FarField(_)) => format!("{name} polar {polar}"),
+            Some(DetectorData::RayDatabase(_)) => format!("{name} directions {directions}"),
+            _ => name.to_string(),
+        };
+        self.marks.entry(key).or_default()
+    }
+
+    /// The picture of the detector that is shown. It is made anew only where something changed.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn picture(&mut self) -> std::result::Result<Arc<Picture>, String> {
+        let Subject::Detector(name) = &self.subject else {
+            return Err("no detector is shown".into());
+        };
+        let key = PictureKey {
+            revision: self.revision,
+            detector: name.clone(),
+            bin: self.bin,
+            settings: self.settings.of_pictures(),
+            wavelength: self.wavelength,
+        };
+        match &self.picture {
+            Some((made, picture)) if *made == key => picture.clone(),
+            _ => {
+                let picture = self.new_picture(&key).map(Arc::new);
+                self.picture = Some((key, picture.clone()));
+                picture
+            }
+        }
+    }
+
+    fn new_picture(&self, key: &PictureKey) -> std::result::Result<Picture, String> {
+        let a = self.a.as_ref().ok_or("the first rays are on their way")?;
+        let of = |result: &TraceResult, which: &str| {
+            let detector = result.detector(&key.detector);
+            detector.cloned().ok_or_else(|| format!("{which} has no detector '{}'", key.detector))
+        };
+        let a = of(a, "A")?;
+        let Some(b) = &self.b else {
+            return self.alone(&a, None);
+        };
+        let b = of(&b.result, "B");
+        match self.settings.comparison {
+            Comparison::A => self.alone(&a, b.as_ref().ok()),
+            Comparison::B => self.alone(&b?, Some(&a)),
+            comparison => {
+                let (a, b) = (self.field(&a)?, self.field(&b?)?);
+                let field = difference(comparison, &a, &b)?;
+                let Settings { scale, percentile, .. } = self.settings;
+                let scale = Scale::fit_difference(scale, percentile, &field.values);
+                let scores = Some(Scores::of(&field));
+                Ok(Picture::Map { field: Box::new(field), scale, other: None, scores })
+            }
+        }
+    }
+
+    fn alone(&self, detector: &Detector, other: Option<&Detector>) -> std::result::Result<Picture, String> {
+        if let DetectorData::RayDatabase(rays) = &detector.data {
+            let spots = Spots::new(rays, self.settings.directions, self.settings.photometric);
+            return spots.map(Picture::Spots).map_err(|error| error.to_string());
+        }
+        let field = self.field(detector)?;
+        let other = other.and_then(|other| self.field(other).ok()).map(Box::new);
+        let Settings { scale, percentile, common_scale, .. } = self.settings;
+        let scaled_with = other.as_ref().filter(|_| common_scale);
+        let values = std::iter::once(&field.values).chain(scaled_with.map(|other| &other.values));
+        let scale = Scale::fit(scale, percentile, values);
+        Ok(Picture::Map { field: Box::new(field), scale, other, scores: None })
+    }
+
+    /// The values of a detector, as the settings want them.
+    fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
+        let Settings { photometric, polar, .. } = self.settings;
+        let field = match &detector.data {
+            DetectorData::Irradiance(map) => Field::of_irradiance(map),
+            DetectorData::FarField(pattern) => {
+                let geometry = if polar { Geometry::Polar } else { Geometry::Rectangles };
+                Field::of_far_field(pattern, geometry)
+            }
+            DetectorData::Spectral(map) => return self.spectral_field(map),
+            DetectorData::RayDatabase(_) => {
+                return Err("rays are shown as points: A and B cannot be subtracted".into());
+            }
+        };
+        if !photometric {
+            return Ok(field);
+        }
+        let efficacy = photometry::efficacy(self.wavelength);
+        if !photometry::is_visible(efficacy) {
+            return Err(format!(
+                "the eye sees nothing at {} µm: there are no lumens to show",
+                self.wavelength
+            ));
+        }
+        Ok(field.photometric(efficacy))
+    }
+
+    fn spectral_field(&self, map: &SpectralMap) -> std::result::Result<Field, String> {
+        let shown = |bin: usize| self.bin.is_none_or(|shown| shown == bin);
+        let weight = |(bin, &wavelength): (usize, &f64)| match (shown(bin), self.settings.photometric) {
+            (false, _) => 0.0,
+            (true, false) => 1.0,
+            (true, true) => photometry::efficacy(wavelength),
+        };
+        let weights: Vec<f64> = map.wavelengths.iter().enumerate().map(weight).collect();
+        if self.settings.photometric {
+            if !weights.iter().any(|weight| photometry::is_visible(*weight)) {
+                return Err("the eye sees none of these wavelengths: there are no lumens to show".into());
+            }
+            return Ok(Field::of_spectral(map, &weights).photometric(1.0));
+        }
+        Ok(Field::of_spectral(map, &weights))
+    }
+
+    /// The command that traces the same.
+    pub fn command(&self) -> String {
+        let Some(scene) = &self.scene else {
+            return format!("nsq-gpu view {}", quoted(&self.title));
+        };
+        let RunOptions { num_rays, seed, max_depth, precision } = &self.run;
+        let precision = precision.map_or("auto", crate::program::Precision::name);
+        let path = quoted(&scene.path.display().to_string());
+        format!(
+            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision} -o results"
+        )
+    }
+
+    /// Says what was done, or why not.
+    pub fn report<T>(&mut self, outcome: Result<T>, done: impl FnOnce(T) -> String) {
+        self.messages.push(outcome.map_or_else(|error: Error| error.to_string(), done));
+    }
+}
+
+/// A word of a command line.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./\\:".contains(c);
+    if word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+}
+
+/// A count as people write it.
+pub fn count(count: u64) -> String {
+    crate::result::format::thousands(count)
+}
+
+impl Settings {
+    /// Those that change the values or the scale of a picture.
+    fn of_pictures(&self) -> Settings {
+        let Settings { scale, common_scale, comparison, photometric, polar, directions, .. } = *self;
+        let percentile = if scale == ScaleKind::Percentile { self.percentile } else { 0.0 };
+        Settings {
+            scale,
+            percentile,
+            common_scale,
+            comparison,
+            photometric,
+            polar,
+            directions,
+            ..Settings::default()
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! Pictures of values and rays at the resolution of the screen: their cost follows the window, not the detector.
+
+use super::field::{Field, Geometry};
+use super::plot::View;
+use super::scale::{Scale, Shade};
+use super::spots::Spots;
+use eframe::egui::{Color32, ColorImage};
+use std::ops::Range;
+
+/// A map as pixels, top row first. Where a pixel covers several cells it shows their mean, so that the flux per area stays
+/// true; it is drawn as zero only where all of them are.
+pub fn map(field: &Field, scale: &Scale, colors: &Colors, view: &View, size: [usize; 2]) -> ColorImage {
+    let color = |value: f64| match scale.shade(value) {
+        Shade::Missing => colors.missing,
+        Shade::Zero => colors.zero,
+        Shade::Part(part) => colors.table[(part * 255.0).round() as usize],
+    };
+    let pixels = match field.geometry {
+        Geometry::Rectangles => {
+            let (rows, columns) = field.dim();
+            let x = covered(view.x, field.x_range, columns, size[0]);
+            let y = covered(view.y, field.y_range, rows, size[1]);
+            let value = |y: &Range<usize>, x: &Range<usize>| mean(field, y, x);
+            y.iter().rev().flat_map(|y| x.iter().map(move |x| color(value(y, x)))).collect()
+        }
+        Geometry::Polar => {
+            let along = |index: usize, (low, high): (f64, f64), count: usize| {
+                low + (high - low) * (index as f64 + 0.5) / count as f64
+            };
+            let value = |x: usize, y: usize| {
+                let at = (along(x, view.x, size[0]), along(size[1] - 1 - y, view.y, size[1]));
+                field.cell_at(at.0, at.1).map_or(f64::NAN, |cell| field.values[cell])
+            };
+            (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| color(value(x, y)))).collect()
+        }
+    };
+    ColorImage::new(size, pixels)
+}
+
+/// The colours of a map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Colors {
+    /// From the low end of the scale to the high one, 256.
+    pub table: Vec<Color32>,
+    /// Exactly zero.
+    pub zero: Color32,
+    /// No value.
+    pub missing: Color32,
+}
+
+/// The cells that each pixel of an axis shows: the one at its middle, or all that it covers; none outside.
+fn covered(
+    (view_low, view_high): (f64, f64),
+    (low, high): (f64, f64),
+    cells: usize,
+    pixels: usize,
+) -> Vec<Range<usize>> {
+    let at = |pixel: f64| {
+        let place = view_low + (view_high - view_low) * pixel / pixels as f64;
+        (place - low) / (high - low) * cells as f64
+    };
+    let cell = |at: f64| at.clamp(0.0, cells as f64) as usize;
+    let range = |pixel: usize| {
+        let middle = at(pixel as f64 + 0.5);
+        if middle < 0.0 || middle >= cells as f64 {
+            return 0..0;
+        }
+        let (first, last) = (cell(at(pixel as f64)), cell(at(pixel as f64 + 1.0)));
+        if last > first + 1 { first..last } else { middle as usize..middle as usize + 1 }
+    };
+    (0..pixels).map(range).collect()
+}
+
+fn mean(field: &Field, rows: &Range<usize>, columns: &Range<usize>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for row in rows.clone() {
+        for column in columns.clone() {
+            let value = field.values[(row, column)];
+            if !value.is_nan() {
+                sum += value;
+                count += 1;
+            }
+        }
+    }
+    if count == 0 { f64::NAN } else { sum / f64::from(count) }
+}
+
+/// Rays as dots of `radius` pixels, each in the colour of its wavelength. Where many overlap, their colours mix in any order
+/// of the rays, and the density still shows.
+pub fn spots(
+    spots: &Spots,
+    color: impl Fn(f64) -> Color32,
+    ground: Color32,
+    view: &View,
+    size: [usize; 2],
+    radius: f64,
+) -> ColorImage {
+    let mut canvas = Canvas { size, sums: vec![[0.0; 4]; size[0] * size[1]] };
+    let place = |at: f64, (low, high): (f64, f64), count: usize| (at - low) / (high - low) * count as f64;
+    for spot in &spots.spots {
+        let x = place(spot.at.0, view.x, size[0]);
+        let y = size[1] as f64 - place(spot.at.1, view.y, size[1]);
+        canvas.dot((x, y), radius, color(spot.wavelength));
+    }
+    let opacity = canvas.opacity();
+    let pixels = canvas.sums.iter().map(|[r, g, b, cover]| {
+        let mean = [r, g, b].map(|sum| (sum / cover.max(1e-6)).round() as u8);
+        let ink = Color32::from_rgb(mean[0], mean[1], mean[2]);
+        ground.lerp_to_gamma(ink, 1.0 - (-opacity * cover).exp())
+    });
+    ColorImage::new(size, pixels.collect())
+}
+
+/// Sums of colours and of coverage.
+struct Canvas {
+    size: [usize; 2],
+    sums: Vec<[f32; 4]>,
+}
+
+impl Canvas {
+    fn dot(&mut self, (x, y): (f64, f64), radius: f64, color: Color32) {
+        let [width, height] = self.size;
+        let reach = |at: f64, limit: usize| {
+            let low = (at - radius - 1.0).floor().clamp(0.0, limit as f64) as usize;
+            low..(at + radius + 1.0).ceil().clamp(0.0, limit as f64) as usize
+        };
+        for row in reach(y, height) {
+            for column in reach(x, width) {
+                let distance = (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y);
+                let cover = (radius + 0.5 - distance).clamp(0.0, 1.0) as f32;
+                let ink = [color.r(), color.g(), color.b()].map(|part| cover * f32::from(part));
+                let sum = &mut self.sums[row * width + column];
+                sum.iter_mut().zip(ink.into_iter().chain([cover])).for_each(|(sum, part)| *sum += part);
+            }
+        }
+    }
+
+    /// Of one dot, so that a lone one shows well and the densest places still differ.
+    fn opacity(&self) -> f32 {
+        const LONE: f32 = 1.4;
+        const DENSE: f32 = 2.2;
+        let mut covers: Vec<f32> = self.sums.iter().map(|sum| sum[3]).filter(|cover| *cover > 0.0).collect();
+        let Some(last) = covers.len().checked_sub(1) else {
+            return LONE;
+        };
+        let (_, dense, _) = covers.select_nth_unstable_by(last * 98 / 100, f32::total_cmp);
+        LONE.min(DENSE / *dense)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::result::IrradianceMap;
+    use crate::viewer::scale::ScaleKind;
+    use ndarray::{Array1, Array2};
+
+    fn field(values: Array2<f64>) -> Field {
+        let (rows, columns) = values.dim();
+        Field::of_irradiance(&IrradianceMap {
+            hits: Array2::zeros((rows, columns)),
+            x_coords: Array1::zeros(columns),
+            y_coords: Array1::zeros(rows),
+            width: columns as f64,
+            height: rows as f64,
+            irradiance: values,
+            standard_error: None,
+        })
+    }
+
+    fn colors() -> Colors {
+        let table = (0..=255).map(Color32::from_gray).collect();
+        Colors { table, zero: Color32::RED, missing: Color32::BLUE }
+    }
+
+    fn picture(field: &Field, view: View, size: [usize; 2]) -> Vec<Color32> {
+        let scale = Scale::fit(ScaleKind::Linear, 99.0, [&field.values]);
+        map(field, &scale, &colors(), &view, size).pixels
+    }
+
+    #[test]
+    fn the_first_row_stands_at_the_bottom() {
+        let field = field(ndarray::array![[1.0, 2.0], [4.0, 0.0]]);
+        let pixels = picture(&field, View::new((-1.0, 1.0), (-1.0, 1.0)), [2, 2]);
+        let grey = |part: f64| Color32::from_gray((part * 255.0).round() as u8);
+        assert_eq!(pixels, [grey(1.0), Color32::RED, grey(0.25), grey(0.5)]);
+    }
+
+    #[test]
+    fn a_pixel_over_many_cells_shows_their_mean() {
+        let mut values = Array2::zeros((512, 512));
+        values[(0, 0)] = 4.0;
+        values[(511, 511)] = 8.0;
+        let field = field(values);
+        let pixels = picture(&field, View::new((-256.0, 256.0), (-256.0, 256.0)), [256, 256]);
+        // Means of four cells against a scale that ends at the largest cell.
+        assert_eq!(pixels[255], Color32::from_gray(64));
+        assert_eq!(pixels[255 * 256], Color32::from_gray(32));
+        assert_eq!(pixels.iter().filter(|pixel| **pixel == Color32::RED).count(), 256 * 256 - 2);
+    }
+
+    #[test]
+    fn beside_the_map_there_is_nothing() {
+        let pixels = picture(&field(ndarray::array![[1.0]]), View::new((-1.5, 1.5), (-0.5, 0.5)), [3, 1]);
+        assert_eq!(pixels, [Color32::BLUE, Color32::WHITE, Color32::BLUE]);
+    }
+}

@@ -1,0 +1,166 @@
+//! The window's frame without a window: drawn on a device into a texture, and from there into a file.
+
+use super::app::App;
+use crate::error::{Error, Result};
+use crate::gpu::{AdapterChoice, Gpu};
+use eframe::egui::{self, Pos2, Rect, ViewportId, vec2};
+use eframe::egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// A picture as RGBA bytes, top row first.
+pub struct Picture {
+    /// Width and height \[pixels\].
+    pub size: [u32; 2],
+    /// Four bytes a pixel.
+    pub rgba: Vec<u8>,
+}
+
+/// Frames until panels have found their sizes.
+const SETTLING: u32 = 6;
+/// How long a trace may take before it is drawn as it is.
+const PATIENCE: Duration = Duration::from_secs(3600);
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// Draws the window of `app`, `size` in points, once nothing more will come by itself.
+///
+/// # Errors
+/// [`Error::Device`] or [`Error::NoAdapter`] if it cannot be drawn.
+pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Picture> {
+    let mut canvas = Canvas::new(size, pixels_per_point)?;
+    let start = Instant::now();
+    let mut settled = 0;
+    while settled < SETTLING {
+        canvas.frame(app);
+        // A frame that asks for something, such as recorded rays, has to be followed by what it asked for.
+        if app.model.is_idle() || start.elapsed() > PATIENCE {
+            settled += 1;
+        } else {
+            settled = 0;
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    canvas.picture(app)
+}
+
+impl Picture {
+    /// Writes it to a `.png` file.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let file = std::fs::File::create(path).map_err(|error| Error::file(path, error))?;
+        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), self.size[0], self.size[1]);
+        encoder.set_color(png::ColorType::Rgba);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Best);
+        let mut writer = encoder.write_header().map_err(|error| Error::file(path, error))?;
+        writer.write_image_data(&self.rgba).map_err(|error| Error::file(path, error))
+    }
+}
+
+struct Canvas {
+    gpu: Gpu,
+    context: egui::Context,
+    renderer: Renderer,
+    size: (f32, f32),
+    pixels_per_point: f32,
+    start: Instant,
+}
+
+impl Canvas {
+    fn new(size: (f32, f32), pixels_per_point: f32) -> Result<Self> {
+        let gpu = Gpu::open(&AdapterChoice::default())?;
+        let renderer = Renderer::new(&gpu.device, FORMAT, RendererOptions::PREDICTABLE);
+        let context = egui::Context::default();
+        Ok(Canvas { gpu, context, renderer, size, pixels_per_point, start: Instant::now() })
+    }
+
+    fn pixels(&self) -> [u32; 2] {
+        let pixels = |points: f32| (points * self.pixels_per_point).round() as u32;
+        [pixels(self.size.0), pixels(self.size.1)]
+    }
+
+    /// One frame; its textures are taken over.
+    fn frame(&mut self, app: &mut App) -> Vec<egui::epaint::ClippedPrimitive> {
+        let mut input = egui::RawInput {
+            screen_rect: Some(Rect::from_min_size(Pos2::ZERO, vec2(self.size.0, self.size.1))),
+            time: Some(self.start.elapsed().as_secs_f64()),
+            max_texture_side: Some(self.gpu.device.limits().max_texture_dimension_2d as usize),
+            ..Default::default()
+        };
+        input.viewports.entry(ViewportId::ROOT).or_default().native_pixels_per_point =
+            Some(self.pixels_per_point);
+        let mut output = self.context.run_ui(input, |ui| app.ui(ui));
+        for (id, deltas) in output.textures_delta.set.drain() {
+            for delta in deltas {
+                self.renderer.update_texture(&self.gpu.device, &self.gpu.queue, id, &delta);
+            }
+        }
+        for id in output.textures_delta.free.drain() {
+            self.renderer.free_texture(&id);
+        }
+        self.context.tessellate(output.shapes, self.pixels_per_point)
+    }
+
+    fn picture(&mut self, app: &mut App) -> Result<Picture> {
+        let primitives = self.frame(app);
+        let Gpu { device, queue, .. } = &self.gpu;
+        let [width, height] = {
+            let pixels = |points: f32| (points * self.pixels_per_point).round() as u32;
+            [pixels(self.size.0), pixels(self.size.1)]
+        };
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("screenshot"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let screen =
+            ScreenDescriptor { size_in_pixels: self.pixels(), pixels_per_point: self.pixels_per_point };
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let uploads = self.renderer.update_buffers(device, queue, &mut encoder, &primitives, &screen);
+        {
+            let view = texture.create_view(&Default::default());
+            let attachment = wgpu::RenderPassColorAttachment {
+                view: &view,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                    store: wgpu::StoreOp::Store,
+                },
+                depth_slice: None,
+            };
+            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("screenshot"),
+                color_attachments: &[Some(attachment)],
+                ..Default::default()
+            });
+            self.renderer.render(&mut pass.forget_lifetime(), &primitives, &screen);
+        }
+        // Rows of a copy are padded to a multiple of 256 bytes.
+        let stride = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let buffer = self.gpu.buffer("screenshot", u64::from(stride) * u64::from(height))?;
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(stride),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        queue.submit(uploads.into_iter().chain([encoder.finish()]));
+        let bytes = self.gpu.read(&buffer, buffer.size())?;
+        let rows = bytes.chunks_exact(stride as usize);
+        let rgba = rows.flat_map(|row| &row[..4 * width as usize]).copied().collect();
+        Ok(Picture { size: [width, height], rgba })
+    }
+}

@@ -1,0 +1,375 @@
+//! Tracing in the background: the interface only ever takes the latest result from a shelf, and never waits.
+//!
+//! The tracer has a device of its own, beside that which draws: on a shared one each frame would queue behind a pass, and
+//! a lost device would take the window with it.
+
+use crate::error::{Error, Result};
+use crate::gpu::{AdapterChoice, Gpu};
+use crate::ir::SceneIr;
+use crate::precision::{self, Choice, Wanted};
+use crate::program::Precision;
+use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
+use crate::scene::Scene;
+use crate::trace::{Progress, RecordPaths, TraceOptions, Tracer};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A scene file, read and lowered.
+pub struct LoadedScene {
+    /// The file.
+    pub path: PathBuf,
+    /// What it says.
+    pub scene: Scene,
+    /// What is traced.
+    pub ir: SceneIr,
+}
+
+impl LoadedScene {
+    /// Reads a scene file.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] or [`Error::File`] if it cannot be traced.
+    pub fn read(path: &Path) -> Result<Self> {
+        let scene = Scene::from_path(path)?;
+        let ir = scene.lower()?;
+        Ok(LoadedScene { path: path.into(), scene, ir })
+    }
+}
+
+/// How a trace is run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunOptions {
+    /// Rays to launch.
+    pub num_rays: u64,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Arithmetic; the adapter's better one where not given.
+    pub precision: Option<Precision>,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        let TraceOptions { num_rays, seed, max_depth, .. } = TraceOptions::default();
+        RunOptions { num_rays, seed, max_depth, precision: None }
+    }
+}
+
+/// How far a trace is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum State {
+    /// The device is opened and the scene compiled.
+    Starting,
+    /// Rays are traced.
+    Tracing,
+    /// The user made it wait.
+    Paused,
+    /// All rays are traced, or the user stopped it.
+    Finished,
+    /// It failed: what the user should read.
+    Failed(String),
+}
+
+/// What the tracing thread puts on the shelf.
+#[derive(Clone)]
+struct Shelf {
+    state: State,
+    rays: u64,
+    seconds: f64,
+    result: Option<Arc<TraceResult>>,
+}
+
+#[derive(Default)]
+struct Control {
+    paused: bool,
+    stopped: bool,
+}
+
+struct Shared {
+    control: Mutex<Control>,
+    changed: Condvar,
+    shelf: Mutex<Shelf>,
+    notify: Notify,
+}
+
+/// Called from the tracing thread when there is something new to see.
+pub type Notify = Arc<dyn Fn() + Send + Sync>;
+
+/// A device for all traces of a window, opened by the first.
+#[derive(Clone, Default)]
+pub struct Device {
+    gpu: Arc<Mutex<Option<Arc<Gpu>>>>,
+    adapter: Option<String>,
+}
+
+impl Device {
+    /// On the adapter whose name has this part; on the best where not given.
+    pub fn on(adapter: Option<String>) -> Self {
+        Device { adapter, ..Device::default() }
+    }
+
+    fn open(&self) -> Result<Arc<Gpu>> {
+        let mut gpu = lock(&self.gpu);
+        // A device that failed once stays failed.
+        if let Some(gpu) = gpu.as_ref().filter(|gpu| gpu.check().is_ok()) {
+            return Ok(gpu.clone());
+        }
+        let choice = AdapterChoice { name: self.adapter.clone(), ..AdapterChoice::default() };
+        Ok(gpu.insert(Arc::new(Gpu::open(&choice)?)).clone())
+    }
+}
+
+/// A trace that runs in a thread of its own; it stops when this is dropped.
+pub struct Job {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    /// Rays that it will launch.
+    pub num_rays: u64,
+}
+
+impl Job {
+    /// Begins to trace.
+    pub fn start(device: &Device, scene: &Arc<LoadedScene>, options: &RunOptions, notify: Notify) -> Self {
+        let shelf = Shelf { state: State::Starting, rays: 0, seconds: 0.0, result: None };
+        let shared = Arc::new(Shared {
+            control: Mutex::default(),
+            changed: Condvar::new(),
+            shelf: Mutex::new(shelf),
+            notify,
+        });
+        let (device, scene, options) = (device.clone(), scene.clone(), options.clone());
+        let (num_rays, worker) = (options.num_rays, shared.clone());
+        let thread = std::thread::spawn(move || {
+            if let Err(error) = trace(&worker, &device, &scene, &options) {
+                lock(&worker.shelf).state = State::Failed(error.to_string());
+            }
+            (worker.notify)();
+        });
+        Job { shared, thread: Some(thread), num_rays }
+    }
+
+    /// Makes it wait after the pass that runs, or go on.
+    pub fn pause(&self, paused: bool) {
+        lock(&self.shared.control).paused = paused;
+        self.shared.changed.notify_all();
+    }
+
+    /// Ends it after the pass that runs; what is traced stays.
+    pub fn stop(&self) {
+        lock(&self.shared.control).stopped = true;
+        self.shared.changed.notify_all();
+    }
+
+    /// Ends it, and waits until it has let go of the device.
+    pub fn finish(mut self) {
+        self.stop();
+        if let Some(thread) = self.thread.take() {
+            // Whatever a thread panicked with, it has ended.
+            let _ = thread.join();
+        }
+    }
+
+    /// How far it is.
+    pub fn state(&self) -> State {
+        lock(&self.shared.shelf).state.clone()
+    }
+
+    /// Rays done, and the time they took without pauses \[s\].
+    pub fn progress(&self) -> (u64, f64) {
+        let shelf = lock(&self.shared.shelf);
+        (shelf.rays, shelf.seconds)
+    }
+
+    /// The latest result, if it was not taken yet.
+    pub fn take_result(&self) -> Option<Arc<TraceResult>> {
+        lock(&self.shared.shelf).result.take()
+    }
+
+    /// True until it is finished or failed.
+    pub fn is_running(&self) -> bool {
+        !matches!(self.state(), State::Finished | State::Failed(_))
+    }
+}
+
+impl Drop for Job {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(TraceOptions, Choice)> {
+    let traced = TraceOptions {
+        num_rays: options.num_rays,
+        seed: options.seed,
+        max_depth: options.max_depth,
+        ..TraceOptions::default()
+    };
+    let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
+    let choice = precision::choose(gpu, ir, &traced, wanted)?;
+    Ok((TraceOptions { precision: choice.precision, ..traced }, choice))
+}
+
+fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<()> {
+    let gpu = device.open()?;
+    let (options, choice) = trace_options(options, &gpu, &scene.ir)?;
+    let mut tracer = Tracer::new(&gpu, &scene.ir, &options)?;
+    let mut observer = Observer {
+        shared,
+        scene,
+        run: run_info(scene, &options, choice, &gpu),
+        clock: Clock::start(),
+        due: Instant::now(),
+    };
+    lock(&shared.shelf).state = State::Tracing;
+    let tally = tracer.go_on(tracer.empty_tally(), |progress| observer.after_pass(progress))?;
+    let result = observer.result(&tally)?;
+    let mut shelf = lock(&shared.shelf);
+    shelf.rays = result.num_rays_total;
+    shelf.seconds = result.run.trace_time_sec;
+    shelf.result = Some(Arc::new(result));
+    shelf.state = State::Finished;
+    Ok(())
+}
+
+fn run_info(scene: &LoadedScene, options: &TraceOptions, choice: Choice, gpu: &Gpu) -> RunInfo {
+    RunInfo {
+        scene: Some(scene.path.display().to_string()),
+        num_rays: options.num_rays,
+        seed: options.seed,
+        max_depth: options.max_depth,
+        min_flux_fraction: options.min_flux_fraction,
+        precision: options.precision.name().into(),
+        precision_reason: choice.reason,
+        precision_warning: choice.warning,
+        adapter: gpu.info.name.clone(),
+        driver: gpu.info.driver.clone(),
+        scene_warnings: scene.scene.warnings.clone(),
+        ..RunInfo::default()
+    }
+}
+
+/// Measures time without the pauses.
+struct Clock {
+    start: Instant,
+    waited: Duration,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Clock { start: Instant::now(), waited: Duration::ZERO }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.start.elapsed().saturating_sub(self.waited).as_secs_f64()
+    }
+}
+
+/// Looks on from the tracing thread.
+struct Observer<'a> {
+    shared: &'a Shared,
+    scene: &'a LoadedScene,
+    run: RunInfo,
+    clock: Clock,
+    /// When the next result should be shown.
+    due: Instant,
+}
+
+/// Least time between two results.
+const INTERVAL: Duration = Duration::from_millis(120);
+/// Showing results takes at most one part in so many of the time.
+const SHARE: u32 = 8;
+
+impl Observer<'_> {
+    fn result(&self, tally: &Tally) -> Result<TraceResult> {
+        let run = RunInfo {
+            trace_time_sec: self.clock.seconds(),
+            partial: tally.launched.count < self.run.num_rays,
+            ..self.run.clone()
+        };
+        TraceResult::new(&self.scene.ir, &run, tally)
+    }
+
+    /// Shows a result where one is due; false stops the trace.
+    fn after_pass(&mut self, progress: &mut Progress<'_, '_>) -> Result<bool> {
+        let asked = Instant::now();
+        if asked >= self.due || lock(&self.shared.control).paused {
+            let result = self.result(progress.tally()?)?;
+            lock(&self.shared.shelf).result = Some(Arc::new(result));
+            self.due = Instant::now() + INTERVAL.max(asked.elapsed() * SHARE);
+        }
+        Ok(self.keep_going(progress.done))
+    }
+
+    fn keep_going(&mut self, rays: u64) -> bool {
+        {
+            let mut shelf = lock(&self.shared.shelf);
+            (shelf.rays, shelf.seconds) = (rays, self.clock.seconds());
+        }
+        (self.shared.notify)();
+        let mut control = lock(&self.shared.control);
+        if control.paused && !control.stopped {
+            let since = Instant::now();
+            lock(&self.shared.shelf).state = State::Paused;
+            (self.shared.notify)();
+            while control.paused && !control.stopped {
+                control = self.shared.changed.wait(control).unwrap_or_else(PoisonError::into_inner);
+            }
+            lock(&self.shared.shelf).state = State::Tracing;
+            self.clock.waited += since.elapsed();
+        }
+        !control.stopped
+    }
+}
+
+/// The paths of a few rays, recorded in a thread of their own.
+pub struct PathsJob {
+    thread: JoinHandle<()>,
+    paths: Arc<Mutex<Option<Result<Arc<PathColumns>>>>>,
+}
+
+impl PathsJob {
+    /// Begins to record about `num_rays` rays.
+    pub fn start(
+        device: &Device,
+        scene: &Arc<LoadedScene>,
+        options: &RunOptions,
+        num_rays: u64,
+        notify: Notify,
+    ) -> Self {
+        let paths = Arc::new(Mutex::new(None));
+        let (device, scene, shelf) = (device.clone(), scene.clone(), paths.clone());
+        let options = RunOptions { num_rays, ..options.clone() };
+        let thread = std::thread::spawn(move || {
+            *lock(&shelf) = Some(record(&device, &scene, &options));
+            notify();
+        });
+        PathsJob { thread, paths }
+    }
+
+    /// Waits for it.
+    pub fn finish(self) {
+        let _ = self.thread.join();
+    }
+
+    /// The paths, once they are there.
+    pub fn take(&self) -> Option<Result<Arc<PathColumns>>> {
+        lock(&self.paths).take()
+    }
+}
+
+fn record(device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<Arc<PathColumns>> {
+    let gpu = device.open()?;
+    let (options, choice) = trace_options(options, &gpu, &scene.ir)?;
+    let options = TraceOptions { paths: RecordPaths::All, ..options };
+    let tally = Tracer::new(&gpu, &scene.ir, &options)?.trace(|_| true)?;
+    let result = TraceResult::new(&scene.ir, &run_info(scene, &options, choice, &gpu), &tally)?;
+    let none = || Error::Internal("no path was recorded".into());
+    result.ray_paths.ok_or_else(none)?.columns().map(Arc::new)
+}

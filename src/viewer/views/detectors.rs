@@ -1,0 +1,140 @@
+//! What there is to see, what it is compared with, and how the next trace is run.
+
+use super::{quiet, title, value};
+use crate::program::Precision;
+use crate::result::Detector;
+use crate::result::format::with_prefix;
+use crate::viewer::app::App;
+use crate::viewer::compare::Comparison;
+use crate::viewer::model::{Model, Subject, count};
+use eframe::egui::{self, DragValue, ScrollArea, TextEdit, Ui};
+use std::path::PathBuf;
+
+/// The panel on the left.
+pub fn show(app: &mut App, ui: &mut Ui) {
+    ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
+        title(ui, "Detectors");
+        for name in app.model.detector_names() {
+            let detector = app.model.a().and_then(|result| result.detector(&name));
+            if entry(ui, &app.model.subject, &name, detector) {
+                app.model.subject = Subject::Detector(name);
+                app.model.bin = None;
+            }
+        }
+        title(ui, "Scene");
+        let shown = app.model.subject == Subject::Scene;
+        let button = egui::Button::selectable(shown, "Side view with rays");
+        if ui
+            .add_enabled(app.model.scene().is_some(), button)
+            .on_hover_text("S")
+            .on_disabled_hover_text("The scene file of these results was not found")
+            .clicked()
+        {
+            toggle_scene(&mut app.model);
+        }
+        title(ui, "Compare");
+        compare(app, ui);
+        title(ui, "Next trace");
+        options(app, ui);
+    });
+}
+
+/// Shows the scene, or the first detector again.
+pub fn toggle_scene(model: &mut Model) {
+    if model.subject != Subject::Scene && model.scene().is_some() {
+        model.subject = Subject::Scene;
+    } else if let Some(name) = model.detector_names().into_iter().next() {
+        model.subject = Subject::Detector(name);
+    }
+}
+
+fn entry(ui: &mut Ui, subject: &Subject, name: &str, detector: Option<&Detector>) -> bool {
+    let shown = matches!(subject, Subject::Detector(shown) if shown == name);
+    let clicked = ui.add(egui::Button::selectable(shown, name).truncate()).clicked();
+    let line = match detector {
+        Some(detector) => {
+            let kind = detector.data.kind().replace('_', " ");
+            format!("{kind} · {} · {} rays", value(detector.total_flux, "W"), rounded(detector.num_rays_hit))
+        }
+        None => "no rays yet".into(),
+    };
+    ui.indent(name, |ui| ui.add(egui::Label::new(quiet(ui, line).size(11.5)).wrap()));
+    clicked
+}
+
+/// A count that need not be exact: 1.15 M.
+fn rounded(rays: u64) -> String {
+    if rays < 1_000_000 { count(rays) } else { with_prefix(rays as f64, "") }
+}
+
+fn compare(app: &mut App, ui: &mut Ui) {
+    if let Some(b) = app.model.b() {
+        let name = b.name.clone();
+        ui.horizontal_wrapped(|ui| {
+            for (comparison, name) in Comparison::ALL {
+                ui.selectable_value(&mut app.model.settings.comparison, comparison, name);
+            }
+        });
+        ui.label(quiet(ui, format!("B: {name}")).size(11.5));
+        ui.checkbox(&mut app.model.settings.common_scale, "Common scale");
+        if ui.button("End comparison").clicked() {
+            app.model.drop_b();
+        }
+        return;
+    }
+    let held = ui.add_enabled(app.model.a().is_some(), egui::Button::new("Hold as B"));
+    if held.on_hover_text("Keeps what is shown, to compare the next trace with it").clicked() {
+        app.model.hold_as_b();
+    }
+    ui.horizontal(|ui| {
+        let width = (ui.available_width() - 62.0).max(60.0);
+        let edit = TextEdit::singleline(&mut app.compare_path).hint_text("folder of results");
+        let label = ui.add(edit.desired_width(width)).on_hover_text("Or drop a folder on the window");
+        label.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Folder of B"));
+        if ui.button("Open").clicked() {
+            let path = PathBuf::from(app.compare_path.trim());
+            let outcome = app.model.compare_with(&path);
+            app.model.report(outcome, |()| format!("B is {}", path.display()));
+        }
+    });
+}
+
+fn options(app: &mut App, ui: &mut Ui) {
+    let App { model, num_rays, .. } = app;
+    ui.add_enabled_ui(model.scene().is_some(), |ui| {
+        egui::Grid::new("options").num_columns(2).spacing([10.0, 4.0]).show(ui, |ui| {
+            let label = ui.label("Rays");
+            let edit = ui.add(TextEdit::singleline(num_rays).desired_width(96.0)).labelled_by(label.id);
+            match crate::cli::count::parse(num_rays) {
+                Ok(rays) if rays > 0 && edit.changed() => model.run.num_rays = rays,
+                Ok(rays) if rays == model.run.num_rays => {}
+                // What is no count is only kept while it is typed.
+                _ if !edit.has_focus() => *num_rays = model.run.num_rays.to_string(),
+                _ => {
+                    edit.on_hover_text("Write 250000, 1e7 or 10M");
+                    ui.colored_label(ui.visuals().error_fg_color, "?");
+                }
+            }
+            ui.end_row();
+            let label = ui.label("Seed");
+            ui.add(DragValue::new(&mut model.run.seed)).labelled_by(label.id);
+            ui.end_row();
+            let label = ui.label("Largest depth");
+            ui.add(DragValue::new(&mut model.run.max_depth).range(1..=10_000)).labelled_by(label.id);
+            ui.end_row();
+            let label = ui.label("Precision");
+            let name = |precision: Option<Precision>| precision.map_or("auto", Precision::name);
+            let precision = &mut model.run.precision;
+            egui::ComboBox::from_id_salt("precision")
+                .selected_text(name(*precision))
+                .show_ui(ui, |ui| {
+                    for choice in [None, Some(Precision::F32), Some(Precision::F64)] {
+                        ui.selectable_value(precision, choice, name(choice));
+                    }
+                })
+                .response
+                .labelled_by(label.id);
+            ui.end_row();
+        });
+    });
+}

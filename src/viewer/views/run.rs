@@ -1,0 +1,90 @@
+//! The trace: how far it is, and what to do with it.
+
+use super::export;
+use crate::result::format::{significant, thousands};
+use crate::viewer::app::App;
+use crate::viewer::model::Model;
+use crate::viewer::tracing::State;
+use eframe::egui::{self, ProgressBar, RichText, Ui};
+
+/// Makes the trace wait, or go on.
+pub fn toggle_pause(model: &Model) {
+    if let Some(job) = model.job() {
+        job.pause(job.state() != State::Paused);
+    }
+}
+
+/// The bar at the top.
+pub fn show(app: &mut App, ui: &mut Ui) {
+    ui.add_space(4.0);
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(&app.model.title).strong().size(15.0));
+        ui.separator();
+        buttons(app, ui);
+        ui.separator();
+        progress(&app.model, ui);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let dark = &mut app.model.settings.dark;
+            if ui.button(if *dark { "Light" } else { "Dark" }).on_hover_text("Theme").clicked() {
+                *dark = !*dark;
+            }
+            if ui
+                .button("Copy command")
+                .on_hover_text("The command that traces the same without a window")
+                .clicked()
+            {
+                let command = app.model.command();
+                ui.ctx().copy_text(command.clone());
+                app.model.messages.push(format!("copied: {command}"));
+            }
+            export::menu(app, ui);
+        });
+    });
+    ui.add_space(2.0);
+}
+
+fn buttons(app: &mut App, ui: &mut Ui) {
+    let running = app.model.job().is_some_and(|job| job.is_running());
+    let paused = app.model.job().is_some_and(|job| job.state() == State::Paused);
+    ui.add_enabled_ui(running, |ui| {
+        let text = if paused { "Resume" } else { "Pause" };
+        if ui.button(text).on_hover_text("Space").clicked() {
+            toggle_pause(&app.model);
+        }
+        if ui.button("Stop").on_hover_text("Keeps what is traced").clicked()
+            && let Some(job) = app.model.job()
+        {
+            job.stop();
+        }
+    });
+    let text = if app.model.job().is_some() { "Restart" } else { "Trace" };
+    let hint = "Traces with the options on the left";
+    if ui.add_enabled(app.model.scene().is_some(), egui::Button::new(text)).on_hover_text(hint).clicked() {
+        app.model.trace();
+    }
+}
+
+fn progress(model: &Model, ui: &mut Ui) {
+    let Some(job) = model.job() else {
+        if let Some(result) = model.a() {
+            let part = if result.run.partial { " (partial)" } else { "" };
+            ui.label(format!("{} rays{part}", thousands(result.num_rays_total)));
+        }
+        return;
+    };
+    let (rays, seconds) = job.progress();
+    let part = rays as f32 / job.num_rays.max(1) as f32;
+    let text = match job.state() {
+        State::Starting => "compiling the scene".to_string(),
+        State::Finished if rays < job.num_rays => format!("stopped at {:.0} %", 100.0 * part),
+        State::Finished => "done".into(),
+        State::Paused => format!("paused at {:.0} %", 100.0 * part),
+        State::Tracing | State::Failed(_) => format!("{:.0} %", 100.0 * part),
+    };
+    let bar = ProgressBar::new(part).desired_width(150.0).text(text);
+    ui.add(bar);
+    if rays > 0 && seconds > 0.0 {
+        let rate = significant(rays as f64 / seconds / 1e6, 3);
+        ui.label(format!("{} of {} rays, {rate} M rays/s", thousands(rays), thousands(job.num_rays)));
+    }
+}

@@ -1,0 +1,339 @@
+//! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
+
+use crate::ir::{Frame as LocalFrame, Interaction, Outline, SceneIr, SensorKind, Shape as Surface};
+use crate::result::PathColumns;
+use crate::viewer::app::App;
+use crate::viewer::plot::{Colors, Frame, Plot, View};
+use crate::viewer::settings::{Plane, RayColor};
+use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
+use glam::DVec3;
+use std::f64::consts::{PI, TAU};
+
+/// Points of a curve.
+type Curve = Vec<DVec3>;
+
+/// The middle of the window.
+pub fn show(app: &mut App, ui: &mut Ui) {
+    let paths = app.model.paths();
+    ui.horizontal_wrapped(|ui| {
+        let settings = &mut app.model.settings;
+        for (plane, name) in Plane::ALL {
+            ui.selectable_value(&mut settings.plane, plane, name);
+        }
+        ui.separator();
+        ui.label("Rays by");
+        ui.selectable_value(&mut settings.ray_color, RayColor::Bounce, "bounce");
+        ui.selectable_value(&mut settings.ray_color, RayColor::Flux, "flux");
+        if paths.is_none() {
+            ui.separator();
+            ui.label("recording rays");
+        }
+    });
+    let (rect, _) = ui.allocate_exact_size(ui.available_size(), egui::Sense::hover());
+    let settings = app.model.settings.clone();
+    let Some(scene) = app.model.scene() else {
+        return;
+    };
+    let drawing = Drawing::new(&scene.ir, settings.plane);
+    let key = format!("scene {:?}", settings.plane);
+    let mut view = app.views.get(&key).copied().flatten();
+    let (x, y) = settings.plane.axes();
+    let plot = Plot {
+        name: "Plot: scene",
+        home: drawing.bounds.padded(0.06),
+        equal: true,
+        x: (x, "mm"),
+        y: (y, "mm"),
+        log_y: false,
+        grid: true,
+        pans: true,
+        moves: true,
+    };
+    plot.show(ui, rect, &mut view, |ui, painter, frame| {
+        if let Some(paths) = &paths {
+            rays(painter, frame, paths, &settings.plane, settings.ray_color, drawing.reach());
+        }
+        drawing.draw(painter, frame, ui);
+    });
+    app.views.insert(key, view);
+}
+
+/// The surfaces, detectors and sources of a scene, as curves in a plane.
+struct Drawing {
+    curves: Vec<(Vec<(f64, f64)>, Kind)>,
+    names: Vec<((f64, f64), String)>,
+    bounds: View,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Refractive,
+    Reflective,
+    Absorbing,
+    Detector,
+    Source,
+}
+
+impl Drawing {
+    fn new(ir: &SceneIr, plane: Plane) -> Self {
+        let mut drawing = Drawing {
+            curves: Vec::new(),
+            names: Vec::new(),
+            bounds: View::new((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY)),
+        };
+        for surface in &ir.surfaces {
+            let kind = match surface.interaction {
+                Interaction::Refractive => Kind::Refractive,
+                Interaction::Reflective { .. } => Kind::Reflective,
+                Interaction::Absorbing => Kind::Absorbing,
+            };
+            drawing.add(&curves(ir, &surface.frame, &surface.shape, plane), kind, plane);
+        }
+        for sensor in &ir.sensors {
+            // The disk of a far field is not a thing that stands somewhere.
+            if matches!(sensor.kind, SensorKind::FarField { .. }) {
+                continue;
+            }
+            let curves = curves(ir, &sensor.frame, &Surface::Plane(sensor.outline()), plane);
+            drawing.add(&curves, Kind::Detector, plane);
+            drawing.name(&curves, &sensor.name, plane);
+        }
+        for emitter in &ir.emitters {
+            let curves = match emitter.kind {
+                crate::ir::EmitterKind::CollimatedTophat { aperture_radius: radius }
+                | crate::ir::EmitterKind::CollimatedGaussian { aperture_radius: radius, .. } => {
+                    outline(&emitter.frame, &Outline::Disk { radius })
+                }
+                crate::ir::EmitterKind::Extended { area, .. } => outline(&emitter.frame, &area),
+                crate::ir::EmitterKind::Point { .. } => vec![vec![emitter.frame.origin]],
+            };
+            drawing.add(&curves, Kind::Source, plane);
+            drawing.name(&curves, &emitter.name, plane);
+        }
+        if !drawing.bounds.x.0.is_finite() {
+            drawing.bounds = View::new((-1.0, 1.0), (-1.0, 1.0));
+        }
+        // A scene in one plane or on one axis still needs an area to be drawn in.
+        let size = (drawing.bounds.x.1 - drawing.bounds.x.0).max(drawing.bounds.y.1 - drawing.bounds.y.0);
+        let least = if size > 0.0 { 0.05 * size } else { 1.0 };
+        for range in [&mut drawing.bounds.x, &mut drawing.bounds.y] {
+            if range.1 - range.0 < least {
+                *range = (range.0 - least, range.1 + least);
+            }
+        }
+        drawing
+    }
+
+    fn add(&mut self, curves: &[Curve], kind: Kind, plane: Plane) {
+        for curve in curves {
+            let points: Vec<(f64, f64)> = curve.iter().map(|point| plane.project(*point)).collect();
+            for (x, y) in &points {
+                let wider = |range: &mut (f64, f64), at: f64| *range = (range.0.min(at), range.1.max(at));
+                wider(&mut self.bounds.x, *x);
+                wider(&mut self.bounds.y, *y);
+            }
+            self.curves.push((points, kind));
+        }
+    }
+
+    fn name(&mut self, curves: &[Curve], name: &str, plane: Plane) {
+        let points = || curves.iter().flatten().map(|point| plane.project(*point));
+        if let Some(top) = points().max_by(|a, b| a.1.total_cmp(&b.1)) {
+            self.names.push((top, name.to_string()));
+        }
+    }
+
+    /// How far a ray that escapes is drawn.
+    fn reach(&self) -> f64 {
+        let View { x, y } = self.bounds;
+        0.35 * (x.1 - x.0).hypot(y.1 - y.0)
+    }
+
+    fn draw(&self, painter: &Painter, frame: &Frame, ui: &Ui) {
+        let colors = Colors::of(ui);
+        let dark = ui.visuals().dark_mode;
+        let pick = |on_dark: Color32, on_light: Color32| if dark { on_dark } else { on_light };
+        for (points, kind) in &self.curves {
+            let color = match kind {
+                Kind::Refractive => pick(Color32::from_rgb(140, 200, 255), Color32::from_rgb(20, 90, 170)),
+                Kind::Reflective => pick(Color32::from_gray(225), Color32::from_gray(40)),
+                Kind::Absorbing => pick(Color32::from_gray(130), Color32::from_gray(130)),
+                Kind::Detector => pick(Color32::from_rgb(110, 225, 140), Color32::from_rgb(0, 120, 50)),
+                Kind::Source => pick(Color32::from_rgb(255, 190, 80), Color32::from_rgb(190, 100, 0)),
+            };
+            let width = if matches!(kind, Kind::Detector | Kind::Source) { 2.5 } else { 1.5 };
+            if let [point] = points.as_slice() {
+                painter.circle_filled(frame.place(*point), 4.0, color);
+            } else {
+                let points = points.iter().map(|point| frame.place(*point)).collect();
+                painter.add(Shape::line(points, Stroke::new(width, color)));
+            }
+        }
+        let mut taken: Vec<egui::Rect> = Vec::new();
+        for (at, name) in &self.names {
+            let galley = painter.layout_no_wrap(name.clone(), FontId::proportional(12.0), colors.text);
+            let place = frame.place(*at) - egui::vec2(0.0, 5.0);
+            let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+            // Sources often stand in one place; one name there tells more than all on top of each other.
+            if !taken.iter().any(|other| other.intersects(rect)) {
+                painter.rect_filled(rect.expand(2.0), 2.0, colors.ground.gamma_multiply(0.8));
+                painter.galley(rect.min, galley, colors.text);
+                taken.push(rect);
+            }
+        }
+    }
+}
+
+/// A surface as curves: its section with the plane through its axis that faces the viewer, and its rims.
+fn curves(ir: &SceneIr, frame: &LocalFrame, shape: &Surface, plane: Plane) -> Vec<Curve> {
+    let global = |point: DVec3| frame.rotation * point + frame.origin;
+    let radial = radial(frame, plane);
+    let section = |from: f64, to: f64, sag: &dyn Fn(f64) -> f64| -> Curve {
+        const STEPS: i32 = 48;
+        // Closer together towards the rims, where a sphere is steep.
+        let part = |step: i32| 0.5 - 0.5 * (PI * f64::from(step) / f64::from(STEPS)).cos();
+        let at = |step: i32| from + (to - from) * part(step);
+        (0..=STEPS).map(|step| global(radial * at(step) + DVec3::Z * sag(at(step)))).collect()
+    };
+    // Seen from the side, a rim is a line through the surface that would only hide its shape.
+    let (across, up) = plane.project(frame.rotation * DVec3::Z);
+    let from_the_side = across.hypot(up) > 0.95;
+    let rings = |rims: &[(f64, f64)]| -> Vec<Curve> {
+        let rims = rims.iter().filter(|_| !from_the_side);
+        rims.map(|(radius, z)| circle(frame, *radius, *z)).collect()
+    };
+    let with = |mut curves: Vec<Curve>, more: Vec<Curve>| {
+        curves.extend(more);
+        curves
+    };
+    match *shape {
+        Surface::Conic { curvature, conic, aperture_radius } => {
+            let sag = |r: f64| {
+                let root = (1.0 - (1.0 + conic) * curvature * curvature * r * r).max(0.0).sqrt();
+                curvature * r * r / (1.0 + root)
+            };
+            with(
+                vec![section(-aperture_radius, aperture_radius, &sag)],
+                rings(&[(aperture_radius, sag(aperture_radius))]),
+            )
+        }
+        // An endless plane has no outline that could be drawn.
+        Surface::Plane(Outline::Infinite) => Vec::new(),
+        Surface::Plane(shape) => outline(frame, &shape),
+        Surface::Annulus { inner_radius, outer_radius, z_offset } => with(
+            vec![
+                section(inner_radius, outer_radius, &|_| z_offset),
+                section(-outer_radius, -inner_radius, &|_| z_offset),
+            ],
+            rings(&[(inner_radius, z_offset), (outer_radius, z_offset)]),
+        ),
+        Surface::Frustum { r_front, r_back, z_front, z_back } => {
+            let side = |sign: f64| {
+                vec![
+                    global(radial * (sign * r_front) + DVec3::Z * z_front),
+                    global(radial * (sign * r_back) + DVec3::Z * z_back),
+                ]
+            };
+            with(vec![side(1.0), side(-1.0)], rings(&[(r_front, z_front), (r_back, z_back)]))
+        }
+        Surface::Sphere { radius, aperture_radius } => {
+            let limit = aperture_radius.unwrap_or(radius).min(radius);
+            let height = |r: f64| (radius * radius - r * r).max(0.0).sqrt();
+            vec![section(-limit, limit, &|r| height(r)), section(-limit, limit, &|r| -height(r))]
+        }
+        Surface::Mesh(index) => mesh(ir, index, frame),
+    }
+}
+
+/// The edges of a mesh; of a large one a part.
+fn mesh(ir: &SceneIr, index: usize, frame: &LocalFrame) -> Vec<Curve> {
+    const MOST_FACES: usize = 3000;
+    let mesh = &ir.meshes[index];
+    let step = mesh.faces.len().div_ceil(MOST_FACES).max(1);
+    let face = |face: &[u32; 3]| -> Curve {
+        let [a, b, c] = mesh.corners(*face).map(|corner| frame.rotation * corner + frame.origin);
+        vec![a, b, c, a]
+    };
+    mesh.faces.iter().step_by(step).map(face).collect()
+}
+
+/// The local direction, at a right angle to the axis, that is seen at its longest along the vertical of the view.
+fn radial(frame: &LocalFrame, plane: Plane) -> DVec3 {
+    let along = |axis: DVec3| plane.project(frame.rotation * axis);
+    // Which combination of local x and y has the largest part along the vertical, then along the horizontal.
+    let ((hx, vx), (hy, vy)) = (along(DVec3::X), along(DVec3::Y));
+    let vertical = DVec3::new(vx, vy, 0.0);
+    let horizontal = DVec3::new(hx, hy, 0.0);
+    let best = if vertical.length() >= horizontal.length() - 1e-9 { vertical } else { horizontal };
+    best.try_normalize().unwrap_or(DVec3::Y)
+}
+
+fn circle(frame: &LocalFrame, radius: f64, z: f64) -> Curve {
+    const STEPS: i32 = 64;
+    let point = |step: i32| {
+        let (sin, cos) = (TAU * f64::from(step) / f64::from(STEPS)).sin_cos();
+        frame.rotation * DVec3::new(radius * cos, radius * sin, z) + frame.origin
+    };
+    (0..=STEPS).map(point).collect()
+}
+
+fn outline(frame: &LocalFrame, outline: &Outline) -> Vec<Curve> {
+    match *outline {
+        Outline::Infinite => Vec::new(),
+        Outline::Disk { radius } => vec![circle(frame, radius, 0.0)],
+        Outline::Rectangle { width, height } => {
+            let corner = |u: f64, v: f64| {
+                frame.rotation * DVec3::new(u * width / 2.0, v * height / 2.0, 0.0) + frame.origin
+            };
+            vec![vec![
+                corner(-1.0, -1.0),
+                corner(1.0, -1.0),
+                corner(1.0, 1.0),
+                corner(-1.0, 1.0),
+                corner(-1.0, -1.0),
+            ]]
+        }
+    }
+}
+
+/// The recorded rays, segment by segment.
+fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by: RayColor, reach: f64) {
+    let point = |row: usize| {
+        let [x, y, z] = &paths.position;
+        DVec3::new(x[row], y[row], z[row])
+    };
+    let brightest = paths.flux.iter().copied().fold(0.0, f64::max);
+    for row in 1..paths.ray_id.len() {
+        if paths.ray_id[row] != paths.ray_id[row - 1] {
+            continue;
+        }
+        let from = point(row - 1);
+        let escaped = paths.component_name[row] == "escaped" && paths.event_type[row] == "death";
+        let to = if escaped {
+            let [l, m, n] = &paths.direction;
+            from + DVec3::new(l[row], m[row], n[row]) * reach
+        } else {
+            point(row)
+        };
+        let color = match by {
+            RayColor::Bounce => bounce_color(paths.bounce[row]),
+            // Three decades below the brightest a ray is as faint as any.
+            RayColor::Flux => {
+                let decades = (paths.flux[row] / brightest).max(1e-3).log10() / 3.0 + 1.0;
+                gradient(colorous::INFERNO, 0.25 + 0.65 * decades)
+            }
+        };
+        let ends = [frame.place(plane.project(from)), frame.place(plane.project(to))];
+        painter.line_segment(ends, Stroke::new(0.8, color.gamma_multiply(if escaped { 0.25 } else { 0.55 })));
+    }
+}
+
+/// Events so far: the first few are told apart best.
+fn bounce_color(bounce: i32) -> Color32 {
+    gradient(colorous::TURBO, 0.12 + 0.8 * (1.0 - (-f64::from(bounce) / 5.0).exp()))
+}
+
+fn gradient(gradient: colorous::Gradient, part: f64) -> Color32 {
+    let color = gradient.eval_continuous(part.clamp(0.0, 1.0));
+    Color32::from_rgb(color.r, color.g, color.b)
+}

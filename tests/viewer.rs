@@ -1,0 +1,673 @@
+//! The viewer driven as a user would: what is read from the window is what stands in the files.
+
+#![cfg(feature = "viewer")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
+
+use assert_cmd::Command;
+use assert_cmd::cargo::CommandCargoExt;
+use eframe::egui::{Key, Pos2, Vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use ndarray::{Array1, Array2, Array3};
+use ndarray_npy::NpzReader;
+use nsq_gpu::TraceResult;
+use nsq_gpu::result::DetectorData;
+use nsq_gpu::viewer::app::RegionFigures;
+use nsq_gpu::viewer::compare::Comparison;
+use nsq_gpu::viewer::model::{Picture, Subject};
+use nsq_gpu::viewer::region::Outline;
+use nsq_gpu::viewer::scale::ScaleKind;
+use nsq_gpu::viewer::settings::Settings;
+use nsq_gpu::viewer::tracing::{Device, State};
+use nsq_gpu::viewer::{App, Model, screenshot};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const RAYS: &str = "20000";
+
+fn scene_path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(format!("{name}.json"))
+}
+
+fn skip(test: &str, reason: &str) {
+    // Straight to the stream: the test runner hides what a passing test prints.
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: {reason}");
+}
+
+fn has_adapter(test: &str) -> bool {
+    let found = !nsq_gpu::gpu::list_adapters().is_empty();
+    if !found {
+        skip(test, "no adapter");
+    }
+    found
+}
+
+/// Folders of results that `nsq-gpu trace` wrote, each traced once.
+fn results(scene: &str, seed: u64) -> PathBuf {
+    static FOLDER: OnceLock<TempDir> = OnceLock::new();
+    static TRACED: std::sync::Mutex<Vec<PathBuf>> = std::sync::Mutex::new(Vec::new());
+    let folder = FOLDER.get_or_init(|| tempfile::tempdir().unwrap());
+    let path = folder.path().join(format!("{scene}_{seed}"));
+    let mut traced = TRACED.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    if !traced.contains(&path) {
+        let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+        command.arg("trace").arg(scene_path(scene)).args(["-n", RAYS, "--seed", &seed.to_string(), "-o"]);
+        command.arg(&path).assert().success();
+        traced.push(path.clone());
+    }
+    path
+}
+
+fn model(path: &Path) -> Model {
+    Model::open(path, Settings::default(), Device::default(), Arc::new(|| {})).unwrap()
+}
+
+type Window = Harness<'static, App>;
+
+fn window(model: Model) -> Window {
+    let mut window = Harness::builder()
+        .with_size(Vec2::new(1440.0, 900.0))
+        .with_max_steps(30)
+        .build_ui_state(|ui, app: &mut App| app.ui(ui), App::new(model));
+    window.run();
+    window
+}
+
+fn click(window: &mut Window, label: &str) {
+    window.get_by_label(label).click();
+    window.run();
+}
+
+/// Where a point of the plot lies on the screen.
+fn place(window: &Window, point: (f64, f64)) -> Pos2 {
+    window.state().frame().expect("a plot is shown").place(point)
+}
+
+fn hover(window: &mut Window, point: (f64, f64)) {
+    let place = place(window, point);
+    window.hover_at(place);
+    window.run();
+}
+
+fn drag(window: &mut Window, from: (f64, f64), to: (f64, f64)) {
+    let (from, to) = (place(window, from), place(window, to));
+    window.hover_at(from);
+    window.run();
+    window.drag_at(from);
+    window.run();
+    window.hover_at(from + (to - from) * 0.5);
+    window.run();
+    window.hover_at(to);
+    window.run();
+    window.drop_at(to);
+    window.run();
+}
+
+fn npz(dir: &Path, file: &str) -> NpzReader<File> {
+    NpzReader::new(File::open(dir.join(file)).unwrap()).unwrap()
+}
+
+/// A map in a file, its brightest cell, and where the middle of that lies.
+struct MapFile {
+    cell: (usize, usize),
+    middle: (f64, f64),
+    values: Array2<f64>,
+    hits: Array2<u64>,
+}
+
+fn map_file(dir: &Path, file: &str) -> MapFile {
+    let mut npz = npz(dir, file);
+    let values: Array2<f64> = npz.by_name("irradiance").unwrap();
+    let hits: Array2<u64> = npz.by_name("hits").unwrap();
+    let x: Array1<f64> = npz.by_name("x_coords").unwrap();
+    let y: Array1<f64> = npz.by_name("y_coords").unwrap();
+    let (cell, _) = values.indexed_iter().max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+    MapFile { cell, middle: (x[cell.1], y[cell.0]), values, hits }
+}
+
+#[test]
+fn results_read_back_are_those_that_were_written() {
+    if !has_adapter("results_read_back_are_those_that_were_written") {
+        return;
+    }
+    for scene in ["cemented_achromat_auto", "telephoto_spectral", "cooke_triplet"] {
+        let read = TraceResult::read(&results(scene, 0)).unwrap();
+        let mut window = window(model(&scene_path(scene)));
+        window.state_mut().model.run.num_rays = RAYS.parse().unwrap();
+        window.state_mut().model.trace();
+        finish(&mut window);
+        let traced = window.state().model.a().unwrap();
+        assert_eq!(read.ledger, traced.ledger, "{scene}");
+        assert_eq!(read.surfaces, traced.surfaces, "{scene}");
+        assert_eq!(read.diagnostics, traced.diagnostics, "{scene}");
+        assert_eq!(read.detectors.len(), traced.detectors.len());
+        for (read, traced) in read.detectors.iter().zip(&traced.detectors) {
+            assert_eq!((&read.name, read.absorb), (&traced.name, traced.absorb));
+            assert_eq!((read.total_flux, read.num_rays_hit), (traced.total_flux, traced.num_rays_hit));
+            match (&read.data, &traced.data) {
+                // The spectrum is a sum over the map; only its last bits depend on the order.
+                (DetectorData::Spectral(read), DetectorData::Spectral(traced)) => {
+                    assert_eq!((&read.irradiance, &read.hits), (&traced.irradiance, &traced.hits));
+                    let close = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-12 * b;
+                    assert!(read.spectrum.iter().zip(&traced.spectrum).all(close));
+                }
+                (read, traced) => assert_eq!(read, traced, "{scene}"),
+            }
+        }
+    }
+}
+
+/// Shows frames until nothing more comes by itself.
+fn finish(window: &mut Window) {
+    let start = Instant::now();
+    while !window.state().model.is_idle() {
+        assert!(start.elapsed() < Duration::from_secs(300), "the trace does not end");
+        std::thread::sleep(Duration::from_millis(10));
+        window.run();
+    }
+    window.run();
+}
+
+#[test]
+fn a_broken_folder_of_results_is_refused_with_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let problem = |folder: &Path| TraceResult::read(folder).unwrap_err().to_string();
+    assert!(problem(folder.path()).contains("report.json"));
+    std::fs::write(folder.path().join("report.json"), "{\"schema\": 1}").unwrap();
+    assert!(problem(folder.path()).contains("missing field"));
+    if !has_adapter("a_broken_folder_of_results_is_refused_with_its_file") {
+        return;
+    }
+    for file in std::fs::read_dir(results("cooke_triplet", 0)).unwrap() {
+        let file = file.unwrap();
+        std::fs::copy(file.path(), folder.path().join(file.file_name())).unwrap();
+    }
+    std::fs::write(folder.path().join("stray.npz"), "no archive").unwrap();
+    assert!(problem(folder.path()).contains("stray.npz"));
+}
+
+#[test]
+fn the_cursor_reads_what_stands_in_the_file() {
+    if !has_adapter("the_cursor_reads_what_stands_in_the_file") {
+        return;
+    }
+    let dir = results("cooke_triplet", 0);
+    let mut window = window(model(&dir));
+    click(&mut window, "stray");
+    assert_eq!(window.state().model.subject, Subject::Detector("stray".into()));
+    click(&mut window, "image");
+    let MapFile { cell, middle, values, hits } = map_file(&dir, "image.npz");
+    hover(&mut window, middle);
+    let cursor = window.state().cursor().unwrap().clone();
+    assert_eq!(cursor.cell, Some(cell));
+    let (value, cell_hits, _) = cursor.value.unwrap();
+    assert_eq!((value, cell_hits), (values[cell], hits[cell]));
+    // The panel shows it to four digits.
+    let shown = format!("{} mW/mm²", trimmed(&format!("{:.*}", decimals(1e3 * value), 1e3 * value)));
+    assert!(window.query_all_by_label(&shown).next().is_some(), "{shown} is not shown");
+}
+
+fn decimals(value: f64) -> usize {
+    (3 - value.log10().floor() as i32).max(0) as usize
+}
+
+fn trimmed(number: &str) -> &str {
+    if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
+}
+
+#[test]
+fn a_far_field_reads_alike_as_a_disc_and_over_its_angles() {
+    if !has_adapter("a_far_field_reads_alike_as_a_disc_and_over_its_angles") {
+        return;
+    }
+    let dir = results("searchlight", 0);
+    let mut npz = npz(&dir, "beam.npz");
+    let intensity: Array2<f64> = npz.by_name("intensity").unwrap();
+    let theta: Array1<f64> = npz.by_name("theta").unwrap();
+    let phi: Array1<f64> = npz.by_name("phi").unwrap();
+    let cell = (intensity.nrows() / 2, intensity.ncols() / 3);
+    let (theta, phi) = (theta[cell.0], phi[cell.1]);
+    let mut window = window(model(&dir));
+    let (sin, cos) = phi.to_radians().sin_cos();
+    for (name, point) in [("Polar", (theta * cos, theta * sin)), ("Cartesian", (phi, theta))] {
+        click(&mut window, name);
+        hover(&mut window, point);
+        let (value, ..) = window.state().cursor().unwrap().value.unwrap();
+        assert_eq!(value, intensity[cell], "{name}");
+    }
+}
+
+#[test]
+fn a_wavelength_and_the_spectrum_of_a_pixel_are_those_of_the_file() {
+    if !has_adapter("a_wavelength_and_the_spectrum_of_a_pixel_are_those_of_the_file") {
+        return;
+    }
+    let dir = results("telephoto_spectral", 0);
+    let irradiance: Array3<f64> = npz(&dir, "image.npz").by_name("irradiance").unwrap();
+    let mut window = window(model(&dir));
+    let (ny, nx, bins) = irradiance.dim();
+    for bin in [None, Some(0), Some(bins - 1)] {
+        window.state_mut().model.bin = bin;
+        window.run();
+        let Picture::Map { field, .. } = window.state_mut().model.picture().unwrap().as_ref().clone() else {
+            panic!("a spectral detector is a map")
+        };
+        let cell = (ny / 2, nx / 2);
+        hover(&mut window, field.centre(cell));
+        let (value, ..) = window.state().cursor().unwrap().value.unwrap();
+        let expected: f64 = match bin {
+            Some(bin) => irradiance[(cell.0, cell.1, bin)],
+            None => (0..bins).map(|bin| irradiance[(cell.0, cell.1, bin)]).sum(),
+        };
+        assert!((value - expected).abs() <= 1e-15 * expected, "{bin:?}");
+    }
+    click(&mut window, "All wavelengths");
+    assert_eq!(window.state().model.bin, None);
+    // Lumens weigh every bin with the curve at its middle.
+    click(&mut window, "lm");
+    let wavelengths: Array1<f64> = npz(&dir, "image.npz").by_name("wavelengths").unwrap();
+    let picture = window.state_mut().model.picture().unwrap();
+    let Picture::Map { field, .. } = picture.as_ref() else { panic!("a spectral detector is a map") };
+    let lux: f64 = (0..bins)
+        .map(|bin| {
+            irradiance[(ny / 2, nx / 2, bin)] * nsq_gpu::viewer::photometry::efficacy(wavelengths[bin]) * 1e6
+        })
+        .sum();
+    assert!((field.values[(ny / 2, nx / 2)] / lux - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn the_scale_follows_the_buttons() {
+    if !has_adapter("the_scale_follows_the_buttons") {
+        return;
+    }
+    let dir = results("cooke_triplet", 0);
+    let MapFile { values, .. } = map_file(&dir, "image.npz");
+    let largest = values.iter().copied().fold(0.0, f64::max);
+    let smallest = values.iter().copied().filter(|value| *value > 0.0).fold(f64::INFINITY, f64::min);
+    let mut window = window(model(&dir));
+    let scale = |window: &mut Window| match window.state_mut().model.picture().unwrap().as_ref() {
+        Picture::Map { scale, .. } => *scale,
+        Picture::Spots(_) => panic!("an irradiance detector is a map"),
+    };
+    assert_eq!((scale(&mut window).low, scale(&mut window).high), (0.0, largest));
+    click(&mut window, "Log");
+    let log = scale(&mut window);
+    assert_eq!((log.kind, log.high), (ScaleKind::Log, largest));
+    assert_eq!(log.low, smallest.max(largest * 1e-6));
+    click(&mut window, "Percentile");
+    let percentile = scale(&mut window);
+    let lit = values.iter().filter(|value| **value > 0.0).count();
+    let within = values.iter().filter(|value| **value > 0.0 && **value <= percentile.high).count();
+    assert_eq!(within, (0.99 * lit as f64).ceil() as usize);
+}
+
+#[test]
+fn a_dragged_region_sums_the_cells_of_the_file() {
+    if !has_adapter("a_dragged_region_sums_the_cells_of_the_file") {
+        return;
+    }
+    let dir = results("cooke_triplet", 0);
+    let MapFile { values, hits, .. } = map_file(&dir, "image.npz");
+    let mut window = window(model(&dir));
+    click(&mut window, "Rectangle");
+    drag(&mut window, (-3.0, -2.0), (3.0, 2.5));
+    let region = window.state_mut().model.marks().region.unwrap();
+    assert_eq!(region.outline, Outline::Rectangle);
+    let pixel = {
+        let frame = window.state().frame().unwrap();
+        (frame.view.x.1 - frame.view.x.0) / f64::from(frame.rect.width())
+    };
+    assert!((region.half.0 - 3.0).abs() < 2.0 * pixel && (region.half.1 - 2.25).abs() < 2.0 * pixel);
+    let (figures, _) = window.state_mut().region_figures().unwrap();
+    let RegionFigures::Map(Some(figures)) = figures else { panic!("there are cells in the region") };
+    let (rows, columns) = values.dim();
+    // The detector is 36 mm wide and high.
+    let at = |index: usize, count: usize| (index as f64 + 0.5) / count as f64 * 36.0 - 18.0;
+    let inside = |row: usize, column: usize| {
+        (at(column, columns) - region.centre.0).abs() <= region.half.0
+            && (at(row, rows) - region.centre.1).abs() <= region.half.1
+    };
+    let mut expected = (0.0, 0);
+    for ((row, column), value) in values.indexed_iter().filter(|((row, column), _)| inside(*row, *column)) {
+        expected.0 += value * (36.0 / columns as f64) * (36.0 / rows as f64);
+        expected.1 += hits[(row, column)];
+    }
+    assert!((figures.flux / expected.0 - 1.0).abs() < 1e-12);
+    assert_eq!(figures.hits, expected.1);
+    // Dragged from within, it moves and keeps its size. Away from the line that lies over its middle.
+    drag(&mut window, (1.0, 1.5), (2.0, 4.5));
+    let moved = window.state_mut().model.marks().region.unwrap();
+    assert!((moved.centre.0 - region.centre.0 - 1.0).abs() < 2.0 * pixel, "{moved:?} {region:?}");
+    assert!((moved.centre.1 - region.centre.1 - 3.0).abs() < 2.0 * pixel);
+    assert!((moved.half.0 - region.half.0).abs() < 1e-9);
+    click(&mut window, "Clear");
+    assert_eq!(window.state_mut().model.marks().region, None);
+}
+
+#[test]
+fn a_profile_is_drawn_and_dragged() {
+    if !has_adapter("a_profile_is_drawn_and_dragged") {
+        return;
+    }
+    let mut window = window(model(&results("cooke_triplet", 0)));
+    // The line that is there at first can be dragged with any tool, and the view stays.
+    let view = window.state().frame().unwrap().view;
+    drag(&mut window, (-10.0, 0.0), (-10.0, 6.0));
+    let line = window.state_mut().model.marks().line.unwrap();
+    assert!((line[0].1 - 6.0).abs() < 0.2 && (line[1].1 - line[0].1).abs() < 1e-9, "{line:?}");
+    assert_eq!(window.state().frame().unwrap().view, view);
+    window.key_press(Key::L);
+    window.run();
+    drag(&mut window, (-8.0, -8.0), (8.0, -4.0));
+    let line = window.state_mut().model.marks().line.unwrap();
+    assert!((line[0].0 + 8.0).abs() < 0.2 && (line[1].0 - 8.0).abs() < 0.2, "{line:?}");
+    // One end alone.
+    drag(&mut window, line[1], (8.0, 8.0));
+    let bent = window.state_mut().model.marks().line.unwrap();
+    assert_eq!(bent[0], line[0]);
+    assert!((bent[1].1 - 8.0).abs() < 0.2);
+}
+
+#[test]
+fn two_results_are_compared_cell_by_cell() {
+    if !has_adapter("two_results_are_compared_cell_by_cell") {
+        return;
+    }
+    let (a, b) = (results("cooke_triplet", 0), results("cooke_triplet", 1));
+    let MapFile { values: of_a, hits: hits_a, .. } = map_file(&a, "image.npz");
+    let MapFile { values: of_b, hits: hits_b, .. } = map_file(&b, "image.npz");
+    // The error of a cell follows from its hits, so there must be some in both.
+    let hits_of_both = |cell: &(usize, usize)| hits_a[*cell].min(hits_b[*cell]);
+    let (cell, _) = hits_a.indexed_iter().max_by_key(|(cell, _)| hits_of_both(cell)).unwrap();
+    assert!(hits_of_both(&cell) > 0);
+    let coordinate = |name: &str, index: usize| {
+        let array: Array1<f64> = npz(&a, "image.npz").by_name(name).unwrap();
+        array[index]
+    };
+    let middle = (coordinate("x_coords", cell.1), coordinate("y_coords", cell.0));
+    let mut window = window(model(&a));
+    window.get_by_label("Folder of B").focus();
+    window.run();
+    window.get_by_label("Folder of B").type_text(&b.display().to_string());
+    window.run();
+    click(&mut window, "Open");
+    assert!(window.state().model.b().is_some(), "{:?}", window.state().model.messages);
+    let read = |window: &mut Window| {
+        hover(window, middle);
+        window.state().cursor().unwrap().value.unwrap().0
+    };
+    assert_eq!(read(&mut window), of_a[cell]);
+    let common = |window: &mut Window| match window.state_mut().model.picture().unwrap().as_ref() {
+        Picture::Map { scale, .. } => *scale,
+        Picture::Spots(_) => panic!("an irradiance detector is a map"),
+    };
+    let scale_of_a = common(&mut window);
+    click(&mut window, "B");
+    assert_eq!(read(&mut window), of_b[cell]);
+    assert_eq!(common(&mut window), scale_of_a);
+    click(&mut window, "A − B");
+    assert_eq!(read(&mut window), of_a[cell] - of_b[cell]);
+    click(&mut window, "(A − B) / σ");
+    assert_eq!(window.state().model.settings.comparison, Comparison::Significance);
+    let sigma = |value: f64, hits: u64| value / (hits as f64).sqrt();
+    let both = sigma(of_a[cell], hits_a[cell]).hypot(sigma(of_b[cell], hits_b[cell]));
+    let expected = (of_a[cell] - of_b[cell]) / both;
+    assert!((read(&mut window) - expected).abs() < 1e-12 * expected.abs().max(1.0));
+    click(&mut window, "End comparison");
+    assert_eq!(read(&mut window), of_a[cell]);
+}
+
+#[test]
+fn rays_of_a_database_are_read_one_by_one() {
+    if !has_adapter("rays_of_a_database_are_read_one_by_one") {
+        return;
+    }
+    let dir = results("cemented_achromat_auto", 0);
+    let mut npz = npz(&dir, "before.npz");
+    let flux: Array1<f64> = npz.by_name("flux").unwrap();
+    let ids: Array1<u64> = npz.by_name("ray_id").unwrap();
+    let mut window = window(model(&dir));
+    let (figures, _) = window.state_mut().region_figures().unwrap();
+    let RegionFigures::Spots(figures) = figures else { panic!("a ray database is shown as spots") };
+    assert_eq!(figures.num_rays, flux.len() as u64);
+    assert!((figures.flux / flux.sum() - 1.0).abs() < 1e-12);
+    for name in ["Directions", "Spot diagram"] {
+        click(&mut window, name);
+        let picture = window.state_mut().model.picture().unwrap();
+        let Picture::Spots(spots) = picture.as_ref() else { panic!("a ray database is shown as spots") };
+        hover(&mut window, spots.spots[7].at);
+        let spot = window.state().cursor().unwrap().spot.unwrap();
+        let row = ids.iter().zip(&flux).position(|(id, flux)| (*id, *flux) == (spot.ray_id, spot.flux));
+        assert!(row.is_some(), "{spot:?} is no ray of the file");
+    }
+}
+
+#[test]
+fn a_trace_is_paused_resumed_stopped_and_restarted() {
+    if !has_adapter("a_trace_is_paused_resumed_stopped_and_restarted") {
+        return;
+    }
+    let mut window = window(model(&scene_path("cooke_triplet")));
+    window.state_mut().model.run.num_rays = 1 << 40;
+    click(&mut window, "Trace");
+    let wait = |window: &mut Window, done: &dyn Fn(&Model) -> bool| {
+        let start = Instant::now();
+        while !done(&window.state().model) {
+            assert!(start.elapsed() < Duration::from_secs(300), "{:?}", window.state().model.messages);
+            std::thread::sleep(Duration::from_millis(5));
+            window.run();
+        }
+    };
+    let state = |model: &Model| model.job().unwrap().state();
+    // Results come while it traces, and each of them is whole.
+    wait(&mut window, &|model| model.revision() >= 2);
+    let live = window.state().model.a().unwrap().clone();
+    assert!(live.run.partial && live.ledger.closes() && live.num_rays_total > 0);
+    click(&mut window, "Pause");
+    wait(&mut window, &|model| state(model) == State::Paused);
+    window.run();
+    let paused = window.state().model.a().unwrap().num_rays_total;
+    assert_eq!(paused, window.state().model.job().unwrap().progress().0, "what is shown is what is traced");
+    // Meanwhile the window does what it is told.
+    click(&mut window, "Log");
+    assert_eq!(window.state().model.settings.scale, ScaleKind::Log);
+    assert_eq!(state(&window.state().model), State::Paused);
+    click(&mut window, "Resume");
+    wait(&mut window, &|model| model.a().unwrap().num_rays_total > paused);
+    click(&mut window, "Stop");
+    wait(&mut window, &|model| state(model) == State::Finished && !model.a().unwrap().run.adapter.is_empty());
+    window.run();
+    assert!(window.state().model.a().unwrap().run.partial);
+    // Another trace, to its end: the bits of the command.
+    window.state_mut().model.run.num_rays = RAYS.parse().unwrap();
+    window.state_mut().model.run.seed = 1;
+    click(&mut window, "Restart");
+    finish(&mut window);
+    let shown = window.state().model.a().unwrap();
+    let written = TraceResult::read(&results("cooke_triplet", 1)).unwrap();
+    assert_eq!(shown.detectors, written.detectors);
+    assert_eq!(shown.ledger, written.ledger);
+}
+
+#[test]
+fn keys_reach_the_plot() {
+    if !has_adapter("keys_reach_the_plot") {
+        return;
+    }
+    let mut window = window(model(&results("cooke_triplet", 0)));
+    window.get_by_label("Plot: irradiance").focus();
+    window.run();
+    let width = |window: &Window| {
+        let view = window.state().frame().unwrap().view;
+        view.x.1 - view.x.0
+    };
+    let home = window.state().frame().unwrap().view;
+    window.key_press(Key::Plus);
+    window.run();
+    assert!((width(&window) * 1.25 / (home.x.1 - home.x.0) - 1.0).abs() < 1e-6);
+    window.key_press(Key::ArrowRight);
+    window.run();
+    assert!(window.state().frame().unwrap().view.x.0 > home.x.0);
+    window.key_press(Key::Num0);
+    window.run();
+    assert_eq!(window.state().frame().unwrap().view, home);
+    window.key_press(Key::PageDown);
+    window.run();
+    assert_eq!(window.state().model.subject, Subject::Detector("stray".into()));
+}
+
+#[test]
+fn the_side_view_shows_the_scene_and_its_rays() {
+    if !has_adapter("the_side_view_shows_the_scene_and_its_rays") {
+        return;
+    }
+    let mut window = window(model(&results("cooke_triplet", 0)));
+    click(&mut window, "Side view with rays");
+    finish(&mut window);
+    let paths = window.state_mut().model.paths().expect("rays are recorded");
+    let mut rays: Vec<i64> = paths.ray_id.to_vec();
+    rays.dedup();
+    assert_eq!(rays.len(), 300);
+    assert!(window.query_by_label("Plot: scene").is_some());
+    for plane in ["z–x", "x–y", "flux"] {
+        click(&mut window, plane);
+    }
+}
+
+#[test]
+fn what_is_shown_is_exported() {
+    if !has_adapter("what_is_shown_is_exported") {
+        return;
+    }
+    let dir = results("cooke_triplet", 0);
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = window(model(&dir));
+    window.state_mut().set_export_folder(folder.path());
+    for button in [
+        "Figure of the detector (PNG)",
+        "Values that are shown (CSV)",
+        "Arrays of the detector (npz)",
+        "All results (folder)",
+    ] {
+        click(&mut window, "Export");
+        click(&mut window, button);
+    }
+    let same = |a: &Path, b: &Path| assert_eq!(std::fs::read(a).unwrap(), std::fs::read(b).unwrap());
+    same(&folder.path().join("image.png"), &dir.join("image.png"));
+    same(&folder.path().join("results").join("image.npz"), &dir.join("image.npz"));
+    let values: Array2<f64> = npz(folder.path(), "image.npz").by_name("irradiance").unwrap();
+    let csv = std::fs::read_to_string(folder.path().join("image.csv")).unwrap();
+    assert_eq!(csv.lines().count(), values.len() + 1);
+    let shown: f64 =
+        csv.lines().skip(1).map(|line| line.split(',').nth(2).unwrap().parse::<f64>().unwrap()).sum();
+    assert!((shown / values.sum() - 1.0).abs() < 1e-12);
+    assert!(window.state().model.command().contains("--seed 0"));
+}
+
+#[test]
+fn a_picture_needs_no_display_and_is_the_same_each_time() {
+    if !has_adapter("a_picture_needs_no_display_and_is_the_same_each_time") {
+        return;
+    }
+    let dir = results("cooke_triplet", 0);
+    let draw = || screenshot::draw(&mut App::new(model(&dir)), (1000.0, 640.0), 1.0).unwrap();
+    let picture = draw();
+    assert_eq!(picture.size, [1000, 640]);
+    assert_eq!(picture.rgba.len(), 4 * 1000 * 640);
+    let mut colors: Vec<&[u8]> = picture.rgba.chunks_exact(4).collect();
+    colors.sort_unstable();
+    colors.dedup();
+    assert!(colors.len() > 100, "only {} colours: the map is not drawn", colors.len());
+    assert!(picture.rgba.chunks_exact(4).all(|pixel| pixel[3] == 255));
+    assert_eq!(picture.rgba, draw().rgba);
+}
+
+#[test]
+fn the_command_draws_a_picture() {
+    if !has_adapter("the_command_draws_a_picture") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("view.png");
+    let view = |arguments: &[&str]| {
+        let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+        command.args(["view", "--screenshot"]).arg(&file).args(arguments);
+        command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").assert()
+    };
+    let scene = scene_path("cooke_triplet").display().to_string();
+    view(&[&scene, "-n", "5000", "--detector", "stray", "--scale", "log", "--size", "900x600"])
+        .success()
+        .stdout("");
+    let decoder = png::Decoder::new(File::open(&file).unwrap());
+    let reader = decoder.read_info().unwrap();
+    assert_eq!((reader.info().width, reader.info().height), (900, 600));
+    let output = view(&[&scene, "--detector", "nobody"]).code(2).get_output().stderr.clone();
+    let said = String::from_utf8(output).unwrap();
+    assert!(said.contains("'nobody'") && said.contains("image, stray"), "{said}");
+}
+
+#[test]
+fn a_real_window_opens_traces_and_closes() {
+    const TEST: &str = "a_real_window_opens_traces_and_closes";
+    if !has_adapter(TEST) {
+        return;
+    }
+    let nothing = |program: &str| std::process::Command::new(program).arg("--help").output().is_err();
+    if nothing("xvfb-run") {
+        return skip(TEST, "no xvfb-run (Debian: apt-get install xvfb)");
+    }
+    let home = tempfile::tempdir().unwrap();
+    let program = std::process::Command::cargo_bin("nsq-gpu").unwrap();
+    let mut command = Command::new("xvfb-run");
+    command.args(["-a", "-s", "-screen 0 1280x800x24"]).arg(program.get_program());
+    command.arg("view").arg(scene_path("cooke_triplet")).args(["-n", "20000", "--frames", "5"]);
+    command.env_remove("WAYLAND_DISPLAY").env("XDG_CONFIG_HOME", home.path());
+    command.timeout(Duration::from_secs(300)).assert().success().stdout("");
+}
+
+#[test]
+fn without_the_feature_there_is_no_trace_of_a_window() {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
+    let mut command = Command::new(env!("CARGO"));
+    command.args([
+        "tree",
+        "--offline",
+        "--locked",
+        "--no-default-features",
+        "-e",
+        "normal",
+        "--prefix",
+        "none",
+    ]);
+    let output = command.arg("--manifest-path").arg(manifest).assert().success().get_output().stdout.clone();
+    let tree = String::from_utf8(output).unwrap();
+    for name in ["egui", "eframe", "winit", "epaint", "x11rb", "wayland-client"] {
+        assert!(!tree.lines().any(|line| line.starts_with(&format!("{name} "))), "{name} is there");
+    }
+}
+
+#[test]
+fn the_number_of_rays_is_typed_as_people_write_it() {
+    if !has_adapter("the_number_of_rays_is_typed_as_people_write_it") {
+        return;
+    }
+    let mut window = window(model(&results("cooke_triplet", 0)));
+    for (text, rays) in [("2e6", 2_000_000), ("5M", 5_000_000), ("many", 5_000_000)] {
+        window.get_by_label("Rays").focus();
+        window.run();
+        window.key_combination_modifiers(eframe::egui::Modifiers::COMMAND, &[Key::A]);
+        window.run();
+        window.get_by_label("Rays").type_text(text);
+        window.run();
+        assert_eq!(window.state().model.run.num_rays, rays, "{text}");
+    }
+    // What is no count goes away with the focus.
+    window.get_by_label("Plot: irradiance").focus();
+    window.run();
+    assert_eq!(window.get_by_label("Rays").value().as_deref(), Some("5000000"));
+}
