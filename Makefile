@@ -1,7 +1,7 @@
 # make demo        traces a Cooke triplet into demo-out/
 # make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
 # make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
-# make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 36)
+# make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
 # make clean       removes what the others made
 #

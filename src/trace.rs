@@ -124,6 +124,8 @@ fn share(count: u64, position: u64, length: u64) -> u64 {
 
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
+/// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
+const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
 /// A submission should keep the device for about so long: a desktop stays usable and no watchdog fires.
@@ -991,7 +993,7 @@ const MAX_RAY_ID: u64 = 1 << 63;
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
-    let default = (u64::from(DEFAULT_BATCH) / program.most_rays()).max(1) as u32;
+    let default = DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32;
     let wanted = options.batch_size.unwrap_or(default).min(options.num_rays.min(1 << 30) as u32);
     let events = match program.max_events_per_ray {
         0 => u32::MAX,

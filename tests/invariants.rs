@@ -16,6 +16,7 @@ use nsq_gpu::ir::{
     Surface,
 };
 use nsq_gpu::program::Precision;
+use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::RecordPaths;
 
@@ -178,6 +179,23 @@ fn split_rays_have_the_same_bits_however_they_are_dispatched() {
                 |options| options.workgroup_size = 128,
                 |options| options.events_per_dispatch = 3,
             ],
+        );
+    }
+}
+
+/// A child has its launched ray's point, scrambled by its number.
+#[test]
+fn split_rays_of_quasi_random_points_have_the_same_bits_in_any_batches() {
+    for which in SPLIT {
+        let ir = split(which);
+        let options = TraceOptions { sampler: Sampler::Sobol, ..zoo::options(1000, 11, Precision::F32) };
+        let batches = TraceOptions { batch_size: Some(77), ..options.clone() };
+        let plain = zoo::trace(&ir, &options);
+        assert!(zoo::result_of(&ir, &options, &plain).ledger.closes(), "{which:?}");
+        assert!(zoo::trace(&ir, &batches) == plain, "{which:?}: other bits");
+        assert!(
+            zoo::trace_on(zoo::portable_gpu(), &ir, &options) == plain,
+            "{which:?}: other bits with pairs"
         );
     }
 }

@@ -6,6 +6,7 @@ which this program differs from Optiland on purpose; the README lists them.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import tempfile
 from collections.abc import Callable, Iterator
@@ -280,15 +281,22 @@ def sources(scene: NSQScene, random: Random, name: str, z: float) -> None:
 
 @feature
 def reflect_prob(scene: NSQScene, random: Random, name: str, z: float) -> None:
-    scene.sampling_policy = SamplingPolicy(reflect_prob="auto" if random.random() < 0.5 else some(random, 0.1, 0.9))
+    probability = "auto" if random.random() < 0.5 else some(random, 0.1, 0.9)
+    scene.sampling_policy = dataclasses.replace(scene.sampling_policy, reflect_prob=probability)
     plain_lens(scene, random, name, z)
 
 
 @feature
 def roulette(scene: NSQScene, random: Random, name: str, z: float) -> None:
-    scene.sampling_policy = SamplingPolicy(reflect_prob=scene.sampling_policy.reflect_prob,
-                                           rr_start_flux=some(random, 0.3, 0.9))
+    scene.sampling_policy = dataclasses.replace(scene.sampling_policy, rr_start_flux=some(random, 0.3, 0.9))
     scene.add_lens(name, place(random, z), lens(random, front=SurfaceConfig(coating=SimpleCoating(0.6, 0.2))))
+
+
+@feature
+def splitting(scene: NSQScene, random: Random, name: str, z: float) -> None:
+    scene.sampling_policy = dataclasses.replace(scene.sampling_policy, split_depth=int(random.integers(1, 5)),
+                                                split_budget=some(random, 1.2, 6.0))
+    plain_lens(scene, random, name, z)
 
 
 # Scenes

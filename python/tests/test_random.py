@@ -1,4 +1,7 @@
-"""Random scenes against NumpyBackend, ray by ray. NSQ_GPU_RANDOM_SCENES=200 traces more of them."""
+"""Random scenes against NumpyBackend, ray by ray, or by expectations where rays are split.
+
+NSQ_GPU_RANDOM_SCENES=200 traces more of them.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,9 @@ def test_every_feature_is_traced_alone_and_in_a_pair() -> None:
 def test_equals_numpy(number: int, features: tuple[str, ...]) -> None:
     with live.quiet():
         scene = random_scenes.build(features, 1000 * SEED + number)
+    if scene.sampling_policy.split_depth > 0:
+        live.assert_agrees_with_numpy(scene, NUM_RAYS)
+        return
     result, ours = live.traced(scene, NUM_RAYS, live.backend(), seed=number, record_paths=200)
     reference, theirs = live.traced(scene, NUM_RAYS, NumpyBackend(), seed=number, record_paths=200)
     found = live.agreement(ours, theirs)
