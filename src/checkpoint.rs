@@ -49,8 +49,8 @@ pub struct Identity {
     pub precision: String,
     /// Which paths are recorded.
     pub paths: String,
-    /// True if second moments are summed.
-    pub standard_error: bool,
+    /// Whether second moments are summed.
+    pub standard_error: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver.
@@ -82,7 +82,7 @@ impl Identity {
             min_flux_fraction: options.min_flux_fraction,
             precision: options.precision.name().into(),
             paths: format!("{:?}", options.paths),
-            standard_error: options.standard_error,
+            standard_error: format!("{:?}", options.standard_error).to_lowercase(),
             adapter: adapter.name.clone(),
             driver: adapter.driver.clone(),
         }
@@ -264,7 +264,7 @@ mod tests {
             min_flux_fraction: 1e-6,
             precision: "f64".into(),
             paths: "None".into(),
-            standard_error: true,
+            standard_error: "auto".into(),
             adapter: "adapter".into(),
             driver: "driver".into(),
         };

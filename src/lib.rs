@@ -28,4 +28,4 @@ pub mod trace;
 pub use error::{Error, Result};
 pub use result::TraceResult;
 pub use scene::Scene;
-pub use trace::{Progress, TraceOptions, Tracer};
+pub use trace::{Progress, StandardError, TraceOptions, Tracer};

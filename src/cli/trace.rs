@@ -10,7 +10,7 @@ use crate::program::Precision;
 use crate::result::{RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::stopping::{StoppedBy, Stopping};
-use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
+use crate::trace::{self, RecordPaths, StandardError, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,9 +47,9 @@ pub struct Args {
     /// Go on from the sums in this file, which the same command with --checkpoint wrote; to the bits of an unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Sum no second moments: no standard errors, and a little faster.
-    #[arg(long, conflicts_with = "target_error")]
-    no_standard_error: bool,
+    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little.
+    #[arg(long, value_enum, default_value_t = StandardErrorArg::Auto, value_name = "WHEN")]
+    standard_error: StandardErrorArg,
     /// Seed of every random draw.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -103,6 +103,17 @@ pub enum PrecisionArg {
     F32,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--standard-error` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum StandardErrorArg {
+    /// Where a ray ends on every detector, in one cell; with --target-error, always.
+    Auto,
+    /// Always: also where rays are spread over pixels, or pass detectors.
+    On,
+    /// Never.
+    Off,
 }
 
 fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
@@ -228,6 +239,16 @@ fn options(args: &Args, gpu: &Gpu) -> Result<TraceOptions> {
         PrecisionArg::F64 => Precision::F64,
         PrecisionArg::Auto => gpu.preferred_precision()?,
     };
+    let standard_error = match (args.standard_error, args.target_error) {
+        (StandardErrorArg::Off, Some(_)) => {
+            return Err(Error::Usage(
+                "--target-error needs standard errors; leave out --standard-error off".into(),
+            ));
+        }
+        (StandardErrorArg::On, _) | (_, Some(_)) => StandardError::On,
+        (StandardErrorArg::Auto, None) => StandardError::Auto,
+        (StandardErrorArg::Off, None) => StandardError::Off,
+    };
     Ok(TraceOptions {
         num_rays: args.num_rays,
         seed: args.seed,
@@ -238,7 +259,7 @@ fn options(args: &Args, gpu: &Gpu) -> Result<TraceOptions> {
         paths: args.record_paths.unwrap_or(RecordPaths::None),
         first_ray: args.first_ray,
         of_rays: args.of_rays,
-        standard_error: !args.no_standard_error,
+        standard_error,
         ..Default::default()
     })
 }
