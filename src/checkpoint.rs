@@ -51,8 +51,8 @@ pub struct Identity {
     pub sampler: String,
     /// Which paths are recorded.
     pub paths: String,
-    /// True if second moments are summed.
-    pub standard_error: bool,
+    /// Whether second moments are summed.
+    pub standard_error: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver.
@@ -85,7 +85,7 @@ impl Identity {
             precision: options.precision.name().into(),
             sampler: options.sampler.name().into(),
             paths: format!("{:?}", options.paths),
-            standard_error: options.standard_error,
+            standard_error: format!("{:?}", options.standard_error).to_lowercase(),
             adapter: adapter.name.clone(),
             driver: adapter.driver.clone(),
         }
@@ -274,7 +274,7 @@ mod tests {
             precision: "f64".into(),
             sampler: "pcg".into(),
             paths: "None".into(),
-            standard_error: true,
+            standard_error: "auto".into(),
             adapter: "adapter".into(),
             driver: "driver".into(),
         };

@@ -41,4 +41,4 @@ pub mod viewer;
 pub use error::{Error, Result};
 pub use result::TraceResult;
 pub use scene::Scene;
-pub use trace::{Progress, TraceOptions, Tracer};
+pub use trace::{Progress, StandardError, TraceOptions, Tracer};

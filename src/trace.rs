@@ -43,8 +43,8 @@ pub struct TraceOptions {
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
-    /// Second moments are summed as well: the results have standard errors.
-    pub standard_error: bool,
+    /// Whether second moments are summed as well, so that results have standard errors.
+    pub standard_error: StandardError,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
     /// What the draws are.
@@ -53,6 +53,19 @@ pub struct TraceOptions {
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
     pub events_per_dispatch: u32,
+}
+
+/// Whether second moments are summed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum StandardError {
+    /// Where they cost little: where a ray ends on every detector, in one cell. Spread over pixels, or come by several
+    /// times, a ray makes as many deposits again.
+    #[default]
+    Auto,
+    /// Always.
+    On,
+    /// Never.
+    Off,
 }
 
 /// Which paths are recorded.
@@ -78,7 +91,7 @@ impl Default for TraceOptions {
             batch_size: None,
             precision: Precision::F64,
             paths: RecordPaths::None,
-            standard_error: true,
+            standard_error: StandardError::Auto,
             baked: None,
             sampler: Sampler::Pcg,
             workgroup_size: 64,
@@ -195,10 +208,13 @@ impl MomentSource {
     fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
         let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let keeps_weight = || Features::of(ir, lowest_weight, roulette_threshold).keeps_weight(ir);
+        let is_cheap =
+            !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
         match options.standard_error {
-            false => MomentSource::Nowhere,
-            true if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
-            true => MomentSource::Device,
+            StandardError::Off => MomentSource::Nowhere,
+            _ if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
+            StandardError::Auto if !is_cheap => MomentSource::Nowhere,
+            StandardError::Auto | StandardError::On => MomentSource::Device,
         }
     }
 }

@@ -10,7 +10,6 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::TraceOptions;
 use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
     Surface,
@@ -19,6 +18,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::{StandardError, TraceOptions};
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 
@@ -93,7 +93,7 @@ fn workgroups_of_32_128_and_256_give_the_same_bits_as_of_64() {
 #[test]
 fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
     // With second moments, no ray outlives a dispatch where detectors let rays pass.
-    let base = TraceOptions { num_rays: 3000, standard_error: false, ..TraceOptions::default() };
+    let base = TraceOptions { num_rays: 3000, standard_error: StandardError::Off, ..TraceOptions::default() };
     assert_same_bits_from(
         &base,
         &[

@@ -30,7 +30,7 @@ fn stderr(output: &Output) -> String {
 }
 
 fn trace<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    [&["trace", scene, "--precision", "f32", "--json"], more].concat()
+    [&["trace", scene, "--precision", "f32", "--standard-error", "on", "--json"], more].concat()
 }
 
 fn succeed(arguments: &[&str]) -> Value {
@@ -218,7 +218,7 @@ fn checkpoints_of_other_traces_are_refused_by_what_differs() {
         refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>(), &words);
     }
     refuse(
-        &["trace", LENS, "--precision", "f64", "-n", "1000", "--resume", file],
+        &["trace", LENS, "--precision", "f64", "--standard-error", "on", "-n", "1000", "--resume", file],
         &["precision: f32 there, f64 here"],
     );
     refuse(&trace("scenes/bench_cavity.json", &["-n", "1000", "--resume", file]), &["scene: ", "bench_lens"]);
@@ -289,4 +289,5 @@ fn what_does_not_add_up_is_not_merged() {
     refuse(&["merge", &a, &d], &["does not add up", "scene: "]);
     refuse(&["merge", &a, folder.path().to_str().unwrap()], &["tally.bin"]);
     assert!(!run(&["merge", &a]).status.success());
+    refuse(&["trace", LENS, "--target-error", "1%", "--standard-error", "off"], &["--standard-error off"]);
 }

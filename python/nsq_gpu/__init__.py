@@ -14,7 +14,8 @@ The result is Optiland's own: ``SimulationResult`` with ``IrradianceMap``, ``Spe
 The draws are Optiland's too, so in f64 a result equals NumpyBackend's ray by ray, to rounding.
 
 Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
-database), and ``total_flux_standard_error`` [W] (None where it is not known). Only the results of ``scene.trace`` have
+database), and ``total_flux_standard_error`` [W]; both are None where they were not asked for by
+``NsqGpuBackend(standard_error=True)`` and would have cost something. Only the results of ``scene.trace`` have
 them, not those of a live detector's ``get_result()``.
 
 ``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress)``: ``precision="auto"`` takes f64 where the

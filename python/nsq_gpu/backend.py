@@ -46,13 +46,15 @@ class NsqGpuBackend(TracerBackend):
             per second.
         target_error: Stop when every detector's relative standard error is at most this, of its flux and on average of
             its lit pixels; the rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
+        standard_error: True sums second moments, so that results have standard errors, False does not; None does where
+            it costs little, or where ``target_error`` needs them.
         time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
     """
 
     def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
                  progress: bool | ProgressCallback = False, target_error: float | None = None,
-                 time_limit: float | None = None) -> None:
+                 time_limit: float | None = None, standard_error: bool | None = None) -> None:
         if precision not in PRECISIONS:
             raise UsageError(f"precision is {precision!r}; give one of {', '.join(PRECISIONS)}")
         self.seed = seed
@@ -63,6 +65,7 @@ class NsqGpuBackend(TracerBackend):
         self.progress = progress
         self.target_error = target_error
         self.time_limit = time_limit
+        self.standard_error = standard_error
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
 
@@ -111,6 +114,8 @@ class NsqGpuBackend(TracerBackend):
         }
         if self.target_error is not None:
             options["--target-error"] = float(self.target_error)
+        if self.standard_error is not None:
+            options["--standard-error"] = "on" if self.standard_error else "off"
         if self.time_limit is not None:
             options["--time-limit"] = f"{float(self.time_limit)}s"
         if self.adapter is not None:

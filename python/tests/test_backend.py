@@ -244,7 +244,7 @@ def test_progress_bar_shows_the_error() -> None:
 
 def test_results_carry_standard_errors() -> None:
     scene = all_detectors()
-    result, _ = traced(scene, NUM_RAYS, backend())
+    result, _ = traced(scene, NUM_RAYS, backend(standard_error=True))
     maps = {"screen": "irradiance", "colours": "irradiance", "sky": "intensity"}
     for name, key in maps.items():
         found = result.detectors[name]
@@ -254,6 +254,12 @@ def test_results_carry_standard_errors() -> None:
         assert 0.0 <= found.total_flux_standard_error < 0.1
     assert result.detectors["rays"].standard_error is None
     assert result.detectors["rays"].total_flux_standard_error is not None
+
+
+def test_results_without_standard_errors_say_so() -> None:
+    result, _ = traced(bench(), NUM_RAYS, backend(standard_error=False))
+    assert result.detectors["screen"].standard_error is None
+    assert result.detectors["screen"].total_flux_standard_error is None
 
 
 def test_target_and_time_limit() -> None:

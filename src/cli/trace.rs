@@ -11,7 +11,7 @@ use crate::program::{Precision, Sampler};
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::stopping::{StoppedBy, Stopping};
-use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
+use crate::trace::{self, RecordPaths, StandardError, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -49,9 +49,9 @@ pub struct Args {
     /// Go on from the sums in this file, which the same command with --checkpoint wrote; to the bits of an unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Sum no second moments: no standard errors, and a little faster.
-    #[arg(long, conflicts_with = "target_error")]
-    no_standard_error: bool,
+    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little.
+    #[arg(long, value_enum, default_value_t = StandardErrorArg::Auto, value_name = "WHEN")]
+    standard_error: StandardErrorArg,
     /// Seed of every random draw.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -128,6 +128,17 @@ pub enum SamplerArg {
     Sobol,
 }
 
+/// The `--standard-error` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum StandardErrorArg {
+    /// Where a ray ends on every detector, in one cell; with --target-error, always.
+    Auto,
+    /// Always: also where rays are spread over pixels, or pass detectors.
+    On,
+    /// Never.
+    Off,
+}
+
 fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
     if text == "all" { Ok(RecordPaths::All) } else { count::parse(text).map(RecordPaths::About) }
 }
@@ -156,7 +167,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
-    let mut options = options(args);
+    let mut options = options(args)?;
     let choice = precision::choose(&gpu, &ir, &options, wanted(args.precision))?;
     options.precision = choice.precision;
     let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
@@ -279,8 +290,18 @@ fn wanted(precision: PrecisionArg) -> Wanted {
 }
 
 /// All but the precision.
-fn options(args: &Args) -> TraceOptions {
-    TraceOptions {
+fn options(args: &Args) -> Result<TraceOptions> {
+    let standard_error = match (args.standard_error, args.target_error) {
+        (StandardErrorArg::Off, Some(_)) => {
+            return Err(Error::Usage(
+                "--target-error needs standard errors; leave out --standard-error off".into(),
+            ));
+        }
+        (StandardErrorArg::On, _) | (_, Some(_)) => StandardError::On,
+        (StandardErrorArg::Auto, None) => StandardError::Auto,
+        (StandardErrorArg::Off, None) => StandardError::Off,
+    };
+    Ok(TraceOptions {
         num_rays: args.num_rays,
         seed: args.seed,
         max_depth: args.max_depth,
@@ -293,9 +314,9 @@ fn options(args: &Args) -> TraceOptions {
         paths: args.record_paths.unwrap_or(RecordPaths::None),
         first_ray: args.first_ray.unwrap_or(0),
         of_rays: args.of_rays,
-        standard_error: !args.no_standard_error,
+        standard_error,
         ..Default::default()
-    }
+    })
 }
 
 /// A trace that is ready to start.

@@ -121,7 +121,7 @@ pub fn cells_hold_totals(ir: &SceneIr) -> bool {
 }
 
 /// True if a ray ends on the detector, in a single cell.
-fn takes_rays_whole(sensor: &Sensor) -> bool {
+pub fn takes_rays_whole(sensor: &Sensor) -> bool {
     sensor.absorb && sensor.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
 }
 

@@ -3,6 +3,7 @@
 use crate::bench::{Bench, Setting, precision, scene};
 use crate::closed_forms;
 use crate::oracle::Oracle;
+use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
 use nsq_gpu::ir::{SceneIr, Sensor, SensorKind, Splat};
 use nsq_gpu::program::Precision;
@@ -93,7 +94,7 @@ impl Scene {
                 ("queued", _) => {
                     setting.options.events_per_dispatch = 3;
                     // With second moments, no ray outlives a dispatch where detectors let rays pass.
-                    setting.options.standard_error = false;
+                    setting.options.standard_error = StandardError::Off;
                 }
                 _ => panic!("no setting is named {word}"),
             }
@@ -132,7 +133,7 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let mut first = scene_of.setting.clone();
     first.options.num_rays = 20_000;
-    first.options.standard_error = false;
+    first.options.standard_error = StandardError::Off;
     let mut other = first.clone();
     other.native = false;
     other.options.batch_size = Some(7_777);
@@ -159,7 +160,9 @@ fn squares(bench: &Bench, scene_of: &Scene) -> Outcome {
 
 /// The sources' sums on each detector add up to what it took.
 fn totals_of_sources(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
-    for sensor in &bench.tally(ir, setting).sensors {
+    let mut setting = setting.clone();
+    setting.options.standard_error = StandardError::On;
+    for sensor in &bench.tally(ir, &setting).sensors {
         let quanta: u128 = sensor.totals.iter().map(|total| total.quanta).sum();
         if quanta != sensor.total().quanta {
             return Err(format!("the sources' sums add up to {quanta}, not {}", sensor.total().quanta));
@@ -173,6 +176,7 @@ fn squares_of_rays(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
     let mut setting = setting.clone();
     setting.options.num_rays = 100;
     setting.options.batch_size = Some(1);
+    setting.options.standard_error = StandardError::On;
     let snapshots = bench.ray_by_ray(ir, &setting);
     let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
     let last = snapshots.last().ok_or("no ray was traced")?;

@@ -3,7 +3,7 @@
 use crate::zoo;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, Tally};
-use nsq_gpu::{Error, TraceOptions, Tracer};
+use nsq_gpu::{Error, StandardError, TraceOptions, Tracer};
 
 /// One source and several; rays that outlive a dispatch; rows for the host.
 const SCENES: [&str; 4] = ["nested_media", "tessar_gaussian_beams", "filter_stack", "kaleidoscope"];
@@ -12,6 +12,7 @@ fn options(num_rays: u64) -> TraceOptions {
     TraceOptions {
         batch_size: Some(1000),
         events_per_dispatch: 5,
+        standard_error: StandardError::On,
         ..zoo::options(num_rays, 11, Precision::F64)
     }
 }

@@ -4,11 +4,16 @@ use crate::zoo;
 use nsq_gpu::ir::{ReflectProb, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, Tally, TraceResult};
-use nsq_gpu::{TraceOptions, Tracer};
+use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use statrs::distribution::{Binomial, Discrete, DiscreteCDF};
 
 /// Half the width of the interval that holds a normal variable with a probability of 95 %, in standard deviations.
 const Z95: f64 = 1.959963984540054;
+
+/// Options of a trace with standard errors.
+fn options(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
+    TraceOptions { standard_error: StandardError::On, ..zoo::options(num_rays, seed, precision) }
+}
 
 /// Values, standard errors and hits of a detector's cells.
 fn cells(result: &TraceResult, detector: usize) -> Vec<(f64, f64, u64)> {
@@ -53,7 +58,7 @@ fn coarse(name: &str, num: u32, splat: Option<Splat>) -> SceneIr {
 fn blocks(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> Vec<Tally> {
     let options = TraceOptions {
         batch_size: Some(num_rays as u32),
-        ..zoo::options(num_rays * num_blocks, 7, Precision::F32)
+        ..options(num_rays * num_blocks, 7, Precision::F32)
     };
     let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
     let mut before = tracer.empty_tally();
@@ -109,7 +114,7 @@ fn result_of(ir: &SceneIr, tally: &Tally) -> TraceResult {
 
 /// A trace of so many rays that its errors hardly count.
 fn converged(ir: &SceneIr, num_rays: u64) -> TraceResult {
-    zoo::result(ir, &zoo::options(num_rays, 1 << 40, Precision::F32))
+    zoo::result(ir, &options(num_rays, 1 << 40, Precision::F32))
 }
 
 /// How many of the cells with at least 100 hits, pooled over blocks of rays, lie within their 95 % interval about the
@@ -270,7 +275,7 @@ fn squares_are_those_of_whole_rays() {
 fn many_visits_are_bounded_from_above() {
     let ir = coarse("bench_cavity", 1, Some(Splat::Hard));
     let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
-    let options = TraceOptions { max_depth: 64, ..zoo::options(1, 0, Precision::F64) };
+    let options = TraceOptions { max_depth: 64, ..options(1, 0, Precision::F64) };
     let tally = zoo::trace(&ir, &options);
     let sensor = &tally.sensors[0];
     assert!(sensor.hits[0] > 16, "{} visits", sensor.hits[0]);
@@ -282,7 +287,7 @@ fn many_visits_are_bounded_from_above() {
 fn sums_of_squares_have_the_same_bits_however_they_are_summed() {
     for name in ["bench_cavity", "tessar_gaussian_beams", "kaleidoscope", "filter_stack"] {
         let ir = zoo::load(name);
-        let options = zoo::options(10_000, 3, Precision::F32);
+        let options = options(10_000, 3, Precision::F32);
         let whole = zoo::trace(&ir, &options);
         assert!(whole.sensors.iter().all(|sensor| !sensor.totals.is_empty()));
         let batches = TraceOptions { batch_size: Some(777), workgroup_size: 32, ..options.clone() };
@@ -295,9 +300,10 @@ fn sums_of_squares_have_the_same_bits_however_they_are_summed() {
 fn first_moments_are_the_same_bits_without_second_ones() {
     for name in ["bench_cavity", "tessar_gaussian_beams", "kaleidoscope", "filter_stack"] {
         let ir = zoo::load(name);
-        let options = zoo::options(10_000, 3, Precision::F64);
+        let options = options(10_000, 3, Precision::F64);
         let mut with = zoo::trace(&ir, &options);
-        let without = zoo::trace(&ir, &TraceOptions { standard_error: false, ..options.clone() });
+        let without =
+            zoo::trace(&ir, &TraceOptions { standard_error: StandardError::Off, ..options.clone() });
         for sensor in &mut with.sensors {
             sensor.squares.clear();
             sensor.totals.clear();
@@ -317,7 +323,7 @@ fn squares_that_no_sum_can_hold_are_not_given_as_errors() {
         ir.sampling.reflect_prob = ReflectProb::Constant(probability);
         // At so high a probability only chance transmits: enough rays for a few to do so.
         ir.emitters[0].total_flux = 1.0;
-        let options = TraceOptions { standard_error: true, ..zoo::options(1000, 0, Precision::F64) };
+        let options = options(1000, 0, Precision::F64);
         let mut tally = zoo::trace(&ir, &options);
         tally.moments_overflowed |= weight_grows;
         let result = zoo::result_of(&ir, &options, &tally);
@@ -328,4 +334,20 @@ fn squares_that_no_sum_can_hold_are_not_given_as_errors() {
         assert_eq!(result.detectors.iter().all(unknown), weight_grows);
         assert_eq!(result.relative_error.is_none(), weight_grows);
     }
+}
+
+/// Without being asked for, standard errors are there where they cost little.
+#[test]
+fn standard_errors_come_by_themselves_where_rays_end_in_one_cell() {
+    let has_errors = |ir: &SceneIr| {
+        let result = zoo::result(ir, &zoo::options(1000, 0, Precision::F32));
+        result.detectors.iter().all(|detector| detector.total_flux_standard_error.is_some())
+    };
+    for (splat, expected) in
+        [(Splat::Hard, true), (Splat::Bilinear, false), (Splat::Gaussian { sigma: 1.0 }, false)]
+    {
+        assert_eq!(has_errors(&coarse("bench_lens", 4, Some(splat))), expected, "{splat:?}");
+    }
+    assert!(has_errors(&coarse("tessar_gaussian_beams", 4, Some(Splat::Hard))));
+    assert!(!has_errors(&coarse("bench_cavity", 4, Some(Splat::Hard))), "rays pass this one");
 }
