@@ -622,12 +622,41 @@ fn a_real_window_opens_traces_and_closes() {
         return skip(TEST, "no xvfb-run (Debian: apt-get install xvfb)");
     }
     let home = tempfile::tempdir().unwrap();
+    let choices = home.path().join("nsq-gpu").join("viewer.json");
+    std::fs::create_dir(choices.parent().unwrap()).unwrap();
+    std::fs::write(&choices, "{\"dark\": false, \"percentile\": 97.5}").unwrap();
     let program = std::process::Command::cargo_bin("nsq-gpu").unwrap();
     let mut command = Command::new("xvfb-run");
     command.args(["-a", "-s", "-screen 0 1280x800x24"]).arg(program.get_program());
     command.arg("view").arg(scene_path("cooke_triplet")).args(["-n", "20000", "--frames", "5"]);
     command.env_remove("WAYLAND_DISPLAY").env("XDG_CONFIG_HOME", home.path());
     command.timeout(Duration::from_secs(300)).assert().success().stdout("");
+    // What was chosen the last time is kept, and so is the rest.
+    let kept = std::fs::read_to_string(&choices).unwrap();
+    assert!(kept.contains("\"dark\": false") && kept.contains("\"percentile\": 97.5"), "{kept}");
+    assert!(kept.contains("\"color_map\""), "{kept}");
+}
+
+#[test]
+fn what_cannot_be_shown_is_refused_before_a_window_opens() {
+    let view = |arguments: &[&str]| {
+        let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+        command.arg("view").args(arguments).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+        command.env_remove("WAYLAND_SOCKET").timeout(Duration::from_secs(300));
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let broken = folder.path().join("broken.json");
+    std::fs::write(&broken, "{\"nsq_schema_version\": 7}").unwrap();
+    let (code, said) = view(&[broken.to_str().unwrap()]);
+    assert_eq!(code, Some(3), "{said}");
+    let (code, said) = view(&[folder.path().to_str().unwrap()]);
+    assert!(code == Some(2) && said.contains("report.json"), "{code:?} {said}");
+    if has_adapter("what_cannot_be_shown_is_refused_before_a_window_opens") && cfg!(target_os = "linux") {
+        let (code, said) = view(&[scene_path("cooke_triplet").to_str().unwrap(), "-n", "1000"]);
+        assert!(code == Some(2) && said.contains("--screenshot"), "{code:?} {said}");
+    }
 }
 
 #[test]

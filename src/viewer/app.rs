@@ -236,9 +236,6 @@ impl eframe::App for App {
     }
 
     fn on_exit(&mut self) {
-        self.model.shut_down();
-        if self.frames_left.is_none() {
-            self.model.settings.save();
-        }
+        self.model.settings.save();
     }
 }

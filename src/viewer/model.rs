@@ -263,16 +263,6 @@ impl Model {
         self.job.as_ref().is_none_or(|job| !job.is_running()) && !matches!(self.paths, Paths::Recording(_))
     }
 
-    /// Ends what runs in the background, and waits for it.
-    pub fn shut_down(&mut self) {
-        if let Some(job) = self.job.take() {
-            job.finish();
-        }
-        if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
-            job.finish();
-        }
-    }
-
     /// Compares with the results in a folder.
     ///
     /// # Errors
@@ -461,6 +451,18 @@ impl Model {
     /// Says what was done, or why not.
     pub fn report<T>(&mut self, outcome: Result<T>, done: impl FnOnce(T) -> String) {
         self.messages.push(outcome.map_or_else(|error: Error| error.to_string(), done));
+    }
+}
+
+/// What runs in the background ends first: a device must not be in use when the process ends.
+impl Drop for Model {
+    fn drop(&mut self) {
+        if let Some(job) = self.job.take() {
+            job.finish();
+        }
+        if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
+            job.finish();
+        }
     }
 }
 
