@@ -151,12 +151,14 @@ impl Canvas {
     fn opacity(&self) -> f32 {
         const LONE: f32 = 1.4;
         const DENSE: f32 = 2.2;
+        const FAINTEST: f32 = 0.15;
         let mut covers: Vec<f32> = self.sums.iter().map(|sum| sum[3]).filter(|cover| *cover > 0.0).collect();
         let Some(last) = covers.len().checked_sub(1) else {
             return LONE;
         };
         let (_, dense, _) = covers.select_nth_unstable_by(last * 98 / 100, f32::total_cmp);
-        LONE.min(DENSE / *dense)
+        // A lone ray beside a bright spot is what a stray light hunter looks for: it never vanishes.
+        LONE.min(DENSE / *dense).max(FAINTEST)
     }
 }
 
