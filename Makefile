@@ -1,6 +1,7 @@
 # make demo        traces a Cooke triplet into demo-out/
 # make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
 # make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
+# make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
 # make clean       removes what the others made
 #
@@ -17,10 +18,12 @@ PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
 DEMO_RAYS = 1e6
 BENCH_ARGS = --quick
+RANDOM_SCENES = 200
+RANDOM_SEED = 1
 # The cargo profile "dev", which the tests use too.
 BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
 
-.PHONY: demo bench test test-rust test-python test-torch build adapter display rust-components clean
+.PHONY: demo bench test test-rust test-python test-random test-torch build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) -o demo-out
@@ -38,6 +41,10 @@ test-rust: adapter rust-components display
 
 test-python: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest tests --ignore tests/test_torch.py
+
+test-random: adapter .venv/installed
+	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
+		../.venv/bin/python -m pytest tests/test_random.py
 
 test-torch: adapter .venv-torch/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest tests/test_torch.py

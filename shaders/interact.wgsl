@@ -68,14 +68,20 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     let sin_t = eta * sin_i;
     let total_reflection = sin_t > 1.0;
     let cos_t = sqrt(max((1.0 - sin_t) * (1.0 + sin_t), 0.0));
-    let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
-    let r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t);
+    let sum_s = n1 * cos_i + n2 * cos_t;
+    let sum_p = n2 * cos_i + n1 * cos_t;
+    let r_s = (n1 * cos_i - n2 * cos_t) / sum_s;
+    let r_p = (n2 * cos_i - n1 * cos_t) / sum_p;
     let bare = 0.5 * (r_s * r_s + r_p * r_p);
+    // Not 1 - R, which cancels near grazing incidence and near the critical angle.
+    let product = 2.0 * (n1 * cos_i) * (n2 * cos_t);
+    let bare_pass = product / (sum_s * sum_s) + product / (sum_p * sum_p);
     let coated = coated_reflectance(surface, primitive, (*ray).wavelength, bare);
     // No coating lets light out where there is no transmitted wave.
     let reflectance = select(coated, 1.0, total_reflection);
+    let transmittance = coated_transmittance(surface, bare_pass, coated);
     let bits = stream_bits((*ray).fresnel);
-    let reflects = draw_reflection(ray, bits, reflectance, total_reflection);
+    let reflects = draw_reflection(ray, bits, reflectance, transmittance, total_reflection);
     let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
     (*ray).direction = select(refracted, mirrored(d, n), reflects);
     // The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.

@@ -15,7 +15,9 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
 }
 
 fn splat(ray: Ray, index: u32) {
-    record(ray, sensor_of(index), index);
+    let sensor = sensor_of(index);
+    add_total_moments(ray.weight, sensor, index);
+    record(ray, sensor, index);
 }
 
 fn local_position(ray: Ray, sensor: Sensor) -> vec3<real> {
@@ -54,6 +56,7 @@ fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32)
     } else if HAS_HARD {
         deposit_weight(base + pixel * stride, ray.weight);
     }
+    add_pixel_moments(ray.weight, sensor, p, pixel, base, stride);
 }
 
 const SPLAT_HARD: u32 = 0u;

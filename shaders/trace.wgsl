@@ -25,6 +25,10 @@ fn follow(ray: ptr<function, Ray>) {
     for (var step = 0u; step < EVENTS_PER_DISPATCH && (*ray).fate == ALIVE; step++) {
         next_event(ray);
     }
+    if (*ray).fate != ALIVE && !has_place(*ray) {
+        count(INVALID_DEPOSITS);
+        (*ray).fate = ESCAPED;
+    }
     if (*ray).fate == DETECTED {
         splat(*ray, (*ray).last - NUM_SURFACES);
     } else if (*ray).fate != ALIVE {
@@ -32,6 +36,12 @@ fn follow(ray: ptr<function, Ray>) {
     }
     flush_bins();
     flush_reached();
+}
+
+// A ray whose position or direction is no number meets nothing: it ends as escaped, and is counted as invalid.
+fn has_place(ray: Ray) -> bool {
+    let size = abs(ray.position) + abs(ray.direction);
+    return is_number(size.x + size.y + size.z);
 }
 
 // One event, in the reference's order: bulk absorption over the segment, the event itself, depth, roulette.

@@ -10,17 +10,30 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
+//! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
+//! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
 //! `viewer`, behind the feature of that name, is the window of `nsq-gpu view`.
 
 pub mod bench;
+pub mod checkpoint;
 pub mod cli;
 pub mod error;
 pub mod gpu;
+#[warn(
+    clippy::wildcard_enum_match_arm,
+    reason = "whoever adds a kind must be told of every place that knows kinds"
+)]
 pub mod ir;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
+pub mod precision;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod program;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod result;
+#[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod scene;
+pub mod stopping;
 pub mod trace;
 #[cfg(feature = "viewer")]
 pub mod viewer;
@@ -28,4 +41,4 @@ pub mod viewer;
 pub use error::{Error, Result};
 pub use result::TraceResult;
 pub use scene::Scene;
-pub use trace::{TraceOptions, Tracer};
+pub use trace::{Progress, TraceOptions, Tracer};

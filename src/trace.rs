@@ -1,16 +1,22 @@
 //! A trace is a fold: `Tally += pass(range of ray ids)`.
 //!
 //! A pass runs a range of rays on the device, where sums are integers and draws are keyed by the ray's id; so
-//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption and limits are
-//! callers of the fold.
+//! the sum over passes does not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and
+//! checkpoints are callers of the fold: after each pass they may ask for all that was summed up so far ([`Progress`]).
+//!
+//! Sources take turns: each pass takes the same share of every source's rays, so that what is done at any moment is a
+//! fair sample of the scene.
 
 use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
 use crate::gpu::{self, Gpu};
-use crate::ir::SceneIr;
-use crate::program::{self, PathSampling, Precision, Program, ProgramOptions, RayRange};
+use crate::ir::{SceneIr, ray_id};
+use crate::program::{
+    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting,
+};
 use crate::result::{
-    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, SensorTally, StageTime, SurfaceTally, Tally,
+    Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
+    Recording, SensorTally, StageTime, SurfaceTally, Tally,
 };
 use std::time::{Duration, Instant};
 
@@ -19,6 +25,12 @@ use std::time::{Duration, Instant};
 pub struct TraceOptions {
     /// Rays to launch.
     pub num_rays: u64,
+    /// Number of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
+    pub first_ray: u64,
+    /// The rays are a part, from `first_ray` on, of a trace of so many rays, which the sources share: each source gives
+    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a lone source both are
+    /// the same.
+    pub of_rays: Option<u64>,
     /// Seed of every draw.
     pub seed: u64,
     /// Largest number of events of a ray.
@@ -31,8 +43,12 @@ pub struct TraceOptions {
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
+    /// Second moments are summed as well: the results have standard errors.
+    pub standard_error: bool,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
+    /// What the draws are.
+    pub sampler: Sampler,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
@@ -54,13 +70,17 @@ impl Default for TraceOptions {
     fn default() -> Self {
         TraceOptions {
             num_rays: 1_000_000,
+            first_ray: 0,
+            of_rays: None,
             seed: 0,
             max_depth: 16,
             min_flux_fraction: 1e-6,
             batch_size: None,
             precision: Precision::F64,
             paths: RecordPaths::None,
+            standard_error: true,
             baked: None,
+            sampler: Sampler::Pcg,
             workgroup_size: 64,
             events_per_dispatch: 16,
         }
@@ -82,20 +102,6 @@ impl RecordPaths {
     }
 }
 
-/// Whoever looks on while rays are traced.
-pub trait Watch {
-    /// So many rays are done; false stops the trace.
-    fn keep_going(&mut self, rays: u64) -> bool;
-
-    /// True if the sums so far should be shown now.
-    fn wants_tally(&mut self) -> bool {
-        false
-    }
-
-    /// The sums so far.
-    fn tally(&mut self, _tally: &Tally) {}
-}
-
 /// Rays of one emitter, numbered from `first`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct EmitterRays {
@@ -104,14 +110,29 @@ struct EmitterRays {
     weight: f64,
 }
 
+impl EmitterRays {
+    /// How many of them are done at `position` of `length`.
+    fn done(&self, position: u64, length: u64) -> u64 {
+        share(self.count, position, length)
+    }
+}
+
+/// floor(count * position / length): its share of `count` things.
+fn share(count: u64, position: u64, length: u64) -> u64 {
+    (u128::from(count) * u128::from(position) / u128::from(length.max(1))) as u64
+}
+
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
+/// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
+const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
 /// A submission should keep the device for about so long: a desktop stays usable and no watchdog fires.
 const SUBMISSION_TIME: Duration = Duration::from_millis(40);
 /// Counters are 32 bits wide: they are drained before they can overflow.
 const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
+const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
 
 /// A scene ready to trace on a device.
 pub struct Tracer<'a> {
@@ -120,11 +141,17 @@ pub struct Tracer<'a> {
     options: TraceOptions,
     program: Program,
     rays: Vec<EmitterRays>,
+    num_rays: u64,
+    moments: MomentSource,
     batch: u32,
     device: DeviceState,
     counts_undrained: u64,
     launched: Booking,
+    launched_rays: RaySet,
+    pause: Option<u64>,
     events: Vec<DeviceEvent>,
+    /// One for each emitter.
+    recordings: Vec<Recording>,
     profile: Option<Profile>,
 }
 
@@ -153,6 +180,29 @@ struct DeviceEvent {
     row: RayRow,
 }
 
+/// Where second moments come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MomentSource {
+    /// Nobody asked for them.
+    Nowhere,
+    /// Every ray weighs the same for life and ends in one cell: the hits say it all.
+    Hits,
+    /// The device sums them.
+    Device,
+}
+
+impl MomentSource {
+    fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
+        let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
+        let keeps_weight = || Features::of(ir, lowest_weight, roulette_threshold).keeps_weight(ir);
+        match options.standard_error {
+            false => MomentSource::Nowhere,
+            true if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
+            true => MomentSource::Device,
+        }
+    }
+}
+
 impl<'a> Tracer<'a> {
     /// Prepares a scene: composes, compiles and packs.
     ///
@@ -172,20 +222,31 @@ impl<'a> Tracer<'a> {
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
         check_options(gpu, options)?;
-        let rays = distribute(ir, options.num_rays)?;
+        let rays = part(distribute(ir, budget(options))?, options)?;
         let primitives = ir.surfaces.len() + ir.sensors.len();
+        let weights: Vec<f64> = rays.iter().map(|r| r.weight).collect();
+        let roulette_threshold = options.min_flux_fraction.max(ir.sampling.rr_start_flux);
+        let moments = MomentSource::of(ir, options, &weights, roulette_threshold);
+        let events_per_dispatch = match moments {
+            // A ray's crossings are known to the invocation that traces it alone.
+            MomentSource::Device if ir.sensors.iter().any(|sensor| !sensor.absorb) => options.max_depth,
+            _ => options.events_per_dispatch.min(options.max_depth),
+        };
         let program_options = ProgramOptions {
             precision: options.precision,
             native: gpu.int64,
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
             max_depth: options.max_depth,
-            roulette_threshold: options.min_flux_fraction.max(ir.sampling.rr_start_flux),
-            events_per_dispatch: options.events_per_dispatch.min(options.max_depth),
+            roulette_threshold,
+            events_per_dispatch,
             workgroup_size: options.workgroup_size,
-            paths: options.paths.sampling(options.num_rays),
-            weights: rays.iter().map(|r| r.weight).collect(),
+            paths: options.paths.sampling(budget(options)),
+            weights,
+            sampler: options.sampler,
+            moments: moments == MomentSource::Device,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
+        check_families(&program, options)?;
         let batch = batch_size(gpu, &program, options);
         let device = DeviceState::new(gpu, &program, batch)?;
         Ok(Tracer {
@@ -193,12 +254,17 @@ impl<'a> Tracer<'a> {
             ir,
             options: options.clone(),
             program,
+            moments,
+            num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             batch,
             device,
             counts_undrained: 0,
             launched: Booking::default(),
+            launched_rays: RaySet::default(),
+            pause: None,
             events: Vec::new(),
+            recordings: Vec::new(),
             profile: None,
         })
     }
@@ -217,6 +283,24 @@ impl<'a> Tracer<'a> {
         Ok(())
     }
 
+    /// Gives the rows of what is traced from now on to recordings, pass by pass, instead of the tally: so memory need not
+    /// grow with the rays. Each source has its own, which gets them in the order of (ray id, event), because a source's ids
+    /// ascend from pass to pass.
+    pub fn record_to(&mut self, recording: impl Fn() -> Recording) {
+        self.recordings = self.rays.iter().map(|_| recording()).collect();
+    }
+
+    /// What was recorded since [`Tracer::record_to`], sources in order; none without it.
+    ///
+    /// # Errors
+    /// [`Error::File`] if a file cannot be read or written.
+    pub fn take_recorded(&mut self) -> Result<Option<Recorded>> {
+        let mut parts = std::mem::take(&mut self.recordings).into_iter();
+        let Some(mut all) = parts.next() else { return Ok(None) };
+        parts.try_for_each(|part| all.append(part.finish()))?;
+        Ok(Some(all.finish()))
+    }
+
     /// What the stages took on the device; nothing unless they were timed.
     pub fn stage_times(&self) -> Vec<StageTime> {
         let sums = self.profile.iter().flat_map(Profile::times);
@@ -233,46 +317,99 @@ impl<'a> Tracer<'a> {
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn trace(&mut self, keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
-        struct KeepGoing<F>(F);
-        impl<F: FnMut(u64) -> bool> Watch for KeepGoing<F> {
-            fn keep_going(&mut self, rays: u64) -> bool {
-                self.0(rays)
-            }
-        }
-        self.trace_watched(&mut KeepGoing(keep_going))
+    pub fn trace(&mut self, mut keep_going: impl FnMut(u64) -> bool) -> Result<Tally> {
+        self.go_on(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
     }
 
-    /// As [`Tracer::trace`], and shows the sums so far whenever `watch` asks for them. Reading them takes time; it
-    /// never changes a result.
+    /// Traces the rays that `begun` lacks, and gives the sum of all. After each pass `keep_going` is shown the progress,
+    /// may take a snapshot of the sums, and stops the trace by returning false.
     ///
     /// # Errors
-    /// [`Error::Device`] if the device fails.
-    pub fn trace_watched(&mut self, watch: &mut dyn Watch) -> Result<Tally> {
-        let mut tally = self.empty_tally();
-        let mut done = 0;
+    /// [`Error::Usage`] if `begun` is not the beginning of this trace, [`Error::Device`] if the device fails, and
+    /// whatever `keep_going` fails with.
+    pub fn go_on(
+        &mut self,
+        begun: Tally,
+        mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+    ) -> Result<Tally> {
+        if self.counts_undrained > 0 {
+            // A trace before this one failed half-way.
+            self.drain()?;
+        }
+        let mut position = self.position_after(&begun)?;
+        let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
-        while done < self.options.num_rays {
-            let end = self.options.num_rays.min(done + pass_rays);
-            let start = Instant::now();
-            self.pass(done, end)?;
-            pass_rays = self.next_pass_rays(end - done, start.elapsed());
-            done = end;
-            if self.counts_undrained
-                > MAX_COUNTS_UNDRAINED - pass_rays * u64::from(self.options.max_depth + 1)
-            {
+        let start = Instant::now();
+        while position < self.num_rays {
+            let mut end = self.num_rays.min(position + pass_rays);
+            if let Some(pause) = self.pause.filter(|pause| *pause > position) {
+                end = end.min(pause);
+            }
+            let pass_start = Instant::now();
+            self.pass(position, end)?;
+            pass_rays = self.next_pass_rays(end - position, pass_start.elapsed());
+            position = end;
+            if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
                 tally += &self.drain()?;
             }
-            if watch.wants_tally() {
-                tally += &self.drain()?;
-                watch.tally(&tally);
-            }
-            if !watch.keep_going(done) {
+            let mut progress = Progress {
+                done: self.done(position),
+                num_rays: self.num_rays,
+                elapsed: start.elapsed(),
+                position,
+                tracer: self,
+                tally: &mut tally,
+            };
+            if !keep_going(&mut progress)? {
                 break;
             }
         }
         tally += &self.drain()?;
+        if self.rays.len() > 1 {
+            tally.sort_rows();
+        }
         Ok(tally)
+    }
+
+    /// Rays in all.
+    pub fn num_rays(&self) -> u64 {
+        self.num_rays
+    }
+
+    /// Ends a pass at a position, if it lies ahead: so that what is decided there does not depend on the batch size or on
+    /// the speed of the device.
+    pub fn pause_at(&mut self, position: u64) {
+        self.pause = Some(position);
+    }
+
+    /// Rays that are done at a position.
+    fn done(&self, position: u64) -> u64 {
+        self.rays.iter().map(|rays| rays.done(position, self.num_rays)).sum()
+    }
+
+    /// Ids of the rays that are done at a position.
+    fn rays_done(&self, position: u64) -> RaySet {
+        let mut set = RaySet::default();
+        for (emitter, rays) in (0..).zip(&self.rays) {
+            set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), emitter };
+        }
+        set
+    }
+
+    /// Where a trace goes on that has come as far as `begun`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if `begun` is not the beginning of this trace.
+    pub fn position_after(&self, begun: &Tally) -> Result<u64> {
+        let (mut low, mut high) = (0, self.num_rays);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.done(middle) < begun.launched.count { low = middle + 1 } else { high = middle }
+        }
+        if self.rays_done(low) == begun.rays {
+            return Ok(low);
+        }
+        Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
     }
 
     /// So many rays that the next pass takes about [`SUBMISSION_TIME`].
@@ -280,20 +417,22 @@ impl<'a> Tracer<'a> {
         let ratio = SUBMISSION_TIME.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
         let batch = u64::from(self.batch);
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
-        let most = MAX_COUNTS_UNDRAINED / 4 / u64::from(self.options.max_depth + 1);
+        let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.program);
         // Rows for the host are fetched once a pass, and there is room for those of one batch.
         let limit = if self.device.events.is_some() { batch } else { most.max(batch) };
         wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
     }
 
-    /// Traces rays `first..end` into the device's sums.
+    /// Traces from position `first` to `end` into the device's sums.
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
         for range in self.ranges(first, end) {
             self.dispatch(&range)?;
             self.launched += self.launch(&range);
-            self.counts_undrained += u64::from(range.count) * u64::from(self.options.max_depth + 1);
+            let (count, emitter) = (u64::from(range.count), range.emitter as u32);
+            self.launched_rays += RaySpan { first: range.first, count, emitter };
+            self.counts_undrained += u64::from(range.count) * counts_per_ray(&self.program);
             if self.device.events.is_some() {
-                self.fetch_events(range.first)?;
+                self.fetch_events(&range)?;
             }
         }
         self.gpu.wait()
@@ -301,11 +440,7 @@ impl<'a> Tracer<'a> {
 
     /// What a range is born with, quantised as the device does it.
     fn launch(&self, range: &RayRange) -> Booking {
-        let weight = self.rays[range.emitter].weight;
-        let weight = match self.options.precision {
-            Precision::F32 => f64::from(weight as f32),
-            Precision::F64 => weight,
-        };
+        let weight = held(self.rays[range.emitter].weight, self.options.precision);
         let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
         Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
     }
@@ -314,8 +449,8 @@ impl<'a> Tracer<'a> {
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
-            let last = end.min(rays.first + rays.count);
-            let mut next = first.max(rays.first);
+            let last = rays.first + rays.done(end, self.num_rays);
+            let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
                 ranges.push(RayRange { first: next, count, emitter });
@@ -359,8 +494,8 @@ impl<'a> Tracer<'a> {
         self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
     }
 
-    /// Takes the rows of the range that began at ray `first`.
-    fn fetch_events(&mut self, first: u64) -> Result<()> {
+    /// Takes the rows of a range.
+    fn fetch_events(&mut self, range: &RayRange) -> Result<()> {
         let Some(buffer) = &self.device.events else {
             return Ok(());
         };
@@ -372,53 +507,55 @@ impl<'a> Tracer<'a> {
             return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
         }
         let bytes = self.gpu.read(buffer, size)?;
-        for row in bytes.chunks_exact(layout.stride) {
-            self.events.push(self.device_event(row, &layout, first)?);
-        }
+        let decode = self.event_decoder(&layout, range.first)?;
+        let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
         self.gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
+        events.sort_unstable_by_key(|event| (event.row.order(), event.kind));
+        match self.recordings.get_mut(range.emitter) {
+            Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
+            None => self.events.append(&mut events),
+        }
         Ok(())
     }
 
-    fn device_event(
+    /// Reads the rows of the range that began at ray `first`.
+    fn event_decoder(
         &self,
-        row: &[u8],
         layout: &program::records::StructLayout,
         first: u64,
-    ) -> Result<DeviceEvent> {
-        let uint = |field: &str| -> Result<u32> {
-            let offset = layout.offset(field)?;
-            Ok(u32::from_le_bytes(row[offset..offset + 4].try_into().unwrap_or_default()))
-        };
-        let real = |field: &str| -> Result<f64> {
-            let offset = layout.offset(field)?;
-            Ok(match self.options.precision {
-                Precision::F32 => {
-                    f64::from(f32::from_le_bytes(row[offset..offset + 4].try_into().unwrap_or_default()))
-                }
-                Precision::F64 => f64::from_le_bytes(row[offset..offset + 8].try_into().unwrap_or_default()),
-            })
-        };
-        let centre = self.program.centre;
-        Ok(DeviceEvent {
-            kind: uint("kind")?,
-            subject: uint("subject")?,
-            row: RayRow {
-                ray_id: first + u64::from(uint("index")?),
-                bounce: uint("bounce")?,
-                wavelength: uint("wavelength")?,
-                position: [
-                    real("position_x")? + centre.x,
-                    real("position_y")? + centre.y,
-                    real("position_z")? + centre.z,
-                ],
-                direction: [real("direction_x")?, real("direction_y")?, real("direction_z")?],
-                weight: real("weight")?,
-            },
+    ) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
+        let at = |field: &str| layout.offset(field);
+        let [kind, subject, index, bounce, wavelength] =
+            [at("kind")?, at("subject")?, at("index")?, at("bounce")?, at("wavelength")?];
+        let position = [at("position_x")?, at("position_y")?, at("position_z")?];
+        let direction = [at("direction_x")?, at("direction_y")?, at("direction_z")?];
+        let weight = at("weight")?;
+        let centre = self.program.centre.to_array();
+        let precision = self.options.precision;
+        let splitting = self.program.splitting;
+        Ok(move |row: &[u8]| {
+            let uint = |at: usize| u32::from_le_bytes(row[at..at + 4].try_into().unwrap_or_default());
+            let real = |at: usize| match precision {
+                Precision::F32 => f64::from(f32::from_bits(uint(at))),
+                Precision::F64 => f64::from_le_bytes(row[at..at + 8].try_into().unwrap_or_default()),
+            };
+            DeviceEvent {
+                kind: uint(kind),
+                subject: uint(subject),
+                row: RayRow {
+                    ray_id: ray_id_of(splitting, first, uint(index)),
+                    bounce: uint(bounce),
+                    wavelength: uint(wavelength),
+                    position: [0, 1, 2].map(|axis| real(position[axis]) + centre[axis]),
+                    direction: direction.map(real),
+                    weight: real(weight),
+                },
+            }
         })
     }
 
     /// A tally of no rays, in the scene's shape.
-    fn empty_tally(&self) -> Tally {
+    pub fn empty_tally(&self) -> Tally {
         let sensors = self.ir.sensors.iter().map(|sensor| SensorTally {
             quanta: vec![0; sensor.num_cells()],
             hits: vec![0; sensor.num_cells()],
@@ -443,6 +580,7 @@ impl<'a> Tracer<'a> {
         let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
         let mut tally = self.empty_tally();
         tally.launched = std::mem::take(&mut self.launched);
+        tally.rays = std::mem::take(&mut self.launched_rays);
         tally.invalid_deposits = u64::from(counters[0]);
         tally.medium_stack_underflows = u64::from(counters[1]);
         tally.roulette_gain = booking(2);
@@ -456,6 +594,7 @@ impl<'a> Tracer<'a> {
         tally.bsdf_loss = booking(10);
         tally.bsdf_gain = booking(11);
         let cells = &self.program.cells;
+        tally.split_budget_saturated = cells.saturated.is_some_and(|counter| counters[counter as usize] != 0);
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
             surface.reached = match self.program.options.baked && cells.fit_reached_mask() {
                 true => counters[cells.reached as usize] >> i & 1 != 0,
@@ -473,30 +612,115 @@ impl<'a> Tracer<'a> {
             let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
             sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
         }
-        self.take_events(&mut tally);
+        self.take_moments(&mut tally, &sums);
+        for event in self.events.drain(..) {
+            match event.path_event() {
+                Some(path_event) => tally.paths.push(path_event),
+                None => tally.sensors[event.subject as usize].rows.push(event.row),
+            }
+        }
         Ok(tally)
     }
 
-    /// Sorts the rows into databases and paths, in the order of (ray id, event).
-    fn take_events(&mut self, tally: &mut Tally) {
-        self.events.sort_by_key(|event| (event.row.ray_id, event.row.bounce, event.kind));
-        for DeviceEvent { kind, subject, row } in self.events.drain(..) {
-            let index = subject as usize;
-            let kind = match (kind, subject) {
-                (0, _) => {
-                    tally.sensors[index].rows.push(row);
-                    continue;
+    /// The second moments of a tally whose first ones are there.
+    fn take_moments(&self, tally: &mut Tally, sums: &[u128]) {
+        match (self.moments, &self.program.cells.moments) {
+            (MomentSource::Hits, _) => {
+                let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
+                for sensor in &mut tally.sensors {
+                    sensor.squares = sensor.hits.iter().map(|&hits| u128::from(hits) * square).collect();
+                    let Booking { count, quanta } = sensor.total();
+                    sensor.totals = vec![Moments { quanta, squares: u128::from(count) * square }];
                 }
-                (1, _) => PathEventKind::Birth(index),
-                (2, _) => PathEventKind::Surface(index),
-                (3, _) => PathEventKind::Sensor(index),
-                (_, 3) => PathEventKind::Escaped,
-                (_, 4) => PathEventKind::DepthKilled,
-                (..) => PathEventKind::FluxKilled,
-            };
-            tally.paths.push(PathEvent { ray: row, kind });
+            }
+            (MomentSource::Device, Some(cells)) => {
+                tally.moments_overflowed = sums[cells.large_squares as usize] >= LARGE_SQUARES_LIMIT;
+                for (index, sensor) in tally.sensors.iter_mut().enumerate() {
+                    let first = (self.program.cells.sensors[index] + cells.squares_offset) as usize;
+                    let squares = &sums[first..first + sensor.quanta.len().max(1)];
+                    sensor.totals = match cells.totals {
+                        Some(totals) => {
+                            let num_emitters = self.rays.len();
+                            let first = totals as usize + 2 * index * num_emitters;
+                            let pairs = sums[first..first + 2 * num_emitters].chunks_exact(2);
+                            pairs.map(|pair| Moments { quanta: pair[0], squares: pair[1] }).collect()
+                        }
+                        None => {
+                            vec![Moments { quanta: sensor.total().quanta, squares: squares.iter().sum() }]
+                        }
+                    };
+                    sensor.squares = squares[..sensor.quanta.len()].to_vec();
+                }
+            }
+            (MomentSource::Nowhere | MomentSource::Device, _) => {}
         }
     }
+}
+
+impl DeviceEvent {
+    /// An event of a path; none if the row is one of a ray database.
+    fn path_event(&self) -> Option<PathEvent> {
+        let index = self.subject as usize;
+        let kind = match (self.kind, self.subject) {
+            (0, _) => return None,
+            (1, _) => PathEventKind::Birth(index),
+            (2, _) => PathEventKind::Surface(index),
+            (3, _) => PathEventKind::Sensor(index),
+            (_, 3) => PathEventKind::Escaped,
+            (_, 4) => PathEventKind::DepthKilled,
+            (..) => PathEventKind::FluxKilled,
+        };
+        Some(PathEvent { ray: self.row, kind })
+    }
+
+    fn record(self, recording: &mut Recording) -> Result<()> {
+        match self.path_event() {
+            Some(event) => recording.event(&event),
+            None => recording.ray(self.subject as usize, self.row),
+        }
+    }
+}
+
+/// How far a trace is, after a pass.
+pub struct Progress<'t, 'a> {
+    /// Rays done, those included that the trace began with.
+    pub done: u64,
+    /// Rays in all.
+    pub num_rays: u64,
+    /// Time since the trace began, or was taken up again.
+    pub elapsed: Duration,
+    position: u64,
+    tracer: &'t mut Tracer<'a>,
+    tally: &'t mut Tally,
+}
+
+impl Progress<'_, '_> {
+    /// The sums of all rays so far. The device's sums are fetched for it, once a pass.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn tally(&mut self) -> Result<&Tally> {
+        if self.tracer.counts_undrained > 0 {
+            *self.tally += &self.tracer.drain()?;
+        }
+        Ok(self.tally)
+    }
+
+    /// Where the trace is between 0 and `num_rays`; for a lone source, the rays done.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// See [`Tracer::pause_at`].
+    pub fn pause_at(&mut self, position: u64) {
+        self.tracer.pause_at(position);
+    }
+}
+
+/// The id of a ray with this index in the range that began at ray `first`.
+fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
+    let (position, number) = splitting.map_or((index, 0), |splitting| splitting.parts(index));
+    ray_id::of(first + u64::from(position), number)
 }
 
 /// One dispatch of a stage.
@@ -535,15 +759,13 @@ impl DeviceState {
         let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
         let layouts = [&scene_layout, &queue_layout];
         let has_queue = program.options.has_queue();
-        let trace_new = gpu.pipeline("trace_new", &shader, &layouts, &[]);
+        let trace_new = gpu.pipeline(program.entry_point(), &shader, &layouts, &[]);
         let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
 
-        let num_cells = u64::from(program.cells.num_cells);
-        let sums = gpu.buffer("the sums", num_cells * cell_bytes(program))?;
+        let num_sums = u64::from(program.cells.num_sums);
+        let sums = gpu.buffer("the sums", num_sums * cell_bytes(program))?;
         let tops = match program.options.native {
-            true => {
-                Some(gpu.buffer("the sums' upper words", num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?)
-            }
+            true => Some(gpu.buffer("the sums' upper words", num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?),
             false => None,
         };
         let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
@@ -551,7 +773,7 @@ impl DeviceState {
         let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
             true => {
-                let rows = u64::from(program.max_events_per_ray) * u64::from(batch);
+                let rows = program.max_events_per_ray * u64::from(batch);
                 Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
             }
             false => None,
@@ -643,11 +865,11 @@ impl DeviceState {
     }
 
     fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {
-        let num_cells = u64::from(program.cells.num_cells);
-        let sums = gpu.read(&self.sums, num_cells * cell_bytes(program))?;
+        let num_sums = u64::from(program.cells.num_sums);
+        let sums = gpu.read(&self.sums, num_sums * cell_bytes(program))?;
         Ok(match &self.tops {
             Some(tops) => {
-                let tops = gpu.read(tops, num_cells * gpu::sums::NATIVE_TOP_BYTES as u64)?;
+                let tops = gpu.read(tops, num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?;
                 gpu::sums::read_native(&sums, &tops)
             }
             None => gpu::sums::read_portable(&sums),
@@ -667,6 +889,23 @@ impl DeviceState {
         gpu.queue.submit([encoder.finish()]);
     }
 }
+
+/// A weight as the device holds it.
+fn held(weight: f64, precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => f64::from(weight as f32),
+        Precision::F64 => weight,
+    }
+}
+
+/// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
+fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
+    let weight = held(weight, precision);
+    (held(weight * weight, precision) * QUANTA_PER_WEIGHT).ceil() as u128
+}
+
+/// From here on some cell of squares may have overflowed (shaders/lib/moments.wgsl).
+const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
 
 fn cell_bytes(program: &Program) -> u64 {
     let bytes =
@@ -690,6 +929,21 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     if options.num_rays == 0 {
         return usage("the number of rays is 0; at least one ray is needed".into());
     }
+    let end = options.first_ray.checked_add(options.num_rays);
+    if end.is_none_or(|end| end > MAX_RAY_ID) {
+        return usage(format!(
+            "{} rays from ray {} on: ray ids end at 2^63",
+            options.num_rays, options.first_ray
+        ));
+    }
+    if let Some(of_rays) = options.of_rays
+        && end.is_some_and(|end| end > of_rays)
+    {
+        return usage(format!(
+            "{} rays from ray {} on are no part of a trace of {of_rays} rays",
+            options.num_rays, options.first_ray
+        ));
+    }
     if options.max_depth == 0 || options.max_depth > MAX_DEPTH_LIMIT {
         return usage(format!("max_depth is {}; it must lie in 1..={MAX_DEPTH_LIMIT}", options.max_depth));
     }
@@ -705,14 +959,45 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     Ok(())
 }
 
+/// What splitting could make of the launched rays must have ids, and be counted.
+fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
+    if program.splitting.is_none() {
+        return Ok(());
+    }
+    if options.num_rays > ray_id::MOST_LAUNCHED {
+        return Err(Error::Usage(format!(
+            "{} rays are too many where rays are split; launch at most {}",
+            options.num_rays,
+            ray_id::MOST_LAUNCHED
+        )));
+    }
+    if counts_per_ray(program) > MAX_COUNTS_PER_PASS {
+        return Err(Error::Usage(format!(
+            "a launched ray may become {} rays of up to {} events each, more than can be counted; lower split_budget or \
+             max_depth",
+            program.most_rays(),
+            options.max_depth
+        )));
+    }
+    Ok(())
+}
+
+/// Most events of one launched ray and its children, with where they end.
+fn counts_per_ray(program: &Program) -> u64 {
+    program.most_rays() * u64::from(program.options.max_depth + 1)
+}
+/// NumPy and Optiland keep ray ids in signed integers.
+const MAX_RAY_ID: u64 = 1 << 63;
+
 /// The table of draws has a row an event: 16 bytes each.
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
-    let wanted = options.batch_size.unwrap_or(DEFAULT_BATCH).min(options.num_rays.min(1 << 30) as u32);
+    let default = DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32;
+    let wanted = options.batch_size.unwrap_or(default).min(options.num_rays.min(1 << 30) as u32);
     let events = match program.max_events_per_ray {
         0 => u32::MAX,
-        per_ray => (MAX_EVENTS / per_ray).max(1),
+        per_ray => (u64::from(MAX_EVENTS) / per_ray).max(1) as u32,
     };
     let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
         (true, Ok(stride)) => {
@@ -720,7 +1005,36 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         }
         _ => u32::MAX,
     };
-    wanted.min(events).min(queued).max(1)
+    let families = program.splitting.map_or(u32::MAX, |splitting| {
+        (1 << splitting.index_bits()).min((MAX_COUNTS_PER_PASS / counts_per_ray(program)) as u32)
+    });
+    wanted.min(events).min(queued).min(families).max(1)
+}
+
+/// Rays that the sources share.
+fn budget(options: &TraceOptions) -> u64 {
+    options.of_rays.unwrap_or(options.num_rays)
+}
+
+/// Those of a budget's rays that are traced here.
+fn part(budget_rays: Vec<EmitterRays>, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
+    let Some(of_rays) = options.of_rays else {
+        let shift = |rays: EmitterRays| EmitterRays { first: rays.first + options.first_ray, ..rays };
+        return Ok(budget_rays.into_iter().map(shift).collect());
+    };
+    let end = options.first_ray + options.num_rays;
+    let rays = budget_rays.into_iter().map(|rays| {
+        let before = rays.done(options.first_ray, of_rays);
+        EmitterRays { first: rays.first + before, count: rays.done(end, of_rays) - before, ..rays }
+    });
+    let rays: Vec<EmitterRays> = rays.collect();
+    if rays.iter().all(|rays| rays.count == 0) {
+        return Err(Error::Usage(format!(
+            "no source has a ray in so small a part: {} of {of_rays} rays",
+            options.num_rays
+        )));
+    }
+    Ok(rays)
 }
 
 /// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by

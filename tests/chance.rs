@@ -9,9 +9,9 @@
 mod zoo;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::ir::{EmitterKind, Frame, Outline, ReflectProb, SceneIr, SensorKind};
+use nsq_gpu::ir::{EmitterKind, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
 /// Ways to draw reflection more often than it happens.
 const POLICIES: [ReflectProb; 3] =
@@ -59,6 +59,57 @@ fn importance_sampling_is_unbiased() {
                     "{name}, {policy:?}, detector {detector}: {z} standard errors"
                 );
             }
+        }
+    }
+}
+
+/// The weight of every pixel of every detector, in independent runs.
+fn pixels(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f64>> {
+    let runs: Vec<Vec<f64>> = seeds
+        .map(|seed| {
+            let tally = zoo::trace(ir, &zoo::options(num_rays, seed, Precision::F64));
+            tally
+                .sensors
+                .iter()
+                .flat_map(|sensor| sensor.quanta.iter().map(|&quanta| quanta as f64))
+                .collect()
+        })
+        .collect();
+    (0..runs[0].len()).map(|pixel| runs.iter().map(|run| run[pixel]).collect()).collect()
+}
+
+/// Welch's t of every pixel that both sides light in most runs, with a Sidak bound over all of them: those beyond it.
+fn differing_pixels(a: &[Vec<f64>], b: &[Vec<f64>]) -> (usize, usize) {
+    const SIGNIFICANCE: f64 = 1e-3;
+    let lit =
+        |samples: &[f64]| 4 * samples.iter().filter(|sample| **sample > 0.0).count() > 3 * samples.len();
+    let tested: Vec<_> = a.iter().zip(b).filter(|(a, b)| lit(a) && lit(b)).collect();
+    let level = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / tested.len() as f64);
+    let freedom = a[0].len().min(b[0].len()) as f64 - 1.0;
+    let distribution = StudentsT::new(0.0, 1.0, freedom).unwrap();
+    let differ = tested.iter().filter(|(a, b)| 2.0 * distribution.sf(z(a, b)) < level).count();
+    (differ, tested.len())
+}
+
+#[test]
+fn splitting_is_unbiased_pixel_by_pixel_and_quiets_the_map() {
+    const RUNS: u64 = 32;
+    for name in ["stacked_plates_ghosts", "mesh_lens"] {
+        let mut ir = zoo::load(name);
+        let plain = pixels(&ir, 2000, 0..RUNS);
+        let variance = |map: &[Vec<f64>]| map.iter().map(|pixel| mean_and_variance(pixel).1).sum::<f64>();
+        for (i, (split_depth, split_budget)) in [(1, 4.0), (5, 2.5)].into_iter().enumerate() {
+            ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
+            let first = 100 * (i as u64 + 1);
+            let split = pixels(&ir, 2000, first..first + RUNS);
+            let (differ, tested) = differing_pixels(&split, &plain);
+            eprintln!("{name} split {split_depth}, {split_budget}: {tested} pixels");
+            assert!(tested > 20, "{name}: {tested} pixels are lit");
+            assert_eq!(differ, 0, "{name} split {split_depth}, {split_budget}: of {tested} pixels");
+            assert!(variance(&split) < variance(&plain), "{name} split {split_depth}, {split_budget}");
+            let biased: Vec<Vec<f64>> =
+                split.iter().map(|pixel| pixel.iter().map(|value| 1.3 * value).collect()).collect();
+            assert!(differing_pixels(&biased, &plain).0 > 0, "{name}: a third more is told");
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
-use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions};
+use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler};
 use nsq_gpu::{Error, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -187,7 +187,7 @@ fn progress_in_json_is_lines_on_stderr_up_to_the_last_ray() {
     let last = lines.last().unwrap();
     assert_eq!((&last["rays"], &last["num_rays"]), (&Value::from(20_000), &Value::from(20_000)));
     let keys: Vec<&String> = last.as_object().unwrap().keys().collect();
-    assert_eq!(keys, ["rays", "num_rays", "rays_per_sec", "eta_sec"]);
+    assert_eq!(keys, ["rays", "num_rays", "rays_per_sec", "eta_sec", "relative_error"]);
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn output_folder_gets_report_and_two_files_a_detector() {
     let report = said.json();
     let files = files_in(&out);
     let names: Vec<&String> = files.keys().collect();
-    assert_eq!(names, ["camera.npz", "camera.png", "pupil.npz", "pupil.png", "report.json"]);
+    assert_eq!(names, ["camera.npz", "camera.png", "pupil.npz", "pupil.png", "report.json", "tally.bin"]);
     assert_eq!(files["report.json"], said.stdout.as_bytes(), "what is printed is what is written");
     assert_eq!(report["detectors"]["camera"]["file"], "camera.npz");
     assert!(files["camera.npz"].starts_with(b"PK") && files["camera.png"].starts_with(b"\x89PNG"));
@@ -445,6 +445,17 @@ fn overrides_of_the_sampling_act() {
     assert!(killed("1") > 0);
     assert_ne!(report(&["--seed", "1"])["detectors"], report(&["--seed", "2"])["detectors"]);
     assert_eq!(report(&["--max-depth", "1"])["num_rays_depth_killed"], 20_000);
+    let split = report(&["--split-depth", "5"]);
+    assert_eq!(split["diagnostics"]["split_budget_saturated"], true);
+    assert_eq!(report(&["--split-depth", "3"])["diagnostics"]["split_budget_saturated"], false);
+    let ended = |report: &Value| {
+        ["detected", "escaped"]
+            .map(|bin| report["ledger"][bin]["count"].as_u64().unwrap())
+            .iter()
+            .sum::<u64>()
+    };
+    assert!(ended(&split) > 30_000 && ended(&report(&[])) <= 20_000);
+    trace("bench_lens", &["--split-depth", "24"]).refuses(USAGE, &["--split-depth is 24", "0..=23"]);
 }
 
 #[test]
@@ -462,6 +473,76 @@ fn recorded_paths_are_written_with_the_result() {
     let (some, all) = (size("100"), size("all"));
     assert!(some > 1_000 && all > 20 * some, "{some} and {all} bytes");
     trace("bench_lens", &["--record-paths", "many"]).refuses(USAGE, &["many"]);
+}
+
+/// A limit on the size of files stands in for a full disk.
+#[cfg(unix)]
+#[test]
+fn rows_that_do_not_fit_the_disk_are_an_error_and_leave_nothing() {
+    if !has_adapter("a full disk") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/bench_lens.json");
+    // 2048 blocks of 512 bytes; the shell ignores the signal that would end the program.
+    let limited =
+        "trap '' XFSZ; ulimit -f 2048; exec \"$0\" trace \"$1\" -n 20000 --record-paths all -o \"$2\"";
+    let said = std::process::Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_nsq-gpu")])
+        .args([&scene, &out])
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&said.stderr);
+    assert_eq!(said.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("File too large") && stderr.contains("recorded rows of 80 bytes"), "{stderr}");
+    assert!(stderr.contains(folder.path().to_str().unwrap()), "{stderr}");
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "neither files nor hidden folders are left"
+    );
+}
+
+#[test]
+fn a_trace_may_end_with_whoever_started_it() {
+    if !has_adapter("stdin") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_nsq-gpu"))
+        .args(["trace", "scenes/bench_lens.json", "-n", "1e15", "--watch-stdin", "--progress", "json", "-o"])
+        .arg(&out)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut begun = [0; 1];
+    child.stderr.take().unwrap().read_exact(&mut begun).unwrap();
+    assert!(child.try_wait().unwrap().is_none(), "it traces as long as stdin is open");
+    drop(child.stdin.take());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is written");
+}
+
+#[test]
+fn pictures_may_be_left_out() {
+    if !has_adapter("pictures") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let written = |options: &[&str]| {
+        let out = folder.path().join(options.len().to_string());
+        trace("bench_lens", &[&["-o", out.to_str().unwrap()], options].concat()).succeeds();
+        files_in(&out)
+    };
+    let (all, numbers) = (written(&[]), written(&["--no-pictures"]));
+    let pictures: Vec<&String> = all.keys().filter(|name| name.ends_with(".png")).collect();
+    assert!(!pictures.is_empty());
+    assert_eq!(numbers.len() + pictures.len(), all.len());
+    assert!(numbers.iter().all(|(name, bytes)| name == "report.json" || all[name] == *bytes));
 }
 
 #[test]
@@ -545,6 +626,8 @@ fn compose(text: &str) -> Result<(), Error> {
             workgroup_size: 64,
             paths: PathSampling::None,
             weights: vec![1.0; ir.emitters.len()],
+            sampler: Sampler::Pcg,
+            moments: false,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

@@ -12,10 +12,11 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, ReflectProb, Sampling, SceneIr, Sensor, SensorKind,
-    Shape, Spectrum, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
+    Surface,
 };
 use nsq_gpu::program::Precision;
+use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::RecordPaths;
 
@@ -42,10 +43,15 @@ const SCATTERING: [&str; 3] = ["scattering_telescope", "coated_projector", "opal
 /// Asserts that each of several ways to trace some rays gives the tally of the plain way, over the diverse scenes and
 /// both precisions.
 fn assert_same_bits(num_rays: u64, changes: &[fn(&mut TraceOptions)]) {
+    assert_same_bits_from(&TraceOptions { num_rays, ..TraceOptions::default() }, changes);
+}
+
+/// The same with options that all the ways share.
+fn assert_same_bits_from(base: &TraceOptions, changes: &[fn(&mut TraceOptions)]) {
     for name in DIVERSE.into_iter().chain(SCATTERING) {
         let ir = zoo::load(name);
         for precision in PRECISIONS {
-            let options = zoo::options(num_rays, 11, precision);
+            let options = TraceOptions { seed: 11, precision, ..base.clone() };
             let plain = zoo::trace(&ir, &options);
             for change in changes {
                 let mut changed = options.clone();
@@ -86,8 +92,10 @@ fn workgroups_of_32_128_and_256_give_the_same_bits_as_of_64() {
 
 #[test]
 fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
-    assert_same_bits(
-        3000,
+    // With second moments, no ray outlives a dispatch where detectors let rays pass.
+    let base = TraceOptions { num_rays: 3000, standard_error: false, ..TraceOptions::default() };
+    assert_same_bits_from(
+        &base,
         &[
             |options| options.events_per_dispatch = 1,
             |options| options.events_per_dispatch = 2,
@@ -107,6 +115,112 @@ fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
             let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
             assert!(zoo::trace(&ir, &options) == portable, "{name} in {precision:?}: other bits");
         }
+    }
+}
+
+/// Families with budget enough, and without: importance sampling and absorption; a mesh; scattering.
+const SPLIT: [(&str, u32, f64); 4] = [
+    ("stacked_plates_ghosts", 3, 4.0),
+    ("stacked_plates_ghosts", 5, 2.5),
+    ("mesh_lens", 4, 2.0),
+    ("opal_lamp", 4, 2.5),
+];
+
+fn split((name, split_depth, split_budget): (&str, u32, f64)) -> SceneIr {
+    let mut ir = zoo::load(name);
+    ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
+    ir
+}
+
+fn assert_same_bits_split(which: (&str, u32, f64), num_rays: u64, changes: &[fn(&mut TraceOptions)]) {
+    let ir = split(which);
+    for precision in PRECISIONS {
+        let options = zoo::options(num_rays, 11, precision);
+        let plain = zoo::trace(&ir, &options);
+        assert_eq!(plain.split_budget_saturated, which.2 < f64::from(which.1) + 1.0, "{which:?}");
+        assert!(zoo::result_of(&ir, &options, &plain).ledger.closes(), "{which:?} in {precision:?}");
+        for change in changes {
+            let mut changed = options.clone();
+            change(&mut changed);
+            assert!(
+                zoo::trace(&ir, &changed) == plain,
+                "{which:?} in {precision:?}: other bits with {changed:?}"
+            );
+        }
+        let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
+        assert!(portable == plain, "{which:?} in {precision:?}: other bits with pairs of 32-bit integers");
+    }
+}
+
+#[test]
+fn split_rays_have_the_same_bits_in_batches_of_any_size() {
+    for which in &SPLIT[..2] {
+        assert_same_bits_split(
+            *which,
+            20_000,
+            &[
+                |options| options.batch_size = Some(1000),
+                |options| options.batch_size = Some(16_384),
+                |options| options.batch_size = Some(1_000_000),
+            ],
+        );
+    }
+}
+
+#[test]
+fn split_rays_have_the_same_bits_however_they_are_dispatched() {
+    for which in SPLIT {
+        assert_same_bits_split(
+            which,
+            1000,
+            &[
+                |options| options.batch_size = Some(77),
+                |options| options.workgroup_size = 32,
+                |options| options.workgroup_size = 128,
+                |options| options.events_per_dispatch = 3,
+            ],
+        );
+    }
+}
+
+/// A child has its launched ray's point, scrambled by its number.
+#[test]
+fn split_rays_of_quasi_random_points_have_the_same_bits_in_any_batches() {
+    for which in SPLIT {
+        let ir = split(which);
+        let options = TraceOptions { sampler: Sampler::Sobol, ..zoo::options(1000, 11, Precision::F32) };
+        let batches = TraceOptions { batch_size: Some(77), ..options.clone() };
+        let plain = zoo::trace(&ir, &options);
+        assert!(zoo::result_of(&ir, &options, &plain).ledger.closes(), "{which:?}");
+        assert!(zoo::trace(&ir, &batches) == plain, "{which:?}: other bits");
+        assert!(
+            zoo::trace_on(zoo::portable_gpu(), &ir, &options) == plain,
+            "{which:?}: other bits with pairs"
+        );
+    }
+}
+
+#[test]
+fn split_rays_in_tables_are_those_compiled_in() {
+    for which in SPLIT {
+        let ir = split(which);
+        let [baked, table] = [true, false].map(|baked| {
+            zoo::trace(&ir, &TraceOptions { baked: Some(baked), ..zoo::options(1000, 11, Precision::F64) })
+        });
+        let deviation = deviation(&table, &baked);
+        assert!(deviation < 1e-9, "{which:?}: {deviation}");
+    }
+}
+
+#[test]
+fn paths_of_split_rays_are_the_same_rows_in_any_batches() {
+    for which in SPLIT {
+        let ir = split(which);
+        let options = TraceOptions { paths: RecordPaths::All, ..zoo::options(100, 11, Precision::F64) };
+        let batches = TraceOptions { batch_size: Some(7), ..options.clone() };
+        let (one, other) = (zoo::trace(&ir, &options), zoo::trace(&ir, &batches));
+        assert!(one.paths.iter().any(|event| event.ray.ray_id >= options.num_rays), "{which:?}: no children");
+        assert!(one == other, "{which:?}");
     }
 }
 
@@ -270,7 +384,7 @@ fn values(detector: &nsq_gpu::result::Detector) -> Vec<f64> {
         DetectorData::Irradiance(map) => map.irradiance.iter().copied().collect(),
         DetectorData::Spectral(map) => map.irradiance.iter().copied().collect(),
         DetectorData::FarField(map) => map.intensity.iter().copied().collect(),
-        DetectorData::RayDatabase(rays) => rays.flux.to_vec(),
+        DetectorData::RayDatabase(rays) => rays.columns().unwrap().flux.to_vec(),
     }
 }
 
@@ -366,7 +480,7 @@ fn lamp_in_a_ball() -> SceneIr {
             kind: SensorKind::FarField { num_theta: 9, num_phi: 9 },
             absorb: true,
         }],
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
 

@@ -7,7 +7,7 @@
 
 mod zoo;
 
-use nsq_gpu::ir::{Interaction, ReflectProb};
+use nsq_gpu::ir::{Interaction, ReflectProb, Sampling, SceneIr};
 use nsq_gpu::program::Precision;
 
 const POLICIES: [ReflectProb; 4] =
@@ -59,6 +59,23 @@ fn every_ledger_closes_in_f64_with_native_integers() {
 #[test]
 fn every_ledger_closes_in_f64_with_pairs_of_integers() {
     assert_ledgers_close(Precision::F64, false);
+}
+
+/// Branches of all sizes: gains of up to 50 before a split, roulette between splits, budgets that are used up.
+#[test]
+fn every_ledger_closes_where_rays_are_split() {
+    let refracts = |ir: &SceneIr| ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
+    let scenes =
+        zoo::scenes().into_iter().map(|name| (zoo::load(&name), name)).filter(|(ir, _)| refracts(ir));
+    for (i, (mut ir, name)) in scenes.enumerate() {
+        let reflect_prob = POLICIES[i % POLICIES.len()];
+        ir.sampling = Sampling { reflect_prob, rr_start_flux: 0.1, split_depth: 4, split_budget: 3.5 };
+        let precision = if i % 3 == 0 { Precision::F64 } else { Precision::F32 };
+        let options = zoo::options(500, 6, precision);
+        let tally = zoo::trace(&ir, &options);
+        let ledger = zoo::result_of(&ir, &options, &tally).ledger;
+        assert_eq!((ledger.imbalance_quanta, ledger.invalid_deposits), (0, 0), "{name}, {precision:?}");
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ mod common;
 
 use common::{Gpu, Storage, real_bytes, reals_of};
 use nsq_gpu::program::library::{self, Integers, Real};
-use nsq_gpu::program::rng::splitmix64;
+use nsq_gpu::program::rng::{Sampler, splitmix64};
 use std::f64::consts::TAU;
 
 /// A function of the shader library.
@@ -93,7 +93,10 @@ const FUNCTIONS: [Function; 9] = [
         bound_f32: 2.5,
         bound_f64: 1.0,
         arguments: |word, size| {
-            (spread(word, size, -30, 1e3), spread(splitmix64(word), splitmix64(size), -30, 1e3))
+            let (y, x) = (spread(word, size, -30, 1e3), spread(splitmix64(word), splitmix64(size), -30, 1e3));
+            // A quarter of them as large or small as f32 allows: their ratio stays a normal number.
+            let scale = if word & 24 == 0 { 2_f64.powi((word >> 32) as i32 % 110) } else { 1.0 };
+            (f64::from((y * scale) as f32), f64::from((x * scale) as f32))
         },
         value: |y, x| (y + 0.0).atan2(x + 0.0),
     },
@@ -184,7 +187,7 @@ fn evaluate(gpu: &Gpu, real: Real, call: &str, arguments: &[(f64, f64)]) -> Vec<
         Storage::zeros(7, real_bytes(real) * draws.len()),
     ];
     let groups = [u32::try_from(draws.len().div_ceil(64)).unwrap(), 1, 1];
-    let source = library::source(real, Integers::Portable) + &entry;
+    let source = library::source(real, Integers::Portable, Sampler::Pcg) + &entry;
     reals_of(real, &gpu.run(&source, &storages, groups)[0])
 }
 
@@ -218,6 +221,37 @@ fn f32_functions_stay_within_their_bounds() {
         let arguments = (0..ROWS).map(|i| (function.arguments)(splitmix64(2 * i), splitmix64(2 * i + 1)));
         let rows: Vec<_> = arguments.map(|(a, b)| (a, b, (function.value)(a, b))).collect();
         check(&gpu, Real::F32, function, &rows, function.bound_f32);
+    }
+}
+
+/// Every 509th f32 from `lowest` to `highest` in size, of the signs in use.
+fn walk(lowest: f64, highest: f64, signs: &'static [f64]) -> impl Iterator<Item = f64> {
+    let (low, high) = ((lowest as f32).to_bits(), (highest as f32).to_bits());
+    let sizes = (low..=high).step_by(509).map(|bits| f64::from(f32::from_bits(bits)));
+    sizes.flat_map(|size| signs.iter().map(move |sign| sign * size))
+}
+
+#[test]
+fn f32_functions_stay_within_their_bounds_all_over_their_range() {
+    let test = "f32_functions_stay_within_their_bounds_all_over_their_range";
+    let Some(gpu) = Gpu::open(test, Real::F32, Integers::Portable) else { return };
+    const BOTH: &[f64] = &[1.0, -1.0];
+    let smallest = f64::from(f32::MIN_POSITIVE);
+    for function in &FUNCTIONS {
+        let arguments: Box<dyn Iterator<Item = f64>> = match function.name {
+            "cos_turns" | "sin_turns" | "log_uniform" => {
+                Box::new((0..1_u64 << 32).step_by(1021).map(|b| b as f64))
+            }
+            "exp_real" => Box::new(walk(1e-9, 87.33, BOTH)),
+            "sin_real" | "cos_real" => Box::new(walk(1e-9, 1e4, BOTH)),
+            "acos_real" => Box::new(walk(1e-9, 1.0, BOTH)),
+            "log_real" => Box::new(walk(smallest, f64::from(f32::MAX), &[1.0])),
+            // Of two arguments.
+            _ => continue,
+        };
+        let rows: Vec<_> = arguments.map(|a| (a, 0.0, (function.value)(a, 0.0))).collect();
+        assert!(rows.len() > 900_000, "{}: {} arguments", function.name, rows.len());
+        rows.chunks(1 << 21).for_each(|rows| check(&gpu, Real::F32, function, rows, function.bound_f32));
     }
 }
 

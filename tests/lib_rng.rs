@@ -10,7 +10,8 @@
 mod common;
 
 use common::{Gpu, Storage, TIERS, real_bytes, reals_of};
-use nsq_gpu::program::library::Real;
+use nsq_gpu::program::library::{Integers, Real};
+use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::program::{library, rng};
 
 /// One row of `tests/data/rng.csv`: a key and the draw that Optiland makes of it.
@@ -68,7 +69,7 @@ fn shader_draws_are_optilands() {
     seeds.dedup();
     for (real, integers) in TIERS {
         let Some(gpu) = Gpu::open("shader_draws_are_optilands", real, integers) else { continue };
-        let source = library::source(real, integers) + MAIN;
+        let source = library::source(real, integers, Sampler::Pcg) + MAIN;
         for &seed in &seeds {
             let of_seed: Vec<&Row> = rows.iter().filter(|row| row.seed == seed).collect();
             let keys: Vec<[u32; 4]> = of_seed
@@ -76,7 +77,7 @@ fn shader_draws_are_optilands() {
                 .map(|row| [row.ray_id as u32, (row.ray_id >> 32) as u32, row.slot, row.step])
                 .collect();
             let storages = [
-                Storage::read(1, &rng::step_table(seed, 10_001)),
+                Storage::read(1, &rng::step_table(Sampler::Pcg, seed, 10_001)),
                 Storage::read(5, &keys),
                 Storage::zeros(6, 4 * keys.len()),
             ];
@@ -143,7 +144,7 @@ fn draws_become_numbers_below_one_and_decide_exactly() {
             Storage::zeros(7, real_bytes(real) * bits.len()),
             Storage::zeros(8, 4 * bits.len()),
         ];
-        let source = library::source(real, integers) + JUDGE;
+        let source = library::source(real, integers, Sampler::Pcg) + JUDGE;
         let written = gpu.run(&source, &storages, [bits.len().div_ceil(64) as u32, 1, 1]);
         let uniforms = reals_of(real, &written[0]);
         let decisions: &[u32] = bytemuck::cast_slice(&written[1]);
@@ -156,6 +157,146 @@ fn draws_become_numbers_below_one_and_decide_exactly() {
                 uniform < 1.0 && (exact - cut..=exact).contains(&uniform),
                 "{real:?} {bits:#x}: {uniform:e}"
             );
+        }
+    }
+}
+
+const POINTS: &str = "
+@group(0) @binding(5) var<storage, read_write> coordinates: array<u32>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    for (var dimension = 0u; dimension < 5u; dimension++) {
+        coordinates[5u * id.x + dimension] = sobol(id.x * 0x9E3779B1u, dimension);
+    }
+}
+";
+
+/// Degree, coefficients and initial numbers of the second to the fifth dimension: new-joe-kuo-6.
+const JOE_KUO: [(usize, u32, &[u32]); 4] =
+    [(1, 0, &[1]), (2, 1, &[1, 3]), (3, 1, &[1, 3, 1]), (3, 2, &[1, 1, 1])];
+
+/// Direction numbers as integers, by the recurrence of Joe and Kuo, Remark on Algorithm 659 (ACM TOMS 29, 2003), eq. 2:
+/// m_k = 2 a_1 m_(k-1) ^ ... ^ 2^s m_(k-s) ^ m_(k-s).
+fn direction_numbers((degree, coefficients, initial): (usize, u32, &[u32])) -> Vec<u32> {
+    let mut m: Vec<u64> = initial.iter().map(|&number| u64::from(number)).collect();
+    for k in degree..32 {
+        let mut next = m[k - degree] ^ (m[k - degree] << degree);
+        for i in 1..degree {
+            if coefficients >> (degree - 1 - i) & 1 == 1 {
+                next ^= m[k - i] << i;
+            }
+        }
+        m.push(next);
+    }
+    (0..32).map(|k| (m[k] << (31 - k)) as u32).collect()
+}
+
+#[test]
+fn sobol_points_are_those_of_joe_and_kuo() {
+    const NUM_POINTS: u32 = 4096;
+    let mut columns = vec![(0..32).map(|k| 1 << (31 - k)).collect::<Vec<u32>>()];
+    columns.extend(JOE_KUO.into_iter().map(direction_numbers));
+    // The first points as SciPy 1.16 gives them, put into the order of the index: 5 and 13.
+    let coordinate = |column: &[u32], index: u32| {
+        (0..32).filter(|k| index >> k & 1 == 1).fold(0, |sum, k: usize| sum ^ column[k])
+    };
+    let point = |index: u32| columns.iter().map(|column| coordinate(column, index)).collect::<Vec<u32>>();
+    assert_eq!(point(5), [2684354560, 536870912, 3758096384, 2684354560, 2684354560]);
+    assert_eq!(point(13), [2952790016, 3489660928, 1879048192, 4026531840, 268435456]);
+    for (real, integers) in TIERS {
+        let Some(gpu) = Gpu::open("sobol_points_are_those_of_joe_and_kuo", real, integers) else { continue };
+        let source = library::source(real, integers, Sampler::Sobol) + POINTS;
+        let storages = [Storage::zeros(5, 20 * NUM_POINTS as usize)];
+        let written = gpu.run(&source, &storages, [NUM_POINTS / 64, 1, 1]);
+        let coordinates: &[u32] = bytemuck::cast_slice(&written[0]);
+        for (i, drawn) in (0..NUM_POINTS).zip(coordinates.chunks_exact(5)) {
+            assert_eq!(drawn, point(i.wrapping_mul(0x9E37_79B1)), "{real:?} {integers:?} point {i}");
+        }
+    }
+}
+
+/// Slots and steps whose draws are one set, and of which any two dimensions are even over 2^a x 2^b cells: what a source
+/// draws first, two reflections in a row, the angles of a lobe.
+const PAIRS: [[(u32, u32); 2]; 4] = [[(0, 0), (1, 0)], [(5, 4), (5, 5)], [(9, 0), (9, 1)], [(7, 3), (8, 3)]];
+
+#[test]
+fn sobol_pairs_are_even_over_every_net() {
+    const LOG: u32 = 10;
+    let (real, integers) = (Real::F32, Integers::Portable);
+    let Some(gpu) = Gpu::open("sobol_pairs_are_even_over_every_net", real, integers) else { return };
+    let source = library::source(real, integers, Sampler::Sobol) + MAIN;
+    // A block of rays anywhere.
+    for (seed, first) in [(0, 0_u64), (1, 1 << 20), (7, (1 << 32) - 1024), (7, 3 << 32)] {
+        let keys: Vec<[u32; 4]> = PAIRS
+            .iter()
+            .flatten()
+            .flat_map(|&(slot, step)| (first..first + (1 << LOG)).map(move |ray| (ray, slot, step)))
+            .map(|(ray, slot, step)| [ray as u32, (ray >> 32) as u32, slot, step])
+            .collect();
+        let storages = [
+            Storage::read(1, &rng::step_table(Sampler::Sobol, seed, 16)),
+            Storage::read(5, &keys),
+            Storage::zeros(6, 4 * keys.len()),
+        ];
+        let written = gpu.run(&source, &storages, [keys.len().div_ceil(64) as u32, 1, 1]);
+        let drawn: &[u32] = bytemuck::cast_slice(&written[0]);
+        for (pair, drawn) in PAIRS.iter().zip(drawn.chunks_exact(2 << LOG)) {
+            let (xs, ys) = drawn.split_at(1 << LOG);
+            for a in 0..=LOG {
+                let cell =
+                    |(&x, &y): (&u32, &u32)| (u64::from(x) >> (32 - a), u64::from(y) >> (32 - (LOG - a)));
+                let cells: std::collections::HashSet<(u64, u64)> = xs.iter().zip(ys).map(cell).collect();
+                assert_eq!(cells.len(), 1 << LOG, "seed {seed}, rays from {first}, {pair:?}, 2^{a} columns");
+            }
+        }
+    }
+}
+
+#[test]
+fn sobol_sets_are_shuffled_against_each_other() {
+    // Over seeds, decisions of two sets, and of one dimension for two seeds, are as independent as random ones: the mean
+    // of (x - 1/2)(y - 1/2) over 64 rays has the standard deviation 1 / (12 sqrt(64)).
+    const NUM_RAYS: u32 = 64;
+    const NUM_SEEDS: u64 = 400;
+    let (real, integers) = (Real::F32, Integers::Portable);
+    let Some(gpu) = Gpu::open("sobol_sets_are_shuffled_against_each_other", real, integers) else { return };
+    let source = library::source(real, integers, Sampler::Sobol) + MAIN;
+    let slots = [(0_u32, 0_u32), (4, 0), (5, 0), (5, 2), (6, 0), (9, 0), (7, 1), (0, 1)];
+    let mut sums = [[0.0; 8]; 8];
+    for seed in 0..NUM_SEEDS {
+        let keys: Vec<[u32; 4]> = slots
+            .iter()
+            .flat_map(|&(slot, step)| (0..NUM_RAYS).map(move |ray| [ray, 0, slot, step]))
+            .collect();
+        let storages = [
+            Storage::read(1, &rng::step_table(Sampler::Sobol, seed, 16)),
+            Storage::read(5, &keys),
+            Storage::zeros(6, 4 * keys.len()),
+        ];
+        let written = gpu.run(&source, &storages, [keys.len().div_ceil(64) as u32, 1, 1]);
+        let drawn: &[u32] = bytemuck::cast_slice(&written[0]);
+        let centred: Vec<f64> = drawn.iter().map(|&bits| f64::from(bits) / 2_f64.powi(32) - 0.5).collect();
+        let columns: Vec<&[f64]> = centred.chunks_exact(NUM_RAYS as usize).collect();
+        for (i, x) in columns.iter().enumerate() {
+            for (j, y) in columns.iter().enumerate().skip(i + 1) {
+                let mean = x.iter().zip(*y).map(|(x, y)| x * y).sum::<f64>() / f64::from(NUM_RAYS);
+                sums[i][j] += mean;
+                // The sum of squares stands below the diagonal.
+                sums[j][i] += mean * mean;
+            }
+        }
+    }
+    let expected = 1.0 / (144.0 * f64::from(NUM_RAYS));
+    for i in 0..8 {
+        // The first two are of one set.
+        for j in (i + 1).max(2)..8 {
+            let (mean, variance) = (sums[i][j] / NUM_SEEDS as f64, sums[j][i] / NUM_SEEDS as f64);
+            let z = mean / (expected / NUM_SEEDS as f64).sqrt();
+            assert!(z.abs() < 4.5, "{:?} and {:?}: correlated, z = {z}", slots[i], slots[j]);
+            // Its standard deviation is sqrt(2 / 400), if it is no more even than random.
+            let ratio = variance / expected;
+            assert!((0.5..1.3).contains(&ratio), "{:?} and {:?}: variance x {ratio}", slots[i], slots[j]);
         }
     }
 }

@@ -12,7 +12,7 @@ mod common;
 use common::{Gpu, Storage, TIERS};
 use nsq_gpu::gpu::sums;
 use nsq_gpu::program::library::{self, Integers, Real};
-use nsq_gpu::program::rng::splitmix64;
+use nsq_gpu::program::rng::{Sampler, splitmix64};
 
 /// Workgroup size of every shader here.
 const GROUP: usize = 64;
@@ -28,7 +28,7 @@ fn shader(real: Real, integers: Integers, declarations: &str, body: &str) -> Str
             {body}
         }}"
     );
-    library::source(real, integers) + &entry
+    library::source(real, integers, Sampler::Pcg) + &entry
 }
 
 fn groups(num: usize) -> [u32; 3] {

@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, ReflectProb, Sampling,
-    SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface, unit_normal,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, Sampling, SceneIr, Sensor,
+    SensorKind, Shape, Spectrum, Splat, Surface, unit_normal,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
@@ -84,7 +84,7 @@ fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, emitters: Vec<Emitter>) -> S
         meshes,
         emitters,
         sensors: vec![],
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
 
@@ -106,12 +106,23 @@ fn edited(ir: &SceneIr, options: &TraceOptions, old: &str, new: &str) -> Tally {
 
 #[test]
 fn a_closed_mesh_of_82_thousand_triangles_loses_no_ray() {
+    loses_no_ray(1_000_000);
+}
+
+/// `cargo test --test mesh -- --ignored` for the whole figure.
+#[test]
+#[ignore = "minutes where the device is a processor"]
+fn a_closed_mesh_of_82_thousand_triangles_loses_none_of_1e7_rays() {
+    loses_no_ray(10_000_000);
+}
+
+fn loses_no_ray(num_rays: u64) {
     let ir = trap(icosphere(6, 10.0));
     assert!(ir.meshes[0].faces.len() >= 80_000);
     for precision in PRECISIONS {
-        let tally = zoo::trace(&ir, &zoo::options(1_000_000, 3, precision));
+        let tally = zoo::trace(&ir, &zoo::options(num_rays, 3, precision));
         assert_eq!(tally.escaped.count, 0, "{precision:?}");
-        assert_eq!(tally.surfaces[0].absorbed.count, 1_000_000, "{precision:?}");
+        assert_eq!(tally.surfaces[0].absorbed.count, num_rays, "{precision:?}");
     }
 }
 

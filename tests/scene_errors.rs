@@ -375,13 +375,14 @@ fn overrides_and_order() {
 }
 
 #[test]
-fn what_is_not_supported_yet_is_refused_by_name() {
-    refused(
-        r#""split_depth": 0"#,
-        r#""split_depth": 3"#,
-        "nsq_gpu.sampling.split_depth",
-        &["not supported yet", "3"],
-    );
+fn splitting_has_limits() {
+    let depth = r#""split_depth": 0"#;
+    refused(depth, r#""split_depth": 24"#, "nsq_gpu.sampling.split_depth", &["24", "from 0 to 23"]);
+    refused(depth, r#""split_depth": -1"#, "nsq_gpu.sampling.split_depth", &["-1"]);
+    refused(depth, r#""split_depth": 1.5"#, "nsq_gpu.sampling.split_depth", &["1.5"]);
+    let budget = "nsq_gpu.sampling.split_budget";
+    refused(depth, r#""split_budget": 0"#, budget, &["0 is out of range", "0.001"]);
+    refused(depth, r#""split_budget": Infinity"#, budget, &["out of range"]);
 }
 
 #[test]

@@ -48,7 +48,7 @@ const SCENE: &str = r#"{
     "overrides": {"L1.back": {"interaction": "reflective", "reflectance": 0.5}},
     "order": ["L1", "ball", "M", "D", "cone"],
     "detectors": {"R": {"max_rays": 10}},
-    "sampling": {"reflect_prob": "auto", "split_depth": 0}
+    "sampling": {"reflect_prob": "auto", "split_depth": 2, "split_budget": 2.5}
   }
 }"#;
 

@@ -163,7 +163,7 @@ fn the_block_adds_surfaces_media_and_order() {
               "material_back": {"type": "medium", "name": "same"}}],
            "order": ["ball", "D", "wall", "L1", "tilted", "M", "disk"],
            "detectors": {"R": {"max_rays": 100}},
-           "sampling": {"reflect_prob": 0.3, "rr_start_flux": 0.01}"#,
+           "sampling": {"reflect_prob": 0.3, "rr_start_flux": 0.01, "split_depth": 2, "split_budget": 1.5}"#,
     ));
     let names: Vec<&str> = ir.surfaces.iter().map(|surface| surface.name.as_str()).collect();
     let expected = [
@@ -196,6 +196,7 @@ fn the_block_adds_surfaces_media_and_order() {
     assert_eq!(ir.media[surface("ball").back].k, [1e-6; 3]);
     assert_eq!(ir.sensors[3].kind, SensorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: Some(100) });
     assert_eq!((ir.sampling.reflect_prob, ir.sampling.rr_start_flux), (ReflectProb::Constant(0.3), 0.01));
+    assert_eq!((ir.sampling.split_depth, ir.sampling.split_budget), (2, 1.5));
 }
 
 #[test]

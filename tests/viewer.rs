@@ -380,7 +380,7 @@ fn two_results_are_compared_cell_by_cell() {
     let (a, b) = (results("cooke_triplet", 0), results("cooke_triplet", 1));
     let MapFile { values: of_a, hits: hits_a, .. } = map_file(&a, "image.npz");
     let MapFile { values: of_b, hits: hits_b, .. } = map_file(&b, "image.npz");
-    // The error of a cell follows from its hits, so there must be some in both.
+    // Where a ray came to both, both errors are known.
     let hits_of_both = |cell: &(usize, usize)| hits_a[*cell].min(hits_b[*cell]);
     let (cell, _) = hits_a.indexed_iter().max_by_key(|(cell, _)| hits_of_both(cell)).unwrap();
     assert!(hits_of_both(&cell) > 0);
@@ -413,8 +413,12 @@ fn two_results_are_compared_cell_by_cell() {
     assert_eq!(read(&mut window), of_a[cell] - of_b[cell]);
     click(&mut window, "(A − B) / σ");
     assert_eq!(window.state().model.settings.comparison, Comparison::Significance);
-    let sigma = |value: f64, hits: u64| value / (hits as f64).sqrt();
-    let both = sigma(of_a[cell], hits_a[cell]).hypot(sigma(of_b[cell], hits_b[cell]));
+    let sigma = |dir: &Path| {
+        let errors: Array2<f64> = npz(dir, "image.npz").by_name("standard_error").unwrap();
+        errors[cell]
+    };
+    let both = sigma(&a).hypot(sigma(&b));
+    assert!(both > 0.0);
     let expected = (of_a[cell] - of_b[cell]) / both;
     assert!((read(&mut window) - expected).abs() < 1e-12 * expected.abs().max(1.0));
     click(&mut window, "End comparison");

@@ -13,8 +13,14 @@ The result is Optiland's own: ``SimulationResult`` with ``IrradianceMap``, ``Spe
 ``RayDatabase``, ``Diagnostics`` and ``ray_paths``; live detectors and absorbers are left as NumpyBackend leaves them.
 The draws are Optiland's too, so in f64 a result equals NumpyBackend's ray by ray, to rounding.
 
+Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
+database), and ``total_flux_standard_error`` [W] (None where it is not known). Only the results of ``scene.trace`` have
+them, not those of a live detector's ``get_result()``.
+
 ``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress)``: ``precision="auto"`` takes f64 where the
-adapter is good at it, else f32; ``progress=True`` shows a bar; ``timeout`` is in seconds. Ctrl-C ends the trace at
+adapter is good at it, else f32; ``progress=True`` shows a bar; ``target_error=0.01`` stops when every detector's relative standard error is at most 1 %
+(the error of its flux, and the mean of those of its lit pixels), and ``time_limit`` after so many seconds, with
+``num_rays`` as the cap; where the target is not met, ToleranceWarning is given; ``timeout`` is in seconds. Ctrl-C ends the trace at
 once. After a trace ``backend.report`` holds what Optiland's result has no field for, such as the exact ledger.
 
 ``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
@@ -37,6 +43,7 @@ from nsq_gpu.errors import (
     NsqGpuError,
     NsqGpuWarning,
     SceneError,
+    ToleranceWarning,
     TraceTimeoutError,
     UnsupportedSceneError,
     UsageError,
@@ -52,6 +59,7 @@ __all__ = [
     "NsqGpuError",
     "NsqGpuWarning",
     "SceneError",
+    "ToleranceWarning",
     "TraceTimeoutError",
     "UnsupportedSceneError",
     "UsageError",

@@ -14,7 +14,14 @@ from optiland.nonsequential.backends.base import TracerBackend
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuWarning, UnsupportedSceneError, UsageError
+from nsq_gpu.errors import (
+    TOLERANCE_NOT_MET,
+    NsqGpuWarning,
+    ToleranceWarning,
+    UnsupportedSceneError,
+    UsageError,
+    error_of,
+)
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.process import ProgressBar, ProgressCallback, run
 from nsq_gpu.results import fill_scene, read_report
@@ -37,11 +44,15 @@ class NsqGpuBackend(TracerBackend):
         timeout: Longest time of a trace [s]; then it is ended and TraceTimeoutError raised.
         progress: True shows a bar on stderr; a function is called with the rays done, the rays in all, and the rays
             per second.
+        target_error: Stop when every detector's relative standard error is at most this, of its flux and on average of
+            its lit pixels; the rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
+        time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
     """
 
     def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
-                 progress: bool | ProgressCallback = False) -> None:
+                 progress: bool | ProgressCallback = False, target_error: float | None = None,
+                 time_limit: float | None = None) -> None:
         if precision not in PRECISIONS:
             raise UsageError(f"precision is {precision!r}; give one of {', '.join(PRECISIONS)}")
         self.seed = seed
@@ -50,6 +61,8 @@ class NsqGpuBackend(TracerBackend):
         self.binary = binary
         self.timeout = timeout
         self.progress = progress
+        self.target_error = target_error
+        self.time_limit = time_limit
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
 
@@ -96,6 +109,10 @@ class NsqGpuBackend(TracerBackend):
             "--min-flux-fraction": float(min_flux_fraction),
             "--precision": self.precision,
         }
+        if self.target_error is not None:
+            options["--target-error"] = float(self.target_error)
+        if self.time_limit is not None:
+            options["--time-limit"] = f"{float(self.time_limit)}s"
         if self.adapter is not None:
             options["--adapter"] = self.adapter
         if record_paths:
@@ -106,16 +123,18 @@ class NsqGpuBackend(TracerBackend):
         scene_file = folder / "scene.json"
         scene_file.write_text(to_json(exported.document, indent=None), encoding="utf-8")
         mode = "json" if self.progress else "never"
-        command = [binary, "trace", str(scene_file), *options, f"--progress={mode}", f"--output={folder / 'out'}"]
-        if callable(self.progress):
-            run(command, self.timeout, self.progress)
-            return
-        bar = ProgressBar() if self.progress else None
+        # Nobody looks at pictures of a folder that is about to go; and the child ends when stdin closes with us.
+        command = [binary, "trace", str(scene_file), *options, f"--progress={mode}", f"--output={folder / 'out'}",
+                   "--no-pictures", "--watch-stdin"]
+        bar = ProgressBar() if self.progress and not callable(self.progress) else None
+        progress = self.progress if callable(self.progress) else bar
         try:
-            run(command, self.timeout, bar)
+            code, said = run(command, self.timeout, progress, accepted=(0, TOLERANCE_NOT_MET))
         finally:
             if bar is not None:
                 bar.close()
+        if code == TOLERANCE_NOT_MET:
+            warnings.warn(error_of(code, said.splitlines()[-1]).args[0], ToleranceWarning, stacklevel=4)
 
 
 def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:

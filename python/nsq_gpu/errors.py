@@ -61,6 +61,13 @@ class NsqGpuWarning(UserWarning):
     """What the tracer finds doubtful in a scene, such as rotations that look like degrees."""
 
 
+class ToleranceWarning(NsqGpuWarning):
+    """The rays or the time ended before the target for the error was met; the result is what was reached."""
+
+
+#: Exit code of a trace that is whole but whose target was not met.
+TOLERANCE_NOT_MET = 6
+
 _BY_EXIT_CODE: dict[int, type[NsqGpuError]] = {
     cls.exit_code: cls for cls in (UsageError, SceneError, AdapterError, DeviceError) if cls.exit_code is not None
 }

@@ -9,28 +9,44 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import IO
+from typing import IO, Any
 
 from nsq_gpu.errors import TraceTimeoutError, error_of
 
 #: Called with the rays done, the rays in all, and the rays per second.
 ProgressCallback = Callable[[int, int, float], None]
 
+
+class _Update:
+    """One line of progress."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        self.rays = int(said["rays"])
+        self.num_rays = int(said["num_rays"])
+        self.rays_per_sec = float(said["rays_per_sec"])
+        #: Time to the end [s]: the last ray, the target or the time limit.
+        self.eta_sec = float(said["eta_sec"])
+        #: The largest relative standard error; None as long as it is not known.
+        self.relative_error: float | None = said.get("relative_error")
+
 #: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
 _TICK = 0.1
 
 
-def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | None = None) -> None:
+def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | ProgressBar | None = None,
+        accepted: Sequence[int] = (0,)) -> tuple[int, str]:
     """Run a command; what it writes to stderr goes to the exception if it fails.
 
-    Whatever ends the call early, a timeout, Ctrl-C or an exception of the callback, ends the child first.
+    Returns the exit code, one of those ``accepted``, and what was said. Whatever ends the call early, a timeout, Ctrl-C
+    or an exception of the callback, ends the child first. And the child's stdin is a pipe that this process holds: what
+    ends the process, be it SIGKILL, closes the pipe, and the command ends with it.
 
     Raises:
-        NsqGpuError: The exit code was not 0; the class says which.
+        NsqGpuError: The exit code was none of those; the class says which.
         TraceTimeoutError: It ran longer than ``timeout`` [s].
     """
     child = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         encoding="utf-8", errors="replace",
     )
     try:
@@ -40,11 +56,15 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Progress
         raise
     finally:
         code = child.wait()
-    if code != 0:
-        raise error_of(code, "\n".join(said))
+        assert child.stdin is not None
+        child.stdin.close()
+    text = "\n".join(said)
+    if code not in accepted:
+        raise error_of(code, text)
+    return code, text
 
 
-def _listen(child: subprocess.Popen[str], timeout: float | None, progress: ProgressCallback | None) -> list[str]:
+def _listen(child: subprocess.Popen[str], timeout: float | None, progress: ProgressCallback | ProgressBar | None) -> list[str]:
     """Return the lines of stderr when it closes; lines of progress go to the callback, in the caller's thread."""
     deadline = None if timeout is None else time.monotonic() + timeout
     lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -63,8 +83,10 @@ def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Progr
         update = _update_in(line)
         if update is None:
             said.append(line.rstrip("\n"))
+        elif isinstance(progress, ProgressBar):
+            progress.show(update)
         elif progress is not None:
-            progress(*update)
+            progress(update.rays, update.num_rays, update.rays_per_sec)
 
 
 def _pump(stream: IO[str], lines: queue.SimpleQueue[str | None]) -> None:
@@ -74,12 +96,11 @@ def _pump(stream: IO[str], lines: queue.SimpleQueue[str | None]) -> None:
     lines.put(None)
 
 
-def _update_in(line: str) -> tuple[int, int, float] | None:
+def _update_in(line: str) -> _Update | None:
     if not line.startswith("{"):
         return None
     try:
-        update = json.loads(line)
-        return int(update["rays"]), int(update["num_rays"]), float(update["rays_per_sec"])
+        return _Update(json.loads(line))
     except (ValueError, KeyError, TypeError):
         return None
 
@@ -93,11 +114,14 @@ class ProgressBar:
         self._stream = stream or sys.stderr
         self._width = 0
 
-    def __call__(self, rays: int, num_rays: int, rays_per_sec: float) -> None:
-        share = rays / max(num_rays, 1)
+    def show(self, update: _Update) -> None:
+        """Draw the bar anew."""
+        share = update.rays / max(update.num_rays, 1)
         bar = ("=" * round(share * self._CELLS)).ljust(self._CELLS)
-        left = (num_rays - rays) / max(rays_per_sec, 1e-9)
-        text = f"[{bar}] {share:4.0%}  {rays:,} of {num_rays:,} rays, {rays_per_sec:,.0f}/s, {left:.0f} s left"
+        text = (f"[{bar}] {share:4.0%}  {update.rays:,} of {update.num_rays:,} rays, "
+                f"{update.rays_per_sec:,.0f} rays/s, {update.eta_sec:.0f} s left")
+        if update.relative_error is not None:
+            text += f", error {100.0 * update.relative_error:.2g} %"
         self._write(text)
 
     def close(self) -> None:

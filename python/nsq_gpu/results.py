@@ -47,6 +47,8 @@ def fill_scene(scene: NSQScene, report: Json, folder: Path, surface_labels: list
     for name, live in zip(scene.detector_names, scene.detectors, strict=True):
         _fill_detector(live, report["detectors"][name], folder)
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
+    for name, detector in detectors.items():
+        _add_errors(detector, report["detectors"][name], folder)
     return SimulationResult(
         **{key: report[key] for key in _SAME},
         detectors=detectors,
@@ -80,6 +82,15 @@ def _fill_detector(live: Any, spec: Json, folder: Path) -> None:
     live._num_rays_hit = spec["num_rays_hit"]
 
 
+def _add_errors(detector: Any, spec: Json, folder: Path) -> None:
+    """Put the standard errors on a result, where Optiland's has no field for them."""
+    detector.total_flux_standard_error = spec["total_flux_standard_error"]
+    detector.standard_error = None
+    with np.load(folder / spec["file"]) as arrays:
+        if "standard_error" in arrays:
+            detector.standard_error = arrays["standard_error"]
+
+
 def _pixel_area(live: Any) -> float:
     return float(live.width) / int(live.num_pixels_x) * (float(live.height) / int(live.num_pixels_y))
 
@@ -98,7 +109,8 @@ def _fill_far_field(live: Any, spec: Json, arrays: Any) -> None:
 
 
 def _fill_ray_database(live: Any, spec: Json, arrays: Any) -> None:
-    live._total_flux = spec["total_flux"]
+    # Of a capped database the live detector counts every row, its result those that were kept.
+    live._total_flux = spec["total_flux_recorded"]
     # Without rows Optiland's own detector holds no arrays at all.
     if len(arrays["x"]):
         for key in _ROWS:

@@ -192,9 +192,13 @@ def _compare_capped_rows(agreement: Agreement, name: str, ours: Json, theirs: Js
     agreement.note("total", f"{name}.total_flux", kept, TOTAL_LIMIT)
 
 
-def compare_statistically(ours: list[Json], theirs: list[Json]) -> Agreement:
-    """Compare runs of independent seeds: Welch's t of every count, total and bin, with a Sidak bound over all."""
-    samples = _samples(ours, theirs)
+def compare_statistically(ours: list[Json], theirs: list[Json], figures: tuple[str, ...] = (*COUNTS, *FLUXES),
+                          hits: bool = True) -> Agreement:
+    """Compare runs of independent seeds: Welch's t of every figure, total and bin, with a Sidak bound over all.
+
+    ``hits`` tells whether detectors' numbers of rays are compared as well.
+    """
+    samples = _samples(ours, theirs, figures, hits)
     tests = sum(a.shape[1] for _, a, _ in samples)
     level = 1.0 - (1.0 - SIGNIFICANCE) ** (1.0 / tests)
     agreement = Agreement(worst={"t": 0.0})
@@ -206,12 +210,21 @@ def compare_statistically(ours: list[Json], theirs: list[Json]) -> Agreement:
     return agreement
 
 
-def _samples(ours: list[Json], theirs: list[Json]) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def compare_split(ours: list[Json], theirs: list[Json]) -> Agreement:
+    """Compare runs of a scene that splits rays, where only expectations of flux are the same.
+
+    Optiland counts children of no flux and plays roulette with others; of two budgets either draws other branches.
+    """
+    return compare_statistically(ours, theirs, tuple(name for name in FLUXES if name != "total_flux_lost"), hits=False)
+
+
+def _samples(ours: list[Json], theirs: list[Json], figures: tuple[str, ...],
+             hits: bool) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Pair up every statistic: its name and one row per run on either side."""
-    samples = [(name, _column(ours, name), _column(theirs, name)) for name in (*COUNTS, *FLUXES)]
+    samples = [(name, _column(ours, name), _column(theirs, name)) for name in figures]
     for name, detector in theirs[0]["detectors"].items():
         sides = [[run["detectors"][name] for run in runs] for runs in (ours, theirs)]
-        for key in ("num_rays_hit", "total_flux"):
+        for key in ("num_rays_hit", "total_flux") if hits else ("total_flux",):
             samples.append((f"{name}.{key}", _column(sides[0], key), _column(sides[1], key)))
         if detector["kind"] in MAP_KEYS:
             samples.append((f"{name}.map", *_pooled(*sides)))

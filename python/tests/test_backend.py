@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
+import shutil
 import signal
 import stat
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -39,9 +44,9 @@ NUM_RAYS = 4000
 posix_only = pytest.mark.skipif(os.name == "nt", reason="the stand-ins for the program are shell scripts")
 
 
-def side(name: str, result: Any, figures: Json) -> compare.Side:
+def side(name: str, scene: NSQScene, result: Any, figures: Json) -> compare.Side:
     hits = {detector: found["num_rays_hit"] for detector, found in figures["detectors"].items()}
-    return compare.Side(name, result, hits, 1.0, 1.0)
+    return compare.Side(name, result, hits, 1.0, 1.0, splits=scene.sampling_policy.split_depth > 0)
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -50,7 +55,8 @@ def test_equals_numpy(path: Path) -> None:
     result, ours = traced(scene, NUM_RAYS, backend(), record_paths=300)
     reference, theirs = traced(live.load_uncapped(path), NUM_RAYS, NumpyBackend(), record_paths=300)
     if parity.is_chaotic(path):
-        text, agrees = compare.verdict(side("ours", result, ours), side("theirs", reference, theirs), statistical=True)
+        sides = side("ours", scene, result, ours), side("theirs", scene, reference, theirs)
+        text, agrees = compare.verdict(*sides, statistical=True)
         assert agrees, text
         return
     assert not agreement(ours, theirs, capped).violations
@@ -59,6 +65,8 @@ def test_equals_numpy(path: Path) -> None:
         assert type(result.detectors[name]) is type(reference.detectors[name])
         again = detector.get_result()
         for key, value in vars(result.detectors[name]).items():
+            if key in ("standard_error", "total_flux_standard_error"):
+                continue
             assert np.array_equal(np.asarray(getattr(again, key)), np.asarray(value)), (name, key)
 
 
@@ -96,6 +104,21 @@ def test_private_state_of_detectors_is_as_numpy_leaves_it() -> None:
                 assert got == pytest.approx(value), key
 
 
+def test_a_capped_live_database_is_as_numpy_leaves_it() -> None:
+    """Which rows a cap keeps depends on the batches; how many, and the flux of all, do not."""
+    capped = [], []
+    for scenes, which in zip(capped, (backend(), NumpyBackend()), strict=True):
+        scene = bench()
+        scene.add_detector("rays", cs(z=12.0), RayDatabaseConfig(40.0, 40.0, max_rays=100, absorb=False))
+        result, _ = traced(scene, NUM_RAYS, which)
+        live_one = scene.detector_registry.get("rays")
+        scenes.extend((live_one._num_rays_hit, live_one._total_flux, sum(map(len, live_one._x)), live_one.max_rays,
+                       result.detectors["rays"].total_flux, float(live_one.get_result().flux.sum())))
+    ours, theirs = capped
+    assert ours[2] == 100 and ours[0] > 3000 and ours[1] > 10.0 * ours[4]
+    assert ours == pytest.approx(theirs, rel=1e-11)
+
+
 def test_a_second_trace_starts_from_nothing() -> None:
     scene = all_detectors()
     _, once = traced(scene, NUM_RAYS, backend())
@@ -116,6 +139,16 @@ def test_is_a_backend_of_optiland_and_its_result_works_on() -> None:
     assert np.array_equal(np.asarray(image.data).shape, (image.irradiance.size,))
     with live.quiet():
         scene.view(result)
+
+
+def test_the_example_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    readme = (live.ROOT / "README.md").read_text(encoding="utf-8")
+    example = readme.split("```python\n")[1].split("```")[0]
+    names: dict[str, Any] = {}
+    with mock.patch.dict(os.environ, {"NSQ_GPU_BINARY": live.binary()}), live.quiet():
+        exec(compile(example.replace("1_000_000", "2_000"), "README.md", "exec"), names)
+    assert "NSQ trace diagnostics" in capsys.readouterr().out
+    assert names["result"].detectors["image"].total_flux > 0.3
 
 
 def test_to_photometric() -> None:
@@ -200,6 +233,41 @@ def test_progress_draws_a_bar() -> None:
     assert "3,000 of 3,000 rays" in stream.getvalue() and stream.getvalue().endswith("\r")
 
 
+def test_progress_bar_shows_the_error() -> None:
+    with mock.patch("sys.stderr", io.StringIO()) as stream:
+        traced(bench(), 10**7, backend(progress=True, target_error=0.5))
+    assert "error" in stream.getvalue()
+
+
+# Errors
+
+
+def test_results_carry_standard_errors() -> None:
+    scene = all_detectors()
+    result, _ = traced(scene, NUM_RAYS, backend())
+    maps = {"screen": "irradiance", "colours": "irradiance", "sky": "intensity"}
+    for name, key in maps.items():
+        found = result.detectors[name]
+        values = np.asarray(getattr(found, key))
+        assert found.standard_error.shape == values.shape
+        assert np.all((found.standard_error > 0.0) == (values > 0.0))
+        assert 0.0 <= found.total_flux_standard_error < 0.1
+    assert result.detectors["rays"].standard_error is None
+    assert result.detectors["rays"].total_flux_standard_error is not None
+
+
+def test_target_and_time_limit() -> None:
+    result, _ = traced(bench(), 10**8, backend(target_error=0.5))
+    assert result.num_rays_total < 10**8
+    assert result.total_flux_in == pytest.approx(bench().sources[0].total_flux)
+    with pytest.warns(nsq_gpu.ToleranceWarning, match="above the target"):
+        bench().trace(1000, backend=backend(target_error=1e-9))
+    which = backend(time_limit=0.3)
+    result = bench().trace(10**13, backend=which)
+    assert 0 < result.num_rays_total < 10**13
+    assert which.report is not None and which.report["stopped_by"] == "time_limit"
+
+
 # Failures
 
 
@@ -247,6 +315,39 @@ def test_interrupt_ends_the_child(tmp_path: Path) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert_child_is_gone(tmp_path)
+
+
+def _is_running(pid: int) -> bool:
+    """Tell whether a process runs; one that ended and that nobody has waited for does not."""
+    said = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True).stdout.strip()
+    return bool(said) and not said.startswith("Z")
+
+
+@posix_only
+@pytest.mark.skipif(shutil.which("ps") is None, reason="ps tells which processes run")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["SIGTERM", "SIGKILL"])
+def test_the_real_program_ends_with_the_process_that_traces(tmp_path: Path, how: signal.Signals) -> None:
+    program = script(tmp_path, f'exec {live.binary()} "$@"')
+    text = ("import sys; from tests import live; "
+            "live.load(live.SCENES[0]).trace(10**15, backend=live.backend(binary=sys.argv[1]))")
+    parent = subprocess.Popen([sys.executable, "-c", text, program], cwd=live.ROOT / "python")
+    try:
+        child = _eventually(lambda: int((tmp_path / "pid").read_text()) if (tmp_path / "pid").exists() else None)
+        assert _is_running(child)
+    finally:
+        parent.send_signal(how)
+        parent.wait()
+    assert _eventually(lambda: not _is_running(child))
+
+
+def _eventually(found: Callable[[], Any]) -> Any:
+    """Return what is found as soon as something is, within a minute."""
+    for _ in range(600):
+        with contextlib.suppress(ValueError):
+            if value := found():
+                return value
+        time.sleep(0.1)
+    raise AssertionError("it never came")
 
 
 @posix_only
@@ -381,6 +482,15 @@ def test_compare_finds_a_difference(capsys: pytest.CaptureFixture[str]) -> None:
     # A shallower trace is.
     with wrong(max_depth=3):
         assert compare.main([*options, "--statistical"]) == compare.DISAGREE
+    assert "DISAGREE" in capsys.readouterr().out
+
+
+def test_compare_judges_split_rays_by_their_flux(capsys: pytest.CaptureFixture[str]) -> None:
+    path = live.ROOT / "scenes" / "split_ghosts.json"
+    options = [str(path), "-n", "2e3", "--precision", "f64", "--binary", live.binary()]
+    assert compare.main(options) == 0
+    with wrong(max_depth=3):
+        assert compare.main(options) == compare.DISAGREE
     assert "DISAGREE" in capsys.readouterr().out
 
 

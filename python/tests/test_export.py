@@ -55,7 +55,7 @@ from tests.live import (
     backend,
     bench,
     cs,
-    equals_numpy_where_supported,
+    assert_agrees_with_numpy,
     glass,
     same,
     traced,
@@ -293,7 +293,7 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
     RayDatabaseConfig: (lambda **fields: with_detector(RayDatabaseConfig, **fields), SMALL, {
         "width": 18.0, "height": 18.0, "max_rays": 7, "absorb": False}),
     SamplingPolicy: (with_sampling, {}, {
-        "reflect_prob": "auto", "split_depth": 1, "split_budget": 3.0,
+        "reflect_prob": "auto", "split_depth": 2, "split_budget": With(1.5, {"split_depth": 4}),
         "rr_start_flux": With(0.99, {"reflect_prob": 0.5})}),
     Spectrum: (with_spectrum, {"wavelengths": np.array([0.5, 0.6]), "weights": np.array([1.0, 1.0])}, {
         "wavelengths": np.array([0.5, 0.65]), "weights": np.array([1.0, 3.0])}),
@@ -359,7 +359,6 @@ UNREAD = {
 #: Changes that these few rays cannot show: there the file alone must change.
 UNSEEN = {
     (SurfaceConfig, "aperture_radius"): "watertight lenses allow a nanometre",
-    (SamplingPolicy, "split_budget"): "it matters with split_depth alone",
     (AbsorbingComponent, "material_front"): "nothing is left to travel in it",
     (ReflectiveComponent, "material_front"): "a reflected ray stays in the medium that it came through",
     (HarveyShackBSDF, "b0"): "the lobe's shape depends on l0 and s alone",
@@ -376,7 +375,7 @@ def fields_of(cls: type) -> list[str]:
 
 
 #: Figures of bases, which most fields of a class share.
-traced_bases: dict[tuple[type, str], Json | None] = {}
+traced_bases: dict[tuple[type, str], Json] = {}
 
 
 def steps() -> list[Any]:
@@ -398,9 +397,9 @@ def test_no_field_is_dropped(cls: type, name: str, schema: jsonschema.Draft20201
     assert document(read_back(new)) == new
     key = (cls, name if change.base else "")
     if key not in traced_bases:
-        traced_bases[key] = equals_numpy_where_supported(before, 400)
-    figures = equals_numpy_where_supported(after, 400)
-    if figures and traced_bases[key] and (cls, name) not in UNSEEN:
+        traced_bases[key] = assert_agrees_with_numpy(before, 400)
+    figures = assert_agrees_with_numpy(after, 400)
+    if (cls, name) not in UNSEEN:
         assert not same(figures, traced_bases[key]), "the change makes no difference to the trace"
 
 
@@ -410,7 +409,8 @@ def test_every_known_class_is_walked() -> None:
 
 
 def test_tabulated_bsdf_is_embedded(tmp_path: Path, schema: jsonschema.Draft202012Validator) -> None:
-    rows = [(i, s, 0.1 + 0.001 * i + 0.002 * s) for i in (0.0, 45.0, 90.0) for s in (0.0, 30.0, 60.0, 90.0)]
+    # The same for every incidence and below 1 / pi: for the others Optiland's transmissive lobes are wrong (README).
+    rows = [(i, s, 0.1 + 0.002 * s) for i in (0.0, 45.0, 90.0) for s in (0.0, 30.0, 60.0, 90.0)]
     (tmp_path / "scatter.csv").write_text("\n".join(",".join(map(str, row)) for row in rows))
     scene = with_surface_config(bsdf=TabulatedBSDF(tmp_path / "scatter.csv", 0.25))
     (tmp_path / "scatter.csv").unlink()
@@ -421,13 +421,13 @@ def test_tabulated_bsdf_is_embedded(tmp_path: Path, schema: jsonschema.Draft2020
     assert np.array(written["bsdf"]).ravel().tolist() == [value for _, _, value in rows]
     assert written["transmissive_fraction"] == 0.25
     assert document(read_back(content)) == content
-    equals_numpy_where_supported(scene, 400)
+    assert_agrees_with_numpy(scene, 400)
 
 
 def test_specular_bsdf_is_written() -> None:
     scene = with_surface_config(interaction=InteractionType.REFLECTIVE, reflectance=0.9, bsdf=SpecularBRDF())
     assert document(scene)["nsq_gpu"]["overrides"]["L.front"]["bsdf"] == {"type": "specular"}
-    equals_numpy_where_supported(scene, 400)
+    assert_agrees_with_numpy(scene, 400)
 
 
 def test_overrides_on_every_face() -> None:

@@ -72,7 +72,12 @@ def cosines(source):
 def directions(source):
     edges = [(y, x) for y in (0.0, 1.0, -1.0) for x in (0.0, 1.0, -1.0)]
     spreads = [(spread(source, 1e-12, 1e3), spread(source, 1e-12, 1e3)) for _ in range(1000)]
-    return edges + spreads + [(source.uniform(-1, 1), source.uniform(-1, 1)) for _ in range(ROWS - 1000 - len(edges))]
+    # As large, small and unequal as doubles allow: the ratio stays a normal number.
+    scales = [spread(source, 1e-290, 1e290, False) for _ in range(200)]
+    extremes = [(spread(source, 1e-8, 1e8) * scale, spread(source, 1e-8, 1e8) * scale) for scale in scales]
+    extremes += [(spread(source, 1e-150, 1e150), spread(source, 1e-150, 1e150)) for _ in range(200)]
+    near = [(source.uniform(-1, 1), source.uniform(-1, 1)) for _ in range(ROWS - 1400 - len(edges))]
+    return edges + spreads + extremes + near
 
 
 def positives(source):

@@ -2,8 +2,8 @@
 
 A file holds every count and total of one trace in full, small maps whole, and of large maps the sums along each axis
 and some single bins. It also tells whether the oracle agrees with itself when its sources move by rounding errors;
-where it does not (``"chaotic": true``), paths are decided by rounding, and means over independent runs are added for
-a statistical comparison.
+where it does not, paths are decided by rounding. There, and where rays are split (``"chaotic": true``), means over
+independent runs are added for a statistical comparison.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ def digest(scene: Path) -> Json:
     document = json.loads(text)
     result = trace_with_oracle(document, NUM_RAYS, SEED)
     self_agreement = compare(_trace_moved(document), result)
-    chaotic = bool(self_agreement.violations)
+    # Rays that are split draw numbers of their own here and there: as in a chaotic scene, expectations are the same.
+    chaotic = bool(self_agreement.violations) or splits(document)
     statistics = {"statistics": _statistics(document)} if chaotic else {}
     return {
         "scene": scene.name,
@@ -61,6 +62,11 @@ def digest(scene: Path) -> Json:
         "max_rays": caps(document),
         **statistics,
     }
+
+
+def splits(document: Json) -> bool:
+    """Tell whether the scene splits rays."""
+    return document.get("nsq_gpu", {}).get("sampling", {}).get("split_depth", 0) > 0
 
 
 def _self_deviation(agreement: Agreement) -> Json:

@@ -851,6 +851,29 @@ def mesh_lens() -> Json:
     )
 
 
+# Splitting.
+
+
+@scene
+def split_ghosts() -> Json:
+    """Bounded splitting: a biconvex singlet, a smoked window and a lossy coat; every ghost of three splits."""
+    crown, smoked = medium("crown"), medium("smoked")
+    faces = [surface("front", cs(), conic(70.0, 0.0, 12.0), "refractive", None, crown),
+             surface("back", cs(z=5.0), conic(-90.0, 0.0, 12.0), "refractive", crown, None),
+             surface("window.front", cs(z=12.0, rx=0.03), plane(width=30.0, height=30.0), "refractive", None, smoked,
+                     coating=coating(0.1, 0.85)),
+             surface("window.back", cs(z=14.0, rx=0.03), plane(width=30.0, height=30.0), "refractive", smoked, None)]
+    return document(
+        [],
+        [collimated("star", beam_frame(1.5, -4.0, 40.0, 0.5), spectrum([0.48, 0.62], [2.0, 1.0]), 8.0, 2.0)],
+        [irradiance("image", cs(z=60.0), 30.0, 30.0, 16, 16), irradiance("ghosts", cs(z=-60.0), 60.0, 60.0, 16, 16),
+         far_field("stray", cs(z=-61.0), 12, 18)],
+        media={"crown": table([0.48, 0.62], [1.63, 1.61], [1e-7, 2e-7]), "smoked": constant(1.5, 4e-6)},
+        surfaces=faces,
+        sampling={"reflect_prob": "auto", "split_depth": 3, "split_budget": 4.0, "rr_start_flux": 0.0},
+    )
+
+
 def write(name: str) -> None:
     """Write one scene file."""
     path = SCENES_DIR / f"{name}.json"

@@ -1,6 +1,8 @@
 // Reflection is drawn with its own probability R: both branches keep their weight.
 // (Optiland clips R to [1e-12, 1 - 1e-12] here and scales the weight by up to 1 + 1e-12: we do not.)
 
-fn draw_reflection(ray: ptr<function, Ray>, bits: u32, reflectance: real, total_reflection: bool) -> bool {
+fn draw_reflection(
+    ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real, total_reflection: bool,
+) -> bool {
     return below(bits, reflectance) | total_reflection;
 }

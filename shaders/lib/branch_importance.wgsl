@@ -1,10 +1,12 @@
-// Reflection is drawn with probability p; the weight is multiplied by R / p or (1 - R) / (1 - p), so that both branches
-// keep their share on average.
+// Reflection is drawn with probability p; the weight is multiplied by R / p or T / (1 - p), so that both branches keep
+// their share on average.
 
-fn draw_reflection(ray: ptr<function, Ray>, bits: u32, reflectance: real, total_reflection: bool) -> bool {
+fn draw_reflection(
+    ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real, total_reflection: bool,
+) -> bool {
     let p = clamp(reflect_probability(reflectance), 1e-12, 1.0 - 1e-12);
     let reflects = below(bits, p) | total_reflection;
-    let share = select((1.0 - reflectance) / (1.0 - p), reflectance / p, reflects);
+    let share = select(transmittance / (1.0 - p), reflectance / p, reflects);
     let before = (*ray).weight;
     let after = before * select(share, 1.0, total_reflection);
     book_loss(CELL_IMPORTANCE_LOSS, before, after);

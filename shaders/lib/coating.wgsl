@@ -4,6 +4,11 @@ fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: r
     return select(bare, reflectance_of(surface, primitive, wavelength), surface.coated != 0u);
 }
 
+// What is not reflected; `pass_coating` takes from it what the coating absorbs.
+fn coated_transmittance(surface: Surface, bare: real, reflectance: real) -> real {
+    return select(1.0 - reflectance, bare, surface.coated == 0u);
+}
+
 // Of the light that it does not reflect, a coating lets T / (1 - R) pass.
 fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     let before = (*ray).weight;

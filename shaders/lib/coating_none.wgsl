@@ -4,5 +4,9 @@ fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: r
     return bare;
 }
 
+fn coated_transmittance(surface: Surface, bare: real, reflectance: real) -> real {
+    return bare;
+}
+
 fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
 }

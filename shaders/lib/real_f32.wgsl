@@ -11,6 +11,11 @@ fn below(bits: u32, p: real) -> bool {
     return (p >= 1.0) | ((p > 0.0) & (bits < u32(ceil(p * 4294967296.0))));
 }
 
+// False for NaN and infinity, by the bits: a compiler may take for granted that there are none.
+fn is_number(x: real) -> bool {
+    return (bitcast<u32>(x) & 0x7F800000u) != 0x7F800000u;
+}
+
 // True if a sum can hold the weight: 0 <= w < 2^43. It looks at the bits, because a compiler may take for granted that
 // no number is NaN or infinite.
 fn is_depositable(w: real) -> bool {

@@ -10,6 +10,11 @@ fn below(bits: u32, p: real) -> bool {
     return f64(bits) < p * 4294967296.0;
 }
 
+// False for NaN and infinity, by a comparison that holds: see is_depositable.
+fn is_number(x: real) -> bool {
+    return abs(x) < 1e300;
+}
+
 // True if a sum can hold the weight: 0 <= w < 2^43. Only comparisons that hold, joined and never negated, refuse a NaN:
 // a compiler may turn !(a < b) into a >= b, and the bits of an f64 cannot be read everywhere.
 fn is_depositable(w: real) -> bool {

@@ -22,6 +22,9 @@ struct Stream {
     increment: u64,
 }
 
+// Q of step 0: MULT + 1, as words (lo, hi).
+const FIRST_STEP: vec2<u32> = vec2<u32>(0x4C957F2Eu, 0x5851F42Du);
+
 // The stream at the step whose jump is (P.lo, P.hi, Q.lo, Q.hi). A literal slot costs nothing: its product folds.
 fn stream_at(key: RayKey, slot: u32, jump: vec4<u32>) -> Stream {
     let increment = (splitmix64(key ^ (u64(slot) * 0xC2B2AE3D27D4EB4Flu)) << 1u) | 1lu;

@@ -50,6 +50,9 @@ struct Stream {
     increment: vec2<u32>,
 }
 
+// Q of step 0: MULT + 1, as words (lo, hi).
+const FIRST_STEP: vec2<u32> = vec2<u32>(0x4C957F2Eu, 0x5851F42Du);
+
 // The stream at the step whose jump is (P.lo, P.hi, Q.lo, Q.hi). A literal slot costs nothing: its product folds.
 fn stream_at(key: RayKey, slot: u32, jump: vec4<u32>) -> Stream {
     let selector = splitmix64(key ^ pair_mul(vec2<u32>(slot, 0u), vec2<u32>(0x27D4EB4Fu, 0xC2B2AE3Du)));

@@ -58,7 +58,7 @@ struct Range {
     first_hi: u32,
     count: u32,
     emitter: u32,
-    // P of step 0 (program::rng::step_table).
+    // The seed's words in the row of step 0 (program::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
 }
@@ -66,9 +66,9 @@ struct Range {
 // Uniform, because every invocation reads the same values.
 @group(0) @binding(0) var<uniform> range: Range;
 
-// The jump to step 0: P from the seed, Q = MULT + 1.
+// The row of rng_table for step 0.
 fn first_jump() -> vec4<u32> {
-    return vec4<u32>(range.seed_lo, range.seed_hi, 0x4C957F2Eu, 0x5851F42Du);
+    return vec4<u32>(range.seed_lo, range.seed_hi, FIRST_STEP);
 }
 
 // The 32 bits of (ray, slot, 0).

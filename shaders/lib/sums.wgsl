@@ -7,7 +7,7 @@ alias Quanta = vec3<u32>;
 
 const NO_QUANTA: vec3<u32> = vec3<u32>(0u, 0u, 0u);
 
-// Deposits that no sum can hold: NaN, infinite, negative, or 2^43 and more.
+// Deposits that no sum can hold: NaN, infinite, negative, or 2^43 and more; and rays that ended without a position.
 const INVALID_DEPOSITS: u32 = 0u;
 
 // Numbers of events.

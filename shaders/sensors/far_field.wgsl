@@ -12,4 +12,5 @@ fn record_far_field(ray: Ray, sensor: Sensor) {
     let cell = sensor.cell + i_theta * sensor.num_x + i_phi;
     count(cell);
     deposit_weight(cell, ray.weight);
+    add_cell_moment(ray.weight, sensor, cell);
 }

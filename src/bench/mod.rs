@@ -6,15 +6,17 @@
 //! peers       Optiland's NumPy backend and a Dr.Jit kernel, as children
 //! statistics  median, least and greatest of the runs; ratios
 //! report      one JSON document, CSV and a chart
+//! stability   scenes where tracers fail, each with its exact answer
 //! ```
 //!
-//! A benchmark, never a test: nothing here passes or fails by the clock.
+//! A benchmark, never a test: nothing here passes or fails by the clock. [`stability`] alone can fail, by its answers.
 
 pub mod cases;
 pub mod machine;
 pub mod peers;
 pub mod report;
 pub mod runner;
+pub mod stability;
 pub mod statistics;
 
 pub use cases::{Case, Kind};

@@ -3,7 +3,7 @@
 use super::{count, say};
 use crate::bench::peers::{DrJit, Optiland};
 use crate::bench::runner::measure;
-use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine};
+use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
@@ -13,6 +13,9 @@ use std::path::PathBuf;
 /// Arguments of `nsq-gpu bench`.
 #[derive(clap::Args)]
 pub struct Args {
+    /// Instead of speed: scenes where tracers fail, against their exact answers (exit code 6 where one is missed).
+    #[arg(long, conflicts_with_all = ["quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
+    stability: bool,
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
@@ -79,6 +82,9 @@ const QUICK_RAYS: u64 = 100_000;
 
 /// Measures, writes the files, and gives what goes to stdout.
 pub fn run(args: &Args) -> Result<String> {
+    if args.stability {
+        return run_stability(args);
+    }
     let cases = chosen_cases(args)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
@@ -104,6 +110,25 @@ pub fn run(args: &Args) -> Result<String> {
         files.iter().for_each(|file| say(&format!("written: {}", file.display())));
     }
     Ok(if args.json { report.to_json() } else { report.table() })
+}
+
+/// Traces the cases of [`stability`], and prints their table.
+fn run_stability(args: &Args) -> Result<String> {
+    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let precisions = precisions(args, &gpu);
+    let mut rows = Vec::new();
+    for case in stability::cases()? {
+        let outcome = |precision: &Precision| Ok((*precision, case.measure(&gpu, *precision)?));
+        let outcomes = precisions.iter().map(outcome).collect::<Result<Vec<_>>>()?;
+        rows.push(stability::Row { case, outcomes });
+    }
+    let table = stability::table(&rows);
+    let faults = stability::faults(&rows);
+    if faults.is_empty() {
+        return Ok(table);
+    }
+    super::print(&table)?;
+    Err(Error::Tolerance(faults.join("\n")))
 }
 
 fn chosen_cases(args: &Args) -> Result<Vec<Case>> {

@@ -8,7 +8,9 @@ mod check;
 mod completions;
 pub mod count;
 pub mod materials;
+mod merge;
 mod progress;
+mod quantity;
 mod schema;
 mod trace;
 #[cfg(feature = "viewer")]
@@ -38,6 +40,8 @@ struct Cli {
 enum Command {
     /// Trace a scene and report what its detectors saw.
     Trace(Box<trace::Args>),
+    /// Add up results of one scene that were traced apart, on one machine or several.
+    Merge(merge::Args),
     /// Look at a scene while it is traced, or at results.
     #[cfg(feature = "viewer")]
     View(Box<view::Args>),
@@ -60,6 +64,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args),
+        Command::Merge(args) => merge::run(&args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(&args),
         Command::Check(args) => check::run(&args),

@@ -1,27 +1,57 @@
 //! `nsq-gpu trace`: a scene to maps, ledger and report.
 
-use super::progress::{Mode, Progress};
-use super::{count, read_scene, say};
+use super::progress::{Mode, Progress, Status};
+use super::{count, quantity, read_scene, say};
+use crate::checkpoint::{self, Checkpoint, Identity};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::ir::{ReflectProb, SceneIr};
-use crate::program::Precision;
-use crate::result::{RunInfo, StageTime, TraceResult, output, report};
+use crate::ir::{ReflectProb, Sampling, SceneIr};
+use crate::precision::{self, Choice, Wanted};
+use crate::program::{Precision, Sampler};
+use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
-use crate::trace::{RecordPaths, TraceOptions, Tracer};
+use crate::stopping::{StoppedBy, Stopping};
+use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Arguments of `nsq-gpu trace`.
 #[derive(clap::Args)]
 pub struct Args {
     /// The scene file: Optiland's NSQ JSON, with an optional "nsq_gpu" block.
     scene: PathBuf,
-    /// Rays to launch: 250000, 1e7, 10M.
+    /// Rays to launch, at most where a target or a time limit is given: 250000, 1e7, 10M.
     #[arg(short = 'n', long, default_value = "1e6", value_parser = count::parse, value_name = "N")]
     num_rays: u64,
+    /// Number of the first ray, 0 unless given: results of disjoint rays can be merged. The rows of ray databases and
+    /// paths then stay in memory, to be written with the sums; so they do with --checkpoint.
+    #[arg(long, value_parser = count::parse, value_name = "N")]
+    first_ray: Option<u64>,
+    /// The rays are a part of a trace of N rays, which the sources share. Needed only to merge the results of a scene of
+    /// several sources bit for bit.
+    #[arg(long, value_parser = count::parse, value_name = "N")]
+    of_rays: Option<u64>,
+    /// Stop when every detector's relative standard error, of its flux and on average of its lit pixels, is at most X:
+    /// 1%, 0.01. Exit code 6 if the rays or the time end before.
+    #[arg(long, value_name = "X", value_parser = quantity::parse_fraction)]
+    target_error: Option<f64>,
+    /// Stop after this time: 30s, 5m, 1.5h.
+    #[arg(long, value_name = "TIME", value_parser = quantity::parse_time)]
+    time_limit: Option<Duration>,
+    /// Write the sums so far to this file every so often, and at the end.
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    /// Time between two checkpoints.
+    #[arg(long, default_value = "30s", value_name = "TIME", value_parser = quantity::parse_time, requires = "checkpoint")]
+    checkpoint_interval: Duration,
+    /// Go on from the sums in this file, which the same command with --checkpoint wrote; to the bits of an unbroken trace.
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
+    /// Sum no second moments: no standard errors, and a little faster.
+    #[arg(long, conflicts_with = "target_error")]
+    no_standard_error: bool,
     /// Seed of every random draw.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -34,9 +64,12 @@ pub struct Args {
     /// Rays per dispatch; it changes memory and speed, never a result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
-    /// Arithmetic: auto takes f64 where the adapter runs it at a good rate.
+    /// Arithmetic: auto takes the cheapest that keeps positions to a hundredth of a pixel, predicted from the scene.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
+    /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
+    #[arg(long, value_enum, default_value_t = SamplerArg::Pcg)]
+    sampler: SamplerArg,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
@@ -52,9 +85,15 @@ pub struct Args {
     /// Override the scene's reflect_prob: fresnel, auto or a number in 0..=1.
     #[arg(long, value_name = "P", value_parser = parse_reflect_prob)]
     reflect_prob: Option<ReflectProb>,
+    /// Override the scene's split_depth: rays of fewer events are split at refractive surfaces; 0 splits none.
+    #[arg(long, value_name = "N")]
+    split_depth: Option<u32>,
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write no pictures, the numbers alone.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// Time the stages on the device: to stderr and into the report's diagnostics. The trace itself becomes slower.
     #[arg(long)]
     profile: bool,
@@ -64,17 +103,29 @@ pub struct Args {
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
+    /// End at once when stdin closes: a program that holds it leaves no trace running, however it ends itself.
+    #[arg(long)]
+    watch_stdin: bool,
 }
 
 /// The `--precision` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PrecisionArg {
-    /// f64 on a processor; on a GPU by its measured rates.
+    /// f64 on a processor; on a GPU f32, unless the error predicted for the scene is too large.
     Auto,
     /// 32-bit floats.
     F32,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--sampler` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SamplerArg {
+    /// Optiland's keyed PCG32, bit for bit.
+    Pcg,
+    /// Owen-scrambled Sobol points, a ray a point.
+    Sobol,
 }
 
 fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
@@ -94,25 +145,95 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
+    if args.watch_stdin {
+        std::thread::spawn(end_with_stdin);
+    }
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
+    let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
-    let options = options(args, &gpu)?;
-    let (result, interrupted) = trace(args, &scene, &ir, &gpu, &options)?;
-    if let Some(dir) = &args.output {
-        let files = output::write_all(dir, &result)?;
-        files.iter().filter(|_| !args.json).for_each(|file| say(&format!("written: {}", file.display())));
+    let mut options = options(args);
+    let choice = precision::choose(&gpu, &ir, &options, wanted(args.precision))?;
+    options.precision = choice.precision;
+    let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
+    let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
+    let run = Run { args, scene: &scene, ir: &ir, gpu: &gpu, options: &options, choice, identity: &identity };
+    let (result, tally) = trace(&run, begun)?;
+    let extras = Printed { json: args.json, pictures: !args.no_pictures };
+    let printed = deliver(&result, &Checkpoint { identity, tally }, args.output.as_deref(), extras)?;
+    match failure(&result) {
+        None => Ok(printed),
+        Some(failure) => {
+            super::print(&printed)?;
+            Err(failure)
+        }
     }
-    let printed = if args.json { json(&result, args.output.as_deref())? } else { result.report() };
-    if interrupted {
-        super::print(&printed)?;
-        return Err(Error::Interrupted);
+}
+
+/// What a trace that gave a result did not do of what it should.
+fn failure(result: &TraceResult) -> Option<Error> {
+    if result.run.stopped_by == Some(StoppedBy::Interrupt) {
+        return Some(Error::Interrupted);
     }
-    Ok(printed)
+    let target = result.run.target_error?;
+    let percent = |fraction: f64| format!("{:.3} %", 100.0 * fraction);
+    match result.relative_error {
+        Some(error) if error <= target => None,
+        Some(error) => Some(Error::Tolerance(format!(
+            "the relative error is {}, above the target of {}",
+            percent(error),
+            percent(target)
+        ))),
+        None => Some(Error::Tolerance(format!(
+            "the relative error is not known, and so not below the target of {}",
+            percent(target)
+        ))),
+    }
+}
+
+/// The sums that the trace goes on from.
+fn beginning(args: &Args, identity: &Identity, resumed: Checkpoint) -> Result<Tally> {
+    let differences = identity.differences_from_beginning(&resumed.identity);
+    let file = args.resume.as_deref().unwrap_or(Path::new("")).display();
+    if !differences.is_empty() {
+        return Err(Error::Usage(format!("{file} is of another trace: {}", differences.join("; "))));
+    }
+    if !identity.same_device(&resumed.identity) {
+        say(&format!(
+            "{file} comes from another adapter or driver, {} ({}): the bits may differ from those of an unbroken trace",
+            resumed.identity.adapter, resumed.identity.driver
+        ));
+    }
+    Ok(resumed.tally)
+}
+
+/// What a result is printed as, and whether it has pictures.
+#[derive(Debug, Clone, Copy)]
+pub struct Printed {
+    /// report.json instead of the text.
+    pub json: bool,
+    /// A picture of each detector.
+    pub pictures: bool,
+}
+
+/// Writes the files of a result, and gives what goes to stdout.
+pub fn deliver(
+    result: &TraceResult,
+    sums: &Checkpoint,
+    output: Option<&Path>,
+    printed: Printed,
+) -> Result<String> {
+    if let Some(dir) = output {
+        let tally = sums.to_bytes()?;
+        let extras = output::Extras { pictures: printed.pictures, tally: Some(&tally) };
+        let files = output::write(dir, result, &extras)?;
+        files.iter().filter(|_| !printed.json).for_each(|file| say(&format!("written: {}", file.display())));
+    }
+    if printed.json { json(result, output) } else { Ok(result.report()) }
 }
 
 /// report.json as it was written, or as it would be without files.
@@ -134,6 +255,13 @@ fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
         }
         ir.sampling.rr_start_flux = rr_start_flux;
     }
+    if let Some(split_depth) = args.split_depth {
+        if split_depth > Sampling::MAX_SPLIT_DEPTH {
+            let most = Sampling::MAX_SPLIT_DEPTH;
+            return Err(Error::Usage(format!("--split-depth is {split_depth}; it must lie in 0..={most}")));
+        }
+        ir.sampling.split_depth = split_depth;
+    }
     Ok(())
 }
 
@@ -142,64 +270,160 @@ fn adapter_choice(args: &Args) -> AdapterChoice {
     AdapterChoice { name: args.adapter.clone(), native, runtime_checks: false }
 }
 
-fn options(args: &Args, gpu: &Gpu) -> Result<TraceOptions> {
-    let precision = match args.precision {
-        PrecisionArg::F32 => Precision::F32,
-        PrecisionArg::F64 => Precision::F64,
-        PrecisionArg::Auto => gpu.preferred_precision()?,
-    };
-    Ok(TraceOptions {
+fn wanted(precision: PrecisionArg) -> Wanted {
+    match precision {
+        PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
+        PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
+        PrecisionArg::Auto => Wanted::Auto,
+    }
+}
+
+/// All but the precision.
+fn options(args: &Args) -> TraceOptions {
+    TraceOptions {
         num_rays: args.num_rays,
         seed: args.seed,
         max_depth: args.max_depth,
         min_flux_fraction: args.min_flux_fraction,
         batch_size: args.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
-        precision,
+        sampler: match args.sampler {
+            SamplerArg::Pcg => Sampler::Pcg,
+            SamplerArg::Sobol => Sampler::Sobol,
+        },
         paths: args.record_paths.unwrap_or(RecordPaths::None),
+        first_ray: args.first_ray.unwrap_or(0),
+        of_rays: args.of_rays,
+        standard_error: !args.no_standard_error,
         ..Default::default()
-    })
+    }
 }
 
-fn trace(
-    args: &Args,
-    scene: &Scene,
-    ir: &SceneIr,
-    gpu: &Gpu,
-    options: &TraceOptions,
-) -> Result<(TraceResult, bool)> {
+/// A trace that is ready to start.
+struct Run<'a> {
+    args: &'a Args,
+    scene: &'a Scene,
+    ir: &'a SceneIr,
+    gpu: &'a Gpu,
+    options: &'a TraceOptions,
+    choice: Choice,
+    identity: &'a Identity,
+}
+
+/// Where rows go that are no part of the sums: to disk, or nowhere without files. None where the sums must hold them,
+/// because another trace goes on from them or adds to them.
+fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Recording + use<'a>>> {
+    let is_part = args.first_ray.is_some() || args.of_rays.is_some();
+    if is_part || args.checkpoint.is_some() || args.resume.is_some() {
+        return Ok(None);
+    }
+    let folder = args.output.as_deref().map(output::file_system_of).transpose()?;
+    Ok(Some(move || match &folder {
+        Some(folder) => Recording::in_folder(ir, folder),
+        None => Recording::counted(ir),
+    }))
+}
+
+fn trace(run: &Run<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
+    let Run { args, scene, ir, gpu, options, choice, identity } = run;
     let mut tracer = Tracer::new(gpu, ir, options)?;
+    if let Some(recording) = recording(args, ir)? {
+        tracer.record_to(recording);
+    }
     if args.profile {
         tracer.enable_profile()?;
     }
-    let stop = stop_on_interrupt()?;
-    let mut progress = Progress::new(args.progress, options.num_rays);
+    let begun = begun.unwrap_or_else(|| tracer.empty_tally());
+    let mut session = Session {
+        args,
+        ir,
+        identity,
+        begun: begun.launched.count,
+        stop: stop_on_interrupt()?,
+        stopping: Stopping::new(args.target_error, args.time_limit),
+        progress: Progress::new(args.progress, tracer.num_rays()),
+        last_checkpoint: Instant::now(),
+        stopped_by: None,
+    };
+    session.stopping.prepare(&mut tracer, &begun)?;
     let start = Instant::now();
-    let tally = tracer.trace(|rays| {
-        progress.update(rays);
-        !stop.load(Ordering::Relaxed)
-    })?;
+    let tally = tracer.go_on(begun, |progress| session.after_pass(progress))?;
     let trace_time_sec = start.elapsed().as_secs_f64();
-    progress.finish();
+    session.progress.finish();
+    if let Some(path) = &args.checkpoint {
+        checkpoint::write(path, identity, &tally)?;
+    }
     let stage_times = tracer.stage_times();
     stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
+    let partial = tally.launched.count < tracer.num_rays();
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
-        num_rays: options.num_rays,
+        num_rays: tracer.num_rays(),
         seed: options.seed,
         max_depth: options.max_depth,
         min_flux_fraction: options.min_flux_fraction,
         precision: options.precision.name().into(),
+        sampler: options.sampler.name().into(),
+        precision_reason: choice.reason.clone(),
+        precision_warning: choice.warning.clone(),
         adapter: gpu.info.name.clone(),
         driver: gpu.info.driver.clone(),
         trace_time_sec,
         stage_times,
         scene_warnings: scene.warnings.clone(),
-        partial: tally.launched.count < options.num_rays,
+        partial,
+        stopped_by: session.stopped_by.filter(|_| partial),
+        target_error: args.target_error,
+        first_ray: options.first_ray,
+        of_rays: options.of_rays,
         program: env!("CARGO_PKG_NAME").into(),
         version: env!("CARGO_PKG_VERSION").into(),
     };
-    let interrupted = run.partial;
-    Ok((TraceResult::new(ir, &run, &tally)?, interrupted))
+    let result = match tracer.take_recorded()? {
+        Some(recorded) => TraceResult::with_rows(ir, &run, &tally, &recorded)?,
+        None => TraceResult::new(ir, &run, &tally)?,
+    };
+    Ok((result, tally))
+}
+
+/// What happens between two passes.
+struct Session<'a> {
+    args: &'a Args,
+    ir: &'a SceneIr,
+    identity: &'a Identity,
+    /// Rays that the trace began with.
+    begun: u64,
+    stop: Arc<AtomicBool>,
+    stopping: Stopping,
+    progress: Progress,
+    last_checkpoint: Instant,
+    stopped_by: Option<StoppedBy>,
+}
+
+impl Session<'_> {
+    /// Shows the progress, writes a checkpoint where one is due, and decides whether to go on.
+    fn after_pass(&mut self, progress: &mut trace::Progress) -> Result<bool> {
+        self.stopped_by = self.stopping.after_pass(self.ir, progress)?;
+        if self.stop.load(Ordering::Relaxed) {
+            self.stopped_by = Some(StoppedBy::Interrupt);
+        }
+        self.progress.update(&Status {
+            rays: progress.done,
+            num_rays: progress.num_rays,
+            begun: self.begun,
+            elapsed: progress.elapsed,
+            relative_error: self.stopping.relative_error(),
+            target_error: self.args.target_error,
+            rays_to_target: self.stopping.rays_to_target(),
+            time_limit: self.args.time_limit,
+        });
+        if let Some(path) = &self.args.checkpoint
+            && self.last_checkpoint.elapsed() >= self.args.checkpoint_interval
+        {
+            checkpoint::write(path, self.identity, progress.tally()?)?;
+            self.last_checkpoint = Instant::now();
+        }
+        Ok(self.stopped_by.is_none())
+    }
 }
 
 fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
@@ -208,6 +432,13 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     format!(
         "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
     )
+}
+
+/// Waits until nobody holds the other end of stdin, and ends the process. Results appear whole or not at all, so that
+/// there is nothing to tidy up.
+fn end_with_stdin() {
+    let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+    std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 
 /// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.

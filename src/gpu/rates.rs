@@ -15,10 +15,6 @@ pub struct ArithmeticRates {
     pub f64: Option<f64>,
 }
 
-/// f64 is taken where it runs at this part of the rate of f32 or more: measured traces are then at most about twice as
-/// slow, because draws, sums and memory cost the same in both.
-const GOOD_RATE: f64 = 1.0 / 3.0;
-
 const INVOCATIONS: u32 = 1 << 14;
 const MULTIPLY_ADDS: u32 = 1 << 10;
 
@@ -44,21 +40,6 @@ impl Gpu {
     pub fn arithmetic_rates(&self) -> Result<ArithmeticRates> {
         let f64 = if self.f64 { Some(self.rate(Precision::F64)?) } else { None };
         Ok(ArithmeticRates { f32: self.rate(Precision::F32)?, f64 })
-    }
-
-    /// f64 where the adapter runs it at a good rate, as processors do, else f32.
-    ///
-    /// # Errors
-    /// [`Error::Device`] if the device fails.
-    pub fn preferred_precision(&self) -> Result<Precision> {
-        // A processor runs both at about one rate, and whatever else runs on it would decide the measurement: the
-        // precision, and with it the result, would change from run to run.
-        if self.f64 && self.info.kind == "Cpu" {
-            return Ok(Precision::F64);
-        }
-        let rates = self.arithmetic_rates()?;
-        let good = rates.f64.is_some_and(|f64| f64 >= GOOD_RATE * rates.f32);
-        Ok(if good { Precision::F64 } else { Precision::F32 })
     }
 
     fn rate(&self, precision: Precision) -> Result<f64> {

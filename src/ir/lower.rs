@@ -170,5 +170,7 @@ fn sampling(policy: &json::SamplingPolicy) -> Sampling {
             json::ReflectProb::Constant(p) => ReflectProb::Constant(p),
         },
         rr_start_flux: policy.rr_start_flux,
+        split_depth: policy.split_depth,
+        split_budget: policy.split_budget,
     }
 }

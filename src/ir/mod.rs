@@ -8,6 +8,7 @@
 mod bsdf;
 pub(crate) mod lower;
 mod mesh;
+pub mod ray_id;
 
 pub use bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
@@ -298,6 +299,28 @@ pub struct Sampling {
     pub reflect_prob: ReflectProb,
     /// Russian roulette starts below this fraction of the mean flux of a new ray.
     pub rr_start_flux: f64,
+    /// A ray of fewer events than this is split at a refractive surface: both branches are followed. 0: never.
+    pub split_depth: u32,
+    /// Most rays of one launched ray's family that are alive at a time, where the reflected branch is followed to its end
+    /// before the transmitted one; of a fraction, so large a share of the families may have one more.
+    pub split_budget: f64,
+}
+
+impl Default for Sampling {
+    /// Optiland's.
+    fn default() -> Self {
+        Sampling {
+            reflect_prob: ReflectProb::Fresnel,
+            rr_start_flux: 1e-3,
+            split_depth: 0,
+            split_budget: 4.0,
+        }
+    }
+}
+
+impl Sampling {
+    /// Largest `split_depth`: each event has its bit in a ray's id.
+    pub const MAX_SPLIT_DEPTH: u32 = ray_id::NUMBER_BITS;
 }
 
 /// Probability of drawing reflection at a refractive surface.

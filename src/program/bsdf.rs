@@ -107,14 +107,14 @@ pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind]) {
 fn reflectance_value(bsdf: Option<&Bsdf>) -> f64 {
     match bsdf {
         Some(Bsdf::Lambertian { reflectance_value, .. }) => *reflectance_value,
-        _ => 0.0,
+        Some(Bsdf::Specular | Bsdf::HarveyShack { .. } | Bsdf::Tabulated { .. }) | None => 0.0,
     }
 }
 
 fn table_of(bsdf: Option<&Bsdf>) -> Option<&BsdfTable> {
     match bsdf {
         Some(Bsdf::Tabulated { table, .. }) => Some(table),
-        _ => None,
+        Some(Bsdf::Specular | Bsdf::Lambertian { .. } | Bsdf::HarveyShack { .. }) | None => None,
     }
 }
 

@@ -7,6 +7,7 @@ use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::records::literal;
+use super::splitting::Splitting;
 use super::{PathSampling, ProgramOptions};
 use crate::error::Result;
 use crate::ir::{ReflectProb, SceneIr};
@@ -49,11 +50,14 @@ impl Composition<'_> {
             Precision::F64 => Real::F64,
         };
         let integers = if self.options.native { Integers::Native } else { Integers::Portable };
-        let mut text = library::source(real, integers);
+        let mut text = library::source(real, integers, self.options.sampler);
         text.push_str(&self.constants()?);
         for file in self.files() {
             text.push_str(file);
             text.push('\n');
+        }
+        if self.features.splits {
+            text.push_str(&self.drawn_branch());
         }
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
@@ -90,6 +94,21 @@ impl Composition<'_> {
         }
         uint("CELL_SURFACES", self.cells.surfaces);
         uint("COUNTER_REACHED", self.cells.reached);
+        if let Some(saturated) = self.cells.saturated {
+            let splitting = Splitting::of(&self.ir.sampling);
+            uint("COUNTER_SATURATED", saturated);
+            uint("SPLIT_DEPTH", splitting.depth);
+            uint("FAMILY_BUDGET", splitting.budget);
+            uint("FAMILY_BUDGET_FRACTION", splitting.budget_fraction);
+            uint("WAITING_RAYS", splitting.waiting_rays());
+            uint("INDEX_BITS", splitting.index_bits());
+        }
+        if let Some(moments) = &self.cells.moments {
+            uint("SQUARES_OFFSET", moments.squares_offset);
+            uint("CELL_LARGE_SQUARES", moments.large_squares);
+            uint("CELL_TOTALS", moments.totals.unwrap_or_default());
+            uint("NUM_EMITTERS", self.ir.emitters.len() as u32);
+        }
         if let PathSampling::Hashed { threshold } = o.paths {
             uint("PATH_THRESHOLD", threshold);
         } else {
@@ -104,6 +123,7 @@ impl Composition<'_> {
             ("HAS_TRANSMISSIVE", f.transmissive),
             ("HAS_TRANSMISSIVE_LOBES", f.transmissive_lobes),
             ("HAS_QUEUE", o.has_queue()),
+            ("HAS_TOTALS", self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some())),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
         ] {
@@ -112,6 +132,10 @@ impl Composition<'_> {
         if contact::any(self.contacts) {
             let tolerance = 4.0 * contact::widest_tolerance(self.ir, self.centre, o.precision);
             let _ = writeln!(text, "const CONTACT_TOLERANCE: real = {};", literal(tolerance, o.precision)?);
+        }
+        if f.splits {
+            let significands = literal(o.precision.significands(), o.precision)?;
+            let _ = writeln!(text, "const SIGNIFICANDS: real = {significands};");
         }
         let threshold = literal(o.roulette_threshold, o.precision)?;
         let _ = writeln!(text, "const ROULETTE_THRESHOLD: real = {threshold};");
@@ -123,6 +147,8 @@ impl Composition<'_> {
         let f = self.features;
         let o = self.options;
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
+        let split_triangle =
+            pick(f.has_meshes(), shader!("lib/split_triangle.wgsl"), shader!("lib/split_triangle_none.wgsl"));
         let mut files = vec![
             shader!("lib/state.wgsl"),
             shader!("lib/transforms.wgsl"),
@@ -137,7 +163,7 @@ impl Composition<'_> {
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
-            pick(f.importance, shader!("lib/branch_importance.wgsl"), shader!("lib/branch_fresnel.wgsl")),
+            pick(f.splits, shader!("split.wgsl"), self.branch_file()),
             pick(f.coated, shader!("lib/coating.wgsl"), shader!("lib/coating_none.wgsl")),
             pick(f.bsdfs.is_empty(), shader!("lib/scatter_none.wgsl"), shader!("scatter.wgsl")),
             pick(
@@ -149,7 +175,7 @@ impl Composition<'_> {
             pick(contact::any(self.contacts), shader!("lib/contact.wgsl"), shader!("lib/contact_none.wgsl")),
             shader!("shapes/plane.wgsl"),
             shader!("generate.wgsl"),
-            shader!("intersect.wgsl"),
+            pick(f.splits, split_triangle, shader!("intersect.wgsl")),
             shader!("interact.wgsl"),
             shader!("splat.wgsl"),
             shader!("trace.wgsl"),
@@ -197,6 +223,12 @@ impl Composition<'_> {
                 pick(f.has_meshes(), shader!("lib/queued_ray_mesh.wgsl"), shader!("lib/queued_ray.wgsl")),
             ),
             (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
+            (!o.moments, shader!("lib/moments_none.wgsl")),
+            (o.moments, shader!("lib/moments.wgsl")),
+            (
+                o.moments,
+                pick(f.transmissive || f.splits, shader!("lib/visits.wgsl"), shader!("lib/visits_none.wgsl")),
+            ),
             (f.irradiance, shader!("sensors/irradiance.wgsl")),
             (f.spectral, shader!("sensors/spectral.wgsl")),
             (f.far_field, shader!("sensors/far_field.wgsl")),
@@ -204,6 +236,19 @@ impl Composition<'_> {
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
+    }
+
+    fn branch_file(&self) -> &'static str {
+        if self.features.importance {
+            shader!("lib/branch_importance.wgsl")
+        } else {
+            shader!("lib/branch_fresnel.wgsl")
+        }
+    }
+
+    /// Where rays are split, `draw_reflection` is the split's, which falls back on the draw under another name.
+    fn drawn_branch(&self) -> String {
+        self.branch_file().replace("fn draw_reflection(", "fn draw_branch(")
     }
 
     fn records(&self) -> Result<String> {
@@ -383,6 +428,8 @@ impl Composition<'_> {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
         let mut flush = String::from("fn flush_bins() {\n");
+        // A family's rays flush one after another.
+        let clears = self.features.splits;
         for (i, (cell, has_quanta)) in bins.iter().enumerate() {
             let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
@@ -392,6 +439,12 @@ impl Composition<'_> {
                 let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, bin_{i});");
             } else {
                 let _ = writeln!(flush, "    flush_count({cell}, bin_{i}_events);");
+            }
+            if clears {
+                let _ = writeln!(flush, "    bin_{i}_events = 0u;");
+                if *has_quanta {
+                    let _ = writeln!(flush, "    bin_{i} = NO_QUANTA;");
+                }
             }
             let _ = writeln!(add, "        return;\n    }}");
         }

@@ -20,6 +20,14 @@ impl Precision {
             Precision::F64 => "f64",
         }
     }
+
+    /// Numbers from 2^n on are whole multiples of 2^n / significands.
+    pub fn significands(self) -> f64 {
+        match self {
+            Precision::F32 => 16777216.0,
+            Precision::F64 => 9007199254740992.0,
+        }
+    }
 }
 
 /// Shape functions of the shaders.
@@ -66,6 +74,8 @@ pub struct Features {
     pub bulk_absorption: bool,
     /// Branches are not drawn with their own probability.
     pub importance: bool,
+    /// Rays are split at refractive surfaces.
+    pub splits: bool,
     /// Some weight can fall below the threshold of roulette.
     pub roulette: bool,
     /// Every surface has a gradient of unit length on it (spheres, planes).
@@ -139,16 +149,18 @@ impl Features {
         let reflectances = || {
             ir.surfaces.iter().filter_map(|s| match &s.interaction {
                 Interaction::Reflective { reflectance } => Some(reflectance),
-                _ => None,
+                Interaction::Refractive | Interaction::Absorbing => None,
             })
         };
         let bulk_absorption = ir.media.iter().any(|m| m.k.iter().any(|&k| k != 0.0));
-        let importance = ir.sampling.reflect_prob != ReflectProb::Fresnel
-            && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
+        let refractive = ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
+        let importance = ir.sampling.reflect_prob != ReflectProb::Fresnel && refractive;
+        let splits = splits(ir);
         let bsdfs = bsdf::kinds(ir);
         let coatings = || ir.surfaces.iter().filter_map(|s| s.coating.as_ref());
         let loses_weight = bulk_absorption
             || importance
+            || splits
             || reflectances().flatten().any(|&r| r != 1.0)
             || coatings().next().is_some()
             || !bsdfs.is_empty();
@@ -156,7 +168,7 @@ impl Features {
         let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
         Features {
             shapes,
-            refractive: ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive),
+            refractive,
             reflective: reflectances().next().is_some(),
             coated: coatings().next().is_some(),
             spectral_reflectance: reflectances().any(is_spectral)
@@ -166,6 +178,7 @@ impl Features {
             polychromatic: ir.wavelengths.len() > 1,
             bulk_absorption,
             importance,
+            splits,
             roulette: loses_weight && roulette_threshold > 0.0 || lowest_weight < roulette_threshold,
             unit_gradients: ir.surfaces.iter().all(|s| has_unit_gradient(&s.shape)),
             splats: [
@@ -189,6 +202,12 @@ impl Features {
 }
 
 impl Features {
+    /// True if every ray keeps the weight that it was born with.
+    pub fn keeps_weight(&self, ir: &SceneIr) -> bool {
+        let losses = self.bulk_absorption || self.importance || self.coated || self.roulette;
+        !losses && self.bsdfs.is_empty() && super::lowered::lossy_mirrors(ir).next().is_none()
+    }
+
     /// True if some surface is a triangle mesh.
     pub fn has_meshes(&self) -> bool {
         self.shapes.contains(&ShapeKind::Mesh)
@@ -224,6 +243,11 @@ impl ShapeKind {
             ShapeKind::Mesh => ("mesh_distance", "mesh"),
         }
     }
+}
+
+/// True if rays are split at refractive surfaces.
+pub fn splits(ir: &SceneIr) -> bool {
+    ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
 }
 
 /// On a sphere |grad| = 1 with the scale used in the shaders; so it is on every plane. A mesh has none.

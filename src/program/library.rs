@@ -1,5 +1,7 @@
 //! The WGSL files that every shader shares, chosen by precision and by integers.
 
+use super::rng::Sampler;
+
 /// Precision of `real` in the shaders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Real {
@@ -26,7 +28,7 @@ macro_rules! shader {
 
 /// The shared functions as one WGSL source: `alias real`, draws, mathematics and sums. The order of declarations means
 /// nothing to WGSL.
-pub fn source(real: Real, integers: Integers) -> String {
+pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
     let shared = [shader!("rng_slots.wgsl"), shader!("math.wgsl"), shader!("sums.wgsl")];
     let by_real = match real {
         Real::F32 => [
@@ -42,9 +44,14 @@ pub fn source(real: Real, integers: Integers) -> String {
             shader!("polynomials_f64.wgsl"),
         ],
     };
-    let by_integers = match integers {
-        Integers::Native => [shader!("rng_native.wgsl"), shader!("sums_native.wgsl")],
-        Integers::Portable => [shader!("rng_portable.wgsl"), shader!("sums_portable.wgsl")],
+    let sums = match integers {
+        Integers::Native => shader!("sums_native.wgsl"),
+        Integers::Portable => shader!("sums_portable.wgsl"),
     };
-    [by_real.concat(), shared.concat(), by_integers.concat()].concat()
+    let draws = match (sampler, integers) {
+        (Sampler::Pcg, Integers::Native) => [shader!("rng_native.wgsl"), ""],
+        (Sampler::Pcg, Integers::Portable) => [shader!("rng_portable.wgsl"), ""],
+        (Sampler::Sobol, _) => [shader!("rng_sobol.wgsl"), shader!("sobol_matrices.wgsl")],
+    };
+    [by_real.concat(), shared.concat(), draws.concat(), sums.into()].concat()
 }

@@ -2,10 +2,10 @@
 
 use super::bsdf;
 use super::contact::Contact;
-use super::features::{EmitterName, Features, ShapeKind};
+use super::features::{self, EmitterName, Features, ShapeKind};
 use super::records::Records;
 use crate::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, Sensor, SensorKind, Shape, Splat, Surface,
 };
 use glam::{DMat3, DVec3};
 
@@ -31,8 +31,26 @@ pub struct Cells {
     pub num_cells: u32,
     /// First of the counters that tell whether a primitive was reached.
     pub reached: u32,
-    /// Number of counters: one a cell, then one a primitive.
+    /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
+    pub saturated: Option<u32>,
+    /// Number of counters: one a cell, one a primitive, and that of splitting.
     pub num_counters: u32,
+    /// Where the second moments lie, if they are summed on the device.
+    pub moments: Option<MomentCells>,
+    /// Number of sums: the cells, and those of the second moments.
+    pub num_sums: u32,
+}
+
+/// Cells of second moments (shaders/lib/moments.wgsl), behind all others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MomentCells {
+    /// From a cell of a detector to the cell of its squares.
+    pub squares_offset: u32,
+    /// First of the cells of sum and square per detector and emitter; none where the cells of the one emitter's rays add
+    /// up to them.
+    pub totals: Option<u32>,
+    /// The sum of large squares.
+    pub large_squares: u32,
 }
 
 /// Bins of the ledger, by their names in the shaders; the order of fates follows shaders/lib/state.wgsl.
@@ -67,14 +85,50 @@ impl Cells {
             })
             .collect();
         let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
-        Cells { surfaces, sensors, num_cells: next, reached: next, num_counters: next + primitives }
+        let saturated = features::splits(ir).then_some(next + primitives);
+        let num_counters = next + primitives + u32::from(saturated.is_some());
+        Cells {
+            surfaces,
+            sensors,
+            num_cells: next,
+            reached: next,
+            saturated,
+            num_counters,
+            moments: None,
+            num_sums: next,
+        }
     }
+}
+
+impl Cells {
+    /// With cells for the second moments.
+    pub fn with_moments(self, ir: &SceneIr) -> Self {
+        let squares_offset = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
+        let mut next = self.num_cells + squares_offset;
+        let totals = (!cells_hold_totals(ir)).then_some(next);
+        if totals.is_some() {
+            next += 2 * (ir.sensors.len() * ir.emitters.len()) as u32;
+        }
+        let moments = Some(MomentCells { squares_offset, totals, large_squares: next });
+        Cells { moments, num_sums: next + 1, ..self }
+    }
+}
+
+/// True if a detector's squares add up to the square of what each ray left on it: all rays are of one source, and each
+/// meets one cell of one detector, unsplit.
+pub fn cells_hold_totals(ir: &SceneIr) -> bool {
+    ir.emitters.len() == 1 && !features::splits(ir) && ir.sensors.iter().all(takes_rays_whole)
+}
+
+/// True if a ray ends on the detector, in a single cell.
+fn takes_rays_whole(sensor: &Sensor) -> bool {
+    sensor.absorb && sensor.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
 }
 
 impl Cells {
     /// True if a compiled-in scene marks the primitives that were reached as bits of one counter.
     pub fn fit_reached_mask(&self) -> bool {
-        self.num_counters - self.num_cells <= u32::BITS
+        self.saturated.unwrap_or(self.num_counters) - self.reached <= u32::BITS
     }
 }
 

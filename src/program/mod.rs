@@ -9,6 +9,7 @@ pub mod lowered;
 pub mod mesh;
 pub mod records;
 pub mod rng;
+pub mod splitting;
 
 use crate::error::{Error, Result};
 use crate::ir::{SceneIr, SensorKind, Surface};
@@ -17,6 +18,8 @@ pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
 use records::{StructLayout, put_real};
+pub use rng::Sampler;
+pub use splitting::Splitting;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
@@ -56,6 +59,10 @@ pub struct ProgramOptions {
     pub paths: PathSampling,
     /// The weight that each emitter's rays are born with.
     pub weights: Vec<f64>,
+    /// What the draws are.
+    pub sampler: Sampler,
+    /// Second moments are summed on the device. Where a detector lets rays pass, no ray may outlive a dispatch.
+    pub moments: bool,
 }
 
 impl ProgramOptions {
@@ -81,14 +88,16 @@ pub struct Program {
     pub features: Features,
     /// How it was specialised.
     pub options: ProgramOptions,
+    /// Limits of splitting, where rays are split.
+    pub splitting: Option<Splitting>,
     /// Its sums.
     pub cells: Cells,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// Contents of the read-only buffers of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
-    /// Largest number of rows for the host that one ray can make.
-    pub max_events_per_ray: u32,
+    /// Largest number of rows for the host that one launched ray can make, its children's included.
+    pub max_events_per_ray: u64,
     /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
     pub emitters: Vec<Vec<u8>>,
     /// The words of step 0 of the random generator's table.
@@ -119,14 +128,19 @@ impl Program {
     #[doc(hidden)]
     pub fn with_wgsl_edit(
         ir: &SceneIr,
-        options: ProgramOptions,
+        mut options: ProgramOptions,
         seed: u64,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
         let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
         let features = Features::of(ir, lowest_weight, options.roulette_threshold);
+        let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
+        if splitting.is_some() {
+            // A family waits in registers, and so stays with its invocation to its end.
+            options.events_per_dispatch = options.max_depth;
+        }
         let centre = centre_of(ir);
-        let cells = Cells::of(ir);
+        let cells = if options.moments { Cells::of(ir).with_moments(ir) } else { Cells::of(ir) };
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
         let composition = Composition {
@@ -142,12 +156,13 @@ impl Program {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
-        let first_step = rng::step_table(seed, 1)[0];
+        let first_step = rng::step_table(options.sampler, seed, 1)[0];
         let mut program = Program {
             wgsl,
             module,
             features,
             options,
+            splitting,
             cells,
             centre,
             buffers: Vec::new(),
@@ -155,13 +170,14 @@ impl Program {
             emitters: Vec::new(),
             first_step,
         };
+        program.max_events_per_ray *= program.most_rays();
         program.buffers = program.pack(ir, &meshes, seed)?;
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
     fn pack(&self, ir: &SceneIr, meshes: &mesh::Forest, seed: u64) -> Result<Vec<(u32, Vec<u8>)>> {
-        let mut buffers = vec![(RNG_TABLE, rng_table(seed, self.options.max_depth + SOURCE_STEPS))];
+        let mut buffers = vec![(RNG_TABLE, self.rng_table(seed))];
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
         }
@@ -193,12 +209,28 @@ impl Program {
         Ok(buffers)
     }
 
+    fn rng_table(&self, seed: u64) -> Vec<u8> {
+        let num_steps = (self.options.max_depth + SOURCE_STEPS) as usize;
+        let rows = rng::step_table(self.options.sampler, seed, num_steps);
+        rows.into_iter().flatten().flat_map(u32::to_le_bytes).collect()
+    }
+
     fn pack_emitters(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {
         if ir.emitters.len() == 1 {
             return Ok(Vec::new());
         }
         let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
         (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
+    }
+
+    /// The entry point that follows new rays.
+    pub fn entry_point(&self) -> &'static str {
+        if self.features.splits { "trace_split" } else { "trace_new" }
+    }
+
+    /// Most rays that one launched ray can become.
+    pub fn most_rays(&self) -> u64 {
+        self.splitting.map_or(1, |splitting| splitting.most_rays())
     }
 
     fn reals(&self, values: impl Iterator<Item = f64>) -> Result<Vec<u8>> {
@@ -272,10 +304,6 @@ pub struct RayRange {
     pub emitter: usize,
 }
 
-fn rng_table(seed: u64, num_steps: u32) -> Vec<u8> {
-    rng::step_table(seed, num_steps as usize).into_iter().flatten().flat_map(u32::to_le_bytes).collect()
-}
-
 /// (threshold, wavelength) per entry: bits <= threshold decides as bits / 2^32 <= cdf does.
 fn spectra(ir: &SceneIr) -> Vec<u8> {
     const TWO_POW_32: f64 = 4294967296.0;
@@ -302,7 +330,7 @@ fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
 }
 
 /// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
-fn centre_of(ir: &SceneIr) -> DVec3 {
+pub fn centre_of(ir: &SceneIr) -> DVec3 {
     let frames = lowered::primitives(ir).into_iter().map(|(frame, _)| frame);
     let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
     let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
@@ -312,7 +340,7 @@ fn centre_of(ir: &SceneIr) -> DVec3 {
     bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }
 
-fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u32 {
+fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u64 {
     let recorded = if features.ray_database {
         let all_absorb =
             ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
@@ -322,5 +350,5 @@ fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOption
     };
     // Birth, every event, death.
     let path = if options.paths == PathSampling::None { 0 } else { options.max_depth + 2 };
-    recorded + path
+    u64::from(recorded + path)
 }

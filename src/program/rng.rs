@@ -21,6 +21,26 @@ const SLOT: u64 = 0xC2B2_AE3D_27D4_EB4F;
 /// Slot of the draws that choose which paths are recorded: `PATH_SAMPLE` in `rng_slots.wgsl`.
 pub const PATH_SAMPLE: u32 = 11;
 
+/// What the draws are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum Sampler {
+    /// Keyed PCG32: Optiland's random numbers, bit for bit.
+    #[default]
+    Pcg,
+    /// Owen-scrambled Sobol points, a ray a point: a map's error falls faster with the number of rays.
+    Sobol,
+}
+
+impl Sampler {
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Sampler::Pcg => "pcg",
+            Sampler::Sobol => "sobol",
+        }
+    }
+}
+
 /// Finaliser of `SplitMix64`.
 pub fn splitmix64(key: u64) -> u64 {
     let a = key.wrapping_add(GAMMA);
@@ -29,13 +49,15 @@ pub fn splitmix64(key: u64) -> u64 {
     c ^ (c >> 31)
 }
 
-/// The words (P.lo, P.hi, Q.lo, Q.hi) of the steps 0..`num_steps`: the buffer `rng_table` of the shaders. A shader may
-/// draw at every step = bounce + offset below `num_steps`, and at no other.
-pub fn step_table(seed: u64, num_steps: usize) -> Vec<[u32; 4]> {
-    jumps(seed)
-        .take(num_steps)
-        .map(|(p, q)| [p as u32, (p >> 32) as u32, q as u32, (q >> 32) as u32])
-        .collect()
+/// The buffer `rng_table` of the shaders: a row for each of the steps 0..`num_steps`. A shader may draw at every
+/// step = bounce + offset below `num_steps`, and at no other. The words are (P.lo, P.hi, Q.lo, Q.hi) for PCG, and
+/// (hash of the seed, its high word, step, 0) for Sobol.
+pub fn step_table(sampler: Sampler, seed: u64, num_steps: usize) -> Vec<[u32; 4]> {
+    let words = |a: u64, b: u64| [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32];
+    match sampler {
+        Sampler::Pcg => jumps(seed).take(num_steps).map(|(p, q)| words(p, q)).collect(),
+        Sampler::Sobol => (0..num_steps as u64).map(|step| words(splitmix64(seed), step)).collect(),
+    }
 }
 
 /// The pairs (P, Q) of the steps 0, 1, 2...

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::result::format::{percent, significant, thousands};
-use crate::result::{Detector, DetectorData, StageTime, TraceResult};
+use crate::result::{Detector, DetectorData, StageTime, Tally, TraceResult};
+use crate::stopping::StoppedBy;
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
 const DEPTH_TRUNCATION: f64 = 1e-3;
@@ -49,7 +50,7 @@ pub struct Diagnostics {
     pub detectors: Vec<DetectorDiagnostic>,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
-    /// True if splitting reached its limit of live rays; this program does not split rays yet.
+    /// True if some launched ray had no more rays in its budget where it was to be split: there branches were drawn.
     pub split_budget_saturated: bool,
     /// What the stages took on the device; left out unless they were timed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -62,7 +63,9 @@ impl DetectorDiagnostic {
     fn new(detector: &Detector, num_rays_total: u64) -> Self {
         let num_rays_hit = match detector.data {
             DetectorData::RayDatabase(_) => 0,
-            _ => detector.num_rays_hit,
+            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
+                detector.num_rays_hit
+            }
         };
         let num_pixels = detector.data.num_pixels();
         let mean = num_pixels.map(|pixels| num_rays_hit as f64 / pixels as f64);
@@ -93,7 +96,7 @@ impl DetectorDiagnostic {
 }
 
 impl Diagnostics {
-    pub(crate) fn new(result: &TraceResult, medium_stack_underflows: u64) -> Self {
+    pub(crate) fn new(result: &TraceResult, tally: &Tally) -> Self {
         let unreached = result.surfaces.iter().filter(|surface| !surface.reached);
         let mut diagnostics = Diagnostics {
             depth_truncated_flux_fraction: result.fraction_of_launched(result.ledger.depth.flux),
@@ -105,8 +108,8 @@ impl Diagnostics {
                 .iter()
                 .map(|detector| DetectorDiagnostic::new(detector, result.num_rays_total))
                 .collect(),
-            medium_stack_underflows,
-            split_budget_saturated: false,
+            medium_stack_underflows: tally.medium_stack_underflows,
+            split_budget_saturated: tally.split_budget_saturated,
             stage_times: result.run.stage_times.clone(),
             warnings: Vec::new(),
         };
@@ -117,12 +120,14 @@ impl Diagnostics {
     fn all_warnings(&self, result: &TraceResult) -> Vec<String> {
         let mut warnings = broken_books(result);
         warnings.extend(partial(result));
+        warnings.extend(result.run.precision_warning.iter().cloned());
         warnings.extend(result.run.scene_warnings.iter().cloned());
         warnings.extend(self.flux_warnings(result.ledger.closes()));
         warnings.extend(self.unreached());
         warnings.extend(self.detectors.iter().filter_map(DetectorDiagnostic::warning));
         warnings.extend(result.detectors.iter().filter_map(truncated_database));
         warnings.extend(self.underflows());
+        warnings.extend(self.saturated());
         warnings
     }
 
@@ -167,6 +172,14 @@ impl Diagnostics {
         })
     }
 
+    fn saturated(&self) -> Option<String> {
+        self.split_budget_saturated.then(|| {
+            "splitting used up the split_budget of some launched rays, whose later branches were drawn: unbiased, but \
+             noisier; raise split_budget if the noise matters"
+                .into()
+        })
+    }
+
     fn underflows(&self) -> Option<String> {
         (self.medium_stack_underflows > 0).then(|| {
             format!(
@@ -192,8 +205,8 @@ fn broken_books(result: &TraceResult) -> Vec<String> {
     }
     if ledger.invalid_deposits > 0 {
         warnings.push(format!(
-            "INVALID DEPOSITS: {} deposits were not finite or too large for any sum; this is a defect of the program, \
-             please report it with the scene",
+            "INVALID DEPOSITS: {} deposits were not finite or too large for any sum, or rays ended nowhere; this is a \
+             defect of the program, please report it with the scene",
             thousands(ledger.invalid_deposits)
         ));
     }
@@ -208,9 +221,14 @@ fn broken_books(result: &TraceResult) -> Vec<String> {
 }
 
 fn partial(result: &TraceResult) -> Option<String> {
+    let why = match result.run.stopped_by {
+        Some(StoppedBy::TargetError) => return None,
+        Some(StoppedBy::TimeLimit) => "stopped at the time limit",
+        Some(StoppedBy::Interrupt) | None => "partial result",
+    };
     result.run.partial.then(|| {
         format!(
-            "partial result: {} of {} rays; every flux is that of the rays launched so far",
+            "{why}: {} of {} rays; fluxes are scaled to all that the sources emit",
             thousands(result.num_rays_total),
             thousands(result.run.num_rays)
         )
@@ -222,9 +240,12 @@ fn truncated_database(detector: &Detector) -> Option<String> {
         DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
             "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
             detector.name,
-            thousands(rays.num_rays() as u64),
+            thousands(rays.num_rays()),
             thousands(detector.num_rays_hit)
         )),
-        _ => None,
+        DetectorData::RayDatabase(_)
+        | DetectorData::Irradiance(_)
+        | DetectorData::Spectral(_)
+        | DetectorData::FarField(_) => None,
     }
 }

@@ -5,7 +5,7 @@ use ndarray::{Array1, Array2};
 use crate::error::Result;
 use crate::result::irradiance::{bin_centres, bin_edges};
 use crate::result::npz::NpzFile;
-use crate::result::{FluxUnit, SensorTally};
+use crate::result::{FluxUnit, SensorTally, Uncertainty};
 
 /// Largest polar angle \[deg\]: both hemispheres are folded into one.
 pub const THETA_MAX: f64 = 90.0;
@@ -21,11 +21,20 @@ pub struct FarFieldPattern {
     pub phi: Array1<f64>,
     /// Rays per bin, shape (n_theta, n_phi).
     pub hits: Array2<u64>,
+    /// Standard error of `intensity` \[W/sr\], shape (n_theta, n_phi); none where second moments were not summed. 0 where no ray
+    /// came: that says nothing of what a longer trace would find.
+    pub standard_error: Option<Array2<f64>>,
 }
 
 impl FarFieldPattern {
     /// The solid angle of a bin is Optiland's: sin(theta centre) times the widths.
-    pub(crate) fn new(num_theta: u32, num_phi: u32, sums: &SensorTally, unit: FluxUnit) -> Self {
+    pub(crate) fn new(
+        num_theta: u32,
+        num_phi: u32,
+        sums: &SensorTally,
+        unit: FluxUnit,
+        uncertainty: &Uncertainty,
+    ) -> Self {
         let (rows, columns) = (num_theta as usize, num_phi as usize);
         let theta = bin_centres(0.0, THETA_MAX, rows);
         let width = |edges: Vec<f64>| (edges[1] - edges[0]).to_radians();
@@ -39,6 +48,11 @@ impl FarFieldPattern {
             theta,
             phi: bin_centres(-180.0, 180.0, columns),
             hits: Array2::from_shape_fn((rows, columns), |(row, column)| sums.hits[row * columns + column]),
+            standard_error: uncertainty.of_cells(sums).map(|errors| {
+                Array2::from_shape_fn((rows, columns), |(row, column)| {
+                    errors[row * columns + column] / solid_angle[row]
+                })
+            }),
         }
     }
 
@@ -46,10 +60,18 @@ impl FarFieldPattern {
         file.add("intensity", &self.intensity)?;
         file.add("theta", &self.theta)?;
         file.add("phi", &self.phi)?;
-        file.add("hits", &self.hits)
+        file.add("hits", &self.hits)?;
+        file.add_optional("standard_error", &self.standard_error)
     }
 
     /// Units of the arrays in the file.
-    pub(crate) const UNITS: &'static [(&'static str, &'static str)] =
-        &[("intensity", "W/sr"), ("theta", "deg"), ("phi", "deg"), ("total_flux", "W"), ("hits", "rays")];
+    pub(crate) const UNITS: &'static [(&'static str, &'static str)] = &[
+        ("intensity", "W/sr"),
+        ("theta", "deg"),
+        ("phi", "deg"),
+        ("total_flux", "W"),
+        ("hits", "rays"),
+        ("standard_error", "W/sr"),
+        ("total_flux_standard_error", "W"),
+    ];
 }

@@ -5,7 +5,7 @@ use ndarray::{Array1, Array2};
 use crate::error::Result;
 use crate::ir::PixelGrid;
 use crate::result::npz::NpzFile;
-use crate::result::{FluxUnit, SensorTally};
+use crate::result::{FluxUnit, SensorTally, Uncertainty};
 
 /// Irradiance of a planar detector.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +18,9 @@ pub struct IrradianceMap {
     pub y_coords: Array1<f64>,
     /// Rays that hit each pixel, whatever the splat, shape (ny, nx).
     pub hits: Array2<u64>,
+    /// Standard error of `irradiance` \[W/mm^2\], shape (ny, nx); none where second moments were not summed. 0 where no ray
+    /// came: that says nothing of what a longer trace would find.
+    pub standard_error: Option<Array2<f64>>,
     /// Full width along local x \[mm\].
     pub width: f64,
     /// Full height along local y \[mm\].
@@ -25,7 +28,12 @@ pub struct IrradianceMap {
 }
 
 impl IrradianceMap {
-    pub(crate) fn new(grid: &PixelGrid, sums: &SensorTally, unit: FluxUnit) -> Self {
+    pub(crate) fn new(
+        grid: &PixelGrid,
+        sums: &SensorTally,
+        unit: FluxUnit,
+        uncertainty: &Uncertainty,
+    ) -> Self {
         let (nx, ny) = (grid.num_pixels_x as usize, grid.num_pixels_y as usize);
         let area = pixel_area(grid);
         IrradianceMap {
@@ -33,6 +41,9 @@ impl IrradianceMap {
             x_coords: bin_centres(-grid.width / 2.0, grid.width / 2.0, nx),
             y_coords: bin_centres(-grid.height / 2.0, grid.height / 2.0, ny),
             hits: Array2::from_shape_fn((ny, nx), |(y, x)| sums.hits[y * nx + x]),
+            standard_error: uncertainty
+                .of_cells(sums)
+                .map(|errors| Array2::from_shape_fn((ny, nx), |(y, x)| errors[y * nx + x] / area)),
             width: grid.width,
             height: grid.height,
         }
@@ -42,7 +53,8 @@ impl IrradianceMap {
         file.add("irradiance", &self.irradiance)?;
         file.add("x_coords", &self.x_coords)?;
         file.add("y_coords", &self.y_coords)?;
-        file.add("hits", &self.hits)
+        file.add("hits", &self.hits)?;
+        file.add_optional("standard_error", &self.standard_error)
     }
 
     /// Units of the arrays in the file.
@@ -52,6 +64,8 @@ impl IrradianceMap {
         ("y_coords", "mm"),
         ("total_flux", "W"),
         ("hits", "rays"),
+        ("standard_error", "W/mm^2"),
+        ("total_flux_standard_error", "W"),
     ];
 }
 

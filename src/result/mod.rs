@@ -4,7 +4,7 @@
 //! a new ray, `total_flux_in / num_rays`. Watts appear only here, once per sum: [`FluxUnit`].
 //!
 //! ```text
-//! Tally -> TraceResult  (one file per detector kind; ledger, diagnostics, ray paths)
+//! Tally -> TraceResult  (one file per detector kind; ledger, diagnostics, ray paths; rows in memory or on disk)
 //!       -> report.json, <detector>.npz, <detector>.png, ray_paths.npz, the text of report()
 //! ```
 
@@ -18,23 +18,29 @@ pub mod output;
 pub mod png;
 pub mod ray_database;
 pub mod ray_paths;
+mod ray_set;
 mod reader;
 pub mod report;
+pub mod rows;
 pub mod spectral;
 pub mod tally;
 mod text;
 mod trace_result;
+pub mod uncertainty;
 
 pub use diagnostics::{DetectorDiagnostic, Diagnostics};
 pub use far_field::FarFieldPattern;
 pub use irradiance::IrradianceMap;
 pub use ledger::{Entry, Ledger};
-pub use ray_database::RayDatabase;
-pub use ray_paths::RayPaths;
+pub use ray_database::{RayColumns, RayDatabase};
+pub use ray_paths::{PathColumns, RayPaths};
+pub use ray_set::{RaySet, RaySpan};
 pub use report::Report;
+pub use rows::{Recorded, Recording, RowWriter, Rows};
 pub use spectral::SpectralMap;
-pub use tally::{Booking, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
+pub use tally::{Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
 pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult};
+pub(crate) use uncertainty::Uncertainty;
 
 /// Quanta in one unit of weight: 2^52, so that an f64 weight of order one is counted to its last bits.
 pub const QUANTA_PER_WEIGHT: f64 = (1u64 << 52) as f64;

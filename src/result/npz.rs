@@ -1,18 +1,21 @@
 //! `.npz` files that `numpy.load(allow_pickle=False)` reads: Optiland's keys and shapes, float64 in C order, scalars as
-//! 0-d arrays, plus `hits` and `meta`.
+//! 0-d arrays, plus `hits`, `standard_error`, `total_flux_standard_error` and `meta`.
 //!
 //! `meta` is a 0-d string of JSON: what the file holds, its units, and the trace it comes from. No file holds a time,
 //! so equal results are equal files.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use ndarray::arr0;
 use ndarray_npy::{NpzWriter, WriteNpyError, WriteNpyExt};
 use serde_json::json;
+use zip::write::SimpleFileOptions;
 
 use crate::error::{Error, Result};
+use crate::result::rows::{self, Rows};
 use crate::result::{
     Detector, DetectorData, FarFieldPattern, IrradianceMap, RayDatabase, RayPaths, SpectralMap, TraceResult,
 };
@@ -37,14 +40,43 @@ impl NpzFile {
         self.writer.add_array(name, array).map_err(|error| Error::file(&self.path, error))
     }
 
-    /// Adds a column of strings, shape (n,).
-    pub(crate) fn add_text<S: AsRef<str>>(&mut self, name: &str, values: &[S]) -> Result<()> {
-        self.add(name, &Text { values, shape: format!("({},)", values.len()) })
+    /// Adds a column of recorded rows, shape (n,), read as it is written.
+    pub(crate) fn add_column<F: Fn(u64, &mut Vec<u8>)>(
+        &mut self,
+        name: &str,
+        column: &Column<'_, F>,
+    ) -> Result<()> {
+        let stored = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+        let options = stored.large_file(column.num_bytes() >= LARGE);
+        let added = self.writer.add_array_with_options(name, column, options);
+        added.map_err(|error| Error::file(&self.path, error))
+    }
+
+    /// Adds a column of strings, shape (n,): what `texts` has for the rows' words.
+    pub(crate) fn add_text_column(
+        &mut self,
+        name: &str,
+        rows: &Rows,
+        word: usize,
+        texts: &BTreeMap<u64, &str>,
+    ) -> Result<()> {
+        let width = width_of(texts.values().copied());
+        let texts: BTreeMap<u64, Vec<u8>> =
+            texts.iter().map(|(&word, text)| (word, utf_32(text, width))).collect();
+        let text = |word, bytes: &mut Vec<u8>| {
+            bytes.extend_from_slice(texts.get(&word).map_or(&[], Vec::as_slice));
+        };
+        self.add_column(name, &Column::new(rows, word, &format!("<U{width}"), 4 * width, text))
+    }
+
+    /// Adds an array if it is there.
+    pub(crate) fn add_optional(&mut self, name: &str, array: &Option<impl WriteNpyExt>) -> Result<()> {
+        array.as_ref().map_or(Ok(()), |array| self.add(name, array))
     }
 
     /// Adds one string, 0-d.
     fn add_string(&mut self, name: &str, value: &str) -> Result<()> {
-        self.add(name, &Text { values: &[value], shape: "()".into() })
+        self.add(name, &Text(value))
     }
 
     fn finish(self) -> Result<()> {
@@ -55,23 +87,85 @@ impl NpzFile {
     }
 }
 
-/// Strings as NumPy keeps them: fixed width, UTF-32, padded with zeros; `ndarray-npy` has no such element.
-struct Text<'a, S> {
-    values: &'a [S],
-    shape: String,
+/// A member of an archive from this size on needs a header of its own kind \[bytes\]; the `.npy` header is counted in.
+const LARGE: u64 = u32::MAX as u64 - (1 << 16);
+
+/// One word of recorded rows as a column of a file.
+pub(crate) struct Column<'a, F> {
+    rows: &'a Rows,
+    word: usize,
+    descr: String,
+    item_bytes: usize,
+    /// Appends what the file holds for a row's word.
+    encode: F,
 }
 
-impl<S: AsRef<str>> WriteNpyExt for Text<'_, S> {
+impl<'a, F: Fn(u64, &mut Vec<u8>)> Column<'a, F> {
+    /// A column of NumPy's type `descr`, of `item_bytes` bytes each.
+    pub(crate) fn new(rows: &'a Rows, word: usize, descr: &str, item_bytes: usize, encode: F) -> Self {
+        Column { rows, word, descr: descr.into(), item_bytes, encode }
+    }
+
+    fn num_bytes(&self) -> u64 {
+        self.rows.len() * self.item_bytes as u64
+    }
+}
+
+/// Encodes a word as an f64.
+type Encode<'a> = Box<dyn Fn(u64, &mut Vec<u8>) + 'a>;
+
+impl<'a> Column<'a, Encode<'a>> {
+    /// A column of what `value` makes of the reals in `word`.
+    pub(crate) fn real(rows: &'a Rows, word: usize, value: impl Fn(f64) -> f64 + 'a) -> Self {
+        Column::f64(rows, word, move |word| value(f64::from_bits(word)))
+    }
+
+    /// The column of wavelengths.
+    pub(crate) fn wavelength(rows: &'a Rows, wavelengths: &'a [f64]) -> Self {
+        Column::f64(rows, rows::BOUNCE_AND_WAVELENGTH, |word| wavelengths[rows::wavelength_of(word)])
+    }
+
+    fn f64(rows: &'a Rows, word: usize, value: impl Fn(u64) -> f64 + 'a) -> Self {
+        let encode: Encode<'a> = Box::new(move |word, bytes| bytes.extend(value(word).to_le_bytes()));
+        Column::new(rows, word, "<f8", 8, encode)
+    }
+}
+
+impl<F: Fn(u64, &mut Vec<u8>)> WriteNpyExt for Column<'_, F> {
     fn write_npy<W: Write>(&self, mut writer: W) -> std::result::Result<(), WriteNpyError> {
-        let width = self.values.iter().map(|value| value.as_ref().chars().count()).max().unwrap_or(0).max(1);
-        writer.write_all(&npy_header(&format!("<U{width}"), &self.shape))?;
-        for value in self.values {
-            let padded = value.as_ref().chars().map(u32::from).chain(std::iter::repeat(0)).take(width);
-            let bytes: Vec<u8> = padded.flat_map(u32::to_le_bytes).collect();
-            writer.write_all(&bytes)?;
-        }
+        writer.write_all(&npy_header(&self.descr, &format!("({},)", self.rows.len())))?;
+        let mut bytes = Vec::new();
+        let written = self.rows.for_each_block(self.word, |words| {
+            bytes.clear();
+            words.iter().for_each(|&word| (self.encode)(word, &mut bytes));
+            writer.write_all(&bytes)
+        });
+        written.map_err(io::Error::other)?;
         Ok(writer.flush()?)
     }
+}
+
+/// A string as NumPy keeps it, which `ndarray-npy` has no element for.
+struct Text<'a>(&'a str);
+
+impl WriteNpyExt for Text<'_> {
+    fn write_npy<W: Write>(&self, mut writer: W) -> std::result::Result<(), WriteNpyError> {
+        let width = width_of([self.0]);
+        writer.write_all(&npy_header(&format!("<U{width}"), "()"))?;
+        writer.write_all(&utf_32(self.0, width))?;
+        Ok(writer.flush()?)
+    }
+}
+
+/// Characters of the longest text.
+fn width_of<'a>(texts: impl IntoIterator<Item = &'a str>) -> usize {
+    texts.into_iter().map(|text| text.chars().count()).max().unwrap_or(0).max(1)
+}
+
+/// UTF-32 of a fixed width, padded with zeros.
+fn utf_32(text: &str, width: usize) -> Vec<u8> {
+    let padded = text.chars().map(u32::from).chain(std::iter::repeat(0)).take(width);
+    padded.flat_map(u32::to_le_bytes).collect()
 }
 
 /// The header of format 1.0: magic, version, length, dictionary, padded so that the data starts at a multiple of 64.
@@ -101,6 +195,7 @@ pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) ->
     if !matches!(detector.data, DetectorData::RayDatabase(_)) {
         file.add("total_flux", &arr0(detector.total_flux))?;
         file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
+        file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
     }
     file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, units))?;
     file.finish()
@@ -132,6 +227,7 @@ fn meta(result: &TraceResult, kind: &str, name: &str, units: &[(&str, &str)]) ->
         "max_depth": run.max_depth,
         "min_flux_fraction": run.min_flux_fraction,
         "precision": run.precision,
+        "sampler": run.sampler,
         "adapter": run.adapter,
         "driver": run.driver,
         "program": run.program,

@@ -16,17 +16,36 @@ use crate::result::{Report, TraceResult, npz, png};
 pub const REPORT: &str = "report.json";
 /// Name of the file of recorded paths.
 pub const RAY_PATHS: &str = "ray_paths.npz";
+/// Name of the file of raw sums.
+pub const TALLY: &str = "tally.bin";
 
 /// Writes all files of `result` into `dir`, which is created if it does not exist, and returns their paths.
 ///
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
 pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
+    write(dir, result, &Extras { pictures: true, tally: None })
+}
+
+/// What stands beside the numbers of a result.
+#[derive(Debug, Clone, Copy)]
+pub struct Extras<'a> {
+    /// A picture of each detector.
+    pub pictures: bool,
+    /// The contents of the file of raw sums.
+    pub tally: Option<&'a [u8]>,
+}
+
+/// As [`write_all`], with these extras.
+///
+/// # Errors
+/// Those of [`write_all`].
+pub fn write(dir: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Vec<PathBuf>> {
     let (staging, base, missing) = stage(dir)?;
     let new = staging.path().join("new");
     let staged = new.join(&missing);
     fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
-    let names = write_files(&staged, result).map_err(|error| relocate(error, &staged, dir))?;
+    let names = write_files(&staged, result, extras).map_err(|error| relocate(error, &staged, dir))?;
     match missing.iter().next() {
         Some(top) => fs::rename(new.join(top), base.join(top)).map_err(|error| Error::file(dir, error))?,
         None => install(&staged, &staging.path().join("old"), dir, &names)?,
@@ -41,6 +60,14 @@ pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
 /// [`Error::File`] with the folder that cannot be written to.
 pub fn check_writable(dir: &Path) -> Result<()> {
     stage(dir).map(|_| ())
+}
+
+/// The deepest folder on the way to `dir` that exists: where files lie on the file system of the results.
+///
+/// # Errors
+/// [`Error::File`] if no such folder exists.
+pub fn file_system_of(dir: &Path) -> Result<PathBuf> {
+    split_existing(dir).map(|(base, _)| base)
 }
 
 /// A hidden folder on the file system of `dir`, with what [`split_existing`] says.
@@ -68,22 +95,29 @@ fn split_existing(dir: &Path) -> Result<(PathBuf, PathBuf)> {
 }
 
 /// Writes every file into `folder`; returns their names, `report.json` last.
-fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
+fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Vec<String>> {
     let mut names = Vec::new();
     let mut files = Files::default();
     for (detector, stem) in result.detectors.iter().zip(file_stems(result)) {
         let (data, picture) = (format!("{stem}.npz"), format!("{stem}.png"));
         npz::write_detector(&folder.join(&data), result, detector)?;
-        png::write_detector(&folder.join(&picture), detector)?;
         files.detectors.insert(detector.name.clone(), data.clone());
-        names.extend([data, picture]);
+        names.push(data);
+        if extras.pictures {
+            png::write_detector(&folder.join(&picture), detector)?;
+            names.push(picture);
+        }
     }
     if let Some(paths) = &result.ray_paths {
         npz::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
         files.ray_paths = Some(RAY_PATHS.into());
         names.push(RAY_PATHS.into());
     }
-    write_text(&folder.join(REPORT), &Report::new(result, &files).to_json())?;
+    if let Some(bytes) = extras.tally {
+        write_bytes(&folder.join(TALLY), bytes)?;
+        names.push(TALLY.into());
+    }
+    write_bytes(&folder.join(REPORT), Report::new(result, &files).to_json().as_bytes())?;
     names.push(REPORT.into());
     for name in &names {
         sync_file(&folder.join(name))?;
@@ -91,8 +125,8 @@ fn write_files(folder: &Path, result: &TraceResult) -> Result<Vec<String>> {
     Ok(names)
 }
 
-fn write_text(path: &Path, text: &str) -> Result<()> {
-    let write = || -> io::Result<()> { File::create(path)?.write_all(text.as_bytes()) };
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    let write = || -> io::Result<()> { File::create(path)?.write_all(bytes) };
     write().map_err(|error| Error::file(path, error))
 }
 
@@ -147,13 +181,9 @@ fn sync_folder(folder: &Path) {
 
 /// Names the place that the user asked for, not the one where the file was first written.
 fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
-    match error {
-        Error::File { path, problem } => {
-            let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
-            Error::File { path, problem }
-        }
-        other => other,
-    }
+    let Error::File { path, problem } = error else { return error };
+    let path = path.strip_prefix(staged).map_or_else(|_| path.clone(), |name| dir.join(name));
+    Error::File { path, problem }
 }
 
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper

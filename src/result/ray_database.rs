@@ -1,88 +1,172 @@
 //! Every ray that crossed a detector.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use ndarray::Array1;
 
 use crate::error::Result;
 use crate::ir::Frame;
-use crate::result::npz::NpzFile;
-use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow, SensorTally};
+use crate::result::npz::{Column, NpzFile};
+use crate::result::rows::{self, Rows};
+use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow};
 
-/// Rays at a detector, in global coordinates, by ray id and then by event: an order that no batch size changes.
-#[derive(Debug, Clone, PartialEq)]
+/// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`crate::ir::ray_id::order`]): an order
+/// that no batch size changes. The rows may lie on disk; [`RayDatabase::columns`] brings them into memory.
+#[derive(Debug, Clone)]
 pub struct RayDatabase {
     /// The detector's frame.
     pub frame: Frame,
-    /// Ray ids, shape (n,).
-    pub ray_id: Array1<u64>,
-    /// Positions \[mm\], three arrays of shape (n,): x, y, z.
-    pub position: [Array1<f64>; 3],
-    /// Direction cosines, three arrays of shape (n,): L, M, N.
-    pub direction: [Array1<f64>; 3],
-    /// Flux per ray \[W\], shape (n,).
-    pub flux: Array1<f64>,
-    /// Wavelengths \[um\], shape (n,).
-    pub wavelength: Array1<f64>,
     /// True if `max_rays` dropped rows: the first ones in the order above.
     pub truncated: bool,
     /// Flux of the rows kept \[W\].
     pub kept_flux: f64,
+    /// Flux of all rows recorded \[W\].
+    pub recorded_flux: f64,
+    rows: Arc<Rows>,
+    unit: FluxUnit,
+    wavelengths: Vec<f64>,
+}
+
+/// The rows of a ray database in memory. All arrays have shape (n,).
+#[derive(Debug, Clone, PartialEq)]
+pub struct RayColumns {
+    /// Ray ids.
+    pub ray_id: Array1<u64>,
+    /// Positions \[mm\]: x, y, z.
+    pub position: [Array1<f64>; 3],
+    /// Direction cosines: L, M, N.
+    pub direction: [Array1<f64>; 3],
+    /// Flux per ray \[W\].
+    pub flux: Array1<f64>,
+    /// Wavelengths \[um\].
+    pub wavelength: Array1<f64>,
+}
+
+/// What was recorded in all, of which a database may keep a part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RecordedRays {
+    /// Rays.
+    pub num_rays: u64,
+    /// Flux of those kept \[W\].
+    pub kept_flux: f64,
+    /// Flux of all \[W\].
+    pub recorded_flux: f64,
+}
+
+/// Equal frames and columns; how they are stored does not matter.
+impl PartialEq for RayDatabase {
+    fn eq(&self, other: &Self) -> bool {
+        (self.frame, self.truncated, self.kept_flux, self.recorded_flux)
+            == (other.frame, other.truncated, other.kept_flux, other.recorded_flux)
+            && self.columns() == other.columns()
+    }
 }
 
 impl RayDatabase {
+    /// A database of rays in memory, which stand in the order of this program's files.
+    ///
+    /// # Errors
+    /// Those of [`RowWriter::push`](crate::result::RowWriter::push).
+    pub fn of_columns(frame: Frame, columns: &RayColumns, recorded: RecordedRays) -> Result<Self> {
+        let mut wavelengths: Vec<f64> = columns.wavelength.to_vec();
+        wavelengths.sort_by(f64::total_cmp);
+        wavelengths.dedup();
+        let rows = (0..columns.ray_id.len()).map(|row| RayRow {
+            ray_id: columns.ray_id[row],
+            bounce: 0,
+            wavelength: wavelengths.partition_point(|other| *other < columns.wavelength[row]) as u32,
+            position: [0, 1, 2].map(|axis| columns.position[axis][row]),
+            direction: [0, 1, 2].map(|axis| columns.direction[axis][row]),
+            weight: columns.flux[row],
+        });
+        let rows = Rows::of_rays(rows)?;
+        Ok(RayDatabase {
+            frame,
+            truncated: rows.len() < recorded.num_rays,
+            kept_flux: recorded.kept_flux,
+            recorded_flux: recorded.recorded_flux,
+            rows,
+            // A weight of 1 is 1 W.
+            unit: FluxUnit::new(1.0, 1),
+            wavelengths,
+        })
+    }
+
     pub(crate) fn new(
         frame: Frame,
-        max_rays: Option<u64>,
-        sums: &SensorTally,
+        rows: Arc<Rows>,
+        recorded_flux: f64,
         unit: FluxUnit,
         wavelengths: &[f64],
-    ) -> Self {
-        let mut rows: Vec<&RayRow> = sums.rows.iter().collect();
-        rows.sort_by_key(|row| (row.ray_id, row.bounce));
-        let keep =
-            max_rays.map_or(rows.len(), |limit| rows.len().min(usize::try_from(limit).unwrap_or(usize::MAX)));
-        let rows = rows.split_off(rows.len() - keep);
-        let column =
-            |value: &dyn Fn(&RayRow) -> f64| rows.iter().map(|row| value(row)).collect::<Array1<f64>>();
-        RayDatabase {
+    ) -> Result<Self> {
+        let truncated = rows.len() < rows.num_recorded();
+        let kept_flux = if truncated { unit.watts(quanta(&rows)?) } else { recorded_flux };
+        Ok(RayDatabase {
             frame,
-            ray_id: rows.iter().map(|row| row.ray_id).collect(),
-            position: [0, 1, 2].map(|axis| column(&|row| row.position[axis])),
-            direction: [0, 1, 2].map(|axis| column(&|row| row.direction[axis])),
-            flux: column(&|row| unit.watts_of_weight(row.weight)),
-            wavelength: column(&|row| wavelengths[row.wavelength as usize]),
-            truncated: (rows.len() as u64) < sums.recorded.count,
-            kept_flux: unit.watts(rows.iter().map(|row| (row.weight * QUANTA_PER_WEIGHT) as u128).sum()),
-        }
+            truncated,
+            kept_flux,
+            recorded_flux,
+            rows,
+            unit,
+            wavelengths: wavelengths.into(),
+        })
     }
 
     /// Rows kept.
-    pub fn num_rays(&self) -> usize {
-        self.flux.len()
+    pub fn num_rays(&self) -> u64 {
+        self.rows.len()
     }
 
-    /// Where the rays crossed, in the detector's frame: x and y \[mm\].
-    pub fn local_points(&self) -> Vec<(f64, f64)> {
-        let [x, y, z] = &self.position;
+    /// All rows in memory at once.
+    ///
+    /// # Errors
+    /// Those of [`Rows::for_each`].
+    pub fn columns(&self) -> Result<RayColumns> {
+        let rows = self.rows.to_vec()?;
+        let reals = |value: &dyn Fn(usize) -> f64| (0..rows.len()).map(value).collect::<Array1<f64>>();
+        Ok(RayColumns {
+            ray_id: rows.iter().map(|row| row.ray.ray_id).collect(),
+            position: [0, 1, 2].map(|axis| reals(&|i| rows[i].ray.position[axis])),
+            direction: [0, 1, 2].map(|axis| reals(&|i| rows[i].ray.direction[axis])),
+            flux: reals(&|i| self.unit.watts_of_weight(rows[i].ray.weight)),
+            wavelength: reals(&|i| self.wavelengths[rows[i].ray.wavelength as usize]),
+        })
+    }
+
+    /// Calls `take` with the place of each ray in the detector's frame, x and y \[mm\], and its wavelength \[um\].
+    ///
+    /// # Errors
+    /// Those of [`Rows::for_each`].
+    pub fn for_each_point(&self, mut take: impl FnMut((f64, f64), f64)) -> Result<()> {
         let to_local = self.frame.rotation.transpose();
-        let local = |row: usize| to_local * (DVec3::new(x[row], y[row], z[row]) - self.frame.origin);
-        (0..self.num_rays()).map(local).map(|point| (point.x, point.y)).collect()
+        self.rows.for_each(|event| {
+            let point = to_local * (DVec3::from_array(event.ray.position) - self.frame.origin);
+            take((point.x, point.y), self.wavelengths[event.ray.wavelength as usize]);
+        })
     }
 
     /// Writes the columns under Optiland's names. An empty database is written as Optiland writes one: no positions,
     /// one flux and one wavelength of 0.
     pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
-        for (name, column) in ["x", "y", "z"].iter().zip(&self.position) {
-            file.add(name, column)?;
+        let rows = &self.rows;
+        for (word, name) in (rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
+            file.add_column(name, &Column::real(rows, word, |x| x))?;
         }
-        for (name, column) in ["L", "M", "N"].iter().zip(&self.direction) {
-            file.add(name, column)?;
+        if rows.is_empty() {
+            file.add("flux", &Array1::<f64>::zeros(1))?;
+            file.add("wavelength", &Array1::<f64>::zeros(1))?;
+        } else {
+            file.add_column(
+                "flux",
+                &Column::real(rows, rows::WEIGHT, |weight| self.unit.watts_of_weight(weight)),
+            )?;
+            file.add_column("wavelength", &Column::wavelength(rows, &self.wavelengths))?;
         }
-        let one_zero = Array1::zeros(1);
-        let empty = self.flux.is_empty();
-        file.add("flux", if empty { &one_zero } else { &self.flux })?;
-        file.add("wavelength", if empty { &one_zero } else { &self.wavelength })?;
-        file.add("ray_id", &self.ray_id)
+        file.add_column(
+            "ray_id",
+            &Column::new(rows, rows::RAY_ID, "<u8", 8, |word, bytes| bytes.extend(word.to_le_bytes())),
+        )
     }
 
     /// Units of the arrays in the file.
@@ -97,4 +181,14 @@ impl RayDatabase {
         ("wavelength", "um"),
         ("ray_id", "1"),
     ];
+}
+
+/// The weight of the rows kept, each rounded down as the device does it.
+fn quanta(rows: &Rows) -> Result<u128> {
+    let mut sum = 0;
+    rows.for_each_block(rows::WEIGHT, |weights| {
+        sum += weights.iter().map(|&bits| (f64::from_bits(bits) * QUANTA_PER_WEIGHT) as u128).sum::<u128>();
+        Ok(())
+    })?;
+    Ok(sum)
 }

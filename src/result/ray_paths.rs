@@ -1,15 +1,32 @@
 //! Recorded paths: one row per event, with the columns of Optiland's event log.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
 use ndarray::Array1;
 
 use crate::error::Result;
 use crate::ir::SceneIr;
-use crate::result::npz::NpzFile;
-use crate::result::{FluxUnit, PathEvent, PathEventKind};
+use crate::result::npz::{Column, NpzFile};
+use crate::result::rows::{self, Rows};
+use crate::result::{FluxUnit, PathEventKind};
 
-/// Events of recorded rays, by ray and then in the order in which they happened. All columns have shape (n,).
+/// Events of recorded rays, by launched ray and id ([`crate::ir::ray_id::order`]), then in the order in which they happened.
+/// A child begins with the hit at which it was split off. The rows may lie on disk; [`RayPaths::columns`] brings them into
+/// memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayPaths {
+    rows: Arc<Rows>,
+    unit: FluxUnit,
+    wavelengths: Vec<f64>,
+    emitters: Vec<String>,
+    surfaces: Vec<String>,
+    sensors: Vec<String>,
+}
+
+/// Recorded events in memory. All columns have shape (n,).
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathColumns {
     /// Ray ids.
     pub ray_id: Array1<i64>,
     /// `birth`, `hit` or `death`.
@@ -30,48 +47,96 @@ pub struct RayPaths {
 
 impl RayPaths {
     /// None if nothing was recorded.
-    pub(crate) fn new(ir: &SceneIr, unit: FluxUnit, events: &[PathEvent]) -> Option<Self> {
-        if events.is_empty() {
-            return None;
-        }
-        let mut events: Vec<&PathEvent> = events.iter().collect();
-        events.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce, rank(event.kind)));
-        let column = |value: &dyn Fn(&PathEvent) -> f64| events.iter().map(|event| value(event)).collect();
-        Some(RayPaths {
-            ray_id: events.iter().map(|event| event.ray.ray_id as i64).collect(),
-            event_type: events.iter().map(|event| event_type(event.kind)).collect(),
-            position: [0, 1, 2].map(|axis| column(&|event| event.ray.position[axis])),
-            direction: [0, 1, 2].map(|axis| column(&|event| event.ray.direction[axis])),
-            flux: column(&|event| unit.watts_of_weight(event.ray.weight)),
-            wavelength: column(&|event| ir.wavelengths[event.ray.wavelength as usize]),
-            bounce: events.iter().map(|event| event.ray.bounce as i32).collect(),
-            component_name: events.iter().map(|event| component_name(ir, event.kind)).collect(),
+    pub(crate) fn new(ir: &SceneIr, unit: FluxUnit, rows: Arc<Rows>) -> Option<Self> {
+        (!rows.is_empty()).then(|| RayPaths {
+            rows,
+            unit,
+            wavelengths: ir.wavelengths.clone(),
+            emitters: ir.emitters.iter().map(|emitter| emitter.name.clone()).collect(),
+            surfaces: ir.surfaces.iter().map(|surface| surface.name.clone()).collect(),
+            sensors: ir.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
         })
     }
 
     /// Number of events.
-    pub fn len(&self) -> usize {
-        self.event_type.len()
+    pub fn len(&self) -> u64 {
+        self.rows.len()
     }
 
     /// True if there is no event.
     pub fn is_empty(&self) -> bool {
-        self.event_type.is_empty()
+        self.rows.is_empty()
+    }
+
+    /// All events in memory at once.
+    ///
+    /// # Errors
+    /// Those of [`Rows::for_each`].
+    pub fn columns(&self) -> Result<PathColumns> {
+        let events = self.rows.to_vec()?;
+        let reals = |value: &dyn Fn(usize) -> f64| (0..events.len()).map(value).collect::<Array1<f64>>();
+        Ok(PathColumns {
+            ray_id: events.iter().map(|event| event.ray.ray_id as i64).collect(),
+            event_type: events.iter().map(|event| event.kind.event_type()).collect(),
+            position: [0, 1, 2].map(|axis| reals(&|i| events[i].ray.position[axis])),
+            direction: [0, 1, 2].map(|axis| reals(&|i| events[i].ray.direction[axis])),
+            flux: reals(&|i| self.unit.watts_of_weight(events[i].ray.weight)),
+            wavelength: reals(&|i| self.wavelengths[events[i].ray.wavelength as usize]),
+            bounce: events.iter().map(|event| event.ray.bounce as i32).collect(),
+            component_name: events.iter().map(|event| self.name(event.kind).into()).collect(),
+        })
     }
 
     pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
-        file.add("ray_id", &self.ray_id)?;
-        file.add_text("event_type", &self.event_type)?;
-        for (name, column) in ["x", "y", "z"].iter().zip(&self.position) {
-            file.add(name, column)?;
+        let rows = &self.rows;
+        let kinds = self.kinds()?;
+        let id = |word: u64, bytes: &mut Vec<u8>| bytes.extend((word as i64).to_le_bytes());
+        file.add_column("ray_id", &Column::new(rows, rows::RAY_ID, "<i8", 8, id))?;
+        self.add_text(file, "event_type", &kinds, |kind| kind.event_type())?;
+        for (word, name) in (rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
+            file.add_column(name, &Column::real(rows, word, |x| x))?;
         }
-        for (name, column) in ["L", "M", "N"].iter().zip(&self.direction) {
-            file.add(name, column)?;
+        let flux = |weight| self.unit.watts_of_weight(weight);
+        file.add_column("flux", &Column::real(rows, rows::WEIGHT, flux))?;
+        file.add_column("wavelength", &Column::wavelength(rows, &self.wavelengths))?;
+        let bounce = |word, bytes: &mut Vec<u8>| bytes.extend((rows::bounce_of(word) as i32).to_le_bytes());
+        file.add_column("bounce", &Column::new(rows, rows::BOUNCE_AND_WAVELENGTH, "<i4", 4, bounce))?;
+        self.add_text(file, "component_name", &kinds, |kind| self.name(kind))
+    }
+
+    /// What happened at all, by the words of the rows.
+    fn kinds(&self) -> Result<BTreeMap<u64, PathEventKind>> {
+        let mut kinds = BTreeMap::new();
+        self.rows.for_each_block(rows::KIND, |words| {
+            words.iter().for_each(|&word| {
+                kinds.entry(word).or_insert_with(|| rows::kind_of(word));
+            });
+            Ok(())
+        })?;
+        Ok(kinds)
+    }
+
+    /// Adds a column of words for what happened.
+    fn add_text<'a>(
+        &self,
+        file: &mut NpzFile,
+        name: &str,
+        kinds: &BTreeMap<u64, PathEventKind>,
+        text_of: impl Fn(PathEventKind) -> &'a str,
+    ) -> Result<()> {
+        let texts: BTreeMap<u64, &str> = kinds.iter().map(|(&word, &kind)| (word, text_of(kind))).collect();
+        file.add_text_column(name, &self.rows, rows::KIND, &texts)
+    }
+
+    fn name(&self, kind: PathEventKind) -> &str {
+        match kind {
+            PathEventKind::Birth(index) => &self.emitters[index],
+            PathEventKind::Surface(index) => &self.surfaces[index],
+            PathEventKind::Sensor(index) => &self.sensors[index],
+            PathEventKind::Escaped => "escaped",
+            PathEventKind::DepthKilled => "depth_killed",
+            PathEventKind::FluxKilled => "flux_killed",
         }
-        file.add("flux", &self.flux)?;
-        file.add("wavelength", &self.wavelength)?;
-        file.add("bounce", &self.bounce)?;
-        file.add_text("component_name", &self.component_name)
     }
 
     /// Units of the columns.
@@ -88,30 +153,22 @@ impl RayPaths {
     ];
 }
 
-/// A birth and a first hit carry the same count of events, as may a birth and an escape.
-fn rank(kind: PathEventKind) -> u8 {
-    match event_type(kind) {
-        "birth" => 0,
-        "hit" => 1,
-        _ => 2,
+impl PathEventKind {
+    /// A birth and a first hit carry the same count of events, as may a birth and an escape.
+    pub(crate) fn rank(self) -> u8 {
+        match self.event_type() {
+            "birth" => 0,
+            "hit" => 1,
+            _ => 2,
+        }
     }
-}
 
-fn event_type(kind: PathEventKind) -> &'static str {
-    match kind {
-        PathEventKind::Birth(_) => "birth",
-        PathEventKind::Surface(_) | PathEventKind::Sensor(_) => "hit",
-        PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled => "death",
-    }
-}
-
-fn component_name(ir: &SceneIr, kind: PathEventKind) -> String {
-    match kind {
-        PathEventKind::Birth(index) => ir.emitters[index].name.clone(),
-        PathEventKind::Surface(index) => ir.surfaces[index].name.clone(),
-        PathEventKind::Sensor(index) => ir.sensors[index].name.clone(),
-        PathEventKind::Escaped => "escaped".into(),
-        PathEventKind::DepthKilled => "depth_killed".into(),
-        PathEventKind::FluxKilled => "flux_killed".into(),
+    /// Optiland's word for it: `birth`, `hit` or `death`.
+    pub fn event_type(self) -> &'static str {
+        match self {
+            PathEventKind::Birth(_) => "birth",
+            PathEventKind::Surface(_) | PathEventKind::Sensor(_) => "hit",
+            PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled => "death",
+        }
     }
 }

@@ -15,8 +15,8 @@ use crate::error::{Error, Result};
 use crate::ir::Frame;
 use crate::result::output::REPORT;
 use crate::result::{
-    Detector, DetectorData, FarFieldPattern, IrradianceMap, RayDatabase, Report, RunInfo, SpectralMap,
-    SurfaceResult, TraceResult, report,
+    Detector, DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, Report, RunInfo,
+    SpectralMap, SurfaceResult, TraceResult, ray_database::RecordedRays, report,
 };
 
 /// What the report says of one detector.
@@ -25,6 +25,10 @@ struct Entry {
     kind: String,
     absorb: bool,
     total_flux: f64,
+    #[serde(default)]
+    total_flux_standard_error: Option<f64>,
+    #[serde(default)]
+    total_flux_recorded: Option<f64>,
     num_rays_hit: u64,
     file: Option<String>,
     #[serde(default)]
@@ -88,12 +92,19 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
             max_depth: report.max_depth,
             min_flux_fraction: report.min_flux_fraction,
             precision: report.precision,
+            precision_reason: report.precision_reason,
+            precision_warning: None,
+            sampler: report.sampler,
             adapter: report.adapter,
             driver: report.driver,
             trace_time_sec: report.trace_time_sec,
             stage_times: report.diagnostics.stage_times.clone(),
             scene_warnings: report.scene_warnings,
             partial: report.partial,
+            stopped_by: report.stopped_by,
+            target_error: report.target_error,
+            first_ray: report.first_ray,
+            of_rays: report.of_rays,
             program: report.program,
             version: report.version,
         },
@@ -112,6 +123,7 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
         total_flux_escaped: report.total_flux_escaped,
         total_flux_lost: report.total_flux_lost,
         flux_conservation_error: report.flux_conservation_error,
+        relative_error: report.relative_error,
         ledger: report.ledger,
         diagnostics: report.diagnostics,
         ray_paths: None,
@@ -159,7 +171,7 @@ fn detector(dir: &Path, name: &str, entry: Entry) -> Result<Detector> {
                 origin: DVec3::from_array(frame.origin),
                 rotation: DMat3::from_cols_array_2d(&frame.axes),
             };
-            DetectorData::RayDatabase(file.ray_database(frame, entry.num_rays_hit, entry.total_flux)?)
+            DetectorData::RayDatabase(file.ray_database(frame, &entry)?)
         }
         other => return Err(Error::file(path, format!("no detector is of kind `{other}`"))),
     };
@@ -167,6 +179,7 @@ fn detector(dir: &Path, name: &str, entry: Entry) -> Result<Detector> {
         name: name.into(),
         absorb: entry.absorb,
         total_flux: entry.total_flux,
+        total_flux_standard_error: entry.total_flux_standard_error,
         num_rays_hit: entry.num_rays_hit,
         data,
     })
@@ -189,6 +202,19 @@ impl NpzFile {
         self.reader.by_name(name).map_err(|error| Error::file(&self.path, format!("`{name}`: {error}")))
     }
 
+    /// An array that a trace without standard errors does not write.
+    fn optional<T: ReadableElement, D: Dimension>(
+        &mut self,
+        name: &str,
+    ) -> Result<Option<ndarray::Array<T, D>>> {
+        let names = self.reader.names().map_err(|error| Error::file(&self.path, error))?;
+        if names.iter().any(|other| other.trim_end_matches(".npy") == name) {
+            self.array(name).map(Some)
+        } else {
+            Ok(None)
+        }
+    }
+
     /// The shapes must fit, since whoever shows the arrays indexes them together.
     fn check(&self, fits: bool) -> Result<()> {
         if fits { Ok(()) } else { Err(Error::file(&self.path, "the shapes of its arrays do not fit")) }
@@ -200,11 +226,17 @@ impl NpzFile {
             x_coords: self.array("x_coords")?,
             y_coords: self.array("y_coords")?,
             hits: self.array("hits")?,
+            standard_error: self.optional("standard_error")?,
             width,
             height,
         };
         let shape = (map.y_coords.len(), map.x_coords.len());
-        self.check(map.irradiance.dim() == shape && map.hits.dim() == shape && !map.hits.is_empty())?;
+        self.check(
+            map.irradiance.dim() == shape
+                && map.hits.dim() == shape
+                && map.standard_error.as_ref().is_none_or(|errors| errors.dim() == shape)
+                && !map.hits.is_empty(),
+        )?;
         Ok(map)
     }
 
@@ -218,6 +250,7 @@ impl NpzFile {
             wavelengths: self.array("wavelengths")?,
             wavelength_edges: self.array("wavelength_edges")?,
             hits: self.array("hits")?,
+            standard_error: self.optional("standard_error")?,
             width,
             height,
             spectrum: irradiance.sum_axis(Axis(0)).sum_axis(Axis(0)) * area,
@@ -226,6 +259,7 @@ impl NpzFile {
         self.check(
             (map.y_coords.len(), map.x_coords.len(), map.wavelengths.len()) == (ny, nx, bins)
                 && map.hits.dim() == (ny, nx, bins)
+                && map.standard_error.as_ref().is_none_or(|errors| errors.dim() == (ny, nx, bins))
                 && map.wavelength_edges.len() == bins + 1
                 && !map.hits.is_empty(),
         )?;
@@ -238,15 +272,19 @@ impl NpzFile {
             theta: self.array("theta")?,
             phi: self.array("phi")?,
             hits: self.array("hits")?,
+            standard_error: self.optional("standard_error")?,
         };
         let shape = (pattern.theta.len(), pattern.phi.len());
         self.check(
-            pattern.intensity.dim() == shape && pattern.hits.dim() == shape && !pattern.hits.is_empty(),
+            pattern.intensity.dim() == shape
+                && pattern.hits.dim() == shape
+                && pattern.standard_error.as_ref().is_none_or(|errors| errors.dim() == shape)
+                && !pattern.hits.is_empty(),
         )?;
         Ok(pattern)
     }
 
-    fn ray_database(mut self, frame: Frame, num_rays_hit: u64, total_flux: f64) -> Result<RayDatabase> {
+    fn ray_database(mut self, frame: Frame, entry: &Entry) -> Result<RayDatabase> {
         let position = [self.array("x")?, self.array("y")?, self.array("z")?];
         let direction = [self.array("L")?, self.array("M")?, self.array("N")?];
         let ray_id: Array1<u64> = self.array("ray_id")?;
@@ -259,15 +297,16 @@ impl NpzFile {
         }
         let columns = position.iter().chain(&direction).chain([&flux, &wavelength]);
         self.check(columns.into_iter().all(|column| column.len() == rows))?;
-        Ok(RayDatabase {
+        let columns = RayColumns { ray_id, position, direction, flux, wavelength };
+        let kept_flux = entry.total_flux;
+        RayDatabase::of_columns(
             frame,
-            truncated: (rows as u64) < num_rays_hit,
-            kept_flux: total_flux,
-            ray_id,
-            position,
-            direction,
-            flux,
-            wavelength,
-        })
+            &columns,
+            RecordedRays {
+                num_rays: entry.num_rays_hit,
+                kept_flux,
+                recorded_flux: entry.total_flux_recorded.unwrap_or(kept_flux),
+            },
+        )
     }
 }

@@ -9,6 +9,7 @@ use crate::ir::Frame;
 use crate::result::{
     DetectorData, Diagnostics, IrradianceMap, Ledger, SpectralMap, SurfaceResult, TraceResult,
 };
+use crate::stopping::StoppedBy;
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
@@ -29,6 +30,17 @@ pub struct Report {
     pub num_rays_requested: u64,
     /// True if the trace stopped before all of them were launched.
     pub partial: bool,
+    /// Why it stopped before: `interrupt`, `time_limit` or `target_error`; null if it did not.
+    pub stopped_by: Option<StoppedBy>,
+    /// The target for the relative error; null if there was none.
+    pub target_error: Option<f64>,
+    /// The largest of all detectors' relative standard errors: of `total_flux`, and `mean_relative_error`. Null where it
+    /// is not known.
+    pub relative_error: Option<f64>,
+    /// Number of the first ray.
+    pub first_ray: u64,
+    /// The rays are a part of a trace of so many; null if they are a trace of their own.
+    pub of_rays: Option<u64>,
     /// What the scene's reader found worth a warning; the diagnostics' warnings repeat it.
     pub scene_warnings: Vec<String>,
     /// Seed of the draws.
@@ -39,6 +51,10 @@ pub struct Report {
     pub min_flux_fraction: f64,
     /// Arithmetic: `f32` or `f64`.
     pub precision: String,
+    /// What the draws were: `pcg` or `sobol`.
+    pub sampler: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver.
@@ -73,9 +89,12 @@ pub struct Report {
     pub flux_conservation_error: f64,
     /// Wall-clock time of the trace \[s\].
     pub trace_time_sec: f64,
-    /// `{name: {kind, absorb, total_flux, num_rays_hit, file, ...}}` in scene order. `total_flux` is in W; `file` is null
-    /// if no file was written. Detectors with pixels have `width` and `height` \[mm\], ray databases `num_rays_stored`,
-    /// the rows kept, and `frame`, whose `axes` are the local x, y, z in global coordinates and whose `origin` is in mm.
+    /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, ...}}` in scene
+    /// order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard errors of
+    /// the cells that are not dark. Both errors are null where they are not known; `file` is null if no file was written.
+    /// Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
+    /// flux is `total_flux`; `total_flux_recorded`, that of all rows; and `frame`, whose `axes` are the local x, y, z in
+    /// global coordinates and whose `origin` is in mm.
     pub detectors: Map<String, Value>,
     /// `[{name, kind, reached, num_rays_absorbed, total_flux_absorbed}]` in scene order; flux in W.
     pub surfaces: Vec<Value>,
@@ -108,11 +127,18 @@ impl Report {
             scene: run.scene.clone(),
             num_rays_requested: run.num_rays,
             partial: run.partial,
+            stopped_by: run.stopped_by,
+            target_error: run.target_error,
+            relative_error: result.relative_error,
+            first_ray: run.first_ray,
+            of_rays: run.of_rays,
             scene_warnings: run.scene_warnings.clone(),
             seed: run.seed,
             max_depth: run.max_depth,
             min_flux_fraction: run.min_flux_fraction,
             precision: run.precision.clone(),
+            sampler: run.sampler.clone(),
+            precision_reason: run.precision_reason.clone(),
             adapter: run.adapter.clone(),
             driver: run.driver.clone(),
             rays_per_sec: run.rays_per_sec(result.num_rays_total),
@@ -151,6 +177,8 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "kind": detector.data.kind(),
             "absorb": detector.absorb,
             "total_flux": detector.total_flux,
+            "total_flux_standard_error": detector.total_flux_standard_error,
+            "mean_relative_error": detector.mean_relative_error(),
             "num_rays_hit": detector.num_rays_hit,
             "file": files.detectors.get(&detector.name),
         });
@@ -164,6 +192,7 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             DetectorData::RayDatabase(rays) => {
                 let Frame { origin, rotation } = rays.frame;
                 entry["num_rays_stored"] = json!(rays.num_rays());
+                entry["total_flux_recorded"] = json!(rays.recorded_flux);
                 entry["frame"] = json!({ "origin": origin.to_array(), "axes": rotation.to_cols_array_2d() });
             }
         }

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::ir::PixelGrid;
 use crate::result::irradiance::{bin_centres, centres, pixel_area};
 use crate::result::npz::NpzFile;
-use crate::result::{FluxUnit, SensorTally};
+use crate::result::{FluxUnit, SensorTally, Uncertainty};
 
 /// Irradiance of a planar detector per wavelength bin.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +23,9 @@ pub struct SpectralMap {
     pub wavelength_edges: Array1<f64>,
     /// Rays that hit each pixel, whatever the splat, per bin, shape (ny, nx, n_lambda).
     pub hits: Array3<u64>,
+    /// Standard error of `irradiance` \[W/mm^2\], shape (ny, nx, n_lambda); none where second moments were not summed. 0 where no ray
+    /// came: that says nothing of what a longer trace would find.
+    pub standard_error: Option<Array3<f64>>,
     /// Full width along local x \[mm\].
     pub width: f64,
     /// Full height along local y \[mm\].
@@ -32,7 +35,13 @@ pub struct SpectralMap {
 }
 
 impl SpectralMap {
-    pub(crate) fn new(grid: &PixelGrid, edges: &[f64], sums: &SensorTally, unit: FluxUnit) -> Self {
+    pub(crate) fn new(
+        grid: &PixelGrid,
+        edges: &[f64],
+        sums: &SensorTally,
+        unit: FluxUnit,
+        uncertainty: &Uncertainty,
+    ) -> Self {
         let (nx, ny, bins) = (grid.num_pixels_x as usize, grid.num_pixels_y as usize, edges.len() - 1);
         let area = pixel_area(grid);
         let cell = |(y, x, bin): (usize, usize, usize)| (y * nx + x) * bins + bin;
@@ -44,6 +53,9 @@ impl SpectralMap {
             wavelengths: centres(edges),
             wavelength_edges: edges.iter().copied().collect(),
             hits: Array3::from_shape_fn((ny, nx, bins), |at| sums.hits[cell(at)]),
+            standard_error: uncertainty
+                .of_cells(sums)
+                .map(|errors| Array3::from_shape_fn((ny, nx, bins), |at| errors[cell(at)] / area)),
             width: grid.width,
             height: grid.height,
             spectrum: (0..bins).map(flux_of_bin).collect(),
@@ -61,7 +73,8 @@ impl SpectralMap {
         file.add("y_coords", &self.y_coords)?;
         file.add("wavelengths", &self.wavelengths)?;
         file.add("wavelength_edges", &self.wavelength_edges)?;
-        file.add("hits", &self.hits)
+        file.add("hits", &self.hits)?;
+        file.add_optional("standard_error", &self.standard_error)
     }
 
     /// Units of the arrays in the file.
@@ -73,5 +86,7 @@ impl SpectralMap {
         ("wavelength_edges", "um"),
         ("total_flux", "W"),
         ("hits", "rays"),
+        ("standard_error", "W/mm^2 per wavelength bin"),
+        ("total_flux_standard_error", "W"),
     ];
 }

@@ -2,10 +2,13 @@
 
 use std::ops::AddAssign;
 
+use serde::{Deserialize, Serialize};
+
 use crate::ir::{SceneIr, Sensor};
+use crate::result::RaySet;
 
 /// Number of events and the quanta that they took.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Booking {
     /// Number of events.
     pub count: u64,
@@ -15,10 +18,12 @@ pub struct Booking {
 
 /// The sums of a range of rays. Adding the tallies of two disjoint ranges gives the tally of both, bit for bit, however
 /// the ranges were cut.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     /// Rays launched, and the weight they were born with.
     pub launched: Booking,
+    /// Which rays they are.
+    pub rays: RaySet,
     /// Per detector, in scene order.
     pub sensors: Vec<SensorTally>,
     /// Per surface, in scene order.
@@ -45,14 +50,18 @@ pub struct Tally {
     pub bsdf_gain: Booking,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
+    /// True if splitting wanted more rays of some launched ray than its budget.
+    pub split_budget_saturated: bool,
     /// Deposits that no sum can hold: not a number, infinite, or over 2^43 units of weight. Never 0 in silence.
     pub invalid_deposits: u64,
+    /// True if some second moment may have grown beyond its sum: no standard error can then be given.
+    pub moments_overflowed: bool,
     /// Events of the recorded paths.
     pub paths: Vec<PathEvent>,
 }
 
 /// The sums of one detector.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorTally {
     /// Quanta per cell; the order of [`crate::ir::Sensor::num_cells`]. Empty for a ray database.
     pub quanta: Vec<u128>,
@@ -62,10 +71,24 @@ pub struct SensorTally {
     pub recorded: Booking,
     /// Ray database: the rows.
     pub rows: Vec<RayRow>,
+    /// Per cell, the sum over primary rays of the square of the weight that the ray left there, in units of 2^-52,
+    /// rounded up. Empty where second moments were not summed, and for a ray database.
+    pub squares: Vec<u128>,
+    /// Per emitter, the moments of what its rays left on the detector in all. Empty where they were not summed.
+    pub totals: Vec<Moments>,
+}
+
+/// First and second moment over primary rays.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Moments {
+    /// Sum of the weights \[quanta\].
+    pub quanta: u128,
+    /// Sum of the squares of the weights, in units of 2^-52.
+    pub squares: u128,
 }
 
 /// The sums of one surface.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SurfaceTally {
     /// True if some ray hit the surface.
     pub reached: bool,
@@ -74,7 +97,7 @@ pub struct SurfaceTally {
 }
 
 /// One row of a ray database, in global coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RayRow {
     /// The ray.
     pub ray_id: u64,
@@ -91,7 +114,7 @@ pub struct RayRow {
 }
 
 /// One event of a recorded path: the state before the event, at the place of the event.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PathEvent {
     /// The state of the ray.
     pub ray: RayRow,
@@ -100,7 +123,7 @@ pub struct PathEvent {
 }
 
 /// Kinds of path events.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PathEventKind {
     /// Born at this emitter.
     Birth(usize),
@@ -129,6 +152,15 @@ impl AddAssign<&SensorTally> for SensorTally {
         add_each(&mut self.hits, &other.hits, |sum, hits| *sum += hits);
         self.recorded += other.recorded;
         self.rows.extend_from_slice(&other.rows);
+        add_each(&mut self.squares, &other.squares, |sum, squares| *sum += squares);
+        add_each(&mut self.totals, &other.totals, |sum, moments| *sum += *moments);
+    }
+}
+
+impl AddAssign for Moments {
+    fn add_assign(&mut self, other: Self) {
+        self.quanta += other.quanta;
+        self.squares += other.squares;
     }
 }
 
@@ -142,6 +174,7 @@ impl AddAssign for SurfaceTally {
 impl AddAssign<&Tally> for Tally {
     fn add_assign(&mut self, other: &Tally) {
         self.launched += other.launched;
+        self.rays += &other.rays;
         add_each(&mut self.sensors, &other.sensors, |sum, sensor| *sum += sensor);
         add_each(&mut self.surfaces, &other.surfaces, |sum, surface| *sum += *surface);
         self.escaped += other.escaped;
@@ -155,7 +188,9 @@ impl AddAssign<&Tally> for Tally {
         self.bsdf_loss += other.bsdf_loss;
         self.bsdf_gain += other.bsdf_gain;
         self.medium_stack_underflows += other.medium_stack_underflows;
+        self.split_budget_saturated |= other.split_budget_saturated;
         self.invalid_deposits += other.invalid_deposits;
+        self.moments_overflowed |= other.moments_overflowed;
         self.paths.extend_from_slice(&other.paths);
     }
 }
@@ -179,6 +214,14 @@ impl Tally {
             surfaces: vec![SurfaceTally::default(); ir.surfaces.len()],
             ..Tally::default()
         }
+    }
+}
+
+impl Tally {
+    /// Puts the rows and paths in the order of ray ids; those of one ray keep theirs.
+    pub fn sort_rows(&mut self) {
+        self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(|row| row.ray_id));
+        self.paths.sort_by_key(|event| event.ray.ray_id);
     }
 }
 

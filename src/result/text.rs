@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use crate::result::format::{significant, thousands};
 use crate::result::{Entry, TraceResult};
+use crate::stopping::StoppedBy;
 
 impl TraceResult {
     /// The report: how the trace was run, where the flux went, what the detectors read, whether the ledger closes, and
@@ -17,13 +18,21 @@ impl TraceResult {
         let run = &self.run;
         let scene = run.scene.as_ref().map_or(String::new(), |scene| format!(" of {scene}"));
         let partial = if run.partial {
-            format!(" (partial: {} requested)", thousands(run.num_rays))
+            match run.stopped_by {
+                Some(StoppedBy::TargetError) => format!(" (of at most {})", thousands(run.num_rays)),
+                _ => format!(" (partial: {} requested)", thousands(run.num_rays)),
+            }
         } else {
             String::new()
         };
+        let sampler = if run.sampler == "pcg" { String::new() } else { format!(" ({})", run.sampler) };
+        let precision = match run.precision_reason.as_str() {
+            "" => String::new(),
+            reason => format!("{}: {reason}\n", run.precision),
+        };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}, {} on {}{driver}\n{} s, {} rays/s\n",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{precision}{} s, {} rays/s\n",
             run.program,
             run.version,
             thousands(self.num_rays_total),
@@ -58,15 +67,18 @@ impl TraceResult {
     fn detector_table(&self) -> String {
         let widest = self.detectors.iter().map(|detector| detector.name.chars().count()).max().unwrap_or(0);
         let width = widest.max(16) + 2;
-        let mut table = format!("{:<width$}{:<14}{:>14}{:>16}\n", "detector", "kind", "W", "rays");
+        let mut table =
+            format!("{:<width$}{:<14}{:>14}{:>14}{:>16}\n", "detector", "kind", "W", "std. error", "rays");
         for detector in &self.detectors {
             let passing = if detector.absorb { "" } else { "  (transmissive)" };
+            let error = detector.total_flux_standard_error.filter(|error| error.is_finite());
             let _ = writeln!(
                 table,
-                "{:<width$}{:<14}{:>14}{:>16}{passing}",
+                "{:<width$}{:<14}{:>14}{:>14}{:>16}{passing}",
                 detector.name,
                 detector.data.kind(),
                 significant(detector.total_flux, 7),
+                error.map_or("-".into(), |error| significant(error, 2)),
                 thousands(detector.num_rays_hit),
             );
         }

@@ -4,16 +4,19 @@ use crate::error::{Error, Result};
 use crate::ir::{Interaction, SceneIr, Sensor, SensorKind};
 use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
-    SensorTally, SpectralMap, Tally,
+    Recorded, Rows, SensorTally, SpectralMap, Tally, Uncertainty,
+    uncertainty::{mean_relative, worst_relative_error},
 };
+use crate::stopping::StoppedBy;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// How the trace was run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunInfo {
     /// Path of the scene file, if the scene came from one.
     pub scene: Option<String>,
-    /// Rays that the trace was planned with; weights refer to this number even when it stopped early.
+    /// Rays that the trace was planned with.
     pub num_rays: u64,
     /// Seed of the draws.
     pub seed: u64,
@@ -23,6 +26,12 @@ pub struct RunInfo {
     pub min_flux_fraction: f64,
     /// Arithmetic of the trace: `f32` or `f64`.
     pub precision: String,
+    /// What the draws were: `pcg` or `sobol`.
+    pub sampler: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
+    /// What to beware of in it.
+    pub precision_warning: Option<String>,
     /// Name of the adapter.
     pub adapter: String,
     /// Its driver and version.
@@ -35,6 +44,14 @@ pub struct RunInfo {
     pub scene_warnings: Vec<String>,
     /// True if the trace stopped before all its rays were launched.
     pub partial: bool,
+    /// Why it stopped, if it did.
+    pub stopped_by: Option<StoppedBy>,
+    /// The target for the relative error, if there was one.
+    pub target_error: Option<f64>,
+    /// Number of the first ray.
+    pub first_ray: u64,
+    /// The rays are a part of a trace of so many, if they are.
+    pub of_rays: Option<u64>,
     /// Name of the program.
     pub program: String,
     /// Version of the program.
@@ -71,7 +88,8 @@ pub struct TraceResult {
     pub num_rays_flux_killed: u64,
     /// Rays that reached the largest number of events.
     pub num_rays_depth_killed: u64,
-    /// Flux of all sources; of the rays launched so far if the trace is partial \[W\].
+    /// Flux of all sources \[W\]. Of a partial trace, that of the rays launched, scaled as every flux is: as if all that
+    /// the sources emit had been shared among them.
     pub total_flux_in: f64,
     /// Sum over all detectors of what they read, transmissive ones included \[W\]. Of a ray database with `max_rays`
     /// it counts the rows that were kept, as Optiland does.
@@ -89,6 +107,9 @@ pub struct TraceResult {
     /// Optiland's figure: |in - (detected - tapped) - absorbed - bulk_absorbed - escaped - lost| / in. It has no bin
     /// for what mirrors take nor for weight gained and lost by sampling; [`Ledger`] has them all and closes.
     pub flux_conservation_error: f64,
+    /// The largest of all detectors' relative errors ([`worst_relative_error`]); none where no detector was hit, or
+    /// second moments were not summed.
+    pub relative_error: Option<f64>,
     /// Where every quantum went.
     pub ledger: Ledger,
     /// Signs that the result should be read with care.
@@ -106,6 +127,9 @@ pub struct Detector {
     pub absorb: bool,
     /// Flux recorded \[W\]; of a ray database, of the rows kept.
     pub total_flux: f64,
+    /// Standard error of `total_flux` \[W\]; none where second moments were not summed, or where a ray database dropped
+    /// rows.
+    pub total_flux_standard_error: Option<f64>,
     /// Rays recorded, those included that a ray database did not keep.
     pub num_rays_hit: u64,
     /// The recording.
@@ -173,12 +197,19 @@ impl Default for RunInfo {
             max_depth: 16,
             min_flux_fraction: 1e-6,
             precision: "f32".into(),
+            sampler: "pcg".into(),
+            precision_reason: String::new(),
+            precision_warning: None,
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,
             stage_times: Vec::new(),
             scene_warnings: Vec::new(),
             partial: false,
+            stopped_by: None,
+            target_error: None,
+            first_ray: 0,
+            of_rays: None,
             program: env!("CARGO_PKG_NAME").into(),
             version: env!("CARGO_PKG_VERSION").into(),
         }
@@ -193,22 +224,35 @@ impl RunInfo {
 }
 
 impl TraceResult {
-    /// Reads the sums of a trace of `ir` out into physical units.
+    /// Reads the sums of a trace of `ir` out into physical units, with the rows that the tally holds.
     ///
     /// # Errors
     /// [`Error::Internal`] if the tally is not one of this scene.
     pub fn new(ir: &SceneIr, run: &RunInfo, tally: &Tally) -> Result<TraceResult> {
         check_shape(ir, tally)?;
+        TraceResult::with_rows(ir, run, tally, &Recorded::of_tally(ir, tally)?)
+    }
+
+    /// As [`TraceResult::new`], with rows that were recorded apart from the tally.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if tally or rows are not those of this scene, [`Error::File`] if the rows cannot be read.
+    pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
+        check_shape(ir, tally)?;
         let emitted: f64 = ir.emitters.iter().map(|emitter| emitter.total_flux).sum();
-        let unit = FluxUnit::new(emitted, run.num_rays);
+        let unit = FluxUnit::new(emitted, if run.partial { tally.launched.count } else { run.num_rays });
+        let uncertainty = Uncertainty::new(ir, tally, unit);
         let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { emitted };
 
         let detectors: Vec<Detector> = ir
             .sensors
             .iter()
             .zip(&tally.sensors)
-            .map(|(sensor, sums)| Detector::new(sensor, sums, unit, &ir.wavelengths))
-            .collect();
+            .zip(&recorded.databases)
+            .map(|((sensor, sums), rows)| {
+                Detector::new(sensor, sums, rows.as_ref(), unit, &uncertainty, &ir.wavelengths)
+            })
+            .collect::<Result<_>>()?;
         let surfaces = surfaces(ir, tally, unit);
         let ledger = Ledger::new(ir, tally, unit);
         let total_flux_detected = total_flux(detectors.iter());
@@ -232,12 +276,13 @@ impl TraceResult {
             total_flux_escaped: ledger.escaped.flux,
             total_flux_lost,
             flux_conservation_error: 0.0,
+            relative_error: worst_relative_error(ir, tally).filter(|error| error.is_finite()),
             ledger,
             diagnostics: Diagnostics::default(),
-            ray_paths: RayPaths::new(ir, unit, &tally.paths),
+            ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();
-        result.diagnostics = Diagnostics::new(&result, tally.medium_stack_underflows);
+        result.diagnostics = Diagnostics::new(&result, tally);
         Ok(result)
     }
 
@@ -263,26 +308,66 @@ impl TraceResult {
 }
 
 impl Detector {
-    fn new(sensor: &Sensor, sums: &SensorTally, unit: FluxUnit, wavelengths: &[f64]) -> Self {
+    fn new(
+        sensor: &Sensor,
+        sums: &SensorTally,
+        rows: Option<&Arc<Rows>>,
+        unit: FluxUnit,
+        uncertainty: &Uncertainty,
+        wavelengths: &[f64],
+    ) -> Result<Self> {
+        let mut total_flux_standard_error = uncertainty.of_total(sums);
         let Booking { count: num_rays_hit, quanta } = sums.total();
         let mut total_flux = unit.watts(quanta);
         let data = match &sensor.kind {
-            SensorKind::Irradiance(grid) => DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit)),
+            SensorKind::Irradiance(grid) => {
+                DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit, uncertainty))
+            }
             SensorKind::Spectral { grid, wavelength_edges } => {
-                DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit))
+                DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit, uncertainty))
             }
             SensorKind::FarField { num_theta, num_phi } => {
-                DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit))
+                DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit, uncertainty))
             }
-            SensorKind::RayDatabase { max_rays, .. } => {
-                let database = RayDatabase::new(sensor.frame, *max_rays, sums, unit, wavelengths);
+            SensorKind::RayDatabase { .. } => {
+                let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", sensor.name)))?;
+                let database = RayDatabase::new(sensor.frame, rows.clone(), total_flux, unit, wavelengths)?;
                 if database.truncated {
                     total_flux = database.kept_flux;
+                    total_flux_standard_error = None;
                 }
                 DetectorData::RayDatabase(database)
             }
         };
-        Detector { name: sensor.name.clone(), absorb: sensor.absorb, total_flux, num_rays_hit, data }
+        Ok(Detector {
+            name: sensor.name.clone(),
+            absorb: sensor.absorb,
+            total_flux,
+            total_flux_standard_error,
+            num_rays_hit,
+            data,
+        })
+    }
+
+    /// Standard error of `total_flux` relative to it; none where there is no flux or no error.
+    pub fn total_flux_relative_error(&self) -> Option<f64> {
+        self.total_flux_standard_error.filter(|_| self.total_flux > 0.0).map(|error| error / self.total_flux)
+    }
+
+    /// Mean of the relative standard errors of the cells that are not dark; none where there are none, or no errors.
+    pub fn mean_relative_error(&self) -> Option<f64> {
+        match &self.data {
+            DetectorData::Irradiance(map) => {
+                map.standard_error.as_ref().and_then(|errors| mean_relative(&map.irradiance, errors))
+            }
+            DetectorData::Spectral(map) => {
+                map.standard_error.as_ref().and_then(|errors| mean_relative(&map.irradiance, errors))
+            }
+            DetectorData::FarField(pattern) => {
+                pattern.standard_error.as_ref().and_then(|errors| mean_relative(&pattern.intensity, errors))
+            }
+            DetectorData::RayDatabase(_) => None,
+        }
     }
 }
 

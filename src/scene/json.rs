@@ -742,9 +742,10 @@ pub struct DetectorExtra {
 pub struct SamplingPolicy {
     /// Probability of drawing reflection at a refractive surface.
     pub reflect_prob: ReflectProb,
-    /// Follow both branches for the first so many hits.
+    /// Split rays of fewer events than this at refractive surfaces, and follow both branches. 0: never.
     pub split_depth: u32,
-    /// Most live rays while splitting, as a multiple of the batch.
+    /// Most rays that come of one launched ray and are alive at a time; of a fraction, so large a share of the launched
+    /// rays may have one more. Unused while `split_depth` is 0.
     pub split_budget: f64,
     /// Russian roulette starts below this fraction of the mean flux of a new ray.
     pub rr_start_flux: f64,

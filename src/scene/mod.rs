@@ -5,6 +5,7 @@
 
 mod bsdf;
 mod compounds;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
 mod frame;
 pub mod json;

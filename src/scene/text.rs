@@ -93,7 +93,7 @@ impl Node<'_> {
     fn refuse<E: de::Error>(&self, problem: String, remedy: &str) -> E {
         let place = match self.place {
             Place::Root => "the scene file".to_owned(),
-            place => place.to_string(),
+            place @ (Place::Key(..) | Place::Index(..)) => place.to_string(),
         };
         self.refusal.borrow_mut().get_or_insert_with(|| Error::scene(place, problem, remedy));
         E::custom("refused")

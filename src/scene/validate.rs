@@ -9,6 +9,7 @@ use super::json::{
     Source, SpectralDetector, Spectrum, SplatKind,
 };
 use super::place::{did_you_mean, key_of, quoted};
+use crate::ir::Sampling;
 use crate::{Error, Result};
 
 /// Longest coordinate or size \[mm\]: a million km.
@@ -248,7 +249,7 @@ impl Source {
 fn check_source(place: &str, source: &Source) -> Result<()> {
     coordinate_system(&key_of(place, "cs"), source.cs())?;
     check_spectrum(&key_of(place, "spectrum"), source.spectrum())?;
-    between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e30)?;
+    between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e100)?;
     match source {
         Source::Point(point) => between(key_of(place, "half_angle_deg"), point.half_angle_deg, 0.0, 180.0),
         Source::Collimated(beam) => check_collimated(place, beam),
@@ -709,9 +710,10 @@ fn check_sampling(place: &str, sampling: &SamplingPolicy) -> Result<()> {
     }
     between(key_of(place, "rr_start_flux"), sampling.rr_start_flux, 0.0, 1e30)?;
     between(key_of(place, "split_budget"), sampling.split_budget, 1e-3, 1e6)?;
-    if sampling.split_depth > 0 {
-        let problem = format!("splitting (split_depth = {}) is not supported yet", sampling.split_depth);
-        return refuse(key_of(place, "split_depth"), problem, "set it to 0");
-    }
-    Ok(())
+    between(
+        key_of(place, "split_depth"),
+        f64::from(sampling.split_depth),
+        0.0,
+        f64::from(Sampling::MAX_SPLIT_DEPTH),
+    )
 }

@@ -136,6 +136,7 @@ mod tests {
             height: 1.0,
             irradiance,
             hits,
+            standard_error: None,
         })
     }
 

@@ -57,6 +57,7 @@ mod tests {
             hits: array![[4, 0]],
             width: 2.0,
             height: 1.0,
+            standard_error: None,
         });
         let expected = "x [mm],y [mm],Irradiance [W/mm²],hits,standard error [W/mm²]\n\
                         -0.5,0,0.5,4,0.25\n0.5,0,0,0,NaN\n";

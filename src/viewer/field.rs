@@ -49,7 +49,14 @@ pub struct Labels {
 /// A cell: row and column.
 pub type Cell = (usize, usize);
 
-/// Standard error where none was recorded: that of equal deposits, value / sqrt(hits).
+/// The standard errors of a result; where it has none, those of equal deposits.
+fn sigma_of(errors: Option<&Array2<f64>>, values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
+    // An error of 0 stands where no ray came, and says nothing.
+    let known = |error: f64| if error > 0.0 { error } else { f64::NAN };
+    errors.map_or_else(|| sigma_from_hits(values, hits), |errors| errors.mapv(known))
+}
+
+/// value / sqrt(hits).
 fn sigma_from_hits(values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
     let sigma =
         |(&value, &hits): (&f64, &u64)| if hits > 0 { value / (hits as f64).sqrt() } else { f64::NAN };
@@ -65,7 +72,11 @@ const INTENSITY: Labels =
 impl Field {
     /// Irradiance over x and y.
     pub fn of_irradiance(map: &IrradianceMap) -> Field {
-        Field::over_pixels((map.width, map.height), map.irradiance.clone(), map.hits.clone())
+        let sigma = sigma_of(map.standard_error.as_ref(), &map.irradiance, &map.hits);
+        Field {
+            sigma,
+            ..Field::over_pixels((map.width, map.height), map.irradiance.clone(), map.hits.clone())
+        }
     }
 
     /// Irradiance over x and y: the sum over the wavelength bins, each times its weight.
@@ -77,12 +88,16 @@ impl Field {
         for (bin, &weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
             let (irradiance, hits) =
                 (map.irradiance.index_axis(Axis(2), bin), map.hits.index_axis(Axis(2), bin));
-            let each = values.iter_mut().zip(&mut variance).zip(&mut all_hits).zip(irradiance).zip(hits);
-            for ((((value, variance), all_hits), &irradiance), &hits) in each {
-                let share = weight * irradiance;
-                *value += share;
+            let errors = map.standard_error.as_ref().map(|errors| errors.index_axis(Axis(2), bin).to_owned());
+            let sigma = sigma_of(errors.as_ref(), &irradiance.to_owned(), &hits.to_owned());
+            let sums = values.iter_mut().zip(&mut variance).zip(&mut all_hits);
+            for ((((value, variance), all_hits), (&irradiance, &hits)), &sigma) in
+                sums.zip(irradiance.iter().zip(hits)).zip(&sigma)
+            {
+                *value += weight * irradiance;
                 *all_hits += hits;
-                *variance += if hits > 0 { share * share / hits as f64 } else { 0.0 };
+                // A ray has one wavelength: what falls into two bins comes from two rays.
+                *variance += if sigma.is_nan() { 0.0 } else { (weight * sigma).powi(2) };
             }
         }
         let sigma = variance.mapv(|variance| if variance > 0.0 { variance.sqrt() } else { f64::NAN });
@@ -124,7 +139,7 @@ impl Field {
             labels,
             values: pattern.intensity.clone(),
             hits: pattern.hits.clone(),
-            sigma: sigma_from_hits(&pattern.intensity, &pattern.hits),
+            sigma: sigma_of(pattern.standard_error.as_ref(), &pattern.intensity, &pattern.hits),
             measure: pattern.theta.iter().map(measure).collect(),
         }
     }
@@ -217,6 +232,7 @@ mod tests {
             theta: centres(0.0, 90.0, rows),
             phi: centres(-180.0, 180.0, columns),
             hits: Array2::from_elem((rows, columns), 4),
+            standard_error: None,
         }
     }
 
@@ -259,6 +275,7 @@ mod tests {
             hits: Array2::zeros((4, 5)),
             width: 10.0,
             height: 2.0,
+            standard_error: None,
         };
         let field = Field::of_irradiance(&map);
         assert!((field.total() - 10.0).abs() < 1e-12);

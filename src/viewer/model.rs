@@ -13,7 +13,7 @@ use super::tracing::{
 };
 use crate::error::{Error, Result};
 use crate::result::output::REPORT;
-use crate::result::{Detector, DetectorData, RayPaths, SpectralMap, TraceResult};
+use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -99,7 +99,7 @@ enum Paths {
     /// They are being traced.
     Recording(PathsJob),
     /// They are there.
-    Recorded(Arc<RayPaths>),
+    Recorded(Arc<PathColumns>),
     /// They could not be traced.
     Failed,
 }
@@ -132,11 +132,11 @@ struct Made {
 impl Recipe {
     /// True if it is made well within a frame.
     fn is_small(&self) -> bool {
-        const CELLS: usize = 300_000;
+        const CELLS: u64 = 300_000;
         let size = self.a.detector(&self.key.detector).map_or(0, |detector| match &detector.data {
-            DetectorData::Irradiance(map) => map.irradiance.len(),
-            DetectorData::Spectral(map) => map.irradiance.len(),
-            DetectorData::FarField(pattern) => pattern.intensity.len(),
+            DetectorData::Irradiance(map) => map.irradiance.len() as u64,
+            DetectorData::Spectral(map) => map.irradiance.len() as u64,
+            DetectorData::FarField(pattern) => pattern.intensity.len() as u64,
             DetectorData::RayDatabase(rays) => rays.num_rays(),
         });
         size < CELLS
@@ -175,7 +175,7 @@ impl Recipe {
     fn alone(&self, detector: &Detector, other: Option<&Detector>) -> std::result::Result<Picture, String> {
         if let DetectorData::RayDatabase(rays) = &detector.data {
             let spots = Spots::new(rays, self.key.settings.directions, self.key.settings.photometric);
-            return Ok(Picture::Spots(spots));
+            return spots.map(Picture::Spots).map_err(|error| error.to_string());
         }
         let field = self.field(detector)?;
         let other = other.and_then(|other| self.field(other).ok()).map(Box::new);
@@ -394,7 +394,7 @@ impl Model {
     }
 
     /// Paths of a few rays; they are recorded when they are first asked for.
-    pub fn paths(&mut self) -> Option<Arc<RayPaths>> {
+    pub fn paths(&mut self) -> Option<Arc<PathColumns>> {
         match (&self.paths, &self.scene) {
             (Paths::NotAsked, Some(scene)) => {
                 let notify = self.notify.clone();

@@ -57,6 +57,7 @@ mod tests {
             hits: Array2::from_elem((4, 8), 25),
             width: 8.0,
             height: 4.0,
+            standard_error: None,
         })
     }
 

@@ -178,6 +178,7 @@ mod tests {
             width: columns as f64,
             height: rows as f64,
             irradiance: values,
+            standard_error: None,
         })
     }
 

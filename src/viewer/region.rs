@@ -244,6 +244,7 @@ mod tests {
             hits: Array2::from_elem((N, N), 100),
             width: 20.0,
             height: 20.0,
+            standard_error: None,
         })
     }
 

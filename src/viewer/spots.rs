@@ -3,8 +3,10 @@
 use super::field::Labels;
 use super::photometry;
 use super::region::{EncircledEnergy, Moments, Region, encircled_energy};
+use crate::error::Result;
 use crate::result::RayDatabase;
 use glam::DVec3;
+use ndarray::Array1;
 
 /// One ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,14 +51,21 @@ pub struct Figures {
 
 impl Spots {
     /// The rays of a database in its own frame: where they crossed, or their direction cosines.
-    pub fn new(rays: &RayDatabase, directions: bool, photometric: bool) -> Self {
-        let to_local = rays.frame.rotation.transpose();
-        let [l, m, n] = &rays.direction;
+    ///
+    /// # Errors
+    /// [`crate::Error::File`] if the rays lie on disk and cannot be read.
+    pub fn new(database: &RayDatabase, directions: bool, photometric: bool) -> Result<Self> {
+        let rays = database.columns()?;
+        let to_local = database.frame.rotation.transpose();
+        let place = |columns: &[Array1<f64>; 3], row: usize| {
+            DVec3::from_array([0, 1, 2].map(|axis| columns[axis][row]))
+        };
         let points: Vec<(f64, f64)> = if directions {
-            let local = |row: usize| to_local * DVec3::new(l[row], m[row], n[row]);
-            (0..rays.num_rays()).map(local).map(|direction| (direction.x, direction.y)).collect()
+            let local = |row: usize| to_local * place(&rays.direction, row);
+            (0..rays.ray_id.len()).map(local).map(|direction| (direction.x, direction.y)).collect()
         } else {
-            rays.local_points()
+            let local = |row: usize| to_local * (place(&rays.position, row) - database.frame.origin);
+            (0..rays.ray_id.len()).map(local).map(|point| (point.x, point.y)).collect()
         };
         let weight = |wavelength: f64| if photometric { photometry::efficacy(wavelength) } else { 1.0 };
         let spots: Vec<Spot> = points
@@ -73,12 +82,12 @@ impl Spots {
             .collect();
         let (x, y) = if directions { (("L", "1"), ("M", "1")) } else { (("x", "mm"), ("y", "mm")) };
         let flux = if photometric { "lm" } else { "W" };
-        Spots {
+        Ok(Spots {
             bounds: bounds(&spots),
             wavelengths: range(spots.iter().map(|spot| spot.wavelength)),
             labels: Labels { x, y, value: ("Flux", flux), flux },
             spots,
-        }
+        })
     }
 
     /// Figures of the rays within a region, or of all.
@@ -142,17 +151,18 @@ fn bounds(spots: &[Spot]) -> ((f64, f64), (f64, f64)) {
 mod tests {
     use super::*;
     use crate::ir::Frame;
+    use crate::result::{RayColumns, ray_database::RecordedRays};
     use crate::viewer::region::Outline;
     use glam::DMat3;
-    use ndarray::{Array1, array};
+    use ndarray::array;
 
     /// Four rays at the corners of a square in the detector's plane, which faces along global x.
     fn database() -> RayDatabase {
-        RayDatabase {
-            frame: Frame {
-                origin: DVec3::new(100.0, 0.0, 0.0),
-                rotation: DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X),
-            },
+        let frame = Frame {
+            origin: DVec3::new(100.0, 0.0, 0.0),
+            rotation: DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X),
+        };
+        let columns = RayColumns {
             ray_id: array![1, 2, 3, 4],
             position: [
                 Array1::from_elem(4, 100.0),
@@ -162,14 +172,14 @@ mod tests {
             direction: [array![0.6, 0.6, 1.0, 1.0], array![0.8, 0.0, 0.0, 0.0], array![0.0, 0.8, 0.0, 0.0]],
             flux: array![1.0, 1.0, 1.0, 1.0],
             wavelength: array![0.5, 0.6, 0.5, 1.5],
-            truncated: false,
-            kept_flux: 4.0,
-        }
+        };
+        let recorded = RecordedRays { num_rays: 4, kept_flux: 4.0, recorded_flux: 4.0 };
+        RayDatabase::of_columns(frame, &columns, recorded).unwrap()
     }
 
     #[test]
     fn rays_stand_in_the_frame_of_the_detector() {
-        let spots = Spots::new(&database(), false, false);
+        let spots = Spots::new(&database(), false, false).unwrap();
         assert_eq!(spots.spots[0].at, (1.0, 2.0));
         let figures = spots.figures(None);
         assert_eq!((figures.num_rays, figures.flux, figures.centroid), (4, 4.0, (0.0, 0.0)));
@@ -182,14 +192,14 @@ mod tests {
 
     #[test]
     fn directions_are_cosines_along_the_axes_of_the_detector() {
-        let spots = Spots::new(&database(), true, false);
+        let spots = Spots::new(&database(), true, false).unwrap();
         assert_eq!(spots.spots[0].at, (0.8, 0.0));
         assert_eq!(spots.spots[1].at, (0.0, 0.8));
     }
 
     #[test]
     fn what_the_eye_does_not_see_weighs_nothing() {
-        let spots = Spots::new(&database(), false, true);
+        let spots = Spots::new(&database(), false, true).unwrap();
         assert_eq!(spots.spots[3].flux, 0.0);
         assert_eq!(spots.spots[0].flux, photometry::efficacy(0.5));
     }

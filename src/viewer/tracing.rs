@@ -6,10 +6,11 @@
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::ir::SceneIr;
+use crate::precision::{self, Choice, Wanted};
 use crate::program::Precision;
-use crate::result::{RayPaths, RunInfo, Tally, TraceResult};
+use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
 use crate::scene::Scene;
-use crate::trace::{RecordPaths, TraceOptions, Tracer, Watch};
+use crate::trace::{Progress, RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -203,34 +204,31 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn trace_options(options: &RunOptions, gpu: &Gpu) -> Result<TraceOptions> {
-    Ok(TraceOptions {
+fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(TraceOptions, Choice)> {
+    let traced = TraceOptions {
         num_rays: options.num_rays,
         seed: options.seed,
         max_depth: options.max_depth,
-        precision: options.precision.map_or_else(|| gpu.preferred_precision(), Ok)?,
         ..TraceOptions::default()
-    })
+    };
+    let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
+    let choice = precision::choose(gpu, ir, &traced, wanted)?;
+    Ok((TraceOptions { precision: choice.precision, ..traced }, choice))
 }
 
 fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<()> {
     let gpu = device.open()?;
-    let options = trace_options(options, &gpu)?;
+    let (options, choice) = trace_options(options, &gpu, &scene.ir)?;
     let mut tracer = Tracer::new(&gpu, &scene.ir, &options)?;
     let mut observer = Observer {
         shared,
         scene,
-        run: run_info(scene, &options, &gpu),
+        run: run_info(scene, &options, choice, &gpu),
         clock: Clock::start(),
         due: Instant::now(),
-        asked: Instant::now(),
-        failure: None,
     };
     lock(&shared.shelf).state = State::Tracing;
-    let tally = tracer.trace_watched(&mut observer)?;
-    if let Some(error) = observer.failure.take() {
-        return Err(error);
-    }
+    let tally = tracer.go_on(tracer.empty_tally(), |progress| observer.after_pass(progress))?;
     let result = observer.result(&tally)?;
     let mut shelf = lock(&shared.shelf);
     shelf.rays = result.num_rays_total;
@@ -240,7 +238,7 @@ fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, options: &R
     Ok(())
 }
 
-fn run_info(scene: &LoadedScene, options: &TraceOptions, gpu: &Gpu) -> RunInfo {
+fn run_info(scene: &LoadedScene, options: &TraceOptions, choice: Choice, gpu: &Gpu) -> RunInfo {
     RunInfo {
         scene: Some(scene.path.display().to_string()),
         num_rays: options.num_rays,
@@ -248,6 +246,8 @@ fn run_info(scene: &LoadedScene, options: &TraceOptions, gpu: &Gpu) -> RunInfo {
         max_depth: options.max_depth,
         min_flux_fraction: options.min_flux_fraction,
         precision: options.precision.name().into(),
+        precision_reason: choice.reason,
+        precision_warning: choice.warning,
         adapter: gpu.info.name.clone(),
         driver: gpu.info.driver.clone(),
         scene_warnings: scene.scene.warnings.clone(),
@@ -279,8 +279,6 @@ struct Observer<'a> {
     clock: Clock,
     /// When the next result should be shown.
     due: Instant,
-    asked: Instant,
-    failure: Option<Error>,
 }
 
 /// Least time between two results.
@@ -297,9 +295,18 @@ impl Observer<'_> {
         };
         TraceResult::new(&self.scene.ir, &run, tally)
     }
-}
 
-impl Watch for Observer<'_> {
+    /// Shows a result where one is due; false stops the trace.
+    fn after_pass(&mut self, progress: &mut Progress<'_, '_>) -> Result<bool> {
+        let asked = Instant::now();
+        if asked >= self.due || lock(&self.shared.control).paused {
+            let result = self.result(progress.tally()?)?;
+            lock(&self.shared.shelf).result = Some(Arc::new(result));
+            self.due = Instant::now() + INTERVAL.max(asked.elapsed() * SHARE);
+        }
+        Ok(self.keep_going(progress.done))
+    }
+
     fn keep_going(&mut self, rays: u64) -> bool {
         {
             let mut shelf = lock(&self.shared.shelf);
@@ -317,20 +324,7 @@ impl Watch for Observer<'_> {
             lock(&self.shared.shelf).state = State::Tracing;
             self.clock.waited += since.elapsed();
         }
-        !control.stopped && self.failure.is_none()
-    }
-
-    fn wants_tally(&mut self) -> bool {
-        self.asked = Instant::now();
-        self.asked >= self.due || lock(&self.shared.control).paused
-    }
-
-    fn tally(&mut self, tally: &Tally) {
-        match self.result(tally) {
-            Ok(result) => lock(&self.shared.shelf).result = Some(Arc::new(result)),
-            Err(error) => self.failure = Some(error),
-        }
-        self.due = Instant::now() + INTERVAL.max(self.asked.elapsed() * SHARE);
+        !control.stopped
     }
 }
 
@@ -366,7 +360,7 @@ impl<T: Send + 'static> Background<T> {
 }
 
 /// The paths of a few rays.
-pub type PathsJob = Background<Result<Arc<RayPaths>>>;
+pub type PathsJob = Background<Result<Arc<PathColumns>>>;
 
 /// Begins to record the paths of `num_rays` rays.
 pub fn record_paths(
@@ -381,11 +375,12 @@ pub fn record_paths(
     Background::start(move || record(&device, &scene, &options), notify)
 }
 
-fn record(device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<Arc<RayPaths>> {
+fn record(device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<Arc<PathColumns>> {
     let gpu = device.open()?;
-    let options = TraceOptions { paths: RecordPaths::All, ..trace_options(options, &gpu)? };
+    let (options, choice) = trace_options(options, &gpu, &scene.ir)?;
+    let options = TraceOptions { paths: RecordPaths::All, ..options };
     let tally = Tracer::new(&gpu, &scene.ir, &options)?.trace(|_| true)?;
-    let result = TraceResult::new(&scene.ir, &run_info(scene, &options, &gpu), &tally)?;
+    let result = TraceResult::new(&scene.ir, &run_info(scene, &options, choice, &gpu), &tally)?;
     let none = || Error::Internal("no path was recorded".into());
-    result.ray_paths.map(Arc::new).ok_or_else(none)
+    result.ray_paths.ok_or_else(none)?.columns().map(Arc::new)
 }

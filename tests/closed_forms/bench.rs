@@ -13,6 +13,9 @@ use std::sync::OnceLock;
 /// The wavelength of scenes with one \[um\].
 pub const WAVELENGTH: f64 = 0.5;
 
+/// The seed of every trace.
+pub const SEED: u64 = 20_260_101;
+
 /// A precision on the shared device.
 pub struct Tier {
     gpu: &'static Gpu,
@@ -82,7 +85,7 @@ impl Bench {
             max_depth: 16,
             paths: RecordPaths::None,
             baked: None,
-            seed: 20_260_101,
+            seed: SEED,
         }
     }
 
@@ -111,6 +114,13 @@ impl Bench {
     /// The probability of drawing reflection: a word or a number.
     pub fn reflect_prob(mut self, policy: impl Into<Value>) -> Self {
         self.sampling.insert("reflect_prob".into(), policy.into());
+        self
+    }
+
+    /// Rays of fewer events are split, with so many alive at a time of one that was launched.
+    pub fn split(mut self, depth: u32, budget: f64) -> Self {
+        self.sampling.insert("split_depth".into(), depth.into());
+        self.sampling.insert("split_budget".into(), budget.into());
         self
     }
 
@@ -202,6 +212,12 @@ impl Bench {
             "interaction": "refractive", "material_front": medium(front), "material_back": medium(back),
         });
         self.surface(name, cs, shape, media)
+    }
+
+    /// A coat on nothing, which reflects and transmits so much of the light.
+    pub fn coat(self, name: &str, cs: Value, reflectance: f64, transmittance: f64) -> Self {
+        let coating = json!({ "type": "simple", "reflectance": reflectance, "transmittance": transmittance });
+        self.surface(name, cs, disk(50.0), json!({ "interaction": "refractive", "coating": coating }))
     }
 
     /// A scene needs a detector: where the bench has none, two small ones out of every ray's way, which leave the
@@ -300,6 +316,7 @@ pub fn rows(result: &TraceResult, name: &str) -> Vec<Row> {
     let DetectorData::RayDatabase(database) = &result.detector(name).unwrap().data else {
         panic!("{name} is no ray database");
     };
+    let database = database.columns().unwrap();
     let row = |i: usize| Row {
         ray: database.ray_id[i],
         position: DVec3::from_array([0, 1, 2].map(|axis: usize| database.position[axis][i])),
@@ -307,7 +324,7 @@ pub fn rows(result: &TraceResult, name: &str) -> Vec<Row> {
         flux: database.flux[i],
         wavelength: database.wavelength[i],
     };
-    (0..database.num_rays()).map(row).collect()
+    (0..database.flux.len()).map(row).collect()
 }
 
 pub fn irradiance<'a>(result: &'a TraceResult, name: &str) -> &'a IrradianceMap {
@@ -345,7 +362,8 @@ pub fn path_events(paths: &RayPaths, kind: &str, subject: &str) -> Vec<(DVec3, D
     let vector = |columns: &[ndarray::Array1<f64>; 3], i: usize| {
         DVec3::from_array([0, 1, 2].map(|axis: usize| columns[axis][i]))
     };
-    (0..paths.len())
+    let paths = paths.columns().unwrap();
+    (0..paths.flux.len())
         .filter(|&i| {
             paths.event_type[i] == kind && (subject.is_empty() || paths.component_name[i] == subject)
         })

@@ -5,7 +5,7 @@
 //! Seeds are fixed: a test that passes, passes again. `cargo test --test closed_forms -- --nocapture` prints every
 //! measured deviation in units of its tolerance.
 //!
-//! Left out: the integrating sphere, which needs a Lambertian wall.
+//! What scatters, the integrating sphere among it, stands in `tests/bsdf.rs`.
 
 // Clippy's exemption of tests does not reach the helpers that tests share.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr)]
@@ -18,3 +18,4 @@ mod imaging;
 mod interfaces;
 mod shapes;
 mod sources;
+mod splitting;

@@ -75,6 +75,24 @@ impl Bench {
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.mutant.map_or("original", |m| m.name)))
     }
 
+    /// The sums before the first ray, and after each.
+    pub fn ray_by_ray(&self, ir: &SceneIr, setting: &Setting) -> Vec<Tally> {
+        let gpu = if setting.native { &self.gpus.native } else { &self.gpus.portable };
+        let trace = |mut tracer: Tracer| {
+            let mut snapshots = vec![tracer.empty_tally()];
+            tracer.pause_at(1);
+            tracer.go_on(tracer.empty_tally(), |progress| {
+                progress.pause_at(progress.position() + 1);
+                snapshots.push(progress.tally()?.clone());
+                Ok(true)
+            })?;
+            Ok(snapshots)
+        };
+        Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
+            .and_then(trace)
+            .unwrap_or_else(|error: Error| panic!("{}: {error}", self.mutant.map_or("original", |m| m.name)))
+    }
+
     /// The result of a trace.
     pub fn result(&self, ir: &SceneIr, setting: &Setting) -> TraceResult {
         let run = RunInfo { num_rays: setting.options.num_rays, ..RunInfo::default() };

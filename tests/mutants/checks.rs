@@ -3,9 +3,10 @@
 use crate::bench::{Bench, Setting, precision, scene};
 use crate::closed_forms;
 use crate::oracle::Oracle;
-use nsq_gpu::ir::{Sensor, Splat};
+use nsq_gpu::bench::stability::{StabilityCase, cases};
+use nsq_gpu::ir::{SceneIr, Sensor, SensorKind, Splat};
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::{PathEventKind, Tally};
+use nsq_gpu::result::{PathEventKind, SensorTally, Tally};
 use nsq_gpu::trace::RecordPaths;
 use std::collections::BTreeMap;
 
@@ -24,8 +25,12 @@ pub enum Check {
     Paths(Scene),
     /// Where no flux is spread over pixels, the lit pixels are those that were hit.
     Hits(Scene),
+    /// Second moments are those of whole rays, each seen alone.
+    Squares(Scene),
     /// A scene whose result is known in closed form.
     ClosedForm(fn(&Bench) -> Outcome),
+    /// A case of benches/stability/cases.json.
+    Stability(Box<StabilityCase>, Precision),
 }
 
 /// A scene and how it is traced.
@@ -40,6 +45,12 @@ impl Check {
         if let Some(check) = closed_forms::named(name) {
             return Check::ClosedForm(check);
         }
+        if let Some((case, tier)) = name.strip_prefix("stability ").and_then(|rest| rest.rsplit_once(", in "))
+        {
+            let found = cases().unwrap().into_iter().find(|known| known.name == case);
+            let case = found.unwrap_or_else(|| panic!("no case is named {case}"));
+            return Check::Stability(Box::new(case), precision(tier).unwrap());
+        }
         let (kind, scene) = name.split_once(' ').unwrap_or_else(|| panic!("no check is named {name}"));
         let scene = Scene::parse(scene);
         match kind {
@@ -48,6 +59,7 @@ impl Check {
             "same_bits" => Check::SameBits(scene),
             "paths" => Check::Paths(scene),
             "hits" => Check::Hits(scene),
+            "squares" => Check::Squares(scene),
             _ => panic!("no check is named {name}"),
         }
     }
@@ -60,7 +72,9 @@ impl Check {
             Check::SameBits(scene) => same_bits(bench, scene),
             Check::Paths(scene) => paths(bench, scene),
             Check::Hits(scene) => hits(bench, scene),
+            Check::Squares(scene) => squares(bench, scene),
             Check::ClosedForm(check) => check(bench),
+            Check::Stability(case, precision) => stability(bench, case, *precision),
         }
     }
 }
@@ -76,7 +90,11 @@ impl Scene {
                 ("portable", _) => setting.native = false,
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => setting.options.baked = Some(false),
-                ("queued", _) => setting.options.events_per_dispatch = 3,
+                ("queued", _) => {
+                    setting.options.events_per_dispatch = 3;
+                    // With second moments, no ray outlives a dispatch where detectors let rays pass.
+                    setting.options.standard_error = false;
+                }
                 _ => panic!("no setting is named {word}"),
             }
         }
@@ -95,6 +113,13 @@ fn parity(bench: &Bench, scene_of: &Scene) -> Outcome {
     }
 }
 
+fn stability(bench: &Bench, case: &StabilityCase, precision: Precision) -> Outcome {
+    let setting = Setting { options: case.options(precision), native: true };
+    let read = case.read(&bench.result(&case.scene().unwrap(), &setting));
+    let faults = case.faults(precision, &read.map_err(|error| error.to_string())?);
+    if faults.is_empty() { Ok(()) } else { Err(faults.join("; ")) }
+}
+
 fn ledger(bench: &Bench, scene_of: &Scene) -> Outcome {
     let mut setting = scene_of.setting.clone();
     setting.options.num_rays = 20_000;
@@ -107,11 +132,67 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let mut first = scene_of.setting.clone();
     first.options.num_rays = 20_000;
+    first.options.standard_error = false;
     let mut other = first.clone();
     other.native = false;
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;
     if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }
+}
+
+/// The scene with few pixels, so that rays come by the same again and taps fall beyond the map; then with all its sources.
+fn squares(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let ir = scene(&scene_of.name);
+    for num_pixels in [3, 1] {
+        let mut lone = ir.clone();
+        // Of several sources, one step would launch several rays.
+        lone.emitters.truncate(1);
+        for sensor in &mut lone.sensors {
+            if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+                (grid.num_pixels_x, grid.num_pixels_y) = (num_pixels, num_pixels);
+            }
+        }
+        squares_of_rays(bench, &lone, &scene_of.setting)?;
+    }
+    totals_of_sources(bench, &ir, &scene_of.setting)
+}
+
+/// The sources' sums on each detector add up to what it took.
+fn totals_of_sources(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
+    for sensor in &bench.tally(ir, setting).sensors {
+        let quanta: u128 = sensor.totals.iter().map(|total| total.quanta).sum();
+        if quanta != sensor.total().quanta {
+            return Err(format!("the sources' sums add up to {quanta}, not {}", sensor.total().quanta));
+        }
+    }
+    Ok(())
+}
+
+/// The squares of what each ray adds to every cell and detector, ray by ray, against the device's sums of squares.
+fn squares_of_rays(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
+    let mut setting = setting.clone();
+    setting.options.num_rays = 100;
+    setting.options.batch_size = Some(1);
+    let snapshots = bench.ray_by_ray(ir, &setting);
+    let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
+    let last = snapshots.last().ok_or("no ray was traced")?;
+    for (index, sensor) in last.sensors.iter().enumerate() {
+        let expected = |value: &dyn Fn(&SensorTally) -> u128| -> f64 {
+            let of_ray = |pair: &[Tally]| value(&pair[1].sensors[index]) - value(&pair[0].sensors[index]);
+            snapshots.windows(2).map(|pair| weight(of_ray(pair)).powi(2)).sum()
+        };
+        let agrees = |what: String, found: u128, expected: f64| {
+            let found = weight(found);
+            let agree = (found - expected).abs() <= 1e-9 * expected + 1e-12;
+            if agree { Ok(()) } else { Err(format!("{what}: {found} for {expected}")) }
+        };
+        for cell in 0..sensor.quanta.len() {
+            agrees(format!("cell {cell}"), sensor.squares[cell], expected(&|sensor| sensor.quanta[cell]))?;
+        }
+        let total = sensor.totals.iter().map(|total| total.squares).sum();
+        agrees("the total".into(), total, expected(&|sensor| sensor.total().quanta))?;
+    }
+    Ok(())
 }
 
 /// Counts of each kind of event against the counts of the trace.

@@ -5,10 +5,11 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::TraceResult;
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
-    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
+    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface, ray_id,
 };
-use nsq_gpu::result::DetectorData;
+use nsq_gpu::program::{Precision, Sampler, rng};
+use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
 
 /// The closed form of this name.
 pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
@@ -24,6 +25,16 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "extended cap" => extended_cap,
         "ties" => ties,
         "many faces" => many_faces,
+        "points over an area" => points_over_an_area,
+        "points over the sky" => points_over_the_sky,
+        "points of a window" => points_of_a_window,
+        "points of half mirrors" => points_of_half_mirrors,
+        "scatter gain" => scatter_gain,
+        "split plate" => split_plate,
+        "split faint" => split_faint,
+        "split draws" => split_draws,
+        "split saturation" => split_saturation,
+        "split mesh" => split_mesh,
         _ => return None,
     })
 }
@@ -71,7 +82,7 @@ fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Sce
             medium: SceneIr::VACUUM,
         }],
         sensors,
-        sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+        sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
 
@@ -243,5 +254,266 @@ fn many_faces(bench: &Bench) -> Outcome {
         Ok(())
     } else {
         Err(format!("{reached} faces are reached"))
+    }
+}
+
+/// The tally of so many Sobol points.
+fn points(bench: &Bench, ir: &SceneIr, num_rays: u64) -> Tally {
+    let mut setting = Setting::default();
+    setting.options.num_rays = num_rays;
+    setting.options.sampler = Sampler::Sobol;
+    setting.options.seed = 3;
+    bench.tally(ir, &setting)
+}
+
+/// All counts are this one: Sobol points lie evenly, exactly, over any net of 2^a x 2^b cells.
+fn evenly(what: &str, counts: &[u64], expected: u64) -> Outcome {
+    match counts.iter().find(|&&count| count != expected) {
+        None => Ok(()),
+        Some(count) => Err(format!("{count} rays {what} instead of {expected}")),
+    }
+}
+
+/// Each of 32 x 32 pixels over an area gets one of 1024 rays.
+fn points_over_an_area(bench: &Bench) -> Outcome {
+    let area = Outline::Rectangle { width: 16.0, height: 16.0 };
+    let grid =
+        PixelGrid { width: 16.0, height: 16.0, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Hard };
+    let kind = EmitterKind::Extended { area, half_angle: 1e-9 };
+    let mut film = pixels("film", 1.0);
+    film.kind = SensorKind::Irradiance(grid);
+    let tally = points(bench, &scene(kind, vec![], vec![film]), 1024);
+    evenly("in a pixel", &tally.sensors[0].hits, 1)
+}
+
+/// Of a point's rays, and of an area's, each of eight azimuths gets the same number, and each of two wavelengths.
+fn points_over_the_sky(bench: &Bench) -> Outcome {
+    let azimuths = SensorKind::FarField { num_theta: 1, num_phi: 8 };
+    let area = Outline::Disk { radius: 1.0 };
+    for kind in [EmitterKind::Point { half_angle: 0.8 }, EmitterKind::Extended { area, half_angle: 0.8 }] {
+        let mut ir = scene(kind, vec![], vec![sky()]);
+        ir.sensors[0].kind = azimuths.clone();
+        let tally = points(bench, &ir, 1024);
+        evenly("in an azimuth", &tally.sensors[0].hits, 128)?;
+    }
+    let mut ir = scene(beam(), vec![], vec![pixels("colours", 1.0)]);
+    ir.wavelengths = vec![0.4, 0.5];
+    ir.media.iter_mut().for_each(|medium| {
+        medium.n.push(medium.n[0]);
+        medium.k.push(medium.k[0]);
+    });
+    ir.emitters[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    let grid = PixelGrid { width: 4.0, height: 4.0, num_pixels_x: 1, num_pixels_y: 1, splat: Splat::Hard };
+    ir.sensors[0].kind = SensorKind::Spectral { grid, wavelength_edges: vec![0.3, 0.45, 0.6] };
+    evenly("of a wavelength", &points(bench, &ir, 1024).sensors[0].hits, 512)
+}
+
+/// Two faces' reflections are a point of two dimensions, and all further ones nearly so: the transmittance is a tenth as
+/// far from the truth as random numbers would bring it.
+fn points_of_a_window(bench: &Bench) -> Outcome {
+    let num_rays = 1 << 14;
+    let tally = points(bench, &window_scene(), num_rays);
+    let through: u64 = tally.sensors[0].hits.iter().sum();
+    let expected = 2.0 * INDEX / (INDEX * INDEX + 1.0);
+    let limit = 0.2 * (expected * (1.0 - expected) / num_rays as f64).sqrt();
+    let mean = through as f64 / num_rays as f64;
+    if (mean - expected).abs() <= limit {
+        Ok(())
+    } else {
+        Err(format!("transmittance is {mean} instead of {expected} +- {limit}"))
+    }
+}
+
+/// Of two faces that reflect a half, the first sends back a half of the rays, and of the others a half passes at once.
+fn points_of_half_mirrors(bench: &Bench) -> Outcome {
+    let mut ir = window_scene();
+    for surface in &mut ir.surfaces {
+        surface.coating = Some(Coating { reflectance: vec![0.5], transmittance: vec![0.5] });
+    }
+    let mut setting = Setting::default();
+    setting.options.num_rays = 1 << 14;
+    setting.options.sampler = Sampler::Sobol;
+    // No more than two faces and a detector.
+    setting.options.max_depth = 3;
+    let tally = bench.tally(&ir, &setting);
+    let hits = |sensor: usize| tally.sensors[sensor].hits.iter().sum::<u64>();
+    evenly("passed", &[hits(0)], 1 << 12)?;
+    evenly("came back", &[hits(1)], 1 << 13)
+}
+
+/// A mirror whose table is higher than a Lambertian lobe gains pi times its value, less what came in.
+fn scatter_gain(bench: &Bench) -> Outcome {
+    let mut mirror = plane("mirror", 5.0, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0);
+    let table = BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 90.0], values: vec![0.5; 4] };
+    mirror.scatter =
+        Some(Scatter { fraction: 1.0, bsdf: Bsdf::Tabulated { table, transmissive_fraction: 0.0 } });
+    let ledger = trace(bench, &scene(beam(), vec![mirror], vec![pixels("back", -10.0)]), 1000).ledger;
+    let expected = 0.5 * std::f64::consts::PI - 1.0;
+    if (ledger.bsdf_gain.flux - expected).abs() < 1e-5 && ledger.closes() {
+        Ok(())
+    } else {
+        Err(format!("gain {}, {} quanta missing", ledger.bsdf_gain.flux, ledger.imbalance_quanta))
+    }
+}
+
+fn database(name: &str, z: f64) -> Sensor {
+    let kind = SensorKind::RayDatabase { width: 1e4, height: 1e4, max_rays: None };
+    Sensor { name: name.into(), frame: at(z), kind, absorb: true }
+}
+
+/// Surfaces between two ray databases, and a pencil beam from z = 0; as many rays as are traced below have weight 1.
+fn split_scene(surfaces: Vec<Surface>, split_depth: u32, split_budget: f64) -> SceneIr {
+    let databases = vec![database("reflected", -20.0), database("transmitted", 20.0)];
+    let mut ir = scene(EmitterKind::Point { half_angle: 0.0 }, surfaces, databases);
+    ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
+    ir
+}
+
+/// The rows of both databases, the ledger, and whether the budget was used up.
+fn split_rows(
+    bench: &Bench,
+    ir: &SceneIr,
+    max_depth: u32,
+    precision: Precision,
+) -> (Vec<RayRow>, Ledger, bool) {
+    let mut setting = Setting::default();
+    setting.options.num_rays = SPLIT_RAYS;
+    setting.options.max_depth = max_depth;
+    setting.options.precision = precision;
+    setting.options.min_flux_fraction = 0.0;
+    let tally = bench.tally(ir, &setting);
+    let ledger = bench.result(ir, &setting).ledger;
+    let rows = tally.sensors.iter().flat_map(|sensor| sensor.rows.clone()).collect();
+    (rows, ledger, tally.split_budget_saturated)
+}
+
+const SPLIT_RAYS: u64 = 500;
+
+/// Each ghost of a plate of R = 0.04 once, with the number of its lineage and its exact weight.
+fn split_plate(bench: &Bench) -> Outcome {
+    const DEPTH: u32 = 6;
+    let surfaces = vec![
+        plane("front", 5.0, Interaction::Refractive, 0, 1),
+        plane("back", 6.0, Interaction::Refractive, 1, 0),
+    ];
+    let (rows, ledger, saturated) =
+        split_rows(bench, &split_scene(surfaces, DEPTH, 8.0), DEPTH + 1, Precision::F64);
+    let exit = |inside: u32| (1 | 1 << (inside + 1), 0.96 * 0.96 * 0.04_f64.powi(inside as i32));
+    let mut family: Vec<(u64, f64)> = (0..DEPTH - 1).map(exit).chain([(0, 0.04)]).collect();
+    family.sort_by_key(|(number, _)| *number);
+    let mut found: Vec<&RayRow> = rows.iter().collect();
+    found.sort_by_key(|row| ray_id::order(row.ray_id));
+    let mut expected =
+        (0..SPLIT_RAYS).flat_map(|launched| family.iter().map(move |member| (launched, member)));
+    let as_expected = found.iter().all(|row| {
+        expected.next().is_some_and(|(launched, (number, weight))| {
+            ray_id::order(row.ray_id) == (launched, *number) && (row.weight - weight).abs() < 1e-14
+        })
+    });
+    // Inside, one ray a family meets the limit after it was split as often as it may.
+    let one_left = ledger.depth.count == SPLIT_RAYS;
+    if as_expected && expected.next().is_none() && one_left && ledger.closes() && !saturated {
+        Ok(())
+    } else {
+        Err(format!("{} rows, the first families {:?}", found.len(), &found[..found.len().min(8)]))
+    }
+}
+
+fn coat(name: &str, z: f64, reflectance: f64) -> Surface {
+    let coating = Coating { reflectance: vec![reflectance], transmittance: vec![1.0 - reflectance] };
+    Surface { coating: Some(coating), ..plane(name, z, Interaction::Refractive, 0, 0) }
+}
+
+/// In f32 a reflection of 2.3 times what the significand of 1 resolves is 2 or 3 times that, 2.3 on average.
+fn split_faint(bench: &Bench) -> Outcome {
+    let resolved = f64::from(f32::EPSILON);
+    let ir = split_scene(vec![coat("coat", 5.0, 2.3 * resolved)], 1, 2.0);
+    let (rows, ledger, _) = split_rows(bench, &ir, 16, Precision::F32);
+    let reflected = rows.iter().filter(|row| row.position[2] < 0.0).map(|row| row.weight / resolved);
+    let share = reflected.sum::<f64>() / SPLIT_RAYS as f64 - 2.0;
+    near("share of threes", share, 0.3, SPLIT_RAYS, 1.0)?;
+    if ledger.closes() { Ok(()) } else { Err("the ledger does not close".into()) }
+}
+
+/// Behind a split each branch meets a coat of R = 1/2 and is drawn by the numbers of its own id; so is its roulette.
+fn split_draws(bench: &Bench) -> Outcome {
+    const FRESNEL_BRANCH: u32 = 5;
+    const ROULETTE: u32 = 9;
+    let coats = vec![coat("middle", 5.0, 0.5), coat("left", -5.0, 0.5), coat("right", 10.0, 0.5)];
+    let (rows, ..) = split_rows(bench, &split_scene(coats, 1, 2.0), 3, Precision::F64);
+    same_ids(rows, |bits| bits >= 1 << 31, FRESNEL_BRANCH)?;
+    let mut ir = split_scene(vec![coat("middle", 5.0, 0.5)], 1, 2.0);
+    ir.sampling.rr_start_flux = 0.8;
+    let (rows, ..) = split_rows(bench, &ir, 3, Precision::F64);
+    same_ids(rows, |bits| f64::from(bits) < 0.625 * 4294967296.0, ROULETTE)
+}
+
+/// The rows are those of the launched rays and of their first children whose draw at bounce 1 is so.
+fn same_ids(rows: Vec<RayRow>, goes_on: impl Fn(u32) -> bool, slot: u32) -> Outcome {
+    let mut found: Vec<u64> = rows.into_iter().map(|row| row.ray_id).collect();
+    found.sort_unstable();
+    let ids = [0, 1].into_iter().flat_map(|number| (0..SPLIT_RAYS).map(move |ray| ray_id::of(ray, number)));
+    let expected: Vec<u64> = ids.filter(|id| goes_on(rng::draw(0, *id, 1, slot))).collect();
+    if found == expected {
+        Ok(())
+    } else {
+        Err(format!("slot {slot}: {} rays, not {}", found.len(), expected.len()))
+    }
+}
+
+/// The budget is used up by plates in it, of none by what is too deep or totally reflected; half a ray more is every
+/// other family's.
+fn split_saturation(bench: &Bench) -> Outcome {
+    let plate = |depth, budget| {
+        let back = plane("back", 6.0, Interaction::Refractive, 1, 0);
+        let ir = split_scene(vec![plane("front", 5.0, Interaction::Refractive, 0, 1), back], depth, budget);
+        split_rows(bench, &ir, 16, Precision::F64).2
+    };
+    let mut inside = split_scene(vec![plane("face", 5.0, Interaction::Refractive, 1, 0)], 3, 1.0);
+    inside.emitters[0].medium = 1;
+    inside.emitters[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
+    let totally_reflected = split_rows(bench, &inside, 16, Precision::F64).2;
+    let found = [plate(4, 3.0), plate(4, 4.0), plate(2, 3.0), totally_reflected];
+    if found != [true, false, false, false] {
+        return Err(format!("saturated: {found:?}"));
+    }
+    let (rows, ..) =
+        split_rows(bench, &split_scene(vec![coat("coat", 5.0, 0.5)], 2, 1.5), 16, Precision::F64);
+    let families = rows.len() as f64 / SPLIT_RAYS as f64 - 1.0;
+    near("families of two", families, 0.5, SPLIT_RAYS, 1.0)
+}
+
+/// A facet of 45 degrees reflects onto another one of the same mesh, and then transmits by its own normal.
+fn split_mesh(bench: &Bench) -> Outcome {
+    let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    // A valley that is open towards -z; its normals point from vacuum to glass.
+    let vertices = vec![
+        corner(-10.0, -10.0, -10.0),
+        corner(0.0, -10.0, 0.0),
+        corner(0.0, 10.0, 0.0),
+        corner(-10.0, 10.0, -10.0),
+        corner(10.0, -10.0, -10.0),
+        corner(10.0, 10.0, -10.0),
+    ];
+    let faces = vec![[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]];
+    let valley = Surface { shape: Shape::Mesh(0), ..plane("valley", 15.0, Interaction::Refractive, 0, 1) };
+    let mut ir = split_scene(vec![valley], 1, 2.0);
+    ir.meshes.push(Mesh { vertices, faces });
+    ir.emitters[0].frame.origin = DVec3::new(-3.0, 0.1, 0.0);
+    let (rows, ..) = split_rows(bench, &ir, 16, Precision::F64);
+    let children: Vec<&RayRow> = rows.iter().filter(|row| row.ray_id >= SPLIT_RAYS).collect();
+    let bend = std::f64::consts::FRAC_PI_4 - (0.5_f64.sqrt() / INDEX).asin();
+    let refracted = |row: &&RayRow| {
+        let [x, _, z] = row.direction;
+        (x + bend.sin()).abs() < 1e-12 && (z - bend.cos()).abs() < 1e-12
+    };
+    if children.len() as u64 == SPLIT_RAYS && children.iter().all(refracted) {
+        Ok(())
+    } else {
+        Err(format!(
+            "{} children, the first goes {:?}",
+            children.len(),
+            children.first().map(|row| row.direction)
+        ))
     }
 }

@@ -189,7 +189,8 @@ fn axis_sum(values: &[f64], shape: &[usize], axis: usize, index: usize) -> f64 {
 
 /// Sums of the columns and of their squares.
 fn compare_rows(rays: &RayDatabase, theirs: &Value) -> Outcome {
-    equal("rows", Some(rays.num_rays() as u64), theirs["rows"].as_u64())?;
+    equal("rows", Some(rays.num_rays()), theirs["rows"].as_u64())?;
+    let rays = rays.columns().map_err(|error| error.to_string())?;
     let [x, y, z] = &rays.position;
     let [l, m, n] = &rays.direction;
     let columns = [x, y, z, l, m, n, &rays.flux, &rays.wavelength];

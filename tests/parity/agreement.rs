@@ -227,9 +227,10 @@ fn distance_to_rows(row: &[f64; 8], rows: &[[f64; 8]], scales: &[f64; 8]) -> f64
 
 /// x, y, z, L, M, N, flux, wavelength of every row, sorted.
 fn rows_of(rays: &RayDatabase) -> Vec<[f64; 8]> {
+    let rays = rays.columns().expect("the rows are in memory");
     let ([x, y, z], [l, m, n]) = (&rays.position, &rays.direction);
     let row = |i: usize| [x[i], y[i], z[i], l[i], m[i], n[i], rays.flux[i], rays.wavelength[i]];
-    let mut rows: Vec<[f64; 8]> = (0..rays.num_rays()).map(row).collect();
+    let mut rows: Vec<[f64; 8]> = (0..rays.flux.len()).map(row).collect();
     rows.sort_by(|a, b| a.partial_cmp(b).expect("rows hold numbers"));
     rows
 }

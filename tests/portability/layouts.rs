@@ -5,7 +5,7 @@ use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::ir::SceneIr;
 use nsq_gpu::program::records::StructLayout;
-use nsq_gpu::program::{PathSampling, Precision, Program, RayRange};
+use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler};
 
 /// A field of a struct of a module.
 #[derive(Debug, PartialEq)]
@@ -193,7 +193,7 @@ fn range_scene(tier: Tier) -> (SceneIr, Program) {
 }
 
 fn expected_range(emitter: usize) -> Vec<(String, f64)> {
-    let [seed_lo, seed_hi, ..] = nsq_gpu::program::rng::step_table(SEED, 1)[0];
+    let [seed_lo, seed_hi, ..] = nsq_gpu::program::rng::step_table(Sampler::Pcg, SEED, 1)[0];
     let expected = [
         ("first_lo", 5.0),
         ("first_hi", 7.0),

@@ -14,7 +14,7 @@ use nsq_gpu::program::{Precision, Program};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use targets::{Target, storage_buffers, validate};
-use variants::{Choice, Tier, Variant, everything};
+use variants::{Choice, Tier, Variant, everything, everything_split};
 
 /// The folder of the project.
 pub fn root() -> PathBuf {
@@ -84,7 +84,8 @@ fn all_variants() -> impl Iterator<Item = (String, Variant)> {
         (format!("{a:?} with {b:?}"), variant)
     });
     let scenes = scene_names().into_iter().map(|name| (name.clone(), scene_variant(&name)));
-    paired.chain(std::iter::once(("everything".to_string(), everything()))).chain(scenes)
+    let whole = [("everything", everything()), ("everything, split", everything_split())];
+    paired.chain(whole.map(|(name, variant)| (name.to_string(), variant))).chain(scenes)
 }
 
 #[test]
@@ -120,6 +121,7 @@ fn f64_native_variants_are_valid_where_everything_has_64_bits() {
 fn full_scenes_are_written_with_and_without_checks() {
     for tier in Tier::all() {
         check("everything", &everything().program(tier), &[true, false]);
+        check("everything, split", &everything_split().program(tier), &[true, false]);
         for name in ["cooke_triplet", "kaleidoscope", "filter_stack"] {
             check(name, &scene_variant(name).program(tier), &[true, false]);
         }
@@ -136,9 +138,8 @@ fn the_shader_between_dispatches_is_valid_everywhere() {
 fn every_shader_file_is_composed_by_some_variant() {
     let mut texts = vec![nsq_gpu::program::compose::ADVANCE.to_string()];
     for tier in Tier::all() {
-        for (_, variant) in
-            Choice::all().into_iter().map(Variant::of_choice).chain([(String::new(), everything())])
-        {
+        let whole = [everything(), everything_split()].map(|variant| (String::new(), variant));
+        for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {
             texts.push(variant.program(tier).wgsl);
         }
     }

@@ -7,7 +7,7 @@ use nsq_gpu::ir::{
 };
 use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
-use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions};
+use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler};
 
 /// How a scene is compiled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +37,8 @@ pub struct Variant {
     pub paths: PathSampling,
     pub queue: bool,
     pub roulette_threshold: f64,
+    pub sampler: Sampler,
+    pub moments: bool,
 }
 
 /// One feature.
@@ -57,12 +59,15 @@ pub enum Choice {
     Scattering(BsdfKind),
     TransmissiveLobe(BsdfKind),
     Policy(ReflectProb),
+    Split,
     Roulette,
     Polychromatic,
     AbsorbingMedium,
     Paths(PathSampling),
     Queue,
     Rotated,
+    Sampler(Sampler),
+    Moments,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -185,6 +190,16 @@ fn path_samplings() -> Vec<PathSampling> {
     samplings
 }
 
+fn samplers() -> Vec<Sampler> {
+    let position = |sampler: &Sampler| match sampler {
+        Sampler::Pcg => 0,
+        Sampler::Sobol => 1,
+    };
+    let samplers = vec![Sampler::Pcg, Sampler::Sobol];
+    assert!(samplers.iter().map(position).eq(0..samplers.len()));
+    samplers
+}
+
 impl Choice {
     /// Every feature.
     pub fn all() -> Vec<Choice> {
@@ -199,6 +214,7 @@ impl Choice {
         );
         choices.extend(policies().into_iter().map(Choice::Policy));
         choices.extend(path_samplings().into_iter().map(Choice::Paths));
+        choices.extend(samplers().into_iter().map(Choice::Sampler));
         choices.extend([
             Choice::Refractive,
             Choice::Reflective,
@@ -206,11 +222,13 @@ impl Choice {
             Choice::Absorbing,
             Choice::Coated,
             Choice::CoatedBySpectrum,
+            Choice::Split,
             Choice::Roulette,
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
             Choice::Queue,
             Choice::Rotated,
+            Choice::Moments,
         ]);
         choices
     }
@@ -257,12 +275,18 @@ impl Choice {
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
                 ir.sampling.reflect_prob = policy;
             }
+            Choice::Split => {
+                ir.surfaces.push(surface(ball(), Interaction::Refractive));
+                ir.sampling = Sampling { split_depth: 5, split_budget: 2.5, ..ir.sampling };
+            }
             Choice::Roulette => variant.roulette_threshold = 1.5,
             Choice::Polychromatic => polychromatic(ir),
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
+            Choice::Moments => variant.moments = true,
             Choice::Rotated => rotate(ir),
+            Choice::Sampler(sampler) => variant.sampler = sampler,
         }
     }
 }
@@ -279,9 +303,16 @@ impl Default for Variant {
             meshes: vec![],
             emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
             sensors: vec![],
-            sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
+            sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
-        Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0 }
+        Variant {
+            ir,
+            paths: PathSampling::None,
+            queue: false,
+            roulette_threshold: 0.0,
+            sampler: Sampler::Pcg,
+            moments: false,
+        }
     }
 }
 
@@ -305,16 +336,26 @@ impl Variant {
             workgroup_size: 64,
             paths: self.paths,
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
+            sampler: self.sampler,
+            moments: self.moments,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
 }
 
-/// Every choice at once.
+/// Every choice at once, but splitting: it follows rays to their end, and so leaves no queue.
 pub fn everything() -> Variant {
     let mut variant = Variant::default();
     // Last, what the others build on: rotation turns what is there.
-    Choice::all().into_iter().for_each(|choice| choice.apply(&mut variant));
+    let others = Choice::all().into_iter().filter(|choice| *choice != Choice::Split);
+    others.for_each(|choice| choice.apply(&mut variant));
+    variant
+}
+
+/// Every choice at once.
+pub fn everything_split() -> Variant {
+    let mut variant = everything();
+    Choice::Split.apply(&mut variant);
     variant
 }
 

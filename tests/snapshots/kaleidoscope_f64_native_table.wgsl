@@ -36,6 +36,7 @@ const HAS_GAUSSIAN: bool = false;
 const HAS_TRANSMISSIVE: bool = true;
 const HAS_TRANSMISSIVE_LOBES: bool = false;
 const HAS_QUEUE: bool = false;
+const HAS_TOTALS: bool = false;
 const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
@@ -90,6 +91,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/reflectance_table.wgsl
 
 // <- shaders/lib/queue_none.wgsl
+
+// <- shaders/lib/moments_none.wgsl
 
 // <- shaders/sensors/irradiance.wgsl
 

@@ -271,17 +271,15 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
     const SIZE: usize = 1100;
     const MOST_SPOTS: usize = 200_000;
     let text = text_size((SIZE, SIZE));
-    let points = rays.local_points();
-    let stride = points.len().div_ceil(MOST_SPOTS).max(1);
-    let drawn = points.iter().step_by(stride).count();
+    let Spots { points, bounds, wavelengths } = Spots::of(rays, MOST_SPOTS)?;
     let mut numbers = numbers(detector, None);
-    if drawn < detector.num_rays_hit as usize {
-        numbers += &format!(" · {} drawn", thousands(drawn as u64));
+    if (points.len() as u64) < detector.num_rays_hit {
+        numbers += &format!(" · {} drawn", thousands(points.len() as u64));
     }
-    let ((x_low, x_high), (y_low, y_high)) = square_around(&points);
+    let ((x_low, x_high), (y_low, y_high)) = square_around(bounds);
     let x = Axis::horizontal(&with_unit("x", "mm"), (x_low, x_high), SIZE as i32, text);
     let y = Axis::vertical(&with_unit("y", "mm"), (y_low, y_high), SIZE as i32, text);
-    let key = WavelengthKey::new(rays);
+    let key = WavelengthKey::new(wavelengths);
     let layout = Layout::new(&Parts {
         data: (SIZE, SIZE),
         text,
@@ -300,10 +298,10 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
         x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
         y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
     );
-    let (radius, alpha) = spot_style(drawn);
-    for (index, &(px, py)) in points.iter().enumerate().step_by(stride) {
+    let (radius, alpha) = spot_style(points.len());
+    for &((px, py), wavelength) in &points {
         let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
-        let color = raster::wavelength_color(rays.wavelength[index], key.range);
+        let color = raster::wavelength_color(wavelength, key.range);
         raster.disc((at.0 * SIZE as f64, at.1 * SIZE as f64), radius, color, alpha);
     }
     canvas.raster(layout.data, raster)?;
@@ -326,17 +324,43 @@ fn spot_style(count: usize) -> (f64, f64) {
     }
 }
 
-/// A square that holds all points, with a margin; one point alone gets a millimetre.
-fn square_around(points: &[(f64, f64)]) -> ((f64, f64), (f64, f64)) {
-    let bounds = |value: fn(&(f64, f64)) -> f64| {
-        let values = points.iter().map(value);
-        values
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
-    };
-    if points.is_empty() {
-        return ((-0.5, 0.5), (-0.5, 0.5));
+/// What a picture of a ray database needs of its rows.
+struct Spots {
+    /// Every so many rows, such that they are not too many: where the ray crossed \[mm\], and its wavelength \[um\].
+    points: Vec<((f64, f64), f64)>,
+    /// Least and greatest x and y of all rows \[mm\].
+    bounds: Option<((f64, f64), (f64, f64))>,
+    /// All wavelengths of the rows \[um\], ascending.
+    wavelengths: Vec<f64>,
+}
+
+impl Spots {
+    fn of(rays: &RayDatabase, most: usize) -> Result<Self, String> {
+        let stride = (rays.num_rays() as usize).div_ceil(most).max(1);
+        let (mut points, mut wavelengths) = (Vec::new(), Vec::new());
+        let mut bounds = None;
+        let mut index = 0;
+        rays.for_each_point(|(x, y), wavelength| {
+            let ((x_low, x_high), (y_low, y_high)) = bounds.unwrap_or(((x, x), (y, y)));
+            bounds = Some(((x.min(x_low), x.max(x_high)), (y.min(y_low), y.max(y_high))));
+            if index % stride == 0 {
+                points.push(((x, y), wavelength));
+            }
+            index += 1;
+            if let Err(place) = wavelengths.binary_search_by(|known: &f64| known.total_cmp(&wavelength)) {
+                wavelengths.insert(place, wavelength);
+            }
+        })
+        .map_err(|error| error.to_string())?;
+        Ok(Spots { points, bounds, wavelengths })
     }
-    let (x, y) = (bounds(|point| point.0), bounds(|point| point.1));
+}
+
+/// A square that holds all points, with a margin; one point alone gets a millimetre.
+fn square_around(bounds: Option<((f64, f64), (f64, f64))>) -> ((f64, f64), (f64, f64)) {
+    let Some((x, y)) = bounds else {
+        return ((-0.5, 0.5), (-0.5, 0.5));
+    };
     let size = (x.1 - x.0).max(y.1 - y.0);
     let half = if size > 0.0 { 0.55 * size } else { 0.5 };
     let around = |(low, high): (f64, f64)| (0.5 * (low + high) - half, 0.5 * (low + high) + half);
@@ -350,11 +374,8 @@ struct WavelengthKey {
 }
 
 impl WavelengthKey {
-    fn new(rays: &RayDatabase) -> Self {
+    fn new(wavelengths: Vec<f64>) -> Self {
         const FEW: usize = 12;
-        let mut wavelengths = rays.wavelength.to_vec();
-        wavelengths.sort_by(f64::total_cmp);
-        wavelengths.dedup();
         let range = (wavelengths.first().copied().unwrap_or(0.0), wavelengths.last().copied().unwrap_or(0.0));
         let step = wavelengths.len().div_ceil(FEW).max(1);
         let last = wavelengths.last().copied();

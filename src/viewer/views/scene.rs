@@ -1,7 +1,7 @@
 //! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
 
 use crate::ir::{Frame as LocalFrame, Interaction, Outline, SceneIr, SensorKind, Shape as Surface};
-use crate::result::RayPaths;
+use crate::result::PathColumns;
 use crate::viewer::app::App;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
@@ -297,13 +297,13 @@ fn outline(frame: &LocalFrame, outline: &Outline) -> Vec<Curve> {
 }
 
 /// The recorded rays, segment by segment.
-fn rays(painter: &Painter, frame: &Frame, paths: &RayPaths, plane: &Plane, by: RayColor, reach: f64) {
+fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by: RayColor, reach: f64) {
     let point = |row: usize| {
         let [x, y, z] = &paths.position;
         DVec3::new(x[row], y[row], z[row])
     };
     let brightest = paths.flux.iter().copied().fold(0.0, f64::max);
-    for row in 1..paths.len() {
+    for row in 1..paths.ray_id.len() {
         if paths.ray_id[row] != paths.ray_id[row - 1] {
             continue;
         }

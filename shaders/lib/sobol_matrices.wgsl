@@ -1,0 +1,115 @@
+// Direction numbers of Sobol's dimensions, one a bit of the index: written by python/tools/make_sobol.py.
+
+fn sobol_2(index: u32) -> u32 {
+    let bits = bitcast<i32>(index);
+    var x = 0u;
+    x ^= bitcast<u32>(extractBits(bits, 0u, 1u)) & 0x80000000u;
+    x ^= bitcast<u32>(extractBits(bits, 1u, 1u)) & 0xC0000000u;
+    x ^= bitcast<u32>(extractBits(bits, 2u, 1u)) & 0x60000000u;
+    x ^= bitcast<u32>(extractBits(bits, 3u, 1u)) & 0x90000000u;
+    x ^= bitcast<u32>(extractBits(bits, 4u, 1u)) & 0xE8000000u;
+    x ^= bitcast<u32>(extractBits(bits, 5u, 1u)) & 0x5C000000u;
+    x ^= bitcast<u32>(extractBits(bits, 6u, 1u)) & 0x8E000000u;
+    x ^= bitcast<u32>(extractBits(bits, 7u, 1u)) & 0xC5000000u;
+    x ^= bitcast<u32>(extractBits(bits, 8u, 1u)) & 0x68800000u;
+    x ^= bitcast<u32>(extractBits(bits, 9u, 1u)) & 0x9CC00000u;
+    x ^= bitcast<u32>(extractBits(bits, 10u, 1u)) & 0xEE600000u;
+    x ^= bitcast<u32>(extractBits(bits, 11u, 1u)) & 0x55900000u;
+    x ^= bitcast<u32>(extractBits(bits, 12u, 1u)) & 0x80680000u;
+    x ^= bitcast<u32>(extractBits(bits, 13u, 1u)) & 0xC09C0000u;
+    x ^= bitcast<u32>(extractBits(bits, 14u, 1u)) & 0x60EE0000u;
+    x ^= bitcast<u32>(extractBits(bits, 15u, 1u)) & 0x90550000u;
+    x ^= bitcast<u32>(extractBits(bits, 16u, 1u)) & 0xE8808000u;
+    x ^= bitcast<u32>(extractBits(bits, 17u, 1u)) & 0x5CC0C000u;
+    x ^= bitcast<u32>(extractBits(bits, 18u, 1u)) & 0x8E606000u;
+    x ^= bitcast<u32>(extractBits(bits, 19u, 1u)) & 0xC5909000u;
+    x ^= bitcast<u32>(extractBits(bits, 20u, 1u)) & 0x6868E800u;
+    x ^= bitcast<u32>(extractBits(bits, 21u, 1u)) & 0x9C9C5C00u;
+    x ^= bitcast<u32>(extractBits(bits, 22u, 1u)) & 0xEEEE8E00u;
+    x ^= bitcast<u32>(extractBits(bits, 23u, 1u)) & 0x5555C500u;
+    x ^= bitcast<u32>(extractBits(bits, 24u, 1u)) & 0x8000E880u;
+    x ^= bitcast<u32>(extractBits(bits, 25u, 1u)) & 0xC0005CC0u;
+    x ^= bitcast<u32>(extractBits(bits, 26u, 1u)) & 0x60008E60u;
+    x ^= bitcast<u32>(extractBits(bits, 27u, 1u)) & 0x9000C590u;
+    x ^= bitcast<u32>(extractBits(bits, 28u, 1u)) & 0xE8006868u;
+    x ^= bitcast<u32>(extractBits(bits, 29u, 1u)) & 0x5C009C9Cu;
+    x ^= bitcast<u32>(extractBits(bits, 30u, 1u)) & 0x8E00EEEEu;
+    x ^= bitcast<u32>(extractBits(bits, 31u, 1u)) & 0xC5005555u;
+    return x;
+}
+
+fn sobol_3(index: u32) -> u32 {
+    let bits = bitcast<i32>(index);
+    var x = 0u;
+    x ^= bitcast<u32>(extractBits(bits, 0u, 1u)) & 0x80000000u;
+    x ^= bitcast<u32>(extractBits(bits, 1u, 1u)) & 0xC0000000u;
+    x ^= bitcast<u32>(extractBits(bits, 2u, 1u)) & 0x20000000u;
+    x ^= bitcast<u32>(extractBits(bits, 3u, 1u)) & 0x50000000u;
+    x ^= bitcast<u32>(extractBits(bits, 4u, 1u)) & 0xF8000000u;
+    x ^= bitcast<u32>(extractBits(bits, 5u, 1u)) & 0x74000000u;
+    x ^= bitcast<u32>(extractBits(bits, 6u, 1u)) & 0xA2000000u;
+    x ^= bitcast<u32>(extractBits(bits, 7u, 1u)) & 0x93000000u;
+    x ^= bitcast<u32>(extractBits(bits, 8u, 1u)) & 0xD8800000u;
+    x ^= bitcast<u32>(extractBits(bits, 9u, 1u)) & 0x25400000u;
+    x ^= bitcast<u32>(extractBits(bits, 10u, 1u)) & 0x59E00000u;
+    x ^= bitcast<u32>(extractBits(bits, 11u, 1u)) & 0xE6D00000u;
+    x ^= bitcast<u32>(extractBits(bits, 12u, 1u)) & 0x78080000u;
+    x ^= bitcast<u32>(extractBits(bits, 13u, 1u)) & 0xB40C0000u;
+    x ^= bitcast<u32>(extractBits(bits, 14u, 1u)) & 0x82020000u;
+    x ^= bitcast<u32>(extractBits(bits, 15u, 1u)) & 0xC3050000u;
+    x ^= bitcast<u32>(extractBits(bits, 16u, 1u)) & 0x208F8000u;
+    x ^= bitcast<u32>(extractBits(bits, 17u, 1u)) & 0x51474000u;
+    x ^= bitcast<u32>(extractBits(bits, 18u, 1u)) & 0xFBEA2000u;
+    x ^= bitcast<u32>(extractBits(bits, 19u, 1u)) & 0x75D93000u;
+    x ^= bitcast<u32>(extractBits(bits, 20u, 1u)) & 0xA0858800u;
+    x ^= bitcast<u32>(extractBits(bits, 21u, 1u)) & 0x914E5400u;
+    x ^= bitcast<u32>(extractBits(bits, 22u, 1u)) & 0xDBE79E00u;
+    x ^= bitcast<u32>(extractBits(bits, 23u, 1u)) & 0x25DB6D00u;
+    x ^= bitcast<u32>(extractBits(bits, 24u, 1u)) & 0x58800080u;
+    x ^= bitcast<u32>(extractBits(bits, 25u, 1u)) & 0xE54000C0u;
+    x ^= bitcast<u32>(extractBits(bits, 26u, 1u)) & 0x79E00020u;
+    x ^= bitcast<u32>(extractBits(bits, 27u, 1u)) & 0xB6D00050u;
+    x ^= bitcast<u32>(extractBits(bits, 28u, 1u)) & 0x800800F8u;
+    x ^= bitcast<u32>(extractBits(bits, 29u, 1u)) & 0xC00C0074u;
+    x ^= bitcast<u32>(extractBits(bits, 30u, 1u)) & 0x200200A2u;
+    x ^= bitcast<u32>(extractBits(bits, 31u, 1u)) & 0x50050093u;
+    return x;
+}
+
+fn sobol_4(index: u32) -> u32 {
+    let bits = bitcast<i32>(index);
+    var x = 0u;
+    x ^= bitcast<u32>(extractBits(bits, 0u, 1u)) & 0x80000000u;
+    x ^= bitcast<u32>(extractBits(bits, 1u, 1u)) & 0x40000000u;
+    x ^= bitcast<u32>(extractBits(bits, 2u, 1u)) & 0x20000000u;
+    x ^= bitcast<u32>(extractBits(bits, 3u, 1u)) & 0xB0000000u;
+    x ^= bitcast<u32>(extractBits(bits, 4u, 1u)) & 0xF8000000u;
+    x ^= bitcast<u32>(extractBits(bits, 5u, 1u)) & 0xDC000000u;
+    x ^= bitcast<u32>(extractBits(bits, 6u, 1u)) & 0x7A000000u;
+    x ^= bitcast<u32>(extractBits(bits, 7u, 1u)) & 0x9D000000u;
+    x ^= bitcast<u32>(extractBits(bits, 8u, 1u)) & 0x5A800000u;
+    x ^= bitcast<u32>(extractBits(bits, 9u, 1u)) & 0x2FC00000u;
+    x ^= bitcast<u32>(extractBits(bits, 10u, 1u)) & 0xA1600000u;
+    x ^= bitcast<u32>(extractBits(bits, 11u, 1u)) & 0xF0B00000u;
+    x ^= bitcast<u32>(extractBits(bits, 12u, 1u)) & 0xDA880000u;
+    x ^= bitcast<u32>(extractBits(bits, 13u, 1u)) & 0x6FC40000u;
+    x ^= bitcast<u32>(extractBits(bits, 14u, 1u)) & 0x81620000u;
+    x ^= bitcast<u32>(extractBits(bits, 15u, 1u)) & 0x40BB0000u;
+    x ^= bitcast<u32>(extractBits(bits, 16u, 1u)) & 0x22878000u;
+    x ^= bitcast<u32>(extractBits(bits, 17u, 1u)) & 0xB3C9C000u;
+    x ^= bitcast<u32>(extractBits(bits, 18u, 1u)) & 0xFB65A000u;
+    x ^= bitcast<u32>(extractBits(bits, 19u, 1u)) & 0xDDB2D000u;
+    x ^= bitcast<u32>(extractBits(bits, 20u, 1u)) & 0x78022800u;
+    x ^= bitcast<u32>(extractBits(bits, 21u, 1u)) & 0x9C0B3C00u;
+    x ^= bitcast<u32>(extractBits(bits, 22u, 1u)) & 0x5A0FB600u;
+    x ^= bitcast<u32>(extractBits(bits, 23u, 1u)) & 0x2D0DDB00u;
+    x ^= bitcast<u32>(extractBits(bits, 24u, 1u)) & 0xA2878080u;
+    x ^= bitcast<u32>(extractBits(bits, 25u, 1u)) & 0xF3C9C040u;
+    x ^= bitcast<u32>(extractBits(bits, 26u, 1u)) & 0xDB65A020u;
+    x ^= bitcast<u32>(extractBits(bits, 27u, 1u)) & 0x6DB2D0B0u;
+    x ^= bitcast<u32>(extractBits(bits, 28u, 1u)) & 0x800228F8u;
+    x ^= bitcast<u32>(extractBits(bits, 29u, 1u)) & 0x400B3CDCu;
+    x ^= bitcast<u32>(extractBits(bits, 30u, 1u)) & 0x200FB67Au;
+    x ^= bitcast<u32>(extractBits(bits, 31u, 1u)) & 0xB00DDB9Du;
+    return x;
+}

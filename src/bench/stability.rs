@@ -1,0 +1,297 @@
+//! Where tracers fail: scenes with exact answers, read in every tier and held against what the tier's numbers allow.
+//!
+//! The cases, their answers to 60 digits and what Optiland reads are in `benches/stability/cases.json`, which
+//! `python -m tools.make_stability` writes. A tier is right where it hits the interval that a few roundings of the
+//! scene's own numbers make of the exact answer; what chance decides must lie within five standard deviations.
+
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::ir::SceneIr;
+use crate::program::Precision;
+use crate::result::{DetectorData, RunInfo, TraceResult};
+use crate::scene::Scene;
+use crate::trace::{TraceOptions, Tracer};
+use serde::Deserialize;
+use serde_json::Value;
+use std::fmt::Write;
+
+const CASES: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/stability/cases.json"));
+
+/// A scene and what is read of it.
+#[derive(Debug, Clone, Deserialize)]
+pub struct StabilityCase {
+    /// Unique name.
+    pub name: String,
+    /// What makes it hard.
+    pub group: String,
+    /// Rays to launch.
+    pub num_rays: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Part of the message that the scene must be refused with.
+    pub refused: Option<String>,
+    /// Part of a message that an adapter may refuse it with.
+    pub may_refuse: Option<String>,
+    /// What Optiland refuses it with.
+    pub reference_refused: Option<String>,
+    /// True if Optiland would take too long.
+    pub reference_not_run: bool,
+    /// What is read.
+    pub readings: Vec<Reading>,
+    scene: Value,
+}
+
+/// A number of the result, and what it must be.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Reading {
+    /// What it is called.
+    pub name: String,
+    /// The exact answer, or the expectation of what chance decides.
+    pub expected: f64,
+    /// True if draws decide it.
+    pub by_chance: bool,
+    f32: [f64; 2],
+    f64: [f64; 2],
+    nothing: Vec<String>,
+    /// What Optiland's NumPy backend reads, if it reads anything.
+    #[serde(default)]
+    pub reference: Option<f64>,
+    detector: Option<String>,
+    column: Option<String>,
+    take: Option<String>,
+    field: Option<String>,
+}
+
+/// What a tier made of a case.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// Its readings in the case's order; none where nothing arrived.
+    Read(Vec<Option<f64>>),
+    /// The scene was refused.
+    Refused(Error),
+}
+
+/// A case with its outcome in each tier.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// The case.
+    pub case: StabilityCase,
+    /// Outcomes.
+    pub outcomes: Vec<(Precision, Outcome)>,
+}
+
+/// Every case.
+///
+/// # Errors
+/// [`Error::Internal`] if the committed file is malformed.
+pub fn cases() -> Result<Vec<StabilityCase>> {
+    #[derive(Deserialize)]
+    struct File {
+        cases: Vec<StabilityCase>,
+    }
+    let file: File =
+        serde_json::from_str(CASES).map_err(|e| Error::Internal(format!("stability cases: {e}")))?;
+    Ok(file.cases)
+}
+
+impl Reading {
+    /// What the tier may read.
+    pub fn interval(&self, precision: Precision) -> [f64; 2] {
+        match precision {
+            Precision::F32 => self.f32,
+            Precision::F64 => self.f64,
+        }
+    }
+
+    /// True if the value is within what the tier may read.
+    pub fn holds(&self, precision: Precision, value: Option<f64>) -> bool {
+        let [low, high] = self.interval(precision);
+        match value {
+            Some(value) => (low..=high).contains(&value),
+            None => self.nothing.iter().any(|tier| tier == precision.name()),
+        }
+    }
+
+    /// True if the reference is as right as doubles allow.
+    pub fn reference_holds(&self) -> bool {
+        self.holds(Precision::F64, self.reference)
+    }
+
+    fn read(&self, result: &TraceResult) -> Result<Option<f64>> {
+        if self.field.as_deref() == Some("total_flux_lost") {
+            return Ok(Some(result.total_flux_lost));
+        }
+        let name = self.detector.as_deref().unwrap_or_default();
+        let detector = result.detectors.iter().find(|detector| detector.name == name);
+        let detector = detector.ok_or_else(|| Error::Internal(format!("no detector `{name}`")))?;
+        if self.take.as_deref() == Some("total") {
+            return Ok(Some(detector.total_flux));
+        }
+        let DetectorData::RayDatabase(database) = &detector.data else {
+            return Err(Error::Internal(format!("`{name}` is no ray database")));
+        };
+        let rows = database.columns()?;
+        let weight = result.num_rays_total as f64 / result.total_flux_in;
+        let (column, unit) = match self.column.as_deref() {
+            Some("x") => (&rows.position[0], 1.0),
+            Some("L") => (&rows.direction[0], 1.0),
+            Some("N") => (&rows.direction[2], 1.0),
+            Some("weight") => (&rows.flux, weight),
+            other => return Err(Error::Internal(format!("no column {other:?}"))),
+        };
+        let value = if self.take.as_deref() == Some("last") { column.last().copied() } else { column.mean() };
+        // An empty database holds one row of zeros in Optiland's form.
+        Ok(value.filter(|_| detector.num_rays_hit > 0).map(|value| value * unit))
+    }
+}
+
+impl StabilityCase {
+    /// Traces the case in one precision.
+    ///
+    /// # Errors
+    /// Those of the trace, unless they refuse the scene.
+    pub fn measure(&self, gpu: &Gpu, precision: Precision) -> Result<Outcome> {
+        let traced = self.scene().and_then(|ir| {
+            let options = self.options(precision);
+            let tally = Tracer::new(gpu, &ir, &options)?.trace(|_| true)?;
+            let run = RunInfo { num_rays: self.num_rays, max_depth: self.max_depth, ..Default::default() };
+            TraceResult::new(&ir, &run, &tally)
+        });
+        match traced {
+            Ok(result) => self.read(&result),
+            Err(error @ (Error::Usage(_) | Error::Scene { .. } | Error::Device(_))) => {
+                Ok(Outcome::Refused(error))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The scene.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if it is refused.
+    pub fn scene(&self) -> Result<SceneIr> {
+        Scene::from_json(&self.scene.to_string())?.lower()
+    }
+
+    /// How it is traced.
+    pub fn options(&self, precision: Precision) -> TraceOptions {
+        TraceOptions {
+            num_rays: self.num_rays,
+            max_depth: self.max_depth,
+            min_flux_fraction: 0.0,
+            precision,
+            ..Default::default()
+        }
+    }
+
+    /// The readings of a result.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if its ledger does not close.
+    pub fn read(&self, result: &TraceResult) -> Result<Outcome> {
+        if !result.ledger.closes() {
+            return Err(Error::Internal(format!("{}: the ledger does not close", self.name)));
+        }
+        let readings = self.readings.iter().map(|reading| reading.read(result));
+        Ok(Outcome::Read(readings.collect::<Result<_>>()?))
+    }
+
+    /// What is wrong with an outcome, by reading; nothing if it is right.
+    pub fn faults(&self, precision: Precision, outcome: &Outcome) -> Vec<String> {
+        let fault = |what: String| format!("{}, {}: {what}", self.name, precision.name());
+        match (outcome, self.refused.as_ref().or(self.may_refuse.as_ref())) {
+            (Outcome::Refused(error), Some(part)) if error.to_string().contains(part.as_str()) => Vec::new(),
+            (Outcome::Refused(error), _) => vec![fault(format!("refused: {error}"))],
+            (Outcome::Read(_), Some(part)) if self.refused.is_some() => {
+                vec![fault(format!("not refused with `{part}`"))]
+            }
+            (Outcome::Read(values), _) => {
+                let wrong =
+                    self.readings.iter().zip(values).filter(|(r, value)| !r.holds(precision, **value));
+                wrong
+                    .map(|(reading, value)| {
+                        let [low, high] = reading.interval(precision);
+                        fault(format!("{} is {}, not in {low:e}..={high:e}", reading.name, shown(*value)))
+                    })
+                    .collect()
+            }
+        }
+    }
+}
+
+/// Everything wrong in the rows.
+pub fn faults(rows: &[Row]) -> Vec<String> {
+    rows.iter()
+        .flat_map(|row| row.outcomes.iter().flat_map(|(precision, o)| row.case.faults(*precision, o)))
+        .collect()
+}
+
+fn shown(value: Option<f64>) -> String {
+    value.map_or("nothing".into(), |value| format!("{value:.12e}"))
+}
+
+/// The table: a line a reading, with the error of each tier and of the reference. A `!` marks what is outside of what
+/// the numbers allow.
+pub fn table(rows: &[Row]) -> String {
+    let width = rows.iter().map(|row| row.case.name.chars().count()).max().unwrap_or(0);
+    let mut text = format!("{:<width$}  {:<12}{:>20}", "case", "reading", "expected");
+    for (precision, _) in rows.iter().take(1).flat_map(|row| &row.outcomes) {
+        let _ = write!(text, "{:>14}", format!("{} error", precision.name()));
+    }
+    let _ = writeln!(text, "{:>14}", "Optiland's");
+    let mut group = "";
+    for row in rows {
+        if row.case.group != group {
+            group = &row.case.group;
+            let _ = writeln!(text, "\n{group}");
+        }
+        for line in row.lines() {
+            let [reading, expected, cells @ ..] = line.as_slice() else { continue };
+            let _ = write!(text, "{:<width$}  {reading:<12}{expected:>20}", row.case.name);
+            for cell in cells {
+                let _ = write!(text, "{cell:>14}");
+            }
+            text.push('\n');
+        }
+    }
+    text
+}
+
+impl Row {
+    /// Per reading: its name, what is expected, the errors of the tiers and of the reference.
+    fn lines(&self) -> Vec<Vec<String>> {
+        if self.case.refused.is_some() {
+            let ours = |(precision, outcome): &(Precision, Outcome)| {
+                if self.case.faults(*precision, outcome).is_empty() { "refused" } else { "traced!" }
+                    .to_string()
+            };
+            let theirs = if self.case.reference_refused.is_some() { "refused" } else { "traced" };
+            let cells = self.outcomes.iter().map(ours).chain([theirs.into()]);
+            return vec![[String::new(), "refused".into()].into_iter().chain(cells).collect()];
+        }
+        self.case.readings.iter().enumerate().map(|(i, reading)| self.line(i, reading)).collect()
+    }
+
+    fn line(&self, i: usize, reading: &Reading) -> Vec<String> {
+        let ours = self.outcomes.iter().map(|(precision, outcome)| match outcome {
+            Outcome::Refused(_) => "refused".into(),
+            Outcome::Read(values) => error_cell(reading, *precision, values[i]),
+        });
+        let theirs = match (&self.case.reference_refused, reading.reference) {
+            (Some(_), _) => "refused".into(),
+            (None, None) if self.case.reference_not_run => "not run".into(),
+            (None, value) => error_cell(reading, Precision::F64, value),
+        };
+        let head = [reading.name.clone(), format!("{:.12e}", reading.expected)];
+        head.into_iter().chain(ours).chain([theirs]).collect()
+    }
+}
+
+fn error_cell(reading: &Reading, precision: Precision, value: Option<f64>) -> String {
+    let mark = if reading.holds(precision, value) { " " } else { "!" };
+    match value {
+        None => format!("nothing{mark}"),
+        Some(value) => format!("{:.1e}{mark}", value - reading.expected),
+    }
+}

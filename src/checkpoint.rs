@@ -1,0 +1,356 @@
+//! The raw sums of a trace in a file: to take a trace up again, and to add up traces of several machines.
+//!
+//! A file is, little-endian: the eight bytes `NSQTALLY`; the version of the format, u32; the length of the rest, u64; its
+//! CRC-32, u32; then, in [postcard](https://docs.rs/postcard)'s encoding, an [`Identity`] and a [`Tally`]. It holds no time,
+//! so that equal sums are equal files. It is written beside its place and renamed: whatever happens meanwhile, a whole file
+//! is there, the new one or the one before.
+
+use crate::error::{Error, Result};
+use crate::gpu::AdapterInfo;
+use crate::ir::SceneIr;
+use crate::result::Tally;
+use crate::trace::{RecordPaths, TraceOptions};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Version of the format.
+pub const FORMAT: u32 = 1;
+
+const MAGIC: &[u8; 8] = b"NSQTALLY";
+const HEADER_BYTES: usize = 24;
+
+/// Which trace some sums are of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Version of the program.
+    pub version: String,
+    /// Path of the scene file, as it was given.
+    pub scene: Option<String>,
+    /// Hash of what the scene is lowered to, but for its sampling policy.
+    pub scene_hash: u128,
+    /// The sampling policy.
+    pub sampling: String,
+    /// Rays that the trace was planned with.
+    pub num_rays: u64,
+    /// Number of the first ray.
+    pub first_ray: u64,
+    /// The rays are a part of a trace of so many, if they are.
+    pub of_rays: Option<u64>,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Roulette threshold that was asked for.
+    pub min_flux_fraction: f64,
+    /// Arithmetic: `f32` or `f64`.
+    pub precision: String,
+    /// What the draws are: `pcg` or `sobol`.
+    pub sampler: String,
+    /// Which paths are recorded.
+    pub paths: String,
+    /// True if second moments are summed.
+    pub standard_error: bool,
+    /// Name of the adapter.
+    pub adapter: String,
+    /// Its driver.
+    pub driver: String,
+}
+
+/// The sums of a trace, and which trace it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    /// The trace.
+    pub identity: Identity,
+    /// Its sums so far.
+    pub tally: Tally,
+}
+
+impl Identity {
+    /// That of a trace of `ir` on an adapter.
+    pub fn new(ir: &SceneIr, scene: Option<String>, options: &TraceOptions, adapter: &AdapterInfo) -> Self {
+        Identity {
+            version: env!("CARGO_PKG_VERSION").into(),
+            scene,
+            scene_hash: scene_hash(ir),
+            sampling: format!("{:?}", ir.sampling),
+            num_rays: options.num_rays,
+            first_ray: options.first_ray,
+            of_rays: options.of_rays,
+            seed: options.seed,
+            max_depth: options.max_depth,
+            min_flux_fraction: options.min_flux_fraction,
+            precision: options.precision.name().into(),
+            sampler: options.sampler.name().into(),
+            paths: format!("{:?}", options.paths),
+            standard_error: options.standard_error,
+            adapter: adapter.name.clone(),
+            driver: adapter.driver.clone(),
+        }
+    }
+
+    /// What the sums of two traces must share to be added, one line each that differs: `what: theirs there, ours here`.
+    pub fn differences(&self, theirs: &Identity) -> Vec<String> {
+        let scene = |identity: &Identity| {
+            let path = identity.scene.as_deref().unwrap_or("a scene");
+            format!("{path} ({:032x})", identity.scene_hash)
+        };
+        let mut lines = Vec::new();
+        if self.scene_hash != theirs.scene_hash {
+            lines.push(format!("scene: {} there, {} here", scene(theirs), scene(self)));
+        }
+        let mut compare = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
+            let (theirs, ours) = (theirs.to_string(), ours.to_string());
+            if theirs != ours {
+                lines.push(format!("{what}: {theirs} there, {ours} here"));
+            }
+        };
+        compare("version of the program", &theirs.version, &self.version);
+        compare("seed", &theirs.seed, &self.seed);
+        compare("precision", &theirs.precision, &self.precision);
+        compare("sampler", &theirs.sampler, &self.sampler);
+        compare("max_depth", &theirs.max_depth, &self.max_depth);
+        compare("min_flux_fraction", &theirs.min_flux_fraction, &self.min_flux_fraction);
+        compare("sampling", &theirs.sampling, &self.sampling);
+        compare("standard errors", &theirs.standard_error, &self.standard_error);
+        lines
+    }
+
+    /// True if paths are recorded.
+    pub fn records_paths(&self) -> bool {
+        self.paths != format!("{:?}", RecordPaths::None)
+    }
+
+    /// [`Identity::differences`], and what the parts of a trace may differ in but not a trace and its own beginning.
+    pub fn differences_from_beginning(&self, theirs: &Identity) -> Vec<String> {
+        let mut lines = self.differences(theirs);
+        let whole =
+            |rays: Option<u64>| rays.map_or("a trace of its own".into(), |rays| format!("part of {rays}"));
+        for (what, theirs, ours) in [
+            ("rays", theirs.num_rays.to_string(), self.num_rays.to_string()),
+            ("first ray", theirs.first_ray.to_string(), self.first_ray.to_string()),
+            ("rays are", whole(theirs.of_rays), whole(self.of_rays)),
+            ("recorded paths", theirs.paths.clone(), self.paths.clone()),
+        ] {
+            if theirs != ours {
+                lines.push(format!("{what}: {theirs} there, {ours} here"));
+            }
+        }
+        lines
+    }
+
+    /// True if the same shaders were compiled by the same compiler: equal rays have equal bits.
+    pub fn same_device(&self, other: &Identity) -> bool {
+        (&self.adapter, &self.driver) == (&other.adapter, &other.driver)
+    }
+}
+
+impl Checkpoint {
+    /// The contents of a file.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if the sums cannot be encoded.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        encode(&self.identity, &self.tally)
+    }
+
+    /// Reads a file; of a folder, the one that a trace wrote there.
+    ///
+    /// # Errors
+    /// [`Error::File`] if it cannot be read, is damaged, or of another format.
+    pub fn read(path: &Path) -> Result<Self> {
+        let path = if path.is_dir() { path.join(crate::result::output::TALLY) } else { PathBuf::from(path) };
+        let bytes = fs::read(&path).map_err(|error| Error::file(&path, error))?;
+        decode(&bytes).map_err(|problem| Error::file(&path, problem))
+    }
+}
+
+/// Writes the sums of a trace so far; a file that is there is replaced in one step.
+///
+/// # Errors
+/// [`Error::File`] if the file cannot be written; the one that is there then stays.
+pub fn write(path: &Path, identity: &Identity, tally: &Tally) -> Result<()> {
+    let bytes = encode(identity, tally)?;
+    // Always the same place, so that a killed program leaves one file at most.
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    let beside = PathBuf::from(beside);
+    let written = File::create(&beside)
+        .and_then(|mut file| file.write_all(&bytes).and_then(|()| file.sync_all()))
+        .and_then(|()| fs::rename(&beside, path));
+    written.map_err(|error| {
+        let _ = fs::remove_file(&beside);
+        Error::file(path, error)
+    })?;
+    if let Some(folder) = path.parent() {
+        // Where folders cannot be synced, the file system does what it does.
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let _ = File::open(folder).and_then(|folder| folder.sync_all());
+    }
+    Ok(())
+}
+
+fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
+    let mut bytes = vec![0; HEADER_BYTES];
+    bytes = postcard::to_extend(&(identity, tally), bytes)
+        .map_err(|error| Error::Internal(format!("encoding the sums: {error}")))?;
+    let (length, sum) = (bytes.len() - HEADER_BYTES, crc32fast::hash(&bytes[HEADER_BYTES..]));
+    bytes[..8].copy_from_slice(MAGIC);
+    bytes[8..12].copy_from_slice(&FORMAT.to_le_bytes());
+    bytes[12..20].copy_from_slice(&(length as u64).to_le_bytes());
+    bytes[20..24].copy_from_slice(&sum.to_le_bytes());
+    Ok(bytes)
+}
+
+fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
+    let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES).filter(|_| bytes.starts_with(MAGIC))
+    else {
+        return Err("is no file of sums of this program".into());
+    };
+    let word = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    if word(8) != FORMAT {
+        return Err(format!("is of format {}; this program reads format {FORMAT}", word(8)));
+    }
+    let length = u64::from(word(12)) | (u64::from(word(16)) << 32);
+    if length != body.len() as u64 {
+        return Err(format!("is damaged: {} bytes where {length} should be", body.len()));
+    }
+    if word(20) != crc32fast::hash(body) {
+        return Err("is damaged: its checksum is wrong".into());
+    }
+    postcard::from_bytes(body).map_err(|error| format!("is damaged: {error}"))
+}
+
+/// FNV-1a, 128 bits: stable between versions of Rust, and no secret.
+struct Fnv(u128);
+
+impl std::fmt::Write for Fnv {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        for byte in text.bytes() {
+            self.0 = (self.0 ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013B);
+        }
+        Ok(())
+    }
+}
+
+/// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.
+pub fn scene_hash(ir: &SceneIr) -> u128 {
+    let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
+    let SceneIr { wavelengths, media, surfaces, meshes, emitters, sensors, sampling: _ } = ir;
+    // Fnv never refuses a text.
+    let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{emitters:?}{sensors:?}");
+    hash.0
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::result::{Booking, Moments, SensorTally};
+
+    fn checkpoint() -> Checkpoint {
+        let sensor = SensorTally {
+            quanta: vec![0, u128::MAX, 1 << 52],
+            hits: vec![0, u64::MAX, 1],
+            squares: vec![0, 3, 1 << 100],
+            totals: vec![Moments { quanta: 5, squares: u128::MAX }],
+            ..SensorTally::default()
+        };
+        let launched = Booking { count: 7, quanta: 7 << 52 };
+        let tally = Tally { launched, sensors: vec![sensor], ..Tally::default() };
+        let identity = Identity {
+            version: "0.1.0".into(),
+            scene: Some("scene.json".into()),
+            scene_hash: 1 << 127,
+            sampling: "fresnel".into(),
+            num_rays: 100,
+            first_ray: 1 << 40,
+            of_rays: Some(u64::MAX),
+            seed: 3,
+            max_depth: 16,
+            min_flux_fraction: 1e-6,
+            precision: "f64".into(),
+            sampler: "pcg".into(),
+            paths: "None".into(),
+            standard_error: true,
+            adapter: "adapter".into(),
+            driver: "driver".into(),
+        };
+        Checkpoint { identity, tally }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tally");
+        let checkpoint = checkpoint();
+        for _ in 0..2 {
+            write(&path, &checkpoint.identity, &checkpoint.tally).unwrap();
+            assert_eq!(Checkpoint::read(&path).unwrap(), checkpoint);
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert_eq!(fs::read(&path).unwrap(), checkpoint.to_bytes().unwrap());
+    }
+
+    #[test]
+    fn damage_is_found_wherever_it_is() {
+        let bytes = checkpoint().to_bytes().unwrap();
+        assert!(decode(&bytes).is_ok());
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                let mut damaged = bytes.clone();
+                damaged[place] ^= 1 << bit;
+                assert!(decode(&damaged).is_err(), "bit {bit} of byte {place}");
+            }
+            assert!(decode(&bytes[..place]).is_err(), "cut off at {place}");
+        }
+        assert!(decode(&[bytes, vec![0]].concat()).is_err());
+    }
+
+    #[test]
+    fn another_format_is_named() {
+        let mut bytes = checkpoint().to_bytes().unwrap();
+        bytes[8] = 99;
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 1");
+        assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_leaves_the_one_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tally");
+        let Checkpoint { identity, tally } = checkpoint();
+        write(&path, &identity, &tally).unwrap();
+        fs::create_dir(folder.path().join("a.tally.new")).unwrap();
+        assert!(matches!(write(&path, &identity, &Tally::default()), Err(Error::File { .. })));
+        assert_eq!(Checkpoint::read(&path).unwrap().tally, tally);
+    }
+
+    #[test]
+    fn every_difference_is_named() {
+        let ours = checkpoint().identity;
+        assert_eq!(ours.differences_from_beginning(&ours), Vec::<String>::new());
+        let other = Identity {
+            scene_hash: 5,
+            seed: 4,
+            precision: "f32".into(),
+            sampler: "pcg".into(),
+            version: "9.9.9".into(),
+            num_rays: 1000,
+            ..ours.clone()
+        };
+        let lines = ours.differences_from_beginning(&other).join("; ");
+        for words in [
+            "scene: ",
+            "seed: 4 there, 3 here",
+            "precision: f32",
+            "program: 9.9.9",
+            "rays: 1000 there, 100 here",
+        ] {
+            assert!(lines.contains(words), "{lines}");
+        }
+        assert_eq!(ours.differences(&other).len(), 4, "parts may have their own numbers of rays");
+    }
+}

@@ -1,0 +1,166 @@
+//! `nsq-gpu merge`: the results of several traces as one.
+
+use super::trace::Printed;
+use super::{read_scene, say};
+use crate::checkpoint::{Checkpoint, Identity};
+use crate::error::{Error, Result};
+use crate::ir::SceneIr;
+use crate::result::{RaySet, RunInfo, SensorTally, Tally, TraceResult, output};
+use crate::scene::Scene;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `nsq-gpu merge`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folders that `trace -o` wrote, or files of `--checkpoint`.
+    #[arg(required = true, num_args = 2.., value_name = "RESULT")]
+    results: Vec<PathBuf>,
+    /// Write the result of all rays into this folder.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// The scene file, where it is not where it was.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Print report.json instead of the text report.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Adds the sums, writes the files, and gives what goes to stdout.
+pub fn run(args: &Args) -> Result<String> {
+    let parts: Vec<Checkpoint> =
+        args.results.iter().map(|path| Checkpoint::read(path)).collect::<Result<_>>()?;
+    let first = &parts[0].identity;
+    let path = args.scene.clone().or_else(|| first.scene.as_ref().map(PathBuf::from));
+    let path =
+        path.ok_or_else(|| Error::Usage("the scene of the results is not known; name it by --scene".into()))?;
+    let scene = read_scene(&path).map_err(|error| match error {
+        Error::File { path, problem } if args.scene.is_none() => {
+            Error::file(path, format!("{problem}; --scene names the scene where it has moved"))
+        }
+        other => other,
+    })?;
+    let ir = scene.lower()?;
+    check(&ir, &args.results, &parts)?;
+    if let Some(dir) = &args.output {
+        output::check_writable(dir)?;
+    }
+    let merged = merge(&ir, &parts);
+    say(&on_the_bits(&ir, &parts, &merged.tally.rays));
+    let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
+    let printed = Printed { json: args.json, pictures: true };
+    super::trace::deliver(&result, &merged, args.output.as_deref(), printed)
+}
+
+/// The sums of all parts.
+fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
+    let mut tally = Tally::zeros(ir);
+    parts.iter().for_each(|part| tally += &part.tally);
+    tally.sort_rows();
+    let all = |value: fn(&Identity) -> &String| {
+        let mut values: Vec<&str> = parts.iter().map(|part| value(&part.identity).as_str()).collect();
+        values.sort_unstable();
+        values.dedup();
+        values.join(" and ")
+    };
+    let same_whole = parts.iter().all(|part| part.identity.of_rays == parts[0].identity.of_rays);
+    let identity = Identity {
+        num_rays: tally.launched.count,
+        first_ray: parts.iter().map(|part| part.identity.first_ray).min().unwrap_or_default(),
+        of_rays: parts[0].identity.of_rays.filter(|_| same_whole),
+        adapter: all(|identity| &identity.adapter),
+        driver: all(|identity| &identity.driver),
+        ..parts[0].identity.clone()
+    };
+    Checkpoint { identity, tally }
+}
+
+/// Refuses what does not add up: results of different traces, or of the same rays.
+fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
+    let here = Identity { scene_hash: crate::checkpoint::scene_hash(ir), ..parts[0].identity.clone() };
+    for (path, part) in paths.iter().zip(parts) {
+        let differences = here.differences(&part.identity);
+        if !differences.is_empty() {
+            return Err(Error::Usage(format!(
+                "{} does not add up with {}: {}",
+                path.display(),
+                paths[0].display(),
+                differences.join("; ")
+            )));
+        }
+    }
+    if let Some((path, _)) = paths.iter().zip(parts).find(|(_, part)| lacks_rows(part)) {
+        return Err(Error::Usage(format!(
+            "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with --first-ray, which \
+             keeps them together",
+            path.display()
+        )));
+    }
+    for (index, (path, part)) in paths.iter().zip(parts).enumerate() {
+        for (other_path, other) in paths.iter().zip(parts).take(index) {
+            if let Some((first, end)) = part.tally.rays.overlap(&other.tally.rays) {
+                return Err(Error::Usage(format!(
+                    "{} and {} both hold the rays {first} to {}; give each trace its own by --first-ray",
+                    other_path.display(),
+                    path.display(),
+                    end - 1
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// True if the rows that go with the sums went elsewhere.
+fn lacks_rows(part: &Checkpoint) -> bool {
+    let tally = &part.tally;
+    let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
+    tally.sensors.iter().any(recorded) || part.identity.records_paths() && tally.paths.is_empty()
+}
+
+/// Whether one run would have given the same bits, and if not, why.
+fn on_the_bits(ir: &SceneIr, parts: &[Checkpoint], rays: &RaySet) -> String {
+    let first = &parts[0].identity;
+    let mut reasons = Vec::new();
+    if !parts.iter().all(|part| part.identity.same_device(first)) {
+        reasons.push(
+            "the parts come from different adapters or drivers, which may round differently".to_string(),
+        );
+    }
+    let shares_agree = parts.iter().all(|part| part.identity.of_rays.is_some())
+        && parts.iter().all(|part| part.identity.of_rays == first.of_rays);
+    if ir.emitters.len() > 1 && !shares_agree {
+        reasons.push(
+            "the sources share the rays of each part on their own (--of-rays makes parts of one trace)"
+                .to_string(),
+        );
+    }
+    let gaps = (0..ir.emitters.len())
+        .any(|emitter| rays.spans().iter().filter(|span| span.emitter as usize == emitter).count() > 1);
+    if gaps {
+        reasons.push("there are gaps between the parts' rays".to_string());
+    }
+    match reasons.as_slice() {
+        [] => "merged: the sums are those of one run, bit for bit".into(),
+        reasons => format!("merged: not the bits of one run: {}", reasons.join("; ")),
+    }
+}
+
+fn run_info(path: &Path, scene: &Scene, merged: &Checkpoint) -> RunInfo {
+    let identity = &merged.identity;
+    RunInfo {
+        scene: Some(path.display().to_string()),
+        num_rays: merged.tally.launched.count,
+        seed: identity.seed,
+        max_depth: identity.max_depth,
+        min_flux_fraction: identity.min_flux_fraction,
+        precision: identity.precision.clone(),
+        sampler: identity.sampler.clone(),
+        adapter: identity.adapter.clone(),
+        driver: identity.driver.clone(),
+        scene_warnings: scene.warnings.clone(),
+        first_ray: identity.first_ray,
+        of_rays: identity.of_rays,
+        ..RunInfo::default()
+    }
+}

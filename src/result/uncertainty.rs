@@ -1,0 +1,134 @@
+//! Standard errors, from the first and second moments over primary rays.
+//!
+//! The rays of a source are independent draws of one distribution; so the variance of a sum over n of them is estimated
+//! without bias by n/(n-1) (Q - S^2/n), where S is the sum of the rays' contributions and Q that of their squares. A
+//! contribution is all that one primary ray leaves in the cell, however often it comes by.
+
+use crate::ir::SceneIr;
+use crate::result::{FluxUnit, Moments, QUANTA_PER_WEIGHT, SensorTally, Tally};
+
+/// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.
+pub fn standard_error(num_rays: u64, moments: Moments) -> f64 {
+    variance(num_rays, moments).sqrt()
+}
+
+fn variance(num_rays: u64, moments: Moments) -> f64 {
+    let n = num_rays as f64;
+    let sum = moments.quanta as f64 / QUANTA_PER_WEIGHT;
+    let squares = moments.squares as f64 / QUANTA_PER_WEIGHT;
+    if num_rays < 2 {
+        return f64::NAN;
+    }
+    // Q >= S^2/n but for rounding.
+    (squares - sum * (sum / n)).max(0.0) * (n / (n - 1.0))
+}
+
+/// What standard errors are computed from, for one tally.
+#[derive(Debug, Clone)]
+pub(crate) struct Uncertainty {
+    num_rays: u64,
+    rays_of_emitters: Vec<u64>,
+    unit: FluxUnit,
+    overflowed: bool,
+}
+
+impl Uncertainty {
+    pub(crate) fn new(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Self {
+        let rays_of_emitters = match ir.emitters.len() {
+            1 => vec![tally.launched.count],
+            emitters => (0..emitters).map(|emitter| tally.rays.count_of(emitter)).collect(),
+        };
+        let overflowed = tally.moments_overflowed;
+        Uncertainty { num_rays: tally.launched.count, rays_of_emitters, unit, overflowed }
+    }
+
+    /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
+    /// where they light a cell unequally, the error is too large, by a factor of at most 1/sqrt(1 - p) where p is the
+    /// largest share of a source's rays that comes by the cell; it is never too small.
+    pub(crate) fn of_cells(&self, sums: &SensorTally) -> Option<Vec<f64>> {
+        if sums.squares.len() != sums.quanta.len() || sums.totals.is_empty() {
+            return None;
+        }
+        let cells = sums.quanta.iter().zip(&sums.squares);
+        Some(cells.map(|(&quanta, &squares)| self.of_moments(Moments { quanta, squares })).collect())
+    }
+
+    /// Standard error of a sum over pooled sources \[W\].
+    fn of_moments(&self, moments: Moments) -> f64 {
+        self.watts(standard_error(self.num_rays, moments))
+    }
+
+    /// Standard error of a detector's flux \[W\]; none where second moments were not summed. Each source has a fixed
+    /// number of rays, so that the variances of the sources add up.
+    pub(crate) fn of_total(&self, sums: &SensorTally) -> Option<f64> {
+        if sums.totals.len() != self.rays_of_emitters.len() {
+            return None;
+        }
+        let strata = sums.totals.iter().zip(&self.rays_of_emitters);
+        let variance: f64 = strata.map(|(&moments, &num_rays)| variance(num_rays, moments)).sum();
+        Some(self.watts(variance.sqrt()))
+    }
+
+    fn watts(&self, weight: f64) -> f64 {
+        if self.overflowed { f64::NAN } else { self.unit.watts_of_weight(weight) }
+    }
+}
+
+/// Mean of the cells' standard errors relative to their values, over the cells that are not dark; none if all are.
+pub(crate) fn mean_relative<'a>(
+    values: impl IntoIterator<Item = &'a f64>,
+    errors: impl IntoIterator<Item = &'a f64>,
+) -> Option<f64> {
+    let lit = values.into_iter().zip(errors).filter(|(value, _)| **value > 0.0);
+    let (count, sum) =
+        lit.fold((0_u64, 0.0), |(count, sum), (value, error)| (count + 1, sum + error / value));
+    (count > 0).then(|| sum / count as f64)
+}
+
+/// The largest of all detectors' errors: for each, the mean of the relative standard errors of its lit cells, and the
+/// relative standard error of its flux. None where no detector was hit; NaN where an error is not known.
+pub fn worst_relative_error(ir: &SceneIr, tally: &Tally) -> Option<f64> {
+    let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
+    let watts = |quanta: u128| quanta as f64;
+    let errors = tally.sensors.iter().flat_map(|sensor| {
+        let values: Vec<f64> = sensor.quanta.iter().map(|&quanta| watts(quanta)).collect();
+        let cells = uncertainty.of_cells(sensor).and_then(|errors| mean_relative(&values, &errors));
+        let total = Some(watts(sensor.total().quanta)).filter(|total| *total > 0.0);
+        let total = total.map(|total| uncertainty.of_total(sensor).map_or(f64::NAN, |error| error / total));
+        [cells, total].into_iter().flatten()
+    });
+    // NaN is the largest of all.
+    errors.max_by(f64::total_cmp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    fn moments(weights: &[f64]) -> Moments {
+        let sum =
+            |value: fn(f64) -> f64| weights.iter().map(|w| (value(*w) * QUANTA_PER_WEIGHT) as u128).sum();
+        Moments { quanta: sum(|w| w), squares: sum(|w| w * w) }
+    }
+
+    #[test]
+    fn the_error_is_that_of_the_sample_variance() {
+        // Five rays, of which two miss: mean 0.7, sample variance (0.49 * 2 + 0.3^2 + 0.8^2 + 0.3^2) / 4 = 0.45.
+        let found = standard_error(5, moments(&[1.0, 1.5, 1.0]));
+        assert_relative_eq!(found, (5.0_f64 * 0.45).sqrt(), max_relative = 1e-14);
+    }
+
+    #[test]
+    fn rays_that_all_do_the_same_leave_no_doubt_and_one_ray_leaves_all() {
+        assert_eq!(standard_error(3, moments(&[0.5, 0.5, 0.5])), 0.0);
+        assert_eq!(standard_error(1 << 40, Moments::default()), 0.0);
+        assert!(standard_error(1, moments(&[1.0])).is_nan());
+    }
+
+    #[test]
+    fn the_relative_error_is_that_of_lit_cells() {
+        assert_eq!(mean_relative(&[0.0, 2.0, 4.0], &[0.0, 1.0, 1.0]), Some(0.375));
+        assert_eq!(mean_relative(&[0.0], &[0.0]), None);
+    }
+}

@@ -1,0 +1,115 @@
+//! When a trace is good enough: a target for the error, a limit of the time.
+//!
+//! Whether the target is met is decided at fixed places of the trace, so that the same trace stops after the same ray on
+//! every machine; a time limit stops where the clock says.
+
+use crate::error::Result;
+use crate::ir::SceneIr;
+use crate::result::Tally;
+use crate::result::uncertainty::worst_relative_error;
+use crate::trace::{Progress, Tracer};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Why a trace ended before its last ray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StoppedBy {
+    /// Ctrl-C.
+    Interrupt,
+    /// The time limit.
+    TimeLimit,
+    /// The target for the error was met.
+    TargetError,
+}
+
+/// Decides after each pass whether to go on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stopping {
+    target_error: Option<f64>,
+    time_limit: Option<Duration>,
+    /// Rays done when the error was last looked at, and the error.
+    known: Option<(u64, f64)>,
+}
+
+/// The first place where the error is looked at: before, it is little more than chance.
+const FIRST_CHECK: u64 = 1 << 14;
+
+/// The first place after `position` where the error is looked at. The places lie 6 % apart, so that little is traced in
+/// vain, and looking costs no more than a small part of a long trace.
+fn next_check(position: u64) -> u64 {
+    std::iter::successors(Some(FIRST_CHECK), |check| check.checked_add(check / 16))
+        .find(|check| *check > position)
+        .unwrap_or(u64::MAX)
+}
+
+impl Stopping {
+    /// Stops when the largest relative error of [`worst_relative_error`] is at most `target_error`, or after
+    /// `time_limit`.
+    pub fn new(target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
+        Stopping { target_error, time_limit, known: None }
+    }
+
+    /// To be called before the trace goes on from where `begun` ends.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace.
+    pub fn prepare(&self, tracer: &mut Tracer, begun: &Tally) -> Result<()> {
+        if self.target_error.is_some() {
+            let position = tracer.position_after(begun)?;
+            tracer.pause_at(next_check(position));
+        }
+        Ok(())
+    }
+
+    /// What the trace is to be stopped by, after a pass.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device fails.
+    pub fn after_pass(&mut self, ir: &SceneIr, progress: &mut Progress) -> Result<Option<StoppedBy>> {
+        if let Some(target) = self.target_error {
+            let position = progress.position();
+            if position > 0 && next_check(position - 1) == position {
+                let error = worst_relative_error(ir, progress.tally()?);
+                self.known = error.map(|error| (progress.done, error));
+                if error.is_some_and(|error| error <= target) {
+                    return Ok(Some(StoppedBy::TargetError));
+                }
+            }
+            progress.pause_at(next_check(position));
+        }
+        Ok(self.time_limit.filter(|limit| progress.elapsed >= *limit).map(|_| StoppedBy::TimeLimit))
+    }
+
+    /// The largest relative error when it was last looked at.
+    pub fn relative_error(&self) -> Option<f64> {
+        self.known.map(|(_, error)| error)
+    }
+
+    /// Rays that the target takes in all, judged by the error when it was last looked at; none where nothing can be said.
+    pub fn rays_to_target(&self) -> Option<u64> {
+        let (target, (done, error)) = (self.target_error?, self.known?);
+        let factor = (error / target).powi(2);
+        factor.is_finite().then(|| (done as f64 * factor).ceil() as u64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checks_lie_at_fixed_places_and_never_far_apart() {
+        let (mut position, mut checks) = (0, Vec::new());
+        while position < 1 << 40 {
+            position = next_check(position);
+            checks.push(position);
+            // From any ray before it, the next check is the same.
+            assert_eq!(next_check(position - 1), position);
+        }
+        assert_eq!(checks[0], FIRST_CHECK);
+        assert!(checks.windows(2).all(|pair| pair[0] < pair[1] && pair[1] <= pair[0] + pair[0] / 16));
+        assert!(checks.len() < 320, "{}", checks.len());
+        assert!(next_check(u64::MAX - 1) > u64::MAX / 2);
+    }
+}

@@ -1,0 +1,292 @@
+//! The command stops when it is told to, goes on where it was, and loses nothing.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+const TOLERANCE: i32 = 6;
+const USAGE: i32 = 2;
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_nsq-gpu"));
+    command.args(arguments).current_dir(env!("CARGO_MANIFEST_DIR"));
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    command(arguments).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn trace<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["trace", scene, "--precision", "f32", "--json"], more].concat()
+}
+
+fn succeed(arguments: &[&str]) -> Value {
+    let output = run(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn refuse(arguments: &[&str], words: &[&str]) {
+    let output = run(arguments);
+    assert_eq!(output.status.code(), Some(USAGE), "{arguments:?}: {}", stderr(&output));
+    for word in words {
+        assert!(stderr(&output).contains(word), "no `{word}` in {}", stderr(&output));
+    }
+}
+
+/// The files of a folder; of the report without its timing.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let mut bytes = std::fs::read(&path).unwrap();
+        if name == "report.json" {
+            let mut report: Value = serde_json::from_slice(&bytes).unwrap();
+            for timing in ["trace_time_sec", "rays_per_sec"] {
+                report.as_object_mut().unwrap().remove(timing).unwrap();
+            }
+            bytes = report.to_string().into_bytes();
+        }
+        files.insert(name, bytes);
+    }
+    files
+}
+
+const CAVITY: &str = "scenes/bench_cavity.json";
+const LENS: &str = "scenes/bench_lens.json";
+const BEAMS: &str = "scenes/tessar_gaussian_beams.json";
+
+// Stopping.
+
+#[test]
+fn a_target_is_met_at_the_same_ray_whatever_the_batch() {
+    let target = |more: &[&'static str]| {
+        let stops = ["-n", "1e7", "--target-error", "10%"];
+        succeed(&trace(CAVITY, &[&stops, more].concat()))
+    };
+    let report = target(&[]);
+    let rays = report["num_rays_total"].as_u64().unwrap();
+    assert!((1 << 14..10_000_000).contains(&rays), "{rays}");
+    assert_eq!(
+        (&report["stopped_by"], &report["partial"]),
+        (&Value::from("target_error"), &Value::from(true))
+    );
+    assert!(report["relative_error"].as_f64().unwrap() <= 0.1);
+    // What was launched stands for all that the source emits.
+    assert_eq!(report["total_flux_in"].as_f64(), Some(1.0));
+    assert_eq!(target(&["--batch-size", "3000"])["num_rays_total"].as_u64(), Some(rays));
+}
+
+#[test]
+fn a_target_that_is_not_met_is_exit_code_6_with_the_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let output = run(&trace(LENS, &["-n", "20000", "--target-error", "0.0001", "-o", out.to_str().unwrap()]));
+    assert_eq!(output.status.code(), Some(TOLERANCE), "{}", stderr(&output));
+    assert!(stderr(&output).contains("above the target of 0.010 %"), "{}", stderr(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["num_rays_total"], 20_000);
+    assert!(out.join("report.json").exists());
+}
+
+#[test]
+fn a_time_limit_ends_a_trace_that_would_take_for_ever() {
+    let report = succeed(&trace(LENS, &["-n", "1e13", "--time-limit", "300ms"]));
+    assert_eq!(report["stopped_by"], "time_limit");
+    assert!(report["num_rays_total"].as_u64().unwrap() > 0);
+    let warnings = report["diagnostics"]["warnings"].as_array().unwrap();
+    assert!(
+        warnings.iter().any(|warning| warning.as_str().unwrap().starts_with("stopped at the time limit"))
+    );
+}
+
+#[test]
+fn progress_tells_the_error() {
+    let output = run(&trace(CAVITY, &["-n", "1e7", "--target-error", "10%", "--progress", "json"]));
+    let lines: Vec<Value> = stderr(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let errors: Vec<f64> = lines.iter().filter_map(|line| line["relative_error"].as_f64()).collect();
+    assert!(lines.iter().all(|line| line["eta_sec"].is_number()));
+    assert!(errors.windows(2).all(|pair| pair[1] <= 1.2 * pair[0]), "{errors:?}");
+}
+
+// Checkpoints.
+
+/// A trace that writes checkpoints as often as it can.
+fn checkpointed<'a>(checkpoint: &'a str, num_rays: &'a str) -> Vec<&'a str> {
+    trace(
+        BEAMS,
+        &["-n", num_rays, "--batch-size", "1000", "--checkpoint", checkpoint, "--checkpoint-interval", "1ms"],
+    )
+}
+
+/// Waits until the file is there, at most for a minute.
+fn wait_for(path: &Path, child: &mut Child) {
+    for _ in 0..6000 {
+        if path.exists() || child.try_wait().unwrap().is_some() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    panic!("{} never came", path.display());
+}
+
+#[test]
+fn a_killed_trace_goes_on_to_the_bits_of_an_unbroken_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (checkpoint, whole, broken) = (place("c.tally"), place("whole"), place("broken"));
+    let num_rays = "400000";
+    succeed(&trace(BEAMS, &["-n", num_rays, "-o", &whole]));
+    let mut kills = 0;
+    for delay_ms in [0, 7, 23, 40, 90] {
+        let mut arguments = checkpointed(&checkpoint, num_rays);
+        if Path::new(&checkpoint).exists() {
+            arguments.extend(["--resume", &checkpoint]);
+        }
+        let mut child = command(&arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        wait_for(Path::new(&checkpoint), &mut child);
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        kills += u32::from(child.try_wait().unwrap().is_none());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(
+            nsq_gpu::checkpoint::Checkpoint::read(Path::new(&checkpoint)).is_ok(),
+            "a whole file is there"
+        );
+    }
+    assert!(kills > 0, "the trace was never killed while it ran");
+    let report = succeed(&trace(BEAMS, &["-n", num_rays, "--resume", &checkpoint, "-o", &broken]));
+    assert_eq!(report["num_rays_total"], 400_000);
+    let (whole, broken) = (files(Path::new(&whole)), files(Path::new(&broken)));
+    assert_eq!(whole.keys().collect::<Vec<_>>(), broken.keys().collect::<Vec<_>>());
+    for (name, bytes) in &whole {
+        assert!(broken[name] == *bytes, "{name} differs");
+    }
+}
+
+#[test]
+fn an_interrupted_trace_leaves_a_checkpoint_to_go_on_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let checkpoint = folder.path().join("c.tally");
+    let arguments =
+        trace(BEAMS, &["-n", "1e10", "--checkpoint", checkpoint.to_str().unwrap(), "--progress", "json"]);
+    let mut child = command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    lines.next().unwrap().unwrap();
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    lines.for_each(|line| drop(line.unwrap()));
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["partial"], &report["stopped_by"]), (&Value::from(true), &Value::from("interrupt")));
+    let found = nsq_gpu::checkpoint::Checkpoint::read(&checkpoint).unwrap();
+    assert_eq!(Some(found.tally.launched.count), report["num_rays_total"].as_u64());
+}
+
+#[test]
+fn checkpoints_of_other_traces_are_refused_by_what_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    let checkpoint = folder.path().join("c.tally");
+    let file = checkpoint.to_str().unwrap();
+    succeed(&trace(LENS, &["-n", "1000", "--checkpoint", file]));
+    let go_on = |more: &[&'static str]| -> Vec<String> {
+        let arguments = trace(LENS, more);
+        arguments.into_iter().map(String::from).chain(["--resume".to_string(), file.to_string()]).collect()
+    };
+    for (more, words) in [
+        (["-n", "1000", "--seed", "3"].as_slice(), ["another trace", "seed: 0 there, 3 here"]),
+        (&["-n", "2000"], ["another trace", "rays: 1000 there, 2000 here"]),
+        (&["-n", "1000", "--max-depth", "9"], ["another trace", "max_depth: 16 there, 9 here"]),
+        (&["-n", "1000", "--first-ray", "5"], ["another trace", "first ray: 0 there, 5 here"]),
+    ] {
+        let arguments = go_on(more);
+        refuse(&arguments.iter().map(String::as_str).collect::<Vec<_>>(), &words);
+    }
+    refuse(
+        &["trace", LENS, "--precision", "f64", "-n", "1000", "--resume", file],
+        &["precision: f32 there, f64 here"],
+    );
+    refuse(&trace("scenes/bench_cavity.json", &["-n", "1000", "--resume", file]), &["scene: ", "bench_lens"]);
+    let mut bytes = std::fs::read(&checkpoint).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&checkpoint, bytes).unwrap();
+    refuse(&trace(LENS, &["-n", "1000", "--resume", file]), &["c.tally", "damaged"]);
+    refuse(&trace(LENS, &["-n", "1000", "--resume", LENS]), &["no file of sums"]);
+}
+
+// Merging.
+
+#[test]
+fn parts_merge_to_the_bits_of_one_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    for (scene, whole_of) in [(LENS, None), (BEAMS, Some("50000"))] {
+        let names = ["whole", "a", "b", "c", "merged"].map(|name| place(&format!("{name}{}", scene.len())));
+        let [whole, a, b, c, merged] = names.each_ref().map(String::as_str);
+        succeed(&trace(scene, &["-n", "50000", "-o", whole]));
+        for (out, first, num) in [(a, "0", "20001"), (b, "20001", "9999"), (c, "30000", "20000")] {
+            let mut arguments = trace(scene, &["-n", num, "--first-ray", first, "-o", out]);
+            arguments.extend(whole_of.iter().flat_map(|rays| ["--of-rays", rays]));
+            succeed(&arguments);
+        }
+        let output = run(&["merge", c, a, b, "-o", merged, "--json"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(stderr(&output).contains("bit for bit"), "{}", stderr(&output));
+        let (whole, merged) = (files(Path::new(whole)), files(Path::new(merged)));
+        for (name, bytes) in whole.iter().filter(|(name, _)| name.ends_with(".npz") || name.ends_with(".png"))
+        {
+            assert!(merged[name] == *bytes, "{scene}: {name} differs");
+        }
+        let report = |files: &BTreeMap<String, Vec<u8>>| -> Value {
+            serde_json::from_slice(&files["report.json"]).unwrap()
+        };
+        for key in ["ledger", "detectors", "total_flux_in", "relative_error", "num_rays_total"] {
+            assert_eq!(report(&whole)[key], report(&merged)[key], "{scene}: {key}");
+        }
+    }
+}
+
+#[test]
+fn merge_says_where_the_bits_are_not_those_of_one_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (a, b) = (place("a"), place("b"));
+    succeed(&trace(BEAMS, &["-n", "1000", "-o", &a]));
+    succeed(&trace(BEAMS, &["-n", "1000", "--first-ray", "5000", "-o", &b]));
+    let output = run(&["merge", &a, &b]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("not the bits of one run") && stderr(&output).contains("--of-rays"));
+    assert!(stderr(&output).contains("gaps"), "{}", stderr(&output));
+}
+
+#[test]
+fn what_does_not_add_up_is_not_merged() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [a, b, c, d] = ["a", "b", "c", "d"].map(place);
+    succeed(&trace(LENS, &["-n", "1000", "-o", &a]));
+    succeed(&trace(LENS, &["-n", "1000", "--first-ray", "999", "-o", &b]));
+    succeed(&trace(LENS, &["-n", "1000", "--first-ray", "1000", "--seed", "4", "-o", &c]));
+    succeed(&trace("scenes/bench_cavity.json", &["-n", "1000", "--first-ray", "1000", "-o", &d]));
+    refuse(&["merge", &a, &b], &["both hold the rays 999 to 999", "--first-ray"]);
+    refuse(&["merge", &a, &a], &["both hold the rays 0 to 999"]);
+    refuse(&["merge", &a, &c], &["does not add up", "seed: 4 there, 0 here"]);
+    refuse(&["merge", &a, &d], &["does not add up", "scene: "]);
+    refuse(&["merge", &a, folder.path().to_str().unwrap()], &["tally.bin"]);
+    assert!(!run(&["merge", &a]).status.success());
+}
