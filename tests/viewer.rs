@@ -12,9 +12,8 @@ use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use nsq_gpu::TraceResult;
 use nsq_gpu::result::DetectorData;
-use nsq_gpu::viewer::app::RegionFigures;
 use nsq_gpu::viewer::compare::Comparison;
-use nsq_gpu::viewer::model::{Picture, Subject};
+use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
 use nsq_gpu::viewer::region::Outline;
 use nsq_gpu::viewer::scale::ScaleKind;
 use nsq_gpu::viewer::settings::Settings;
@@ -381,7 +380,7 @@ fn two_results_are_compared_cell_by_cell() {
     let (a, b) = (results("cooke_triplet", 0), results("cooke_triplet", 1));
     let MapFile { values: of_a, hits: hits_a, .. } = map_file(&a, "image.npz");
     let MapFile { values: of_b, hits: hits_b, .. } = map_file(&b, "image.npz");
-    // The error of a cell follows from its hits, so there must be some in both.
+    // Where a ray came to both, both errors are known.
     let hits_of_both = |cell: &(usize, usize)| hits_a[*cell].min(hits_b[*cell]);
     let (cell, _) = hits_a.indexed_iter().max_by_key(|(cell, _)| hits_of_both(cell)).unwrap();
     assert!(hits_of_both(&cell) > 0);
@@ -414,8 +413,12 @@ fn two_results_are_compared_cell_by_cell() {
     assert_eq!(read(&mut window), of_a[cell] - of_b[cell]);
     click(&mut window, "(A − B) / σ");
     assert_eq!(window.state().model.settings.comparison, Comparison::Significance);
-    let sigma = |value: f64, hits: u64| value / (hits as f64).sqrt();
-    let both = sigma(of_a[cell], hits_a[cell]).hypot(sigma(of_b[cell], hits_b[cell]));
+    let sigma = |dir: &Path| {
+        let errors: Array2<f64> = npz(dir, "image.npz").by_name("standard_error").unwrap();
+        errors[cell]
+    };
+    let both = sigma(&a).hypot(sigma(&b));
+    assert!(both > 0.0);
     let expected = (of_a[cell] - of_b[cell]) / both;
     assert!((read(&mut window) - expected).abs() < 1e-12 * expected.abs().max(1.0));
     click(&mut window, "End comparison");
@@ -622,12 +625,41 @@ fn a_real_window_opens_traces_and_closes() {
         return skip(TEST, "no xvfb-run (Debian: apt-get install xvfb)");
     }
     let home = tempfile::tempdir().unwrap();
+    let choices = home.path().join("nsq-gpu").join("viewer.json");
+    std::fs::create_dir(choices.parent().unwrap()).unwrap();
+    std::fs::write(&choices, "{\"dark\": false, \"percentile\": 97.5}").unwrap();
     let program = std::process::Command::cargo_bin("nsq-gpu").unwrap();
     let mut command = Command::new("xvfb-run");
     command.args(["-a", "-s", "-screen 0 1280x800x24"]).arg(program.get_program());
     command.arg("view").arg(scene_path("cooke_triplet")).args(["-n", "20000", "--frames", "5"]);
     command.env_remove("WAYLAND_DISPLAY").env("XDG_CONFIG_HOME", home.path());
     command.timeout(Duration::from_secs(300)).assert().success().stdout("");
+    // What was chosen the last time is kept, and so is the rest.
+    let kept = std::fs::read_to_string(&choices).unwrap();
+    assert!(kept.contains("\"dark\": false") && kept.contains("\"percentile\": 97.5"), "{kept}");
+    assert!(kept.contains("\"color_map\""), "{kept}");
+}
+
+#[test]
+fn what_cannot_be_shown_is_refused_before_a_window_opens() {
+    let view = |arguments: &[&str]| {
+        let mut command = Command::cargo_bin("nsq-gpu").unwrap();
+        command.arg("view").args(arguments).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+        command.env_remove("WAYLAND_SOCKET").timeout(Duration::from_secs(300));
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let broken = folder.path().join("broken.json");
+    std::fs::write(&broken, "{\"nsq_schema_version\": 7}").unwrap();
+    let (code, said) = view(&[broken.to_str().unwrap()]);
+    assert_eq!(code, Some(3), "{said}");
+    let (code, said) = view(&[folder.path().to_str().unwrap()]);
+    assert!(code == Some(2) && said.contains("report.json"), "{code:?} {said}");
+    if has_adapter("what_cannot_be_shown_is_refused_before_a_window_opens") && cfg!(target_os = "linux") {
+        let (code, said) = view(&[scene_path("cooke_triplet").to_str().unwrap(), "-n", "1000"]);
+        assert!(code == Some(2) && said.contains("--screenshot"), "{code:?} {said}");
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::viewer::model::Subject;
 use crate::viewer::scale::ScaleKind;
 use crate::viewer::settings::Settings;
 use crate::viewer::tracing::{Device, Notify};
-use crate::viewer::{App, Model, open, screenshot};
+use crate::viewer::{App, Model, Waker, open, screenshot};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -103,8 +103,9 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let settings = Settings::load();
     let title = format!("{} – nsq-gpu", args.path.display());
-    let (owned, window) = (args.clone(), settings.window);
-    open(&title, window, move |notify| app(&owned, settings, notify))?;
+    let (window, waker) = (settings.window, Waker::default());
+    let app = app(args, settings, waker.notify())?;
+    open(&title, window, &waker, app)?;
     Ok(String::new())
 }
 

@@ -1,12 +1,12 @@
 //! The window: panels around the plot of the detector that is shown.
 
 use super::field::Cell;
-use super::model::{Model, Picture, Subject};
+use super::model::{Analysis, Model, Picture, Subject};
 use super::plot::{Frame, View};
 use super::raster;
-use super::region::{EncircledEnergy, Region, Statistics};
+use super::region::Region;
 use super::settings::Tool;
-use super::spots::{Figures, Spot};
+use super::spots::Spot;
 use super::views;
 use eframe::egui::{self, CentralPanel, Key, Modifiers, Panel, TextureHandle, Ui};
 use std::collections::HashMap;
@@ -73,21 +73,11 @@ pub(super) struct Painted {
     pub texture: TextureHandle,
 }
 
-/// Figures of a picture, and what they were made from.
+/// Figures of a region, and what they were made from.
 pub(super) struct CachedFigures {
     pub picture: Arc<Picture>,
-    pub region: Option<Region>,
-    pub figures: RegionFigures,
-    pub curve: Option<EncircledEnergy>,
-}
-
-/// Figures of a region.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum RegionFigures {
-    /// Of a map; none where no cell lies within.
-    Map(Option<Statistics>),
-    /// Of rays.
-    Spots(Figures),
+    pub region: Region,
+    pub analysis: Analysis,
 }
 
 impl Cursor {
@@ -161,25 +151,17 @@ impl App {
     }
 
     /// Figures of the region that is shown, and how its flux lies about the centroid.
-    pub fn region_figures(&mut self) -> Option<(RegionFigures, Option<EncircledEnergy>)> {
+    pub fn region_figures(&mut self) -> Option<Analysis> {
         let picture = self.model.picture().ok()?;
-        let region = self.model.marks().region;
+        let Some(region) = self.model.marks().region else {
+            return self.model.analysis();
+        };
         let cached = self.figures.as_ref();
-        let fresh = cached.filter(|c| Arc::ptr_eq(&c.picture, &picture) && c.region == region);
-        if fresh.is_none() {
-            let (figures, curve) = match picture.as_ref() {
-                Picture::Map { field, .. } => {
-                    let region = region.unwrap_or_else(|| Region::whole(field));
-                    (RegionFigures::Map(region.statistics(field)), region.encircled_energy(field))
-                }
-                Picture::Spots(spots) => (
-                    RegionFigures::Spots(spots.figures(region.as_ref())),
-                    spots.encircled_energy(region.as_ref()),
-                ),
-            };
-            self.figures = Some(CachedFigures { picture, region, figures, curve });
+        if !cached.is_some_and(|cached| Arc::ptr_eq(&cached.picture, &picture) && cached.region == region) {
+            let analysis = picture.analysis(Some(region));
+            self.figures = Some(CachedFigures { picture, region, analysis });
         }
-        self.figures.as_ref().map(|cached| (cached.figures, cached.curve.clone()))
+        self.figures.as_ref().map(|cached| cached.analysis.clone())
     }
 
     /// Keys that work wherever nothing is typed.
@@ -236,9 +218,6 @@ impl eframe::App for App {
     }
 
     fn on_exit(&mut self) {
-        self.model.shut_down();
-        if self.frames_left.is_none() {
-            self.model.settings.save();
-        }
+        self.model.settings.save();
     }
 }

@@ -31,47 +31,46 @@ pub use model::Model;
 
 use crate::error::{Error, Result};
 use eframe::egui;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-/// Opens the window and stays until it is closed. `model` makes the model once there is a window to wake.
+/// Wakes a window, once there is one: a trace begins before its window is open.
+#[derive(Clone, Default)]
+pub struct Waker(Arc<OnceLock<egui::Context>>);
+
+impl Waker {
+    /// What the tracing threads call.
+    pub fn notify(&self) -> tracing::Notify {
+        let context = self.0.clone();
+        Arc::new(move || {
+            if let Some(context) = context.get() {
+                context.request_repaint();
+            }
+        })
+    }
+}
+
+/// Opens the window of `app`, `size` in points, and stays until it is closed.
 ///
 /// # Errors
-/// What `model` says, and [`Error::Usage`] where there is no display.
-pub fn open(
-    title: &str,
-    size: (f32, f32),
-    model: impl FnOnce(tracing::Notify) -> Result<App> + 'static,
-) -> Result<()> {
+/// [`Error::Usage`] where there is no display.
+pub fn open(title: &str, size: (f32, f32), waker: &Waker, app: App) -> Result<()> {
     let viewport = egui::ViewportBuilder::default()
         .with_title(title)
         .with_app_id("nsq-gpu")
         .with_inner_size([size.0, size.1])
         .with_min_inner_size([860.0, 560.0]);
     let options = eframe::NativeOptions { viewport, ..Default::default() };
-    let failure = Arc::new(std::sync::Mutex::new(None));
-    let kept = failure.clone();
-    let opened = eframe::run_native(
-        title,
-        options,
-        Box::new(move |context| {
-            let ctx = context.egui_ctx.clone();
-            match model(Arc::new(move || ctx.request_repaint())) {
-                Ok(app) => Ok(Box::new(app)),
-                Err(error) => {
-                    let text = error.to_string();
-                    *kept.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(error);
-                    Err(text.into())
-                }
-            }
-        }),
-    );
-    let failure = failure.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
-    if let Some(error) = failure {
-        return Err(error);
-    }
-    opened.map_err(|error| {
+    let waker = waker.clone();
+    let create = move |context: &eframe::CreationContext<'_>| -> Created {
+        // One window a waker: a second one could not be told apart.
+        let _ = waker.0.set(context.egui_ctx.clone());
+        Ok(Box::new(app))
+    };
+    eframe::run_native(title, options, Box::new(create)).map_err(|error| {
         Error::Usage(format!(
             "no window could be opened ({error}); `--screenshot FILE` draws the same without a display"
         ))
     })
 }
+
+type Created = std::result::Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>>;

@@ -4,11 +4,13 @@ use super::compare::{Comparison, Scores, difference};
 use super::field::{Field, Geometry};
 use super::photometry;
 use super::profile::Line;
-use super::region::Region;
+use super::region::{EncircledEnergy, Region, Statistics};
 use super::scale::{Scale, ScaleKind};
 use super::settings::Settings;
-use super::spots::Spots;
-use super::tracing::{Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State};
+use super::spots::{Figures, Spots};
+use super::tracing::{
+    Background, Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State, record_paths,
+};
 use crate::error::{Error, Result};
 use crate::result::output::REPORT;
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
@@ -54,6 +56,34 @@ pub enum Picture {
     Spots(Spots),
 }
 
+/// Figures of a region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum RegionFigures {
+    /// Of a map; none where no cell lies within.
+    Map(Option<Statistics>),
+    /// Of rays.
+    Spots(Figures),
+}
+
+/// Figures of a region, and how its flux lies about the centroid.
+pub type Analysis = (RegionFigures, Option<EncircledEnergy>);
+
+impl Picture {
+    /// Figures of a region; of all that is shown where there is none.
+    pub fn analysis(&self, region: Option<Region>) -> Analysis {
+        match self {
+            Picture::Map { field, .. } => {
+                let region = region.unwrap_or_else(|| Region::whole(field));
+                (RegionFigures::Map(region.statistics(field)), region.encircled_energy(field))
+            }
+            Picture::Spots(spots) => (
+                RegionFigures::Spots(spots.figures(region.as_ref())),
+                spots.encircled_energy(region.as_ref()),
+            ),
+        }
+    }
+}
+
 /// A result that another is compared with.
 pub struct Reference {
     /// What it is called.
@@ -84,6 +114,123 @@ struct PictureKey {
     wavelength: f64,
 }
 
+/// All that a picture is made from.
+#[derive(Clone)]
+struct Recipe {
+    key: PictureKey,
+    a: Arc<TraceResult>,
+    b: Option<Arc<TraceResult>>,
+}
+
+/// A picture, or why there is none, and what it was made for.
+struct Made {
+    key: PictureKey,
+    picture: std::result::Result<Arc<Picture>, String>,
+    analysis: Option<Analysis>,
+}
+
+impl Recipe {
+    /// True if it is made well within a frame.
+    fn is_small(&self) -> bool {
+        const CELLS: u64 = 300_000;
+        let size = self.a.detector(&self.key.detector).map_or(0, |detector| match &detector.data {
+            DetectorData::Irradiance(map) => map.irradiance.len() as u64,
+            DetectorData::Spectral(map) => map.irradiance.len() as u64,
+            DetectorData::FarField(pattern) => pattern.intensity.len() as u64,
+            DetectorData::RayDatabase(rays) => rays.num_rays(),
+        });
+        size < CELLS
+    }
+
+    fn make(&self) -> Made {
+        let picture = self.picture().map(Arc::new);
+        let analysis = picture.as_ref().ok().map(|picture| picture.analysis(None));
+        Made { key: self.key.clone(), picture, analysis }
+    }
+
+    fn picture(&self) -> std::result::Result<Picture, String> {
+        let of = |result: &TraceResult, which: &str| {
+            let detector = result.detector(&self.key.detector);
+            detector.cloned().ok_or_else(|| format!("{which} has no detector '{}'", self.key.detector))
+        };
+        let a = of(&self.a, "A")?;
+        let Some(b) = &self.b else {
+            return self.alone(&a, None);
+        };
+        let b = of(b, "B");
+        match self.key.settings.comparison {
+            Comparison::A => self.alone(&a, b.as_ref().ok()),
+            Comparison::B => self.alone(&b?, Some(&a)),
+            comparison => {
+                let (a, b) = (self.field(&a)?, self.field(&b?)?);
+                let field = difference(comparison, &a, &b)?;
+                let Settings { scale, percentile, .. } = self.key.settings;
+                let scale = Scale::fit_difference(scale, percentile, &field.values);
+                let scores = Some(Scores::of(&field));
+                Ok(Picture::Map { field: Box::new(field), scale, other: None, scores })
+            }
+        }
+    }
+
+    fn alone(&self, detector: &Detector, other: Option<&Detector>) -> std::result::Result<Picture, String> {
+        if let DetectorData::RayDatabase(rays) = &detector.data {
+            let spots = Spots::new(rays, self.key.settings.directions, self.key.settings.photometric);
+            return spots.map(Picture::Spots).map_err(|error| error.to_string());
+        }
+        let field = self.field(detector)?;
+        let other = other.and_then(|other| self.field(other).ok()).map(Box::new);
+        let Settings { scale, percentile, common_scale, .. } = self.key.settings;
+        let scaled_with = other.as_ref().filter(|_| common_scale);
+        let values = std::iter::once(&field.values).chain(scaled_with.map(|other| &other.values));
+        let scale = Scale::fit(scale, percentile, values);
+        Ok(Picture::Map { field: Box::new(field), scale, other, scores: None })
+    }
+
+    /// The values of a detector, as the settings want them.
+    fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
+        let Settings { photometric, polar, .. } = self.key.settings;
+        let field = match &detector.data {
+            DetectorData::Irradiance(map) => Field::of_irradiance(map),
+            DetectorData::FarField(pattern) => {
+                let geometry = if polar { Geometry::Polar } else { Geometry::Rectangles };
+                Field::of_far_field(pattern, geometry)
+            }
+            DetectorData::Spectral(map) => return self.spectral_field(map),
+            DetectorData::RayDatabase(_) => {
+                return Err("rays are shown as points: A and B cannot be subtracted".into());
+            }
+        };
+        if !photometric {
+            return Ok(field);
+        }
+        let efficacy = photometry::efficacy(self.key.wavelength);
+        if !photometry::is_visible(efficacy) {
+            return Err(format!(
+                "the eye sees nothing at {} µm: there are no lumens to show",
+                self.key.wavelength
+            ));
+        }
+        Ok(field.photometric(efficacy))
+    }
+
+    fn spectral_field(&self, map: &SpectralMap) -> std::result::Result<Field, String> {
+        let shown = |bin: usize| self.key.bin.is_none_or(|shown| shown == bin);
+        let weight = |(bin, &wavelength): (usize, &f64)| match (shown(bin), self.key.settings.photometric) {
+            (false, _) => 0.0,
+            (true, false) => 1.0,
+            (true, true) => photometry::efficacy(wavelength),
+        };
+        let weights: Vec<f64> = map.wavelengths.iter().enumerate().map(weight).collect();
+        if self.key.settings.photometric {
+            if !weights.iter().any(|weight| photometry::is_visible(*weight)) {
+                return Err("the eye sees none of these wavelengths: there are no lumens to show".into());
+            }
+            return Ok(Field::of_spectral(map, &weights).photometric(1.0));
+        }
+        Ok(Field::of_spectral(map, &weights))
+    }
+}
+
 /// The state of the viewer.
 pub struct Model {
     /// Choices that are kept between starts.
@@ -110,7 +257,8 @@ pub struct Model {
     marks: HashMap<String, Marks>,
     /// Grows with every new result.
     revision: u64,
-    picture: Option<(PictureKey, std::result::Result<Arc<Picture>, String>)>,
+    made: Option<Made>,
+    making: Option<Background<Made>>,
 }
 
 /// Rays of the side view.
@@ -139,7 +287,8 @@ impl Model {
             notify,
             marks: HashMap::new(),
             revision: 0,
-            picture: None,
+            made: None,
+            making: None,
         };
         if path.is_dir() || path.file_name().is_some_and(|name| name == REPORT) {
             model.open_results(if path.is_dir() { path } else { path.parent().unwrap_or(path) })?;
@@ -249,7 +398,7 @@ impl Model {
         match (&self.paths, &self.scene) {
             (Paths::NotAsked, Some(scene)) => {
                 let notify = self.notify.clone();
-                let job = PathsJob::start(&self.device, scene, &self.run, NUM_PATHS, notify);
+                let job = record_paths(&self.device, scene, &self.run, NUM_PATHS, notify);
                 self.paths = Paths::Recording(job);
                 None
             }
@@ -260,17 +409,9 @@ impl Model {
 
     /// True while nothing more will come by itself.
     pub fn is_idle(&self) -> bool {
-        self.job.as_ref().is_none_or(|job| !job.is_running()) && !matches!(self.paths, Paths::Recording(_))
-    }
-
-    /// Ends what runs in the background, and waits for it.
-    pub fn shut_down(&mut self) {
-        if let Some(job) = self.job.take() {
-            job.finish();
-        }
-        if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
-            job.finish();
-        }
+        self.job.as_ref().is_none_or(|job| !job.is_running())
+            && !matches!(self.paths, Paths::Recording(_))
+            && self.making.is_none()
     }
 
     /// Compares with the results in a folder.
@@ -337,11 +478,38 @@ impl Model {
         self.marks.entry(key).or_default()
     }
 
-    /// The picture of the detector that is shown. It is made anew only where something changed.
+    /// The picture of the detector that is shown. It is made anew only where something changed; a large one in the
+    /// background, while the one before is still shown.
     ///
     /// # Errors
     /// Why there is none.
     pub fn picture(&mut self) -> std::result::Result<Arc<Picture>, String> {
+        self.made()?.picture.clone()
+    }
+
+    /// Figures of the whole picture.
+    pub fn analysis(&mut self) -> Option<Analysis> {
+        self.made().ok()?.analysis.clone()
+    }
+
+    fn made(&mut self) -> std::result::Result<&Made, String> {
+        let recipe = self.recipe()?;
+        if let Some(made) = self.making.as_ref().and_then(Background::take) {
+            (self.made, self.making) = (Some(made), None);
+        }
+        if self.made.as_ref().is_none_or(|made| made.key != recipe.key) {
+            if recipe.is_small() {
+                (self.made, self.making) = (Some(recipe.make()), None);
+            } else if self.making.is_none() {
+                let recipe = recipe.clone();
+                self.making = Some(Background::start(move || recipe.make(), self.notify.clone()));
+            }
+        }
+        let of_this_detector = |made: &&Made| made.key.detector == recipe.key.detector;
+        self.made.as_ref().filter(of_this_detector).ok_or_else(|| "the picture is being made".into())
+    }
+
+    fn recipe(&self) -> std::result::Result<Recipe, String> {
         let Subject::Detector(name) = &self.subject else {
             return Err("no detector is shown".into());
         };
@@ -352,97 +520,8 @@ impl Model {
             settings: self.settings.of_pictures(),
             wavelength: self.wavelength,
         };
-        match &self.picture {
-            Some((made, picture)) if *made == key => picture.clone(),
-            _ => {
-                let picture = self.new_picture(&key).map(Arc::new);
-                self.picture = Some((key, picture.clone()));
-                picture
-            }
-        }
-    }
-
-    fn new_picture(&self, key: &PictureKey) -> std::result::Result<Picture, String> {
-        let a = self.a.as_ref().ok_or("the first rays are on their way")?;
-        let of = |result: &TraceResult, which: &str| {
-            let detector = result.detector(&key.detector);
-            detector.cloned().ok_or_else(|| format!("{which} has no detector '{}'", key.detector))
-        };
-        let a = of(a, "A")?;
-        let Some(b) = &self.b else {
-            return self.alone(&a, None);
-        };
-        let b = of(&b.result, "B");
-        match self.settings.comparison {
-            Comparison::A => self.alone(&a, b.as_ref().ok()),
-            Comparison::B => self.alone(&b?, Some(&a)),
-            comparison => {
-                let (a, b) = (self.field(&a)?, self.field(&b?)?);
-                let field = difference(comparison, &a, &b)?;
-                let Settings { scale, percentile, .. } = self.settings;
-                let scale = Scale::fit_difference(scale, percentile, &field.values);
-                let scores = Some(Scores::of(&field));
-                Ok(Picture::Map { field: Box::new(field), scale, other: None, scores })
-            }
-        }
-    }
-
-    fn alone(&self, detector: &Detector, other: Option<&Detector>) -> std::result::Result<Picture, String> {
-        if let DetectorData::RayDatabase(rays) = &detector.data {
-            let spots = Spots::new(rays, self.settings.directions, self.settings.photometric);
-            return spots.map(Picture::Spots).map_err(|error| error.to_string());
-        }
-        let field = self.field(detector)?;
-        let other = other.and_then(|other| self.field(other).ok()).map(Box::new);
-        let Settings { scale, percentile, common_scale, .. } = self.settings;
-        let scaled_with = other.as_ref().filter(|_| common_scale);
-        let values = std::iter::once(&field.values).chain(scaled_with.map(|other| &other.values));
-        let scale = Scale::fit(scale, percentile, values);
-        Ok(Picture::Map { field: Box::new(field), scale, other, scores: None })
-    }
-
-    /// The values of a detector, as the settings want them.
-    fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
-        let Settings { photometric, polar, .. } = self.settings;
-        let field = match &detector.data {
-            DetectorData::Irradiance(map) => Field::of_irradiance(map),
-            DetectorData::FarField(pattern) => {
-                let geometry = if polar { Geometry::Polar } else { Geometry::Rectangles };
-                Field::of_far_field(pattern, geometry)
-            }
-            DetectorData::Spectral(map) => return self.spectral_field(map),
-            DetectorData::RayDatabase(_) => {
-                return Err("rays are shown as points: A and B cannot be subtracted".into());
-            }
-        };
-        if !photometric {
-            return Ok(field);
-        }
-        let efficacy = photometry::efficacy(self.wavelength);
-        if !photometry::is_visible(efficacy) {
-            return Err(format!(
-                "the eye sees nothing at {} µm: there are no lumens to show",
-                self.wavelength
-            ));
-        }
-        Ok(field.photometric(efficacy))
-    }
-
-    fn spectral_field(&self, map: &SpectralMap) -> std::result::Result<Field, String> {
-        let shown = |bin: usize| self.bin.is_none_or(|shown| shown == bin);
-        let weight = |(bin, &wavelength): (usize, &f64)| match (shown(bin), self.settings.photometric) {
-            (false, _) => 0.0,
-            (true, false) => 1.0,
-            (true, true) => photometry::efficacy(wavelength),
-        };
-        let weights: Vec<f64> = map.wavelengths.iter().enumerate().map(weight).collect();
-        if self.settings.photometric {
-            if !weights.iter().any(|weight| photometry::is_visible(*weight)) {
-                return Err("the eye sees none of these wavelengths: there are no lumens to show".into());
-            }
-            return Ok(Field::of_spectral(map, &weights).photometric(1.0));
-        }
-        Ok(Field::of_spectral(map, &weights))
+        let a = self.a.clone().ok_or("the first rays are on their way")?;
+        Ok(Recipe { key, a, b: self.b.as_ref().map(|b| b.result.clone()) })
     }
 
     /// The command that traces the same.
@@ -461,6 +540,18 @@ impl Model {
     /// Says what was done, or why not.
     pub fn report<T>(&mut self, outcome: Result<T>, done: impl FnOnce(T) -> String) {
         self.messages.push(outcome.map_or_else(|error: Error| error.to_string(), done));
+    }
+}
+
+/// What runs in the background ends first: a device must not be in use when the process ends.
+impl Drop for Model {
+    fn drop(&mut self) {
+        if let Some(job) = self.job.take() {
+            job.finish();
+        }
+        if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
+            job.finish();
+        }
     }
 }
 

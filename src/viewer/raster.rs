@@ -20,8 +20,13 @@ pub fn map(field: &Field, scale: &Scale, colors: &Colors, view: &View, size: [us
             let (rows, columns) = field.dim();
             let x = covered(view.x, field.x_range, columns, size[0]);
             let y = covered(view.y, field.y_range, rows, size[1]);
-            let value = |y: &Range<usize>, x: &Range<usize>| mean(field, y, x);
-            y.iter().rev().flat_map(|y| x.iter().map(move |x| color(value(y, x)))).collect()
+            let mut pixels = Vec::with_capacity(size[0] * size[1]);
+            let mut sums = vec![0.0; columns];
+            for y in y.iter().rev() {
+                column_sums(field, y, &mut sums);
+                pixels.extend(x.iter().map(|x| color(mean(field, y, x, &sums))));
+            }
+            pixels
         }
         Geometry::Polar => {
             let along = |index: usize, (low, high): (f64, f64), count: usize| {
@@ -71,17 +76,24 @@ fn covered(
     (0..pixels).map(range).collect()
 }
 
-fn mean(field: &Field, rows: &Range<usize>, columns: &Range<usize>) -> f64 {
-    let (mut sum, mut count) = (0.0, 0);
-    for row in rows.clone() {
-        for column in columns.clone() {
-            let value = field.values[(row, column)];
-            if !value.is_nan() {
-                sum += value;
-                count += 1;
-            }
-        }
+/// Sums of the columns over some rows: in this order a large map is read as fast as memory gives it.
+fn column_sums(field: &Field, rows: &Range<usize>, sums: &mut [f64]) {
+    sums.fill(0.0);
+    for row in field.values.slice(ndarray::s![rows.clone(), ..]).outer_iter() {
+        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
     }
+}
+
+/// The mean of the cells of a pixel that have a value.
+fn mean(field: &Field, rows: &Range<usize>, columns: &Range<usize>, sums: &[f64]) -> f64 {
+    let sum: f64 = sums[columns.clone()].iter().sum();
+    let count = rows.len() * columns.len();
+    if count == 0 || !sum.is_nan() {
+        return if count == 0 { f64::NAN } else { sum / count as f64 };
+    }
+    let cells = rows.clone().flat_map(|row| columns.clone().map(move |column| (row, column)));
+    let known = cells.map(|cell| field.values[cell]).filter(|value| !value.is_nan());
+    let (sum, count) = known.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
     if count == 0 { f64::NAN } else { sum / f64::from(count) }
 }
 
@@ -139,12 +151,14 @@ impl Canvas {
     fn opacity(&self) -> f32 {
         const LONE: f32 = 1.4;
         const DENSE: f32 = 2.2;
+        const FAINTEST: f32 = 0.15;
         let mut covers: Vec<f32> = self.sums.iter().map(|sum| sum[3]).filter(|cover| *cover > 0.0).collect();
         let Some(last) = covers.len().checked_sub(1) else {
             return LONE;
         };
         let (_, dense, _) = covers.select_nth_unstable_by(last * 98 / 100, f32::total_cmp);
-        LONE.min(DENSE / *dense)
+        // A lone ray beside a bright spot is what a stray light hunter looks for: it never vanishes.
+        LONE.min(DENSE / *dense).max(FAINTEST)
     }
 }
 

@@ -328,40 +328,51 @@ impl Observer<'_> {
     }
 }
 
-/// The paths of a few rays, recorded in a thread of their own.
-pub struct PathsJob {
+/// Work in a thread of its own, whose outcome is taken when it is there.
+pub struct Background<T> {
     thread: JoinHandle<()>,
-    paths: Arc<Mutex<Option<Result<Arc<PathColumns>>>>>,
+    outcome: Arc<Mutex<Option<T>>>,
 }
 
-impl PathsJob {
-    /// Begins to record about `num_rays` rays.
-    pub fn start(
-        device: &Device,
-        scene: &Arc<LoadedScene>,
-        options: &RunOptions,
-        num_rays: u64,
-        notify: Notify,
-    ) -> Self {
-        let paths = Arc::new(Mutex::new(None));
-        let (device, scene, shelf) = (device.clone(), scene.clone(), paths.clone());
-        let options = RunOptions { num_rays, ..options.clone() };
+impl<T: Send + 'static> Background<T> {
+    /// Begins to work.
+    pub fn start(work: impl FnOnce() -> T + Send + 'static, notify: Notify) -> Self {
+        let outcome = Arc::new(Mutex::new(None));
+        let shelf = outcome.clone();
         let thread = std::thread::spawn(move || {
-            *lock(&shelf) = Some(record(&device, &scene, &options));
+            let made = work();
+            *lock(&shelf) = Some(made);
             notify();
         });
-        PathsJob { thread, paths }
+        Background { thread, outcome }
+    }
+
+    /// The outcome, once.
+    pub fn take(&self) -> Option<T> {
+        lock(&self.outcome).take()
     }
 
     /// Waits for it.
     pub fn finish(self) {
+        // Whatever a thread panicked with, it has ended.
         let _ = self.thread.join();
     }
+}
 
-    /// The paths, once they are there.
-    pub fn take(&self) -> Option<Result<Arc<PathColumns>>> {
-        lock(&self.paths).take()
-    }
+/// The paths of a few rays.
+pub type PathsJob = Background<Result<Arc<PathColumns>>>;
+
+/// Begins to record the paths of `num_rays` rays.
+pub fn record_paths(
+    device: &Device,
+    scene: &Arc<LoadedScene>,
+    options: &RunOptions,
+    num_rays: u64,
+    notify: Notify,
+) -> PathsJob {
+    let (device, scene) = (device.clone(), scene.clone());
+    let options = RunOptions { num_rays, ..options.clone() };
+    Background::start(move || record(&device, &scene, &options), notify)
 }
 
 fn record(device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<Arc<PathColumns>> {

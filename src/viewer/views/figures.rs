@@ -3,9 +3,9 @@
 use super::{quiet, row, table, title, value, with_error};
 use crate::result::format::{percent, significant, thousands};
 use crate::result::{Entry, TraceResult};
-use crate::viewer::app::{App, RegionFigures};
+use crate::viewer::app::App;
 use crate::viewer::field::Labels;
-use crate::viewer::model::{Picture, Subject};
+use crate::viewer::model::{Picture, RegionFigures, Subject};
 use crate::viewer::region::{EncircledEnergy, Outline, Statistics};
 use eframe::egui::{ScrollArea, Ui};
 
