@@ -33,6 +33,8 @@ pub struct TraceOptions {
     pub paths: RecordPaths,
     /// The scene compiled in or in tables; chosen by its size where not given.
     pub baked: Option<bool>,
+    /// A scene in tables is searched by a tree of boxes, or one primitive after the other; by a tree where not given.
+    pub tree: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
@@ -61,6 +63,7 @@ impl Default for TraceOptions {
             precision: Precision::F64,
             paths: RecordPaths::None,
             baked: None,
+            tree: None,
             workgroup_size: 64,
             events_per_dispatch: 16,
         }
@@ -164,6 +167,8 @@ impl<'a> Tracer<'a> {
             precision: options.precision,
             native: gpu.int64,
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
+            tree: options.tree.unwrap_or(true),
+            uniform_tree_bytes: gpu.uniform_table_bytes(),
             max_depth: options.max_depth,
             roulette_threshold: options.min_flux_fraction.max(ir.sampling.rr_start_flux),
             events_per_dispatch: options.events_per_dispatch.min(options.max_depth),

@@ -7,6 +7,7 @@ use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::records::literal;
+use super::tree::{self, PrimitiveTree};
 use super::{PathSampling, ProgramOptions};
 use crate::error::Result;
 use crate::ir::{ReflectProb, SceneIr};
@@ -37,6 +38,8 @@ pub struct Composition<'a> {
     pub mesh_depth: u32,
     /// Which of its faces are in contact.
     pub contacts: &'a [Contact],
+    /// The tree over its primitives, if they are searched by one.
+    pub tree: Option<&'a PrimitiveTree>,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -85,6 +88,11 @@ impl Composition<'_> {
         if f.has_meshes() {
             uint("MESH_DEPTH", self.mesh_depth);
         }
+        if let Some(tree) = self.tree {
+            uint("TREE_DEPTH", tree.depth);
+            uint("TREE_ROWS", tree.num_rows() as u32);
+            uint("FIRST_BOUNDLESS", tree.first_boundless() as u32);
+        }
         for (i, name) in (0..).zip(LEDGER_CELLS) {
             uint(name, i);
         }
@@ -106,8 +114,13 @@ impl Composition<'_> {
             ("HAS_QUEUE", o.has_queue()),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
+            ("HAS_TREE", self.tree.is_some()),
         ] {
             let _ = writeln!(text, "const {name}: bool = {value};");
+        }
+        if let Some(tree) = self.tree {
+            let _ = writeln!(text, "const TREE_ROOT: f32 = {:?};", tree.root);
+            let _ = writeln!(text, "const TREE_SLACK: f32 = {:?};", tree::SLACK);
         }
         if contact::any(self.contacts) {
             let tolerance = 4.0 * contact::widest_tolerance(self.ir, self.centre, o.precision);
@@ -190,6 +203,25 @@ impl Composition<'_> {
                 ),
             ),
             (f.has_bsdf_table(), shader!("lib/bsdf_table.wgsl")),
+            (f.has_meshes() || self.tree.is_some(), shader!("lib/boxes.wgsl")),
+            (
+                self.tree.is_some_and(|tree| tree.num_rows() * 16 <= o.uniform_tree_bytes as usize),
+                shader!("lib/tree_uniform.wgsl"),
+            ),
+            (
+                self.tree.is_some_and(|tree| tree.num_rows() * 16 > o.uniform_tree_bytes as usize),
+                shader!("lib/tree_storage.wgsl"),
+            ),
+            (self.tree.is_some(), shader!("lib/primitives_tree.wgsl")),
+            (!o.baked && self.tree.is_none(), shader!("lib/primitives_table.wgsl")),
+            (
+                !o.baked,
+                pick(
+                    contact::any(self.contacts),
+                    shader!("lib/try_primitive_contact.wgsl"),
+                    shader!("lib/try_primitive.wgsl"),
+                ),
+            ),
             (self.options.has_events(f), shader!("lib/events.wgsl")),
             (self.options.has_queue(), shader!("compact.wgsl")),
             (
@@ -333,9 +365,6 @@ impl Composition<'_> {
                 );
             }
             text.push_str("        default: { return false; }\n    }\n}\n");
-            text.push_str(shader!("lib/primitives_table_contact.wgsl"));
-        } else {
-            text.push_str(shader!("lib/primitives_table.wgsl"));
         }
         text
     }

@@ -9,6 +9,7 @@ pub mod lowered;
 pub mod mesh;
 pub mod records;
 pub mod rng;
+pub mod tree;
 
 use crate::error::{Error, Result};
 use crate::ir::{SceneIr, SensorKind, Surface};
@@ -44,6 +45,10 @@ pub struct ProgramOptions {
     pub native: bool,
     /// The scene compiled in, instead of in tables.
     pub baked: bool,
+    /// Tables are searched by a tree of boxes, instead of one primitive after the other.
+    pub tree: bool,
+    /// A tree of at most so many bytes lies in a uniform buffer.
+    pub uniform_tree_bytes: u32,
     /// Largest number of events of a ray.
     pub max_depth: u32,
     /// Roulette starts below this weight.
@@ -62,6 +67,11 @@ impl ProgramOptions {
     /// True if rays can outlive a dispatch.
     pub fn has_queue(&self) -> bool {
         self.events_per_dispatch < self.max_depth
+    }
+
+    /// True if the primitives, more than one, are searched by a tree.
+    pub fn has_tree(&self, ir: &SceneIr) -> bool {
+        self.tree && !self.baked && ir.surfaces.len() + ir.sensors.len() > 1
     }
 
     /// True if rows go to the host: rays of a database, or events of paths.
@@ -129,6 +139,10 @@ impl Program {
         let cells = Cells::of(ir);
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
+        let tree = match options.has_tree(ir) {
+            true => Some(tree::PrimitiveTree::of(ir, centre, &contacts, options.precision)?),
+            false => None,
+        };
         let composition = Composition {
             ir,
             features: &features,
@@ -136,6 +150,7 @@ impl Program {
             cells: &cells,
             mesh_depth: meshes.depth,
             contacts: &contacts,
+            tree: tree.as_ref(),
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -156,6 +171,7 @@ impl Program {
             first_step,
         };
         program.buffers = program.pack(ir, &meshes, seed)?;
+        program.buffers.extend(tree.map(|tree| (tree::ROWS, tree.bytes())));
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }

@@ -36,6 +36,8 @@ pub struct Variant {
     pub ir: SceneIr,
     pub paths: PathSampling,
     pub queue: bool,
+    pub tree: bool,
+    pub uniform_tree_bytes: u32,
     pub roulette_threshold: f64,
 }
 
@@ -62,6 +64,7 @@ pub enum Choice {
     AbsorbingMedium,
     Paths(PathSampling),
     Queue,
+    Tree { uniform_bytes: u32 },
     Rotated,
 }
 
@@ -210,6 +213,8 @@ impl Choice {
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
             Choice::Queue,
+            Choice::Tree { uniform_bytes: 0 },
+            Choice::Tree { uniform_bytes: 1 << 16 },
             Choice::Rotated,
         ]);
         choices
@@ -262,6 +267,11 @@ impl Choice {
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
+            Choice::Tree { uniform_bytes } => {
+                variant.tree = true;
+                variant.uniform_tree_bytes = uniform_bytes;
+                ir.surfaces.extend([(); 2].map(|()| surface(ball(), Interaction::Absorbing)));
+            }
             Choice::Rotated => rotate(ir),
         }
     }
@@ -281,7 +291,14 @@ impl Default for Variant {
             sensors: vec![],
             sampling: Sampling { reflect_prob: ReflectProb::Fresnel, rr_start_flux: 0.0 },
         };
-        Variant { ir, paths: PathSampling::None, queue: false, roulette_threshold: 0.0 }
+        Variant {
+            ir,
+            paths: PathSampling::None,
+            queue: false,
+            tree: false,
+            uniform_tree_bytes: 0,
+            roulette_threshold: 0.0,
+        }
     }
 }
 
@@ -299,6 +316,8 @@ impl Variant {
             precision: tier.precision,
             native: tier.native,
             baked: tier.baked,
+            tree: self.tree,
+            uniform_tree_bytes: self.uniform_tree_bytes,
             max_depth: 16,
             roulette_threshold: self.roulette_threshold,
             events_per_dispatch: if self.queue { 4 } else { 16 },
