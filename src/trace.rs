@@ -168,7 +168,7 @@ impl<'a> Tracer<'a> {
             native: gpu.int64,
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
             tree: options.tree.unwrap_or(true),
-            uniform_tree_bytes: gpu.uniform_table_bytes(),
+            uniform_bytes: gpu.uniform_table_bytes(),
             max_depth: options.max_depth,
             roulette_threshold: options.min_flux_fraction.max(ir.sampling.rr_start_flux),
             events_per_dispatch: options.events_per_dispatch.min(options.max_depth),

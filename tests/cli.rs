@@ -540,7 +540,7 @@ fn compose(text: &str) -> Result<(), Error> {
             native: false,
             baked,
             tree: true,
-            uniform_tree_bytes: 1 << 14,
+            uniform_bytes: 1 << 14,
             max_depth: 16,
             roulette_threshold: 1e-3,
             events_per_dispatch: 4,

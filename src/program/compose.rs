@@ -205,11 +205,11 @@ impl Composition<'_> {
             (f.has_bsdf_table(), shader!("lib/bsdf_table.wgsl")),
             (f.has_meshes() || self.tree.is_some(), shader!("lib/boxes.wgsl")),
             (
-                self.tree.is_some_and(|tree| tree.num_rows() * 16 <= o.uniform_tree_bytes as usize),
+                self.tree.is_some_and(|tree| tree.num_rows() * 16 <= o.uniform_bytes as usize),
                 shader!("lib/tree_uniform.wgsl"),
             ),
             (
-                self.tree.is_some_and(|tree| tree.num_rows() * 16 > o.uniform_tree_bytes as usize),
+                self.tree.is_some_and(|tree| tree.num_rows() * 16 > o.uniform_bytes as usize),
                 shader!("lib/tree_storage.wgsl"),
             ),
             (self.tree.is_some(), shader!("lib/primitives_tree.wgsl")),
@@ -248,7 +248,7 @@ impl Composition<'_> {
             text.push_str(&if self.options.baked {
                 records.baked(self.precision())?
             } else {
-                records.table()
+                records.table(self.precision(), self.options.uniform_bytes)?
             });
         }
         text.push_str(&self.emitter()?);
@@ -257,13 +257,14 @@ impl Composition<'_> {
             text.push_str(&if self.options.baked {
                 contacts.baked(self.precision())?
             } else {
-                contacts.table()
+                contacts.table(self.precision(), self.options.uniform_bytes)?
             });
         }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
-            text.push_str(&lowered::primitive_records(self.ir, self.centre).table());
+            let primitives = lowered::primitive_records(self.ir, self.centre);
+            text.push_str(&primitives.table(self.precision(), self.options.uniform_bytes)?);
         }
         Ok(text)
     }

@@ -47,8 +47,8 @@ pub struct ProgramOptions {
     pub baked: bool,
     /// Tables are searched by a tree of boxes, instead of one primitive after the other.
     pub tree: bool,
-    /// A tree of at most so many bytes lies in a uniform buffer.
-    pub uniform_tree_bytes: u32,
+    /// Tables of at most so many bytes lie in uniform buffers.
+    pub uniform_bytes: u32,
     /// Largest number of events of a ray.
     pub max_depth: u32,
     /// Roulette starts below this weight.
@@ -203,7 +203,8 @@ impl Program {
             let contacts = contact::contacts(ir, self.centre, self.options.precision);
             let contacts = contact::any(&contacts).then(|| lowered::contact_records(&contacts));
             for records in [surfaces, sensors, primitives].into_iter().chain(contacts) {
-                buffers.push((records.binding, records.bytes(&self.module, self.options.precision)?));
+                let bytes = records.bytes(&self.module, self.options.precision)?;
+                buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
             }
         }
         Ok(buffers)

@@ -37,7 +37,7 @@ pub struct Variant {
     pub paths: PathSampling,
     pub queue: bool,
     pub tree: bool,
-    pub uniform_tree_bytes: u32,
+    pub uniform_bytes: u32,
     pub roulette_threshold: f64,
 }
 
@@ -269,7 +269,7 @@ impl Choice {
             Choice::Queue => variant.queue = true,
             Choice::Tree { uniform_bytes } => {
                 variant.tree = true;
-                variant.uniform_tree_bytes = uniform_bytes;
+                variant.uniform_bytes = uniform_bytes;
                 ir.surfaces.extend([(); 2].map(|()| surface(ball(), Interaction::Absorbing)));
             }
             Choice::Rotated => rotate(ir),
@@ -296,7 +296,7 @@ impl Default for Variant {
             paths: PathSampling::None,
             queue: false,
             tree: false,
-            uniform_tree_bytes: 0,
+            uniform_bytes: 0,
             roulette_threshold: 0.0,
         }
     }
@@ -317,7 +317,7 @@ impl Variant {
             native: tier.native,
             baked: tier.baked,
             tree: self.tree,
-            uniform_tree_bytes: self.uniform_tree_bytes,
+            uniform_bytes: self.uniform_bytes,
             max_depth: 16,
             roulette_threshold: self.roulette_threshold,
             events_per_dispatch: if self.queue { 4 } else { 16 },
