@@ -271,15 +271,20 @@ impl<'a> Tracer<'a> {
         self.gpu.wait()
     }
 
-    /// What a range is born with, quantised as the device does it.
+    /// What a range is born with.
     fn launch(&self, range: &RayRange) -> Booking {
-        let weight = self.rays[range.emitter].weight;
+        let quanta = self.birth_quanta(range.emitter);
+        Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
+    }
+
+    /// The weight of an emitter's new rays, quantised as the device does it.
+    fn birth_quanta(&self, emitter: usize) -> u128 {
+        let weight = self.rays[emitter].weight;
         let weight = match self.options.precision {
             Precision::F32 => f64::from(weight as f32),
             Precision::F64 => weight,
         };
-        let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
-        Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
+        (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 
     /// Ranges of at most one batch, each of one emitter.
@@ -408,8 +413,8 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn drain(&mut self) -> Result<Tally> {
-        let sums = self.device.read_sums(self.gpu, &self.program)?;
         let counters = self.device.read_counters(self.gpu, &self.program)?;
+        let sums = self.sums(&counters)?;
         self.device.clear(self.gpu);
         self.counts_undrained = 0;
         let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
@@ -447,6 +452,15 @@ impl<'a> Tracer<'a> {
         }
         self.take_events(&mut tally);
         Ok(tally)
+    }
+
+    /// The sums \[quanta\] of the cells that have these counts.
+    fn sums(&self, counters: &[u32]) -> Result<Vec<u128>> {
+        if !self.program.constant_weights {
+            return self.device.read_sums(self.gpu, &self.program);
+        }
+        let quanta = self.birth_quanta(0);
+        Ok(counters.iter().map(|&count| quanta * u128::from(count)).collect())
     }
 
     /// Sorts the rows into databases and paths, in the order of (ray id, event).

@@ -40,6 +40,8 @@ pub struct Composition<'a> {
     pub contacts: &'a [Contact],
     /// The tree over its primitives, if they are searched by one.
     pub tree: Option<&'a PrimitiveTree>,
+    /// Every ray has at all times the weight that all are born with.
+    pub constant_weights: bool,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -146,6 +148,11 @@ impl Composition<'_> {
                 o.baked && self.cells.fit_reached_mask(),
                 shader!("lib/reached_mask.wgsl"),
                 shader!("lib/reached_table.wgsl"),
+            ),
+            pick(
+                self.constant_weights,
+                shader!("lib/weights_constant.wgsl"),
+                shader!("lib/weights_vary.wgsl"),
             ),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),

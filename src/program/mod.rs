@@ -97,6 +97,8 @@ pub struct Program {
     pub centre: DVec3,
     /// Contents of the read-only buffers of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
+    /// Every ray has at all times the weight that all are born with: sums are counts of it.
+    pub constant_weights: bool,
     /// Largest number of rows for the host that one ray can make.
     pub max_events_per_ray: u32,
     /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
@@ -143,6 +145,8 @@ impl Program {
             true => Some(tree::PrimitiveTree::of(ir, centre, &contacts, options.precision)?),
             false => None,
         };
+        let constant_weights =
+            features.whole_weights && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let composition = Composition {
             ir,
             features: &features,
@@ -151,6 +155,7 @@ impl Program {
             mesh_depth: meshes.depth,
             contacts: &contacts,
             tree: tree.as_ref(),
+            constant_weights,
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -166,6 +171,7 @@ impl Program {
             cells,
             centre,
             buffers: Vec::new(),
+            constant_weights,
             max_events_per_ray,
             emitters: Vec::new(),
             first_step,

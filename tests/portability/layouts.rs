@@ -257,7 +257,12 @@ pub fn binding(program: &Program, variable: &str) -> u32 {
 #[test]
 fn tables_hold_the_scene_where_the_shaders_look() {
     for tier in tiers_in_tables() {
-        let variant = everything();
+        let mut variant = everything();
+        // What all rows share is a constant, and in no table.
+        for (i, surface) in variant.ir.surfaces.iter_mut().enumerate() {
+            surface.frame.origin.z += 0.5 * i as f64;
+            surface.back = i % 2;
+        }
         let (ir, program) = (&variant.ir, variant.program(tier));
         let of = |table, variable, name| column(&program, table, binding(&program, variable), name);
         let origins: Vec<f64> = ir.surfaces.iter().map(|s| s.frame.origin.z - program.centre.z).collect();

@@ -38,6 +38,7 @@ const HAS_TRANSMISSIVE_LOBES: bool = false;
 const HAS_QUEUE: bool = false;
 const UNIT_GRADIENTS: bool = false;
 const RECORD_ALL_PATHS: bool = false;
+const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/state.wgsl
 
@@ -50,6 +51,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/counts.wgsl
 
 // <- shaders/lib/reached_mask.wgsl
+
+// <- shaders/lib/weights_vary.wgsl
 
 // <- shaders/lib/spectrum_single.wgsl
 
