@@ -54,7 +54,7 @@ fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32)
     } else if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
         splat_gaussian(ray.weight, sensor, p, base, stride);
     } else if HAS_HARD {
-        deposit_weight(base + pixel * stride, ray.weight);
+        sum_weight(base + pixel * stride, ray.weight);
     }
     add_pixel_moments(ray.weight, sensor, p, pixel, base, stride);
 }

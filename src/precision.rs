@@ -189,7 +189,7 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
         ..options.clone()
     };
     // The path of a split ray's child begins at the split, with errors that are its parent's: so branches are drawn.
-    let sampling = Sampling { split_depth: 0, ..ir.sampling.clone() };
+    let sampling = Sampling { split_depth: 0, ..ir.sampling };
     let drawn = SceneIr { sampling, ..ir.clone() };
     let tally = Tracer::new(gpu, &drawn, &pilot)?.trace(|_| true)?;
     let arrivals = arrivals(ir, &tally.paths);
@@ -263,7 +263,10 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
                 errors.fly(distance, direction, ir.sensors[index].frame.rotation.z_axis, size);
                 arrivals.push(arrival(event, index, &ir.sensors[index], &errors));
             }
-            _ => break,
+            PathEventKind::Birth(_)
+            | PathEventKind::Escaped
+            | PathEventKind::DepthKilled
+            | PathEventKind::FluxKilled => break,
         }
         position = hit;
     }
@@ -271,15 +274,16 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
 
 /// Lambert's law draws the cosine: where it is near 1, the sine holds few digits.
 fn birth_roundings(ir: &SceneIr, birth: &PathEvent) -> f64 {
-    match birth.kind {
-        PathEventKind::Birth(emitter) => match ir.emitters[emitter].kind {
-            EmitterKind::Extended { half_angle, .. } if half_angle >= FRAC_PI_2 => {
-                let axis = ir.emitters[emitter].frame.rotation.z_axis;
-                lambertian_roundings(DVec3::from_array(birth.ray.direction), axis)
-            }
-            _ => 1.0,
-        },
-        _ => 1.0,
+    let PathEventKind::Birth(index) = birth.kind else { return 1.0 };
+    let emitter = &ir.emitters[index];
+    match emitter.kind {
+        EmitterKind::Extended { half_angle, .. } if half_angle >= FRAC_PI_2 => {
+            lambertian_roundings(DVec3::from_array(birth.ray.direction), emitter.frame.rotation.z_axis)
+        }
+        EmitterKind::Point { .. }
+        | EmitterKind::CollimatedTophat { .. }
+        | EmitterKind::CollimatedGaussian { .. }
+        | EmitterKind::Extended { .. } => 1.0,
     }
 }
 

@@ -49,6 +49,8 @@ pub struct TraceOptions {
     pub baked: Option<bool>,
     /// What the draws are.
     pub sampler: Sampler,
+    /// A scene in tables is searched by a tree of boxes, or one primitive after the other; by a tree where not given.
+    pub tree: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
@@ -94,6 +96,7 @@ impl Default for TraceOptions {
             standard_error: StandardError::Auto,
             baked: None,
             sampler: Sampler::Pcg,
+            tree: None,
             workgroup_size: 64,
             events_per_dispatch: 16,
         }
@@ -252,6 +255,8 @@ impl<'a> Tracer<'a> {
             precision: options.precision,
             native: gpu.int64,
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
+            tree: options.tree.unwrap_or(true),
+            uniform_bytes: gpu.uniform_table_bytes(),
             max_depth: options.max_depth,
             roulette_threshold,
             events_per_dispatch,
@@ -454,11 +459,16 @@ impl<'a> Tracer<'a> {
         self.gpu.wait()
     }
 
-    /// What a range is born with, quantised as the device does it.
+    /// What a range is born with.
     fn launch(&self, range: &RayRange) -> Booking {
-        let weight = held(self.rays[range.emitter].weight, self.options.precision);
-        let quanta = (weight * QUANTA_PER_WEIGHT).floor() as u128;
+        let quanta = self.birth_quanta(range.emitter);
         Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
+    }
+
+    /// The weight of an emitter's new rays, quantised as the device does it.
+    fn birth_quanta(&self, emitter: usize) -> u128 {
+        let weight = held(self.rays[emitter].weight, self.options.precision);
+        (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 
     /// Ranges of at most one batch, each of one emitter.
@@ -589,8 +599,8 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn drain(&mut self) -> Result<Tally> {
-        let sums = self.device.read_sums(self.gpu, &self.program)?;
         let counters = self.device.read_counters(self.gpu, &self.program)?;
+        let sums = self.sums(&counters)?;
         self.device.clear(self.gpu);
         self.counts_undrained = 0;
         let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
@@ -636,6 +646,15 @@ impl<'a> Tracer<'a> {
             }
         }
         Ok(tally)
+    }
+
+    /// The sums \[quanta\] of the cells that have these counts.
+    fn sums(&self, counters: &[u32]) -> Result<Vec<u128>> {
+        if !self.program.constant_weights {
+            return self.device.read_sums(self.gpu, &self.program);
+        }
+        let quanta = self.birth_quanta(0);
+        Ok(counters.iter().map(|&count| quanta * u128::from(count)).collect())
     }
 
     /// The second moments of a tally whose first ones are there.

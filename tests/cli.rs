@@ -620,6 +620,8 @@ fn compose(text: &str) -> Result<(), Error> {
             precision,
             native: false,
             baked,
+            tree: true,
+            uniform_bytes: 1 << 14,
             max_depth: 16,
             roulette_threshold: 1e-3,
             events_per_dispatch: 4,

@@ -5,7 +5,7 @@
 
 fn book(cell: u32, weight: real) {
     count(cell);
-    deposit_weight(cell, weight);
+    sum_weight(cell, weight);
 }
 
 // Books before - after if that is positive.

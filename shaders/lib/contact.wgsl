@@ -12,21 +12,23 @@ fn note_side(ray: ptr<function, Ray>, n: vec3<real>) {
     (*ray).forward = goes_forward((*ray).direction, n, contact_of((*ray).last));
 }
 
+alias Standing = Contact;
+
 // The group that the ray stands on, and its rank there.
-fn standing(ray: Ray) -> Contact {
+fn standing(ray: Ray) -> Standing {
     if ray.last < NUM_SURFACES {
         return contact_of(ray.last);
     }
     return Contact(0u, 0u, 0u);
 }
 
-fn stands_on(here: Contact, contact: Contact) -> bool {
+fn stands_on(here: Standing, contact: Contact) -> bool {
     return (contact.group != 0u) & (here.group == contact.group);
 }
 
 // `nearer` for a face of a group. `elsewhere` is the distance to where the ray meets the face away from where it stands;
 // `holds` tells that the face reaches to where it stands.
-fn nearer_in_contact(best: Hit, ray: Ray, here: Contact, primitive: u32, elsewhere: real, holds: bool) -> Hit {
+fn nearer_in_contact(best: Hit, ray: Ray, here: Standing, primitive: u32, elsewhere: real, holds: bool) -> Hit {
     let contact = contact_of(primitive);
     let is_next = ray.forward == (contact.rank > here.rank);
     let touches = stands_on(here, contact) & (ray.last != primitive) & is_next & holds;

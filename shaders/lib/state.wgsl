@@ -46,9 +46,11 @@ struct Hit {
 // Where a decision costs little, `&`, `|` and select stand for `&&`, `||` and `if`: wide machines run both sides of a
 // branch anyway, and pay for the branch on top.
 
-// The nearer of two hits; the earlier in the list wins a tie.
+// The nearer of two hits; the earlier in the list wins a tie. In turn, it is the one that was met first; from a tree,
+// it may come later.
 fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
-    let closer = distance < best.distance;
+    let tied = HAS_TREE & (distance == best.distance) & (distance < MISS) & (primitive < best.primitive);
+    let closer = (distance < best.distance) | tied;
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 

@@ -10,7 +10,6 @@ fn record_far_field(ray: Ray, sensor: Sensor) {
     let i_theta = pixel_of(theta, 0.0, sensor.pitch_y, sensor.num_y);
     let i_phi = pixel_of(phi, HALF_TURN, sensor.pitch_x, sensor.num_x);
     let cell = sensor.cell + i_theta * sensor.num_x + i_phi;
-    count(cell);
-    deposit_weight(cell, ray.weight);
+    book(cell, ray.weight);
     add_cell_moment(ray.weight, sensor, cell);
 }

@@ -25,6 +25,14 @@ fn keep_triangle() {
     arrived_triangle = hit_triangle;
 }
 
+fn noted_triangle() -> u32 {
+    return hit_triangle;
+}
+
+fn note_triangle(triangle: u32) {
+    hit_triangle = triangle;
+}
+
 fn geometric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     if surface.mesh == 0u {
         return quadric_normal(surface, position);
@@ -43,8 +51,7 @@ struct MeshRay {
     start: real,
     // The triangle that the ray leaves.
     leaves: u32,
-    box_base: vec3<f32>,
-    box_inverse: vec3<f32>,
+    boxes: BoxRay,
 }
 
 fn mesh_ray(o: vec3<real>, d: vec3<real>, leaving: bool) -> MeshRay {
@@ -58,26 +65,15 @@ fn mesh_ray(o: vec3<real>, d: vec3<real>, leaving: bool) -> MeshRay {
         vec3<real>(1.0 + side * d.x * d.x * a, side * b, -side * d.x),
         vec3<real>(b, side + d.y * d.y * a, -d.y),
         -shift, select(NONE, arrived_triangle, leaving),
-        vec3<f32>(base), box_inverse(vec3<f32>(d)),
+        box_ray(vec3<f32>(base), vec3<f32>(d), 0.0),
     );
 }
 
-// A component near zero is turned by less than a box is padded, so that no infinity occurs.
-fn box_inverse(d: vec3<f32>) -> vec3<f32> {
-    return vec3<f32>(1.0) / select(d, vec3<f32>(1e-18), abs(d) < vec3<f32>(1e-18));
-}
-
-const BOX_MISS: f32 = 3e38;
-
-// Where the ray enters a box between its start and `nearest`, or BOX_MISS.
-fn box_entry(ray: MeshRay, node: u32, nearest: real) -> f32 {
-    let lower = (vec3<f32>(mesh_rows[node].xyz) - ray.box_base) * ray.box_inverse;
-    let upper = (vec3<f32>(mesh_rows[node + 1u].xyz) - ray.box_base) * ray.box_inverse;
-    let entries = min(lower, upper);
-    let exits = max(lower, upper);
-    let entry = max(max(entries.x, entries.y), max(entries.z, f32(ray.start)));
-    let exit = min(min(exits.x, exits.y), min(exits.z, f32(nearest)));
-    return select(BOX_MISS, entry, entry <= exit);
+// Where the ray enters a node's box between its start and `nearest`, or BOX_MISS.
+fn node_entry(ray: MeshRay, node: u32, nearest: real) -> f32 {
+    let lower = vec3<f32>(mesh_rows[node].xyz);
+    let upper = vec3<f32>(mesh_rows[node + 1u].xyz);
+    return box_entry(ray.boxes, lower, upper, f32(ray.start), f32(nearest));
 }
 
 // A corner as the ray sees it: across it, and along it.
@@ -109,16 +105,18 @@ fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
     return select((u * a.z + v * b.z + w * c.z) / area, MISS, outside || area == 0.0);
 }
 
-// `root` is the first row of the mesh's tree. Only hits nearer than `farthest` count.
+// `root` is the first row of the mesh's tree. Only hits nearer than `farthest` count; from a tree over primitives, so
+// does a tie, which `nearer` settles.
 fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthest: real) -> real {
     let ray = mesh_ray(o, d, leaving);
-    var nearest = farthest + ray.start;
+    // Beyond the rounding of the sum.
+    var nearest = farthest + ray.start + 1e-6 * (farthest + abs(ray.start));
     var found = NONE;
     var waiting: array<u32, MESH_DEPTH>;
     var num_waiting = 0u;
     var node = u32(root);
     // Every node is met at most once.
-    let most_visits = select(arrayLength(&mesh_rows) / NODE_ROWS, 0u, box_entry(ray, node, nearest) == BOX_MISS);
+    let most_visits = select(arrayLength(&mesh_rows) / NODE_ROWS, 0u, node_entry(ray, node, nearest) == BOX_MISS);
     for (var visit = 0u; visit < most_visits; visit++) {
         let first = u32(mesh_rows[node].w);
         let end = first + u32(mesh_rows[node + 1u].w) * TRIANGLE_ROWS;
@@ -130,9 +128,9 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
             }
         }
         if first == end {
-            let one = box_entry(ray, first, nearest);
+            let one = node_entry(ray, first, nearest);
             let second = first + NODE_ROWS;
-            let other = box_entry(ray, second, nearest);
+            let other = node_entry(ray, second, nearest);
             let in_order = one <= other;
             if max(one, other) < BOX_MISS {
                 waiting[num_waiting] = select(first, second, in_order);
@@ -150,7 +148,8 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
         node = waiting[num_waiting];
     }
     let distance = nearest - ray.start;
-    if found == NONE || distance <= 0.0 || distance >= farthest {
+    let is_behind = distance > farthest || (!HAS_TREE && distance == farthest);
+    if found == NONE || distance <= 0.0 || is_behind {
         return MISS;
     }
     hit_triangle = found;

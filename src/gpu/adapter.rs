@@ -169,6 +169,13 @@ impl Gpu {
         Ok(Gpu { device, queue, info, f64, int64, runtime_checks: choice.runtime_checks, failure })
     }
 
+    /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms
+    /// without a check of every lane; GPUs read storage faster where invocations diverge.
+    pub fn uniform_table_bytes(&self) -> u32 {
+        let limit = self.device.limits().max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32;
+        if self.info.kind == "Cpu" { limit } else { 0 }
+    }
+
     /// Fails if the device was lost, ran out of memory or reported an error.
     pub fn check(&self) -> Result<()> {
         let failure = self.failure.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -8,6 +8,7 @@ use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::records::literal;
 use super::splitting::Splitting;
+use super::tree::{self, PrimitiveTree};
 use super::{PathSampling, ProgramOptions};
 use crate::error::Result;
 use crate::ir::{ReflectProb, SceneIr};
@@ -38,6 +39,10 @@ pub struct Composition<'a> {
     pub mesh_depth: u32,
     /// Which of its faces are in contact.
     pub contacts: &'a [Contact],
+    /// The tree over its primitives, if they are searched by one.
+    pub tree: Option<&'a PrimitiveTree>,
+    /// Every ray has at all times the weight that all are born with.
+    pub constant_weights: bool,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -89,6 +94,11 @@ impl Composition<'_> {
         if f.has_meshes() {
             uint("MESH_DEPTH", self.mesh_depth);
         }
+        if let Some(tree) = self.tree {
+            uint("TREE_DEPTH", tree.depth);
+            uint("TREE_ROWS", tree.num_rows() as u32);
+            uint("FIRST_BOUNDLESS", tree.first_boundless() as u32);
+        }
         for (i, name) in (0..).zip(LEDGER_CELLS) {
             uint(name, i);
         }
@@ -126,8 +136,13 @@ impl Composition<'_> {
             ("HAS_TOTALS", self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some())),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
+            ("HAS_TREE", self.tree.is_some()),
         ] {
             let _ = writeln!(text, "const {name}: bool = {value};");
+        }
+        if let Some(tree) = self.tree {
+            let _ = writeln!(text, "const TREE_ROOT: f32 = {:?};", tree.root);
+            let _ = writeln!(text, "const TREE_SLACK: f32 = {:?};", tree::SLACK);
         }
         if contact::any(self.contacts) {
             let tolerance = 4.0 * contact::widest_tolerance(self.ir, self.centre, o.precision);
@@ -159,6 +174,11 @@ impl Composition<'_> {
                 o.baked && self.cells.fit_reached_mask(),
                 shader!("lib/reached_mask.wgsl"),
                 shader!("lib/reached_table.wgsl"),
+            ),
+            pick(
+                self.constant_weights,
+                shader!("lib/weights_constant.wgsl"),
+                shader!("lib/weights_vary.wgsl"),
             ),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
@@ -216,6 +236,25 @@ impl Composition<'_> {
                 ),
             ),
             (f.has_bsdf_table(), shader!("lib/bsdf_table.wgsl")),
+            (f.has_meshes() || self.tree.is_some(), shader!("lib/boxes.wgsl")),
+            (
+                self.tree.is_some_and(|tree| tree.num_rows() * 16 <= o.uniform_bytes as usize),
+                shader!("lib/tree_uniform.wgsl"),
+            ),
+            (
+                self.tree.is_some_and(|tree| tree.num_rows() * 16 > o.uniform_bytes as usize),
+                shader!("lib/tree_storage.wgsl"),
+            ),
+            (self.tree.is_some(), shader!("lib/primitives_tree.wgsl")),
+            (!o.baked && self.tree.is_none(), shader!("lib/primitives_table.wgsl")),
+            (
+                !o.baked,
+                pick(
+                    contact::any(self.contacts),
+                    shader!("lib/try_primitive_contact.wgsl"),
+                    shader!("lib/try_primitive.wgsl"),
+                ),
+            ),
             (self.options.has_events(f), shader!("lib/events.wgsl")),
             (self.options.has_queue(), shader!("compact.wgsl")),
             (
@@ -261,7 +300,7 @@ impl Composition<'_> {
             text.push_str(&if self.options.baked {
                 records.baked(self.precision())?
             } else {
-                records.table()
+                records.table(self.precision(), self.options.uniform_bytes)?
             });
         }
         text.push_str(&self.emitter()?);
@@ -270,13 +309,14 @@ impl Composition<'_> {
             text.push_str(&if self.options.baked {
                 contacts.baked(self.precision())?
             } else {
-                contacts.table()
+                contacts.table(self.precision(), self.options.uniform_bytes)?
             });
         }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
-            text.push_str(&lowered::primitive_records(self.ir, self.centre).table());
+            let primitives = lowered::primitive_records(self.ir, self.centre);
+            text.push_str(&primitives.table(self.precision(), self.options.uniform_bytes)?);
         }
         Ok(text)
     }
@@ -378,9 +418,6 @@ impl Composition<'_> {
                 );
             }
             text.push_str("        default: { return false; }\n    }\n}\n");
-            text.push_str(shader!("lib/primitives_table_contact.wgsl"));
-        } else {
-            text.push_str(shader!("lib/primitives_table.wgsl"));
         }
         text
     }

@@ -78,6 +78,8 @@ pub struct Features {
     pub splits: bool,
     /// Some weight can fall below the threshold of roulette.
     pub roulette: bool,
+    /// Rays keep the weight that they are born with, and detectors sum it whole.
+    pub whole_weights: bool,
     /// Every surface has a gradient of unit length on it (spheres, planes).
     pub unit_gradients: bool,
     /// Splats of irradiance and spectral detectors: hard, bilinear, Gaussian.
@@ -166,6 +168,7 @@ impl Features {
             || !bsdfs.is_empty();
         let is_spectral = |values: &Vec<f64>| values.iter().any(|&value| value != values[0]);
         let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
+        let roulette = loses_weight && roulette_threshold > 0.0 || lowest_weight < roulette_threshold;
         Features {
             shapes,
             refractive,
@@ -179,7 +182,11 @@ impl Features {
             bulk_absorption,
             importance,
             splits,
-            roulette: loses_weight && roulette_threshold > 0.0 || lowest_weight < roulette_threshold,
+            roulette,
+            whole_weights: !splits
+                && !loses_weight
+                && !roulette
+                && grids.iter().all(|splat| *splat == Splat::Hard),
             unit_gradients: ir.surfaces.iter().all(|s| has_unit_gradient(&s.shape)),
             splats: [
                 grids.contains(&Splat::Hard),

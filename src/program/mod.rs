@@ -10,6 +10,7 @@ pub mod mesh;
 pub mod records;
 pub mod rng;
 pub mod splitting;
+pub mod tree;
 
 use crate::error::{Error, Result};
 use crate::ir::{SceneIr, SensorKind, Surface};
@@ -47,6 +48,10 @@ pub struct ProgramOptions {
     pub native: bool,
     /// The scene compiled in, instead of in tables.
     pub baked: bool,
+    /// Tables are searched by a tree of boxes, instead of one primitive after the other.
+    pub tree: bool,
+    /// Tables of at most so many bytes lie in uniform buffers.
+    pub uniform_bytes: u32,
     /// Largest number of events of a ray.
     pub max_depth: u32,
     /// Roulette starts below this weight.
@@ -69,6 +74,11 @@ impl ProgramOptions {
     /// True if rays can outlive a dispatch.
     pub fn has_queue(&self) -> bool {
         self.events_per_dispatch < self.max_depth
+    }
+
+    /// True if the primitives, more than one, are searched by a tree.
+    pub fn has_tree(&self, ir: &SceneIr) -> bool {
+        self.tree && !self.baked && ir.surfaces.len() + ir.sensors.len() > 1
     }
 
     /// True if rows go to the host: rays of a database, or events of paths.
@@ -96,6 +106,8 @@ pub struct Program {
     pub centre: DVec3,
     /// Contents of the read-only buffers of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
+    /// Every ray has at all times the weight that all are born with: sums are counts of it.
+    pub constant_weights: bool,
     /// Largest number of rows for the host that one launched ray can make, its children's included.
     pub max_events_per_ray: u64,
     /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
@@ -143,6 +155,14 @@ impl Program {
         let cells = if options.moments { Cells::of(ir).with_moments(ir) } else { Cells::of(ir) };
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
+        let tree = match options.has_tree(ir) {
+            true => Some(tree::PrimitiveTree::of(ir, centre, &contacts, options.precision)?),
+            false => None,
+        };
+        // Second moments are sums that no count tells.
+        let constant_weights = features.whole_weights
+            && !options.moments
+            && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let composition = Composition {
             ir,
             features: &features,
@@ -150,6 +170,8 @@ impl Program {
             cells: &cells,
             mesh_depth: meshes.depth,
             contacts: &contacts,
+            tree: tree.as_ref(),
+            constant_weights,
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -166,12 +188,14 @@ impl Program {
             cells,
             centre,
             buffers: Vec::new(),
+            constant_weights,
             max_events_per_ray,
             emitters: Vec::new(),
             first_step,
         };
         program.max_events_per_ray *= program.most_rays();
         program.buffers = program.pack(ir, &meshes, seed)?;
+        program.buffers.extend(tree.map(|tree| (tree::ROWS, tree.bytes())));
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
@@ -203,7 +227,8 @@ impl Program {
             let contacts = contact::contacts(ir, self.centre, self.options.precision);
             let contacts = contact::any(&contacts).then(|| lowered::contact_records(&contacts));
             for records in [surfaces, sensors, primitives].into_iter().chain(contacts) {
-                buffers.push((records.binding, records.bytes(&self.module, self.options.precision)?));
+                let bytes = records.bytes(&self.module, self.options.precision)?;
+                buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
             }
         }
         Ok(buffers)

@@ -4,6 +4,7 @@ use super::Precision;
 use crate::error::{Error, Result};
 use std::collections::HashMap;
 use std::fmt::Write;
+use std::sync::LazyLock;
 
 /// A table with one row per surface, sensor or primitive.
 #[derive(Debug, Clone)]
@@ -48,7 +49,7 @@ impl Records {
     /// The struct, and the function that gives row `i` from constants: what all rows share is a constant, the rest is
     /// chosen by selects.
     pub fn baked(&self, precision: Precision) -> Result<String> {
-        let mut text = self.declaration();
+        let mut text = declaration(self.name, self.columns.iter());
         let fields: Result<Vec<String>> = self.columns.iter().map(|c| c.chosen(precision)).collect();
         let _ = write!(
             text,
@@ -61,72 +62,130 @@ impl Records {
         Ok(text)
     }
 
-    /// The struct, its buffer, and the function that gives row `i` from it.
-    pub fn table(&self) -> String {
-        format!(
-            "{}@group(0) @binding({}) var<storage, read> {}_table: array<{}>;\n\
-             fn {}_of(i: u32) -> {} {{\n    return {}_table[i];\n}}\n",
-            self.declaration(),
-            self.binding,
-            self.rows,
-            self.name,
-            self.rows,
-            self.name,
-            self.rows
-        )
+    /// The struct, a buffer of what differs between rows, and the function that gives row `i` from it: what all rows
+    /// share is a constant. A table of at most `uniform_bytes` lies in a uniform buffer.
+    pub fn table(&self, precision: Precision, uniform_bytes: u32) -> Result<String> {
+        let (name, rows) = (self.name, self.rows);
+        let varying = self.varying();
+        let mut text = declaration(name, self.columns.iter());
+        let mut row = "";
+        if !varying.is_empty() {
+            let count = varying[0].len();
+            let (stride, padding) = uniform_stride(&varying, precision);
+            let memory = if stride * count <= uniform_bytes as usize {
+                text.push_str(&declaration(
+                    &format!("{name}Row"),
+                    varying.iter().copied().chain(&PADDING[..padding]),
+                ));
+                format!("var<uniform> {rows}_table: array<{name}Row, {count}>")
+            } else {
+                text.push_str(&declaration(&format!("{name}Row"), varying.iter().copied()));
+                format!("var<storage, read> {rows}_table: array<{name}Row>")
+            };
+            let _ = writeln!(text, "@group(0) @binding({}) {memory};", self.binding);
+            row = "let row = {rows}_table[i];\n    ";
+        }
+        let field = |column: &Column| -> Result<String> {
+            if column.varies() { Ok(format!("row.{}", column.name)) } else { column.chosen(precision) }
+        };
+        let fields = self.columns.iter().map(field).collect::<Result<Vec<String>>>()?.join(",\n        ");
+        let row = row.replace("{rows}", rows);
+        let _ = writeln!(
+            text,
+            "fn {rows}_of(i: u32) -> {name} {{\n    {row}return {name}(\n        {fields},\n    );\n}}"
+        );
+        Ok(text)
+    }
+
+    fn varying(&self) -> Vec<&Column> {
+        self.columns.iter().filter(|column| column.varies()).collect()
     }
 
     /// The struct, and a uniform that holds one row.
     pub fn uniform(&self) -> String {
         format!(
             "{}@group(0) @binding({}) var<uniform> {}_uniform: {};\n",
-            self.declaration(),
+            declaration(self.name, self.columns.iter()),
             self.binding,
             self.rows,
             self.name
         )
     }
 
-    fn declaration(&self) -> String {
-        let mut text = format!("struct {} {{\n", self.name);
-        for column in &self.columns {
-            let kind = match column.values {
-                Values::Real(_) => "real",
-                Values::Uint(_) => "u32",
-            };
-            let _ = writeln!(text, "    {}: {kind},", column.name);
-        }
-        text.push_str("}\n");
-        text
-    }
-
-    /// The bytes of one row.
+    /// The bytes of one row of a uniform.
     pub fn row_bytes(&self, module: &naga::Module, precision: Precision, row: usize) -> Result<Vec<u8>> {
-        let bytes = self.bytes(module, precision)?;
-        let stride = StructLayout::of(module, self.name)?.stride;
-        Ok(bytes[row * stride..(row + 1) * stride].to_vec())
+        let columns: Vec<&Column> = self.columns.iter().collect();
+        let layout = StructLayout::of(module, self.name)?;
+        let bytes = packed(&columns, &layout, precision)?;
+        Ok(bytes[row * layout.stride..(row + 1) * layout.stride].to_vec())
     }
 
-    /// The bytes of the buffer, with each field where the composed module has it.
-    pub fn bytes(&self, module: &naga::Module, precision: Precision) -> Result<Vec<u8>> {
-        let layout = StructLayout::of(module, self.name)?;
-        let num_rows = self.columns.first().map_or(0, Column::len);
-        let mut bytes = vec![0; layout.stride * num_rows.max(1)];
-        for column in &self.columns {
-            let offset = layout.offset(&column.name)?;
-            for row in 0..num_rows {
-                let place = &mut bytes[row * layout.stride + offset..];
-                match &column.values {
-                    Values::Real(values) => put_real(place, values[row], precision)?,
-                    Values::Uint(values) => place[..4].copy_from_slice(&values[row].to_le_bytes()),
-                }
+    /// The bytes of a table's buffer, with each field where the composed module has it; none if all rows are the same.
+    pub fn bytes(&self, module: &naga::Module, precision: Precision) -> Result<Option<Vec<u8>>> {
+        match self.varying() {
+            columns if columns.is_empty() => Ok(None),
+            columns => {
+                let layout = StructLayout::of(module, &format!("{}Row", self.name))?;
+                Ok(Some(packed(&columns, &layout, precision)?))
             }
         }
-        Ok(bytes)
     }
 }
 
+/// Fills a row of a uniform up to a multiple of 16 bytes.
+static PADDING: LazyLock<[Column; 3]> = LazyLock::new(|| {
+    ["padding_0", "padding_1", "padding_2"]
+        .map(|name| Column { name: name.into(), values: Values::Uint(vec![]) })
+});
+
+/// Bytes of a row in a uniform, and how many columns of [`PADDING`] it takes.
+fn uniform_stride(columns: &[&Column], precision: Precision) -> (usize, usize) {
+    let size = |column: &Column| match (&column.values, precision) {
+        (Values::Real(_), Precision::F64) => 8,
+        _ => 4,
+    };
+    let end = columns.iter().fold(0_usize, |end, column| end.next_multiple_of(size(column)) + size(column));
+    let stride = end.next_multiple_of(16);
+    (stride, (stride - end) / 4)
+}
+
+fn declaration<'a>(name: &str, columns: impl Iterator<Item = &'a Column>) -> String {
+    let mut text = format!("struct {name} {{\n");
+    for column in columns {
+        let kind = match column.values {
+            Values::Real(_) => "real",
+            Values::Uint(_) => "u32",
+        };
+        let _ = writeln!(text, "    {}: {kind},", column.name);
+    }
+    text.push_str("}\n");
+    text
+}
+
+fn packed(columns: &[&Column], layout: &StructLayout, precision: Precision) -> Result<Vec<u8>> {
+    let num_rows = columns.first().map_or(0, |column| column.len());
+    let mut bytes = vec![0; layout.stride * num_rows];
+    for column in columns {
+        let offset = layout.offset(&column.name)?;
+        for row in 0..num_rows {
+            let place = &mut bytes[row * layout.stride + offset..];
+            match &column.values {
+                Values::Real(values) => put_real(place, values[row], precision)?,
+                Values::Uint(values) => place[..4].copy_from_slice(&values[row].to_le_bytes()),
+            }
+        }
+    }
+    Ok(bytes)
+}
+
 impl Column {
+    fn varies(&self) -> bool {
+        match &self.values {
+            Values::Real(values) => values.iter().any(|value| value.to_bits() != values[0].to_bits()),
+            Values::Uint(values) => values.iter().any(|value| value != &values[0]),
+        }
+    }
+
     fn len(&self) -> usize {
         match &self.values {
             Values::Real(values) => values.len(),

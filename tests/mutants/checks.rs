@@ -90,7 +90,11 @@ impl Scene {
                 (_, Some(precision)) => setting.options.precision = precision,
                 ("portable", _) => setting.native = false,
                 ("baked", _) => setting.options.baked = Some(true),
-                ("table", _) => setting.options.baked = Some(false),
+                ("table", _) => {
+                    setting.options.baked = Some(false);
+                    setting.options.tree = Some(false);
+                }
+                ("tree", _) => setting.options.baked = Some(false),
                 ("queued", _) => {
                     setting.options.events_per_dispatch = 3;
                     // With second moments, no ray outlives a dispatch where detectors let rays pass.

@@ -36,6 +36,8 @@ pub struct Variant {
     pub ir: SceneIr,
     pub paths: PathSampling,
     pub queue: bool,
+    pub tree: bool,
+    pub uniform_bytes: u32,
     pub roulette_threshold: f64,
     pub sampler: Sampler,
     pub moments: bool,
@@ -65,6 +67,7 @@ pub enum Choice {
     AbsorbingMedium,
     Paths(PathSampling),
     Queue,
+    Tree { uniform_bytes: u32 },
     Rotated,
     Sampler(Sampler),
     Moments,
@@ -227,6 +230,8 @@ impl Choice {
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
             Choice::Queue,
+            Choice::Tree { uniform_bytes: 0 },
+            Choice::Tree { uniform_bytes: 1 << 16 },
             Choice::Rotated,
             Choice::Moments,
         ]);
@@ -285,6 +290,11 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::Moments => variant.moments = true,
+            Choice::Tree { uniform_bytes } => {
+                variant.tree = true;
+                variant.uniform_bytes = uniform_bytes;
+                ir.surfaces.extend([(); 2].map(|()| surface(ball(), Interaction::Absorbing)));
+            }
             Choice::Rotated => rotate(ir),
             Choice::Sampler(sampler) => variant.sampler = sampler,
         }
@@ -309,6 +319,8 @@ impl Default for Variant {
             ir,
             paths: PathSampling::None,
             queue: false,
+            tree: false,
+            uniform_bytes: 0,
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             moments: false,
@@ -330,6 +342,8 @@ impl Variant {
             precision: tier.precision,
             native: tier.native,
             baked: tier.baked,
+            tree: self.tree,
+            uniform_bytes: self.uniform_bytes,
             max_depth: 16,
             roulette_threshold: self.roulette_threshold,
             events_per_dispatch: if self.queue { 4 } else { 16 },

@@ -39,6 +39,7 @@ const HAS_QUEUE: bool = false;
 const HAS_TOTALS: bool = false;
 const UNIT_GRADIENTS: bool = false;
 const RECORD_ALL_PATHS: bool = false;
+const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/state.wgsl
 
@@ -51,6 +52,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/counts.wgsl
 
 // <- shaders/lib/reached_mask.wgsl
+
+// <- shaders/lib/weights_vary.wgsl
 
 // <- shaders/lib/spectrum_single.wgsl
 

@@ -39,6 +39,7 @@ const HAS_QUEUE: bool = false;
 const HAS_TOTALS: bool = false;
 const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
+const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/state.wgsl
 
@@ -51,6 +52,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/counts.wgsl
 
 // <- shaders/lib/reached_table.wgsl
+
+// <- shaders/lib/weights_vary.wgsl
 
 // <- shaders/lib/spectrum_discrete.wgsl
 
@@ -90,6 +93,10 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/reflectance_table.wgsl
 
+// <- shaders/lib/primitives_table.wgsl
+
+// <- shaders/lib/try_primitive.wgsl
+
 // <- shaders/lib/queue_none.wgsl
 
 // <- shaders/lib/moments_none.wgsl
@@ -118,9 +125,39 @@ struct Surface {
     front: u32,
     back: u32,
 }
-@group(0) @binding(9) var<storage, read> surface_table: array<Surface>;
+struct SurfaceRow {
+    origin_x: real,
+    origin_y: real,
+    xx: real,
+    xy: real,
+    yx: real,
+    yy: real,
+    zx: real,
+    zy: real,
+}
+@group(0) @binding(9) var<storage, read> surface_table: array<SurfaceRow>;
 fn surface_of(i: u32) -> Surface {
-    return surface_table[i];
+    let row = surface_table[i];
+    return Surface(
+        1u,
+        row.origin_x,
+        row.origin_y,
+        real(-29.75),
+        row.xx,
+        row.xy,
+        real(-1.0),
+        row.yx,
+        row.yy,
+        real(0.0),
+        row.zx,
+        row.zy,
+        real(6.123233995736766e-17),
+        real(0.0),
+        real(0.0),
+        real(1.0),
+        0u,
+        0u,
+    );
 }
 struct Sensor {
     kind: u32,
@@ -141,9 +178,43 @@ struct Sensor {
     bins: u32,
     num_bins: u32,
 }
-@group(0) @binding(10) var<storage, read> sensor_table: array<Sensor>;
+struct SensorRow {
+    kind: u32,
+    absorb: u32,
+    cell: u32,
+    origin_z: real,
+    half_width: real,
+    half_height: real,
+    pitch_x: real,
+    pitch_y: real,
+    num_x: u32,
+    num_y: u32,
+    splat: u32,
+    bins: u32,
+    num_bins: u32,
+}
+@group(0) @binding(10) var<storage, read> sensor_table: array<SensorRow>;
 fn sensor_of(i: u32) -> Sensor {
-    return sensor_table[i];
+    let row = sensor_table[i];
+    return Sensor(
+        row.kind,
+        row.absorb,
+        row.cell,
+        real(-1.1865812650530976),
+        real(0.28819424987583053),
+        row.origin_z,
+        row.half_width,
+        row.half_height,
+        row.pitch_x,
+        row.pitch_y,
+        row.num_x,
+        row.num_y,
+        row.splat,
+        0u,
+        real(0.0),
+        row.bins,
+        row.num_bins,
+    );
 }
 struct Emitter {
     kind: u32,
@@ -208,9 +279,43 @@ struct Primitive {
     a2: real,
     a3: real,
 }
-@group(0) @binding(11) var<storage, read> primitive_table: array<Primitive>;
+struct PrimitiveRow {
+    origin_x: real,
+    origin_y: real,
+    origin_z: real,
+    xx: real,
+    xy: real,
+    xz: real,
+    yx: real,
+    yy: real,
+    zx: real,
+    zy: real,
+    zz: real,
+    a0: real,
+    a1: real,
+}
+@group(0) @binding(11) var<storage, read> primitive_table: array<PrimitiveRow>;
 fn primitive_of(i: u32) -> Primitive {
-    return primitive_table[i];
+    let row = primitive_table[i];
+    return Primitive(
+        2u,
+        row.origin_x,
+        row.origin_y,
+        row.origin_z,
+        row.xx,
+        row.xy,
+        row.xz,
+        row.yx,
+        row.yy,
+        real(0.0),
+        row.zx,
+        row.zy,
+        row.zz,
+        row.a0,
+        row.a1,
+        real(0.0),
+        real(0.0),
+    );
 }
 fn to_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
     return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
@@ -224,7 +329,6 @@ fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, far
         default: { return MISS; }
     }
 }
-// <- shaders/lib/primitives_table.wgsl
 fn record(ray: Ray, sensor: Sensor, index: u32) {
     if sensor.kind == 0u { record_irradiance(ray, sensor); }
     if sensor.kind == 1u { record_spectral(ray, sensor); }

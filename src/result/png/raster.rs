@@ -2,6 +2,7 @@
 
 use colorous::{Color, Gradient};
 use ndarray::Array2;
+use std::sync::LazyLock;
 
 /// Colours of maps: zero is black, and brightness rises with the value.
 pub(super) const MAP: Gradient = colorous::INFERNO;
@@ -87,7 +88,12 @@ impl Raster {
 
 /// The colour of a fraction of the top value.
 pub(super) fn map_color(fraction: f64) -> Color {
-    MAP.eval_continuous(fraction.clamp(0.0, 1.0))
+    /// Finer than the 8 bits of a colour; a picture has more pixels than that.
+    const LEVELS: usize = 1 << 12;
+    static COLORS: LazyLock<Vec<Color>> = LazyLock::new(|| {
+        (0..=LEVELS).map(|level| MAP.eval_continuous(level as f64 / LEVELS as f64)).collect()
+    });
+    COLORS[(fraction.clamp(0.0, 1.0) * LEVELS as f64).round() as usize]
 }
 
 /// The colour of a wavelength within a range; the middle of the colours if the range is one wavelength.
@@ -146,41 +152,81 @@ fn covered(index: usize, cells: usize, pixels: usize) -> std::ops::Range<usize> 
 pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
     const SAMPLES: usize = 3;
     let top = maximum(intensity);
+    let colors = intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 }));
+    let mut directions = Directions::new(intensity.dim(), limit);
     let mut raster = Raster::filled(size, size, [255; 3]);
     for y in 0..size {
         for x in 0..size {
-            let mut sum = [0.0; 3];
+            let mut sum = [0; 3];
             for sample in 0..SAMPLES * SAMPLES {
                 let at = |pixel: usize, part: usize| {
                     (pixel as f64 + (part as f64 + 0.5) / SAMPLES as f64) / size as f64 * 2.0 - 1.0
                 };
-                let color = direction_color(
-                    intensity,
-                    limit,
-                    (at(x, sample % SAMPLES), -at(y, sample / SAMPLES)),
-                    top,
-                );
+                let bin = directions.bin_at(at(x, sample % SAMPLES), -at(y, sample / SAMPLES));
+                let color = bin.map_or(Color { r: 255, g: 255, b: 255 }, |bin| colors[bin]);
                 sum.iter_mut()
                     .zip([color.r, color.g, color.b])
-                    .for_each(|(sum, part)| *sum += f64::from(part));
+                    .for_each(|(sum, part)| *sum += u32::from(part));
             }
-            let [r, g, b] = sum.map(|part| (part / (SAMPLES * SAMPLES) as f64).round() as u8);
+            let count = (SAMPLES * SAMPLES) as u32;
+            let [r, g, b] = sum.map(|part| ((part + count / 2) / count) as u8);
             raster.set(x, y, Color { r, g, b });
         }
     }
     Shown { raster, top }
 }
 
-fn direction_color(intensity: &Array2<f64>, limit: f64, (x, y): (f64, f64), top: f64) -> Color {
-    let radius = x.hypot(y);
-    if radius > 1.0 {
-        return Color { r: 255, g: 255, b: 255 };
+/// The bins of a far field, for points of its disc in turn: neighbours lie in the same bin or the next, so that a few
+/// comparisons do for the angles of millions of points.
+struct Directions {
+    /// Squared radii where rows begin, and where the last ends.
+    radii: Vec<f64>,
+    /// Where columns begin, and where the last ends, as what [`around`] gives.
+    azimuths: Vec<f64>,
+    bin: [usize; 2],
+}
+
+impl Directions {
+    fn new((rows, columns): (usize, usize), limit: f64) -> Self {
+        let radius = |row: usize| row as f64 / rows as f64 * 90.0 / limit;
+        let azimuth = |column: usize| {
+            let (y, x) = (std::f64::consts::TAU * column as f64 / columns as f64).sin_cos();
+            around(-x, -y)
+        };
+        let mut azimuths: Vec<f64> = (0..=columns).map(azimuth).collect();
+        azimuths[0] = -2.0;
+        azimuths[columns] = 2.0;
+        Directions { radii: (0..=rows).map(|row| radius(row).powi(2)).collect(), azimuths, bin: [0; 2] }
     }
-    let (rows, columns) = intensity.dim();
-    let bin = |fraction: f64, bins: usize| ((fraction * bins as f64) as usize).min(bins - 1);
-    let row = bin(radius * limit / 90.0, rows);
-    let column = bin((y.atan2(x).to_degrees() + 180.0) / 360.0, columns);
-    map_color(if top > 0.0 { intensity[[row, column]] / top } else { 0.0 })
+
+    /// (row, column) at a point; none outside the disc.
+    fn bin_at(&mut self, x: f64, y: f64) -> Option<[usize; 2]> {
+        let square = x * x + y * y;
+        if square > 1.0 {
+            return None;
+        }
+        let [row, column] = self.bin;
+        self.bin = [moved(row, square, &self.radii), moved(column, around(x, y), &self.azimuths)];
+        Some(self.bin)
+    }
+}
+
+/// Grows with the azimuth, from -2 to 2 at -180 and 180 degrees.
+fn around(x: f64, y: f64) -> f64 {
+    let across = y / (x.abs() + y.abs()).max(f64::MIN_POSITIVE);
+    if x >= 0.0 { across } else { 2.0_f64.copysign(y) - across }
+}
+
+/// The interval between `edges` that holds `value`, looked for from `start`; the last one holds its end too.
+fn moved(start: usize, value: f64, edges: &[f64]) -> usize {
+    let mut at = start;
+    while at > 0 && value < edges[at] {
+        at -= 1;
+    }
+    while at + 2 < edges.len() && value >= edges[at + 1] {
+        at += 1;
+    }
+    at
 }
 
 /// The largest value; 0 if there is none above.
@@ -228,5 +274,22 @@ mod tests {
         assert_eq!(at(35, 35), [0, 0, 4]);
         assert_eq!(at(65, 65), [0, 0, 4]);
         assert_eq!(at(2, 2), [255, 255, 255], "outside the disc");
+    }
+
+    #[test]
+    fn bins_are_those_of_the_angles() {
+        let (rows, columns, limit) = (7, 10, 60.0);
+        let mut directions = Directions::new((rows, columns), limit);
+        // A spiral that jumps; its points keep clear of edges.
+        for i in 0..5_000 {
+            let (radius, azimuth) = ((f64::from(i) * 0.618_033).fract(), f64::from(i) * 2.399_963);
+            let (y, x) = azimuth.sin_cos();
+            let row = radius * limit / 90.0 * rows as f64;
+            let column =
+                ((y.atan2(x).to_degrees() + 180.0) / 360.0 * columns as f64).min(columns as f64 - 0.1);
+            let bin = directions.bin_at(radius * x, radius * y);
+            assert_eq!(bin, Some([row as usize, column as usize]), "{radius} {azimuth}");
+        }
+        assert_eq!(directions.bin_at(0.8, 0.8), None);
     }
 }

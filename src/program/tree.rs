@@ -1,0 +1,246 @@
+//! A tree of boxes over the primitives of a scene, as shaders/lib/primitives_tree.wgsl walks it.
+//!
+//! The boxes are f32 in both tiers, and must hold whatever the shaders' own arithmetic counts as a hit. Errors of that
+//! come from rounding coordinates: of the ray's position o, of the primitive's place and size s, and of points on the
+//! way between, none larger than |o| + s. With u = 2^-24, in units of u times those: the box and its corners 1 each,
+//! the position 1, the direction and the frame's rotation 3 each over the way, place, subtraction and the point that is
+//! tested against the aperture 2 each, the slabs (subtraction, an inverse good to 2.5 ulp, product) 5, the crossing of
+//! a quadric 10. That is less than 32; a box is larger by 64 times s, and the shader widens it by 64 times |o|. Along
+//! the ray the same margin keeps the entry into a box before any hit within.
+
+use super::Precision;
+use super::contact::{self, Contact};
+use super::lowered;
+use crate::error::{Error, Result};
+use crate::ir::{Frame, Mesh, Outline, SceneIr, Shape};
+use glam::{DVec2, DVec3};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::node::Bvh2Node;
+use obvhs::{Boundable, BvhBuildParams};
+
+/// Binding of the rows in group 0.
+pub const ROWS: u32 = 19;
+/// A box is larger than what it holds by this share of its coordinates and its size; a ray's slack is this share of its
+/// own coordinates.
+pub const SLACK: f64 = 1.0 / (1 << 18) as f64;
+/// Rows of two siblings.
+const PAIR_ROWS: usize = 4;
+/// Deepest tree: a ray keeps one box a level waiting.
+const MAX_DEPTH: u32 = 64;
+/// A cone whose apex is so many times farther than its ends are wide is left without a box: its quadric cancels.
+const FARTHEST_APEX: f64 = 8.0;
+
+/// The tree over the primitives that have a box, and the list of those that have none.
+#[derive(Debug)]
+pub struct PrimitiveTree {
+    /// Four rows a pair of siblings: (lower corner, link) and (upper corner, 0) of either.
+    pairs: Vec<[[f32; 4]; PAIR_ROWS]>,
+    boundless: Vec<u32>,
+    /// The link to begin with.
+    pub root: f32,
+    /// Boxes that can wait at once, with the end of the walk.
+    pub depth: u32,
+}
+
+struct Boxed {
+    primitive: u32,
+    bounds: Aabb,
+}
+
+impl Boundable for Boxed {
+    fn aabb(&self) -> Aabb {
+        self.bounds
+    }
+}
+
+impl PrimitiveTree {
+    /// Builds the tree; positions are relative to `centre`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the primitives lie so unevenly that the tree gets too deep.
+    pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], precision: Precision) -> Result<Self> {
+        // Faces in contact are met together, as far apart as the tolerance.
+        let touch = 4.0 * contact::widest_tolerance(ir, centre, precision);
+        let mut boxed = Vec::new();
+        let mut boundless = Vec::new();
+        for (i, (frame, shape)) in (0..).zip(lowered::primitives(ir)) {
+            let touches = contacts.get(i as usize).is_some_and(|contact| contact.group != 0);
+            let frame = Frame { origin: frame.origin - centre, ..frame };
+            match bounds(&frame, &shape, &ir.meshes, if touches { touch } else { 0.0 }) {
+                Some(bounds) => boxed.push(Boxed { primitive: i, bounds }),
+                None => boundless.push(i),
+            }
+        }
+        let mut tree = PrimitiveTree { pairs: Vec::new(), boundless, root: 0.0, depth: 1 };
+        if let [only] = &boxed[..] {
+            tree.root = leaf(only.primitive);
+        } else if !boxed.is_empty() {
+            let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
+            let bvh = build_bvh2(&boxed, params, &mut std::time::Duration::default());
+            tree.add_pairs(&bvh.nodes, |place| {
+                boxed[bvh.primitive_indices[place as usize] as usize].primitive
+            });
+        }
+        if tree.depth > MAX_DEPTH {
+            return Err(Error::Usage(format!(
+                "the tree over the surfaces is {} levels deep, and at most {MAX_DEPTH} can be searched; \
+                 they lie too unevenly: move the far ones closer or leave some out",
+                tree.depth
+            )));
+        }
+        Ok(tree)
+    }
+
+    /// Two siblings a row group, each pair after its parents; the root itself has no box.
+    fn add_pairs(&mut self, nodes: &[Bvh2Node], primitive_at: impl Fn(u32) -> u32) {
+        let mut waiting = vec![(nodes[0].first_index, 1)];
+        let mut next = 0;
+        self.root = inner(0);
+        while let Some(&(first, level)) = waiting.get(next) {
+            let mut rows = [[0.0; 4]; PAIR_ROWS];
+            for (node, rows) in nodes[first as usize..].iter().zip(rows.chunks_exact_mut(2)) {
+                let link = if node.prim_count == 0 {
+                    waiting.push((node.first_index, level + 1));
+                    inner(waiting.len() - 1)
+                } else {
+                    leaf(primitive_at(node.first_index))
+                };
+                rows[0] = row(node.aabb.min, link);
+                rows[1] = row(node.aabb.max, 0.0);
+            }
+            self.pairs.push(rows);
+            self.depth = level + 1;
+            next += 1;
+        }
+    }
+
+    /// The first row of the primitives without a box.
+    pub fn first_boundless(&self) -> usize {
+        PAIR_ROWS * self.pairs.len()
+    }
+
+    /// Rows of the buffer: at least one, because a buffer is never empty.
+    pub fn num_rows(&self) -> usize {
+        self.first_boundless() + self.boundless.len()
+    }
+
+    /// The contents of the buffer.
+    pub fn bytes(&self) -> Vec<u8> {
+        let boundless = self.boundless.iter().map(|&i| [i as f32, 0.0, 0.0, 0.0]);
+        self.pairs.iter().flatten().copied().chain(boundless).flatten().flat_map(f32::to_le_bytes).collect()
+    }
+}
+
+/// A link to two boxes within.
+fn inner(pair: usize) -> f32 {
+    (1 + PAIR_ROWS * pair) as f32
+}
+
+/// A link to a primitive.
+fn leaf(primitive: u32) -> f32 {
+    -(1.0 + primitive as f32)
+}
+
+fn row(corner: glam::Vec3A, link: f32) -> [f32; 4] {
+    [corner.x, corner.y, corner.z, link]
+}
+
+/// The box of a primitive, `margin` larger, or none if it has no end or its crossings are ill-conditioned.
+fn bounds(frame: &Frame, shape: &Shape, meshes: &[Mesh], margin: f64) -> Option<Aabb> {
+    let extent = Extent::of(shape, meshes)?;
+    let middle = frame.rotation * extent.middle + frame.origin;
+    let reach = extent.reach_along(frame);
+    let size = frame.origin.abs().max_element() + extent.size;
+    let padding = DVec3::splat(SLACK * size + margin);
+    let (low, high) = (middle - reach - padding, middle + reach + padding);
+    let fits = |corner: DVec3| corner.abs().max_element() < f64::from(f32::MAX);
+    (fits(low) && fits(high)).then(|| Aabb::new(low.as_vec3a(), high.as_vec3a()))
+}
+
+/// What a shape fills, in its own frame.
+struct Extent {
+    middle: DVec3,
+    across: Across,
+    half_height: f64,
+    /// The largest length that its crossings are computed from \[mm\].
+    size: f64,
+}
+
+/// Across local z.
+enum Across {
+    Disk(f64),
+    Rectangle(DVec2),
+}
+
+impl Extent {
+    fn of(shape: &Shape, meshes: &[Mesh]) -> Option<Extent> {
+        let round = |radius: f64, low: f64, high: f64, size: f64| Extent {
+            middle: DVec3::new(0.0, 0.0, 0.5 * (low + high)),
+            across: Across::Disk(radius),
+            half_height: 0.5 * (high - low),
+            size,
+        };
+        let rectangle = |middle: DVec3, half: DVec3, size: f64| Extent {
+            middle,
+            across: Across::Rectangle(half.truncate()),
+            half_height: half.z,
+            size,
+        };
+        match *shape {
+            Shape::Plane(Outline::Infinite) => None,
+            Shape::Plane(Outline::Disk { radius }) => Some(round(radius, 0.0, 0.0, radius)),
+            Shape::Plane(Outline::Rectangle { width, height }) => {
+                let half = 0.5 * DVec3::new(width, height, 0.0);
+                Some(rectangle(DVec3::ZERO, half, half.max_element()))
+            }
+            Shape::Annulus { outer_radius, z_offset, .. } => {
+                Some(round(outer_radius, z_offset, z_offset, outer_radius + z_offset.abs()))
+            }
+            Shape::Conic { curvature, conic, aperture_radius } => {
+                // The sheet through the vertex ends where (1 + K) c^2 r^2 is 1.
+                let bend = (1.0 + conic) * curvature * curvature;
+                let end = if bend > 0.0 { 1.0 / bend.sqrt() } else { f64::INFINITY };
+                let radius = aperture_radius.min(end);
+                let root = (1.0 - bend * radius * radius).max(0.0).sqrt();
+                let sag = curvature * radius * radius / (1.0 + root);
+                Some(round(radius, sag.min(0.0), sag.max(0.0), radius + sag.abs()))
+            }
+            Shape::Sphere { radius, aperture_radius } => {
+                let across = aperture_radius.map_or(radius, |aperture| aperture.min(radius));
+                Some(round(across, -radius, radius, radius))
+            }
+            Shape::Frustum { r_front, r_back, z_front, z_back } => {
+                let radius = r_front.max(r_back);
+                let (low, high) = (z_front.min(z_back), z_front.max(z_back));
+                let slope = (r_back - r_front) / (z_back - z_front);
+                let at_origin = (r_front - slope * z_front).abs();
+                (at_origin <= FARTHEST_APEX * radius).then(|| {
+                    round(
+                        radius,
+                        low,
+                        high,
+                        FARTHEST_APEX * FARTHEST_APEX * radius + low.abs().max(high.abs()),
+                    )
+                })
+            }
+            Shape::Mesh(mesh) => {
+                let vertices = &meshes[mesh].vertices;
+                let low = vertices.iter().copied().reduce(DVec3::min)?;
+                let high = vertices.iter().copied().reduce(DVec3::max)?;
+                let size = low.abs().max(high.abs()).max_element();
+                Some(rectangle(0.5 * (low + high), 0.5 * (high - low), size))
+            }
+        }
+    }
+
+    /// How far it reaches from its middle along the axes: for a disk exactly, which is less than a box about it.
+    fn reach_along(&self, frame: &Frame) -> DVec3 {
+        let [x, y, z] = [frame.rotation.x_axis, frame.rotation.y_axis, frame.rotation.z_axis];
+        let across = match self.across {
+            Across::Disk(radius) => radius * (x * x + y * y).map(f64::sqrt),
+            Across::Rectangle(half) => half.x * x.abs() + half.y * y.abs(),
+        };
+        across + self.half_height * z.abs()
+    }
+}

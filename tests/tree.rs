@@ -1,0 +1,241 @@
+//! The tree over all primitives finds what a search of every primitive in turn finds: the same paths and the same bits.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+#[path = "mesh/shapes.rs"]
+mod shapes;
+mod zoo;
+
+use glam::{DMat3, DVec3, EulerRot};
+use nsq_gpu::ir::{
+    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
+    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+};
+use nsq_gpu::program::Precision;
+use nsq_gpu::result::Tally;
+use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::{TraceOptions, Tracer};
+use shapes::{bumpy_ball, cube};
+
+const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
+
+/// SplitMix64.
+struct Draws(u64);
+
+impl Draws {
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        low + (high - low) * ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn frame(&mut self, reach: f64) -> Frame {
+        let origin = DVec3::from([(); 3].map(|()| self.between(-reach, reach)));
+        let [a, b, c] = [(); 3].map(|()| self.between(-3.0, 3.0));
+        Frame { origin, rotation: DMat3::from_euler(EulerRot::XYZ, a, b, c) }
+    }
+
+    /// The kinds take turns.
+    fn shape(&mut self, i: usize) -> Shape {
+        let radius = self.between(2.0, 8.0);
+        match i % 10 {
+            0 => Shape::Conic { curvature: 0.05, conic: -0.5, aperture_radius: radius },
+            1 => Shape::Conic { curvature: -0.2, conic: 0.3, aperture_radius: 2.0 * radius },
+            2 => Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius },
+            3 => Shape::Plane(Outline::Rectangle { width: radius, height: 2.0 * radius }),
+            4 => Shape::Annulus { inner_radius: 1.0, outer_radius: radius, z_offset: 3.0 },
+            5 => Shape::Frustum { r_front: radius, r_back: 1.0, z_front: -4.0, z_back: 5.0 },
+            6 => Shape::Sphere { radius, aperture_radius: None },
+            7 => Shape::Sphere { radius: 8.0, aperture_radius: Some(0.5 * radius) },
+            // Seen from its frame the apex is far away: no box.
+            8 => Shape::Frustum { r_front: 1.0, r_back: radius, z_front: 50.0, z_back: 53.0 },
+            _ => Shape::Mesh((self.between(0.0, 2.0) as usize).min(1)),
+        }
+    }
+}
+
+fn surface(frame: Frame, shape: Shape, i: usize) -> Surface {
+    let interaction = match i % 3 {
+        0 => Interaction::Refractive,
+        1 => Interaction::Reflective { reflectance: vec![0.9] },
+        _ => Interaction::Absorbing,
+    };
+    let front = i % 2;
+    Surface {
+        name: format!("s{i}"),
+        frame,
+        shape,
+        interaction,
+        coating: None,
+        scatter: None,
+        front,
+        back: 1 - front,
+    }
+}
+
+fn screen(frame: Frame, size: f64, absorb: bool) -> Sensor {
+    let grid =
+        PixelGrid { width: size, height: size, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Hard };
+    Sensor { name: "screen".into(), frame, kind: SensorKind::Irradiance(grid), absorb }
+}
+
+fn at(x: f64, y: f64, z: f64) -> Frame {
+    Frame { origin: DVec3::new(x, y, z), rotation: DMat3::IDENTITY }
+}
+
+fn scene(surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
+    let medium =
+        |name: &str, n: f64| Medium { name: name.into(), ambient: n == 1.0, n: vec![n], k: vec![0.0] };
+    let lamp = Emitter {
+        name: "lamp".into(),
+        frame: at(0.5, 0.25, 0.0),
+        kind: EmitterKind::Point { half_angle: 3.15 },
+        total_flux: 1.0,
+        spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
+        medium: 0,
+    };
+    SceneIr {
+        wavelengths: vec![0.55],
+        media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
+        surfaces,
+        meshes: vec![cube(6.0), bumpy_ball(1, 4.0)],
+        emitters: vec![lamp],
+        sensors,
+        sampling: Sampling { reflect_prob: ReflectProb::Auto, rr_start_flux: 0.0, ..Sampling::default() },
+    }
+}
+
+/// Surfaces of all kinds at random places within `reach`.
+fn random_scene(seed: u64, num_surfaces: usize, reach: f64) -> SceneIr {
+    let mut draws = Draws(seed);
+    let surfaces =
+        (0..num_surfaces).map(|i| surface(draws.frame(reach), draws.shape(i), i / 10 + i)).collect();
+    let far_field = SensorKind::FarField { num_theta: 9, num_phi: 18 };
+    let sensors = vec![
+        screen(draws.frame(reach), 20.0, false),
+        Sensor { name: "sky".into(), frame: at(0.0, 0.0, 2.0 * reach), kind: far_field, absorb: true },
+    ];
+    scene(surfaces, sensors)
+}
+
+fn trace_by(ir: &SceneIr, options: &TraceOptions, tree: bool) -> Tally {
+    zoo::trace(ir, &TraceOptions { baked: Some(false), tree: Some(tree), ..options.clone() })
+}
+
+/// In turn and by the tree, with all paths.
+fn assert_same(ir: &SceneIr, num_rays: u64, what: &str) -> Tally {
+    let mut last = Tally::default();
+    for precision in PRECISIONS {
+        let options = TraceOptions { paths: RecordPaths::All, ..zoo::options(num_rays, 7, precision) };
+        let [in_turn, by_tree] = [false, true].map(|tree| trace_by(ir, &options, tree));
+        let other = in_turn.paths.iter().zip(&by_tree.paths).find(|(a, b)| a != b);
+        assert_eq!(other, None, "{what}, {precision:?}");
+        assert!(in_turn == by_tree, "{what}, {precision:?}: other sums");
+        last = by_tree;
+    }
+    last
+}
+
+#[test]
+fn random_scenes_have_the_same_paths() {
+    for (seed, num_surfaces, reach) in [(1, 40, 30.0), (2, 150, 60.0), (3, 60, 2e4)] {
+        let tally = assert_same(&random_scene(seed, num_surfaces, reach), 4_000, &format!("scene {seed}"));
+        let reached = tally.surfaces.iter().filter(|surface| surface.reached).count();
+        assert!(reached > num_surfaces / 2 || reach > 1e3, "only {reached} of {num_surfaces} are reached");
+    }
+}
+
+/// Infinite planes have no box, and send rays far beyond all boxes.
+#[test]
+fn planes_without_end_have_the_same_paths() {
+    let mut ir = random_scene(4, 40, 30.0);
+    for (i, z) in [-40.0, 45.0].into_iter().enumerate() {
+        ir.surfaces.insert(20 * i, surface(at(0.0, 0.0, z), Shape::Plane(Outline::Infinite), 1));
+    }
+    ir.sensors.truncate(1);
+    assert_same(&ir, 4_000, "planes");
+}
+
+/// Flat stacks whose faces touch, cut off in the middle of one another and at sensors: ties and contact everywhere.
+#[test]
+fn faces_in_contact_have_the_same_paths() {
+    let plate = |i: usize, z: f64, radius: f64, interaction: usize| {
+        let frame = at(if i.is_multiple_of(2) { 0.0 } else { 3.0 }, 0.0, z);
+        surface(frame, Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius }, interaction)
+    };
+    let mut surfaces = Vec::new();
+    for layer in 0..12 {
+        let z = 2.0 + f64::from(layer / 2);
+        surfaces.push(plate(surfaces.len(), z, 10.0, 0));
+        surfaces.push(plate(surfaces.len(), z, 6.0, 3));
+    }
+    let sensors = (0..4).map(|i| screen(at(0.0, 0.0, 2.0 + f64::from(i)), 4.0, false)).collect();
+    let mut ir = scene(surfaces, sensors);
+    ir.surfaces.push(surface(at(0.0, 0.0, 20.0), Shape::Plane(Outline::Infinite), 2));
+    ir.sampling.reflect_prob = ReflectProb::Fresnel;
+    assert_same(&ir, 4_000, "contact");
+}
+
+/// Of meshes, plates and sensors in one plane the first in the list wins, wherever the tree meets it.
+#[test]
+fn ties_go_to_the_first_in_the_list() {
+    let shapes = [
+        Shape::Plane(Outline::Rectangle { width: 5.0, height: 5.0 }),
+        Shape::Mesh(0),
+        Shape::Plane(Outline::Rectangle { width: 4.0, height: 9.0 }),
+        Shape::Mesh(0),
+    ];
+    for first in 0..2 {
+        let mut surfaces: Vec<Surface> = (0..40)
+            .map(|i| {
+                let shape = shapes[(first + i) % shapes.len()];
+                // The cube's near face lies in the plane of the plates.
+                let z = if matches!(shape, Shape::Mesh(_)) { 11.0 } else { 5.0 };
+                surface(at(0.3 * (i / 8) as f64, 0.0, z), shape, 1)
+            })
+            .collect();
+        surfaces.push(surface(at(0.0, 0.0, -5.0), shapes[0], 1));
+        let sensors = vec![screen(at(0.0, 0.0, 5.0), 6.0, false)];
+        assert_same(&scene(surfaces, sensors), 2_000, &format!("ties from {first}"));
+    }
+}
+
+/// One primitive, and none at all.
+#[test]
+fn the_smallest_trees_work() {
+    let ball = surface(at(0.0, 0.0, 9.0), Shape::Sphere { radius: 2.0, aperture_radius: None }, 2);
+    let plane = surface(at(0.0, 0.0, 9.0), Shape::Plane(Outline::Infinite), 2);
+    for surfaces in [vec![], vec![ball.clone()], vec![plane.clone()], vec![ball, plane]] {
+        let what = format!("{} surfaces", surfaces.len());
+        assert_same(&scene(surfaces, vec![]), 500, &what);
+    }
+}
+
+/// A tree in storage, as GPUs read it, gives the bits of one in a uniform.
+#[test]
+fn a_tree_too_large_for_a_uniform_works() {
+    let ir = random_scene(5, 1_200, 150.0);
+    let options = TraceOptions { tree: Some(true), ..zoo::options(2_000, 1, Precision::F32) };
+    let storage = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+    assert!(storage.program().wgsl.contains("var<storage, read> tree_rows"));
+    assert_same(&ir, 1_000, "storage");
+}
+
+/// What the slack is for: without it, rays along the faces of boxes are lost.
+#[test]
+fn boxes_without_slack_are_noticed() {
+    let ir = random_scene(6, 150, 60.0);
+    let options =
+        TraceOptions { tree: Some(true), paths: RecordPaths::All, ..zoo::options(20_000, 7, Precision::F32) };
+    let narrow = |wgsl: String| {
+        let line = "box_ray(position, vec3<f32>(ray.direction), TREE_SLACK * size)";
+        assert!(wgsl.contains(line));
+        wgsl.replace(line, "box_ray(position, vec3<f32>(ray.direction), -0.01 * size)")
+    };
+    let lossy = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &options, narrow).unwrap().trace(|_| true).unwrap();
+    assert!(lossy != trace_by(&ir, &options, true));
+}
