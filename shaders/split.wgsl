@@ -52,19 +52,21 @@ fn intersect(ray: Ray) -> Hit {
     return hit;
 }
 
-fn draw_reflection(ray: ptr<function, Ray>, bits: u32, reflectance: real, total_reflection: bool) -> bool {
+fn draw_reflection(
+    ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real, total_reflection: bool,
+) -> bool {
     if transmits {
         transmits = false;
         return false;
     }
     if (*ray).bounce >= SPLIT_DEPTH || total_reflection {
-        return draw_branch(ray, bits, reflectance, total_reflection);
+        return draw_branch(ray, bits, reflectance, transmittance, total_reflection);
     }
     if budget < 2u {
         note_saturation();
-        return draw_branch(ray, bits, reflectance, total_reflection);
+        return draw_branch(ray, bits, reflectance, transmittance, total_reflection);
     }
-    return split(ray, bits, reflectance);
+    return split(ray, bits, reflectance, transmittance);
 }
 
 // Reading first spares the atomic in all but the first few events.
@@ -75,10 +77,10 @@ fn note_saturation() {
 }
 
 // Both branches, unless one has no weight. True if the ray goes on as the reflected one.
-fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real) -> bool {
+fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real) -> bool {
     let weight = (*ray).weight;
     let reflects_less = reflectance < 0.5;
-    let lesser = lesser_weight(weight, select(1.0 - reflectance, reflectance, reflects_less), bits);
+    let lesser = lesser_weight(weight, select(transmittance, reflectance, reflects_less), bits);
     if lesser == 0.0 {
         return !reflects_less;
     }

@@ -30,7 +30,7 @@ fn constant(module: &Module, name: &str) -> f64 {
 #[test]
 fn interactions_have_the_codes_of_the_shaders() {
     let (variant, program) = tables();
-    let codes = column(&program, "Surface", binding(&program, "surface_table"), "interaction");
+    let codes = column(&program, "SurfaceRow", binding(&program, "surface_table"), "interaction");
     for interaction in interactions() {
         let name = match interaction {
             Interaction::Absorbing => "ABSORBING",
@@ -47,7 +47,7 @@ fn interactions_have_the_codes_of_the_shaders() {
 #[test]
 fn splats_have_the_codes_of_the_shaders() {
     let (variant, program) = tables();
-    let codes = column(&program, "Sensor", binding(&program, "sensor_table"), "splat");
+    let codes = column(&program, "SensorRow", binding(&program, "sensor_table"), "splat");
     for splat in splats() {
         let name = match splat {
             Splat::Hard => "SPLAT_HARD",
@@ -63,7 +63,7 @@ fn splats_have_the_codes_of_the_shaders() {
 #[test]
 fn bsdfs_have_the_codes_of_the_dispatch() {
     let (variant, program) = tables();
-    let codes = column(&program, "Surface", binding(&program, "surface_table"), "bsdf");
+    let codes = column(&program, "SurfaceRow", binding(&program, "surface_table"), "bsdf");
     let last = bsdfs().into_iter().max().unwrap();
     for kind in bsdfs() {
         let call = match kind == last {
@@ -95,7 +95,7 @@ fn harvey_shack_tables_have_the_knots_of_the_shaders() {
 #[test]
 fn sensors_have_the_codes_of_the_dispatch() {
     let (variant, program) = tables();
-    let codes = column(&program, "Sensor", binding(&program, "sensor_table"), "kind");
+    let codes = column(&program, "SensorRow", binding(&program, "sensor_table"), "kind");
     for kind in sensors() {
         let code = sensor_code(&kind);
         let function = match kind {
@@ -116,7 +116,7 @@ fn sensors_have_the_codes_of_the_dispatch() {
 #[test]
 fn shapes_have_the_codes_of_the_dispatch() {
     let (_, program) = tables();
-    let codes = column(&program, "Primitive", binding(&program, "primitive_table"), "shape");
+    let codes = column(&program, "PrimitiveRow", binding(&program, "primitive_table"), "shape");
     for kind in shapes() {
         let (function, file) = kind.name();
         let case = format!("case {}u: {{ return {function}(o, d, ", kind as u32);
