@@ -26,7 +26,7 @@ BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
 .PHONY: demo bench test test-rust test-python test-random test-torch build adapter display rust-components clean
 
 demo: adapter
-	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) -o demo-out
+	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
 
 bench: adapter .venv/installed
 	@$(BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
