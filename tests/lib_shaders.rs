@@ -39,8 +39,9 @@ fn portable_library_translates_for_every_platform() {
     for sampler in [Sampler::Pcg, Sampler::Sobol] {
         let (module, info) = validate(Real::F32, Integers::Portable, sampler, Capabilities::empty());
         spv::write_vec(&module, &info, &spv::Options::default(), None).expect("SPIR-V");
-        msl::write_string(&module, &info, &msl::Options::default(), &msl::PipelineOptions::default())
-            .expect("MSL");
+        // As in tests/portability/targets.rs.
+        let options = msl::Options { lang_version: (2, 3), ..Default::default() };
+        msl::write_string(&module, &info, &options, &msl::PipelineOptions::default()).expect("MSL");
         let (options, pipeline) = (hlsl::Options::default(), hlsl::PipelineOptions::default());
         let mut text = String::new();
         hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).expect("HLSL");
