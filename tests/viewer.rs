@@ -55,7 +55,7 @@ fn results(scene: &str, seed: u64) -> PathBuf {
     if !traced.contains(&path) {
         let mut command = Command::cargo_bin("nsq-gpu").unwrap();
         command.arg("trace").arg(scene_path(scene)).args(["-n", RAYS, "--seed", &seed.to_string(), "-o"]);
-        command.arg(&path).assert().success();
+        command.arg(&path).args(["--standard-error", "on"]).assert().success();
         traced.push(path.clone());
     }
     path

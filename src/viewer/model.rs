@@ -533,7 +533,8 @@ impl Model {
         let precision = precision.map_or("auto", crate::program::Precision::name);
         let path = quoted(&scene.path.display().to_string());
         format!(
-            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision} -o results"
+            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision} \
+             --standard-error on -o results"
         )
     }
 

@@ -10,7 +10,7 @@ use crate::precision::{self, Choice, Wanted};
 use crate::program::Precision;
 use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
 use crate::scene::Scene;
-use crate::trace::{Progress, RecordPaths, TraceOptions, Tracer};
+use crate::trace::{Progress, RecordPaths, StandardError, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -209,6 +209,8 @@ fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(Trace
         num_rays: options.num_rays,
         seed: options.seed,
         max_depth: options.max_depth,
+        // Whoever looks wants to see the noise, whatever it costs.
+        standard_error: StandardError::On,
         ..TraceOptions::default()
     };
     let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
