@@ -40,14 +40,15 @@ test-rust: adapter rust-components display
 	cargo test
 
 test-python: adapter .venv/installed
-	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest tests --ignore tests/test_torch.py
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs tests --ignore tests/test_torch.py
 
 test-random: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
 		../.venv/bin/python -m pytest tests/test_random.py
 
 test-torch: adapter .venv-torch/installed
-	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest tests/test_torch.py
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py \
+		tests/test_export.py::test_torch_tensors_that_want_gradients_are_refused
 
 build:
 	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
