@@ -9,14 +9,14 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::profile::Profile;
-use crate::gpu::{self, Gpu};
+use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
     self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting,
 };
 use crate::result::{
     Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
-    Recording, SensorTally, StageTime, SurfaceTally, Tally,
+    Recording, RunInfo, SensorTally, StageTime, SurfaceTally, Tally,
 };
 use std::time::{Duration, Instant};
 
@@ -99,6 +99,25 @@ impl Default for TraceOptions {
             tree: None,
             workgroup_size: 64,
             events_per_dispatch: 16,
+        }
+    }
+}
+
+impl TraceOptions {
+    /// What a result says of a trace with these options on an adapter.
+    pub fn run_info(&self, adapter: &AdapterInfo) -> RunInfo {
+        RunInfo {
+            num_rays: self.num_rays,
+            seed: self.seed,
+            max_depth: self.max_depth,
+            min_flux_fraction: self.min_flux_fraction,
+            precision: self.precision.name().into(),
+            sampler: self.sampler.name().into(),
+            adapter: adapter.name.clone(),
+            driver: adapter.driver.clone(),
+            first_ray: self.first_ray,
+            of_rays: self.of_rays,
+            ..RunInfo::default()
         }
     }
 }
@@ -210,7 +229,7 @@ enum MomentSource {
 impl MomentSource {
     fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
         let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
-        let keeps_weight = || Features::of(ir, lowest_weight, roulette_threshold).keeps_weight(ir);
+        let keeps_weight = || Features::of(ir, lowest_weight, roulette_threshold).keeps_weight;
         let is_cheap =
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
         match options.standard_error {
@@ -1021,6 +1040,7 @@ fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
 fn counts_per_ray(program: &Program) -> u64 {
     program.most_rays() * u64::from(program.options.max_depth + 1)
 }
+
 /// NumPy and Optiland keep ray ids in signed integers.
 const MAX_RAY_ID: u64 = 1 << 63;
 

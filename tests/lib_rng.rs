@@ -61,6 +61,24 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
 
+/// The device's draws of keys (ray id's low and high word, slot, step), from a table of `num_steps` steps.
+fn drawn(
+    gpu: &Gpu,
+    (real, integers, sampler): (Real, Integers, Sampler),
+    seed: u64,
+    num_steps: usize,
+    keys: &[[u32; 4]],
+) -> Vec<u32> {
+    let storages = [
+        Storage::read(1, &rng::step_table(sampler, seed, num_steps)),
+        Storage::read(5, keys),
+        Storage::zeros(6, 4 * keys.len()),
+    ];
+    let source = library::source(real, integers, sampler) + MAIN;
+    let written = gpu.run(&source, &storages, [keys.len().div_ceil(64) as u32, 1, 1]);
+    bytemuck::cast_slice(&written[0]).to_vec()
+}
+
 #[test]
 fn shader_draws_are_optilands() {
     let rows = rows();
@@ -69,21 +87,14 @@ fn shader_draws_are_optilands() {
     seeds.dedup();
     for (real, integers) in TIERS {
         let Some(gpu) = Gpu::open("shader_draws_are_optilands", real, integers) else { continue };
-        let source = library::source(real, integers, Sampler::Pcg) + MAIN;
         for &seed in &seeds {
             let of_seed: Vec<&Row> = rows.iter().filter(|row| row.seed == seed).collect();
             let keys: Vec<[u32; 4]> = of_seed
                 .iter()
                 .map(|row| [row.ray_id as u32, (row.ray_id >> 32) as u32, row.slot, row.step])
                 .collect();
-            let storages = [
-                Storage::read(1, &rng::step_table(Sampler::Pcg, seed, 10_001)),
-                Storage::read(5, &keys),
-                Storage::zeros(6, 4 * keys.len()),
-            ];
-            let written = gpu.run(&source, &storages, [keys.len().div_ceil(64) as u32, 1, 1]);
-            let drawn: &[u32] = bytemuck::cast_slice(&written[0]);
-            for (row, &drawn) in of_seed.iter().zip(drawn) {
+            let drawn = drawn(&gpu, (real, integers, Sampler::Pcg), seed, 10_001, &keys);
+            for (row, drawn) in of_seed.iter().zip(drawn) {
                 assert_eq!(
                     drawn, row.draw,
                     "{real:?} {integers:?} seed {seed} ray {} step {}",
@@ -225,7 +236,6 @@ fn sobol_pairs_are_even_over_every_net() {
     const LOG: u32 = 10;
     let (real, integers) = (Real::F32, Integers::Portable);
     let Some(gpu) = Gpu::open("sobol_pairs_are_even_over_every_net", real, integers) else { return };
-    let source = library::source(real, integers, Sampler::Sobol) + MAIN;
     // A block of rays anywhere.
     for (seed, first) in [(0, 0_u64), (1, 1 << 20), (7, (1 << 32) - 1024), (7, 3 << 32)] {
         let keys: Vec<[u32; 4]> = PAIRS
@@ -234,13 +244,7 @@ fn sobol_pairs_are_even_over_every_net() {
             .flat_map(|&(slot, step)| (first..first + (1 << LOG)).map(move |ray| (ray, slot, step)))
             .map(|(ray, slot, step)| [ray as u32, (ray >> 32) as u32, slot, step])
             .collect();
-        let storages = [
-            Storage::read(1, &rng::step_table(Sampler::Sobol, seed, 16)),
-            Storage::read(5, &keys),
-            Storage::zeros(6, 4 * keys.len()),
-        ];
-        let written = gpu.run(&source, &storages, [keys.len().div_ceil(64) as u32, 1, 1]);
-        let drawn: &[u32] = bytemuck::cast_slice(&written[0]);
+        let drawn = drawn(&gpu, (real, integers, Sampler::Sobol), seed, 16, &keys);
         for (pair, drawn) in PAIRS.iter().zip(drawn.chunks_exact(2 << LOG)) {
             let (xs, ys) = drawn.split_at(1 << LOG);
             for a in 0..=LOG {
@@ -261,7 +265,6 @@ fn sobol_sets_are_shuffled_against_each_other() {
     const NUM_SEEDS: u64 = 400;
     let (real, integers) = (Real::F32, Integers::Portable);
     let Some(gpu) = Gpu::open("sobol_sets_are_shuffled_against_each_other", real, integers) else { return };
-    let source = library::source(real, integers, Sampler::Sobol) + MAIN;
     let slots = [(0_u32, 0_u32), (4, 0), (5, 0), (5, 2), (6, 0), (9, 0), (7, 1), (0, 1)];
     let mut sums = [[0.0; 8]; 8];
     for seed in 0..NUM_SEEDS {
@@ -269,13 +272,7 @@ fn sobol_sets_are_shuffled_against_each_other() {
             .iter()
             .flat_map(|&(slot, step)| (0..NUM_RAYS).map(move |ray| [ray, 0, slot, step]))
             .collect();
-        let storages = [
-            Storage::read(1, &rng::step_table(Sampler::Sobol, seed, 16)),
-            Storage::read(5, &keys),
-            Storage::zeros(6, 4 * keys.len()),
-        ];
-        let written = gpu.run(&source, &storages, [keys.len().div_ceil(64) as u32, 1, 1]);
-        let drawn: &[u32] = bytemuck::cast_slice(&written[0]);
+        let drawn = drawn(&gpu, (real, integers, Sampler::Sobol), seed, 16, &keys);
         let centred: Vec<f64> = drawn.iter().map(|&bits| f64::from(bits) / 2_f64.powi(32) - 0.5).collect();
         let columns: Vec<&[f64]> = centred.chunks_exact(NUM_RAYS as usize).collect();
         for (i, x) in columns.iter().enumerate() {

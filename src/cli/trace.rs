@@ -379,25 +379,15 @@ fn trace(run: &Run<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
         num_rays: tracer.num_rays(),
-        seed: options.seed,
-        max_depth: options.max_depth,
-        min_flux_fraction: options.min_flux_fraction,
-        precision: options.precision.name().into(),
-        sampler: options.sampler.name().into(),
         precision_reason: choice.reason.clone(),
         precision_warning: choice.warning.clone(),
-        adapter: gpu.info.name.clone(),
-        driver: gpu.info.driver.clone(),
         trace_time_sec,
         stage_times,
         scene_warnings: scene.warnings.clone(),
         partial,
         stopped_by: session.stopped_by.filter(|_| partial),
         target_error: args.target_error,
-        first_ray: options.first_ray,
-        of_rays: options.of_rays,
-        program: env!("CARGO_PKG_NAME").into(),
-        version: env!("CARGO_PKG_VERSION").into(),
+        ..options.run_info(&gpu.info)
     };
     let result = match tracer.take_recorded()? {
         Some(recorded) => TraceResult::with_rows(ir, &run, &tally, &recorded)?,

@@ -78,7 +78,9 @@ pub struct Features {
     pub splits: bool,
     /// Some weight can fall below the threshold of roulette.
     pub roulette: bool,
-    /// Rays keep the weight that they are born with, and detectors sum it whole.
+    /// Rays keep the weight that they are born with.
+    pub keeps_weight: bool,
+    /// They do, and detectors sum it whole.
     pub whole_weights: bool,
     /// Every surface has a gradient of unit length on it (spheres, planes).
     pub unit_gradients: bool,
@@ -169,6 +171,7 @@ impl Features {
         let is_spectral = |values: &Vec<f64>| values.iter().any(|&value| value != values[0]);
         let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
         let roulette = loses_weight && roulette_threshold > 0.0 || lowest_weight < roulette_threshold;
+        let keeps_weight = !loses_weight && !roulette;
         Features {
             shapes,
             refractive,
@@ -183,10 +186,8 @@ impl Features {
             importance,
             splits,
             roulette,
-            whole_weights: !splits
-                && !loses_weight
-                && !roulette
-                && grids.iter().all(|splat| *splat == Splat::Hard),
+            keeps_weight,
+            whole_weights: keeps_weight && grids.iter().all(|splat| *splat == Splat::Hard),
             unit_gradients: ir.surfaces.iter().all(|s| has_unit_gradient(&s.shape)),
             splats: [
                 grids.contains(&Splat::Hard),
@@ -209,12 +210,6 @@ impl Features {
 }
 
 impl Features {
-    /// True if every ray keeps the weight that it was born with.
-    pub fn keeps_weight(&self, ir: &SceneIr) -> bool {
-        let losses = self.bulk_absorption || self.importance || self.coated || self.roulette;
-        !losses && self.bsdfs.is_empty() && super::lowered::lossy_mirrors(ir).next().is_none()
-    }
-
     /// True if some surface is a triangle mesh.
     pub fn has_meshes(&self) -> bool {
         self.shapes.contains(&ShapeKind::Mesh)

@@ -3,9 +3,9 @@
 use crate::error::{Error, Result};
 use crate::ir::{Mesh, unit_normal};
 use glam::DVec3;
+use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2;
-use obvhs::{Boundable, BvhBuildParams};
 
 /// Binding of the trees and triangles in group 0.
 pub const ROWS: u32 = 17;
@@ -39,14 +39,6 @@ struct Node {
     /// The first of two children, or of `count` triangles.
     first: u32,
     count: u32,
-}
-
-struct Boxed(Aabb);
-
-impl Boundable for Boxed {
-    fn aabb(&self) -> Aabb {
-        self.0
-    }
 }
 
 impl Forest {
@@ -126,9 +118,9 @@ fn build(mesh: &Mesh) -> Tree {
     let bounds = |face: &[u32; 3]| {
         let [a, b, c] = mesh.corners(*face);
         let (low, high) = (a.min(b).min(c) - padding, a.max(b).max(c) + padding);
-        Boxed(Aabb::new(low.as_vec3a(), high.as_vec3a()))
+        Aabb::new(low.as_vec3a(), high.as_vec3a())
     };
-    let boxes: Vec<Boxed> = mesh.faces.iter().map(bounds).collect();
+    let boxes: Vec<Aabb> = mesh.faces.iter().map(bounds).collect();
     let params = BvhBuildParams { max_prims_per_leaf: 4, ..BvhBuildParams::medium_build() };
     let bvh = build_bvh2(&boxes, params, &mut std::time::Duration::default());
     let node = |node: &obvhs::bvh2::node::Bvh2Node| Node {

@@ -194,13 +194,19 @@ impl Program {
             first_step,
         };
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &meshes, seed)?;
+        program.buffers = program.pack(ir, &meshes, &contacts, seed)?;
         program.buffers.extend(tree.map(|tree| (tree::ROWS, tree.bytes())));
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
-    fn pack(&self, ir: &SceneIr, meshes: &mesh::Forest, seed: u64) -> Result<Vec<(u32, Vec<u8>)>> {
+    fn pack(
+        &self,
+        ir: &SceneIr,
+        meshes: &mesh::Forest,
+        contacts: &[contact::Contact],
+        seed: u64,
+    ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = vec![(RNG_TABLE, self.rng_table(seed))];
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
@@ -224,8 +230,7 @@ impl Program {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
             let primitives = lowered::primitive_records(ir, self.centre);
-            let contacts = contact::contacts(ir, self.centre, self.options.precision);
-            let contacts = contact::any(&contacts).then(|| lowered::contact_records(&contacts));
+            let contacts = contact::any(contacts).then(|| lowered::contact_records(contacts));
             for records in [surfaces, sensors, primitives].into_iter().chain(contacts) {
                 let bytes = records.bytes(&self.module, self.options.precision)?;
                 buffers.extend(bytes.map(|bytes| (records.binding, bytes)));

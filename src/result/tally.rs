@@ -218,10 +218,10 @@ impl Tally {
 }
 
 impl Tally {
-    /// Puts the rows and paths in the order of ray ids; those of one ray keep theirs.
+    /// Puts the rows and paths in the order in which files hold them.
     pub fn sort_rows(&mut self) {
-        self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(|row| row.ray_id));
-        self.paths.sort_by_key(|event| event.ray.ray_id);
+        self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(RayRow::order));
+        self.paths.sort_by_key(|event| event.ray.order());
     }
 }
 

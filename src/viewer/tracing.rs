@@ -243,17 +243,10 @@ fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, options: &R
 fn run_info(scene: &LoadedScene, options: &TraceOptions, choice: Choice, gpu: &Gpu) -> RunInfo {
     RunInfo {
         scene: Some(scene.path.display().to_string()),
-        num_rays: options.num_rays,
-        seed: options.seed,
-        max_depth: options.max_depth,
-        min_flux_fraction: options.min_flux_fraction,
-        precision: options.precision.name().into(),
         precision_reason: choice.reason,
         precision_warning: choice.warning,
-        adapter: gpu.info.name.clone(),
-        driver: gpu.info.driver.clone(),
         scene_warnings: scene.scene.warnings.clone(),
-        ..RunInfo::default()
+        ..options.run_info(&gpu.info)
     }
 }
 
