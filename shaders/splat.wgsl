@@ -10,14 +10,23 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
     if sensor_of(index).absorb != 0u {
         (*ray).fate = DETECTED;
     } else {
-        splat(*ray, index);
+        splat(*ray, index, false);
     }
 }
 
-fn splat(ray: Ray, index: u32) {
+// `ends`: the ray ends here; else it passes.
+fn splat(ray: Ray, index: u32, ends: bool) {
     let sensor = sensor_of(index);
     add_total_moments(ray.weight, sensor, index);
-    record(ray, sensor, index);
+    record(ray, sensor, index, ends);
+}
+
+fn book_arrival(cell: u32, weight: real, ends: bool) {
+    if ends {
+        end_in(cell, weight);
+    } else {
+        book(cell, weight);
+    }
 }
 
 fn local_position(ray: Ray, sensor: Sensor) -> vec3<real> {
@@ -46,15 +55,20 @@ fn hit_pixel(p: vec3<real>, sensor: Sensor) -> u32 {
 
 // Flux goes to cell base + pixel * stride: stride is 1 for an irradiance map, the number of wavelength bins for a
 // spectral one.
-fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32) {
+fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32, ends: bool) {
     let pixel = hit_pixel(p, sensor);
-    count(base + pixel * stride);
     if HAS_BILINEAR && sensor.splat == SPLAT_BILINEAR {
-        splat_bilinear(ray.weight, sensor, p, base, stride);
+        let taps = bilinear_taps(ray.weight, sensor, p, base, stride, base + pixel * stride);
+        if ends {
+            end_in_taps(taps, ray.weight);
+        } else {
+            book_taps(taps, ray.weight);
+        }
     } else if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
+        count(base + pixel * stride);
         splat_gaussian(ray.weight, sensor, p, base, stride);
     } else if HAS_HARD {
-        sum_weight(base + pixel * stride, ray.weight);
+        book_arrival(base + pixel * stride, ray.weight, ends);
     }
     add_pixel_moments(ray.weight, sensor, p, pixel, base, stride);
 }
@@ -78,8 +92,15 @@ fn tap_cell(ix: i32, iy: i32, sensor: Sensor, base: u32, stride: u32) -> u32 {
     return base + (y * sensor.num_x + x) * stride;
 }
 
-// Shares of four taps; the last takes what the others left, so that the taps add up to the weight exactly.
-fn splat_bilinear(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride: u32) {
+// Four taps: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1), and the shares of the weight that the first three take.
+struct FourTaps {
+    // The pixel that was hit: one of them.
+    hit: u32,
+    cells: vec4<u32>,
+    shares: vec3<real>,
+}
+
+fn bilinear_taps(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32) -> FourTaps {
     let position = pixel_position(p, sensor);
     let corner_x = floor(position.x);
     let corner_y = floor(position.y);
@@ -87,11 +108,26 @@ fn splat_bilinear(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride
     let fy = position.y - corner_y;
     let ix = i32(corner_x);
     let iy = i32(corner_y);
+    let cells = vec4<u32>(
+        tap_cell(ix, iy, sensor, base, stride),
+        tap_cell(ix + 1, iy, sensor, base, stride),
+        tap_cell(ix, iy + 1, sensor, base, stride),
+        tap_cell(ix + 1, iy + 1, sensor, base, stride),
+    );
+    let shares = vec3<real>(
+        weight * ((1.0 - fx) * (1.0 - fy)), weight * (fx * (1.0 - fy)), weight * ((1.0 - fx) * fy),
+    );
+    return FourTaps(hit, cells, shares);
+}
+
+// The last tap takes what the others left, so that the taps add up to the weight exactly.
+fn book_taps(taps: FourTaps, weight: real) {
+    count(taps.hit);
     var rest = quantize_counted(weight);
-    deposit_tap(tap_cell(ix, iy, sensor, base, stride), weight * ((1.0 - fx) * (1.0 - fy)), &rest);
-    deposit_tap(tap_cell(ix + 1, iy, sensor, base, stride), weight * (fx * (1.0 - fy)), &rest);
-    deposit_tap(tap_cell(ix, iy + 1, sensor, base, stride), weight * ((1.0 - fx) * fy), &rest);
-    deposit(tap_cell(ix + 1, iy + 1, sensor, base, stride), rest);
+    deposit_tap(taps.cells.x, taps.shares.x, &rest);
+    deposit_tap(taps.cells.y, taps.shares.y, &rest);
+    deposit_tap(taps.cells.z, taps.shares.z, &rest);
+    deposit(taps.cells.w, rest);
 }
 
 // Shares exp(-(i - position)^2 / (2 sigma^2)) over the taps within the radius, renormalised.

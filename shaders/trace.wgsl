@@ -26,14 +26,15 @@ fn follow(ray: ptr<function, Ray>) {
         next_event(ray);
     }
     if (*ray).fate != ALIVE && !has_place(*ray) {
-        count(INVALID_DEPOSITS);
+        end_without_place();
         (*ray).fate = ESCAPED;
     }
     if (*ray).fate == DETECTED {
-        splat(*ray, (*ray).last - NUM_SURFACES);
+        splat(*ray, (*ray).last - NUM_SURFACES, true);
     } else if (*ray).fate != ALIVE {
         book_fate(*ray);
     }
+    log_end((*ray).index);
     flush_bins();
     flush_reached();
 }
@@ -76,5 +77,5 @@ fn next_event(ray: ptr<function, Ray>) {
 // Where the ray ended takes its whole weight.
 fn book_fate(ray: Ray) {
     record_death(ray);
-    book(select(CELL_ESCAPED + (ray.fate - ESCAPED), CELL_SURFACES + ray.last, ray.fate == ABSORBED), ray.weight);
+    end_in(select(CELL_ESCAPED + (ray.fate - ESCAPED), CELL_SURFACES + ray.last, ray.fate == ABSORBED), ray.weight);
 }

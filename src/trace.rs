@@ -8,7 +8,9 @@
 //! fair sample of the scene.
 
 use crate::error::{Error, Result};
+use crate::gpu::end_log::EndLogs;
 use crate::gpu::profile::Profile;
+use crate::gpu::tuning::Tuning;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
@@ -51,6 +53,9 @@ pub struct TraceOptions {
     pub sampler: Sampler,
     /// A scene in tables is searched by a tree of boxes, or one primitive after the other; by a tree where not given.
     pub tree: Option<bool>,
+    /// The host adds up where rays end, instead of atomics on the device; where not given, on adapters that are
+    /// processors.
+    pub host_sums: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
@@ -97,13 +102,20 @@ impl Default for TraceOptions {
             baked: None,
             sampler: Sampler::Pcg,
             tree: None,
-            workgroup_size: 64,
-            events_per_dispatch: 16,
+            host_sums: None,
+            workgroup_size: Tuning::default().workgroup_size,
+            events_per_dispatch: Tuning::default().events_per_dispatch,
         }
     }
 }
 
 impl TraceOptions {
+    /// With the work cut as suits an adapter.
+    pub fn tuned(self, adapter: &AdapterInfo) -> Self {
+        let Tuning { workgroup_size, events_per_dispatch } = Tuning::of(adapter);
+        TraceOptions { workgroup_size, events_per_dispatch, ..self }
+    }
+
     /// What a result says of a trace with these options on an adapter.
     pub fn run_info(&self, adapter: &AdapterInfo) -> RunInfo {
         RunInfo {
@@ -159,6 +171,8 @@ fn share(count: u64, position: u64, length: u64) -> u64 {
 
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
+/// Where they log their ends: the log stays in a processor's caches.
+const DEFAULT_LOGGED_BATCH: u32 = 1 << 16;
 /// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
 const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
@@ -180,6 +194,9 @@ pub struct Tracer<'a> {
     moments: MomentSource,
     batch: u32,
     device: DeviceState,
+    end_logs: Option<EndLogs>,
+    /// Primitives that rays have reached since the sums were drained, a bit each.
+    reached: u32,
     counts_undrained: u64,
     launched: Booking,
     launched_rays: RaySet,
@@ -194,7 +211,8 @@ struct DeviceState {
     trace_new: wgpu::ComputePipeline,
     trace_queued: Option<wgpu::ComputePipeline>,
     advance: wgpu::ComputePipeline,
-    scene: wgpu::BindGroup,
+    /// Group 0; one for each log of ends, where there are logs.
+    scenes: Vec<wgpu::BindGroup>,
     /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
     queues: [wgpu::BindGroup; 2],
     advancing: wgpu::BindGroup,
@@ -273,6 +291,7 @@ impl<'a> Tracer<'a> {
         let program_options = ProgramOptions {
             precision: options.precision,
             native: gpu.int64,
+            host_sums: options.host_sums.unwrap_or(gpu.prefers_host_sums()),
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
             tree: options.tree.unwrap_or(true),
             uniform_bytes: gpu.uniform_table_bytes(),
@@ -288,7 +307,11 @@ impl<'a> Tracer<'a> {
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
         let batch = batch_size(gpu, &program, options);
-        let device = DeviceState::new(gpu, &program, batch)?;
+        let end_logs = match &program.end_log {
+            Some(log) => Some(EndLogs::new(gpu, log.clone(), &program.cells, batch)?),
+            None => None,
+        };
+        let device = DeviceState::new(gpu, &program, batch, end_logs.as_ref())?;
         Ok(Tracer {
             gpu,
             ir,
@@ -299,6 +322,8 @@ impl<'a> Tracer<'a> {
             rays,
             batch,
             device,
+            end_logs,
+            reached: 0,
             counts_undrained: 0,
             launched: Booking::default(),
             launched_rays: RaySet::default(),
@@ -475,7 +500,24 @@ impl<'a> Tracer<'a> {
                 self.fetch_events(&range)?;
             }
         }
-        self.gpu.wait()
+        if let Some(logs) = &mut self.end_logs {
+            logs.finish(self.gpu)?;
+        }
+        self.gpu.wait()?;
+        self.learn_reached()
+    }
+
+    /// Asks the device which primitives its rays have reached, until it knows of all: so that the rays to come need not
+    /// tell it again.
+    fn learn_reached(&mut self) -> Result<()> {
+        let cells = &self.program.cells;
+        let is_mask = self.program.options.baked && cells.fit_reached_mask();
+        if !is_mask || self.reached.count_ones() as usize == self.ir.surfaces.len() {
+            return Ok(());
+        }
+        let bytes = self.gpu.read_at(&self.device.counters, u64::from(cells.reached) * 4, 4)?;
+        self.reached = bytemuck::pod_read_unaligned(&bytes);
+        Ok(())
     }
 
     /// What a range is born with.
@@ -492,13 +534,15 @@ impl<'a> Tracer<'a> {
 
     /// Ranges of at most one batch, each of one emitter.
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
+        let log_stride = self.end_logs.as_ref().map_or(0, EndLogs::stride);
+        let reached = self.reached;
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
             let last = rays.first + rays.done(end, self.num_rays);
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
-                ranges.push(RayRange { first: next, count, emitter });
+                ranges.push(RayRange { first: next, count, emitter, log_stride, reached });
                 next += u64::from(count);
             }
         }
@@ -509,13 +553,14 @@ impl<'a> Tracer<'a> {
     fn dispatch(&mut self, range: &RayRange) -> Result<()> {
         let num_rounds = self.num_rounds();
         let device = &self.device;
+        let log = self.end_logs.as_ref().map_or(0, EndLogs::turn);
         self.gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
         if let Some(emitter) = self.program.emitters.get(range.emitter) {
             self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let (x, y) = grid(range.count.div_ceil(self.options.workgroup_size), self.gpu);
-        let stages = device.stages([x, y, 1], num_rounds);
+        let stages = device.stages([x, y, 1], num_rounds, log);
         match &mut self.profile {
             Some(profile) => {
                 stages.for_each(|stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name)));
@@ -527,7 +572,11 @@ impl<'a> Tracer<'a> {
                 stages.for_each(|stage| stage.record(&mut pass));
             }
         }
-        self.gpu.queue.submit([encoder.finish()]);
+        let submission = self.gpu.queue.submit([encoder.finish()]);
+        let birth_quanta = self.birth_quanta(range.emitter);
+        if let Some(logs) = &mut self.end_logs {
+            logs.submitted(self.gpu, range.count, birth_quanta, submission)?;
+        }
         if let Some(profile) = &mut self.profile {
             profile.collect(self.gpu)?;
         }
@@ -618,16 +667,16 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn drain(&mut self) -> Result<Tally> {
-        let counters = self.device.read_counters(self.gpu, &self.program)?;
-        let sums = self.sums(&counters)?;
+        let (counters, sums) = self.read_sums()?;
         self.device.clear(self.gpu);
+        self.reached = 0;
         self.counts_undrained = 0;
-        let booking = |cell: usize| Booking { count: u64::from(counters[cell]), quanta: sums[cell] };
+        let booking = |cell: usize| Booking { count: counters[cell], quanta: sums[cell] };
         let mut tally = self.empty_tally();
         tally.launched = std::mem::take(&mut self.launched);
         tally.rays = std::mem::take(&mut self.launched_rays);
-        tally.invalid_deposits = u64::from(counters[0]);
-        tally.medium_stack_underflows = u64::from(counters[1]);
+        tally.invalid_deposits = counters[0];
+        tally.medium_stack_underflows = counters[1];
         tally.roulette_gain = booking(2);
         tally.bulk = booking(3);
         tally.importance_loss = booking(4);
@@ -654,8 +703,7 @@ impl<'a> Tracer<'a> {
                 sensor.recorded = booking(first);
             }
             sensor.quanta.copy_from_slice(&sums[first..first + num_cells]);
-            let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
-            sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
+            sensor.hits.copy_from_slice(&counters[first..first + num_cells]);
         }
         self.take_moments(&mut tally, &sums);
         for event in self.events.drain(..) {
@@ -667,13 +715,20 @@ impl<'a> Tracer<'a> {
         Ok(tally)
     }
 
-    /// The sums \[quanta\] of the cells that have these counts.
-    fn sums(&self, counters: &[u32]) -> Result<Vec<u128>> {
-        if !self.program.constant_weights {
-            return self.device.read_sums(self.gpu, &self.program);
+    /// Counts of events and sums \[quanta\]: the device's, and those that the host added up.
+    fn read_sums(&mut self) -> Result<(Vec<u64>, Vec<u128>)> {
+        let counters = self.device.read_counters(self.gpu, &self.program)?;
+        let mut counters: Vec<u64> = counters.into_iter().map(u64::from).collect();
+        let ends = self.end_logs.as_mut().map(|logs| logs.take(&self.program.cells)).unwrap_or_default();
+        counters.iter_mut().zip(ends.counts).for_each(|(sum, count)| *sum += count);
+        if self.program.constant_weights {
+            let quanta = self.birth_quanta(0);
+            let sums = counters.iter().map(|&count| quanta * u128::from(count)).collect();
+            return Ok((counters, sums));
         }
-        let quanta = self.birth_quanta(0);
-        Ok(counters.iter().map(|&count| quanta * u128::from(count)).collect())
+        let mut sums = self.device.read_sums(self.gpu, &self.program)?;
+        sums.iter_mut().zip(ends.quanta).for_each(|(sum, quanta)| *sum += quanta);
+        Ok((counters, sums))
     }
 
     /// The second moments of a tally whose first ones are there.
@@ -806,7 +861,7 @@ impl Stage<'_> {
 }
 
 impl DeviceState {
-    fn new(gpu: &Gpu, program: &Program, batch: u32) -> Result<Self> {
+    fn new(gpu: &Gpu, program: &Program, batch: u32, end_logs: Option<&EndLogs>) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
         let shader = gpu.shader("trace", &program.wgsl);
         let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
@@ -844,7 +899,9 @@ impl DeviceState {
         scene.extend(tops.as_ref().map(|tops| (3, tops)));
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
-        let scene = gpu.bind_group("scene", &scene_layout, scene);
+        let logs = end_logs.map_or(vec![Vec::new()], |logs| logs.buffers().into());
+        let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log));
+        let scenes = logs.into_iter().map(group).collect();
 
         let counts = gpu.buffer("queue counts", 12)?;
         let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
@@ -876,7 +933,7 @@ impl DeviceState {
             trace_new,
             trace_queued,
             advance,
-            scene,
+            scenes,
             queues,
             advancing,
             range,
@@ -890,12 +947,18 @@ impl DeviceState {
         })
     }
 
-    /// The stages of one batch, in their order.
-    fn stages(&self, new_workgroups: [u32; 3], num_rounds: usize) -> impl Iterator<Item = Stage<'_>> {
+    /// The stages of one batch, in their order; `log` is the log of ends that they write.
+    fn stages(
+        &self,
+        new_workgroups: [u32; 3],
+        num_rounds: usize,
+        log: usize,
+    ) -> impl Iterator<Item = Stage<'_>> {
+        let scene = &self.scenes[log];
         let trace_new = Stage {
             name: "trace_new",
             pipeline: &self.trace_new,
-            groups: [Some(&self.scene), Some(&self.queues[0])],
+            groups: [Some(scene), Some(&self.queues[0])],
             workgroups: Workgroups::Of(new_workgroups),
         };
         let rounds = self.trace_queued.iter().flat_map(move |trace_queued| {
@@ -909,7 +972,7 @@ impl DeviceState {
                 let trace_queued = Stage {
                     name: "trace_queued",
                     pipeline: trace_queued,
-                    groups: [Some(&self.scene), Some(&self.queues[round % 2])],
+                    groups: [Some(scene), Some(&self.queues[round % 2])],
                     workgroups: Workgroups::Counted(&self.workgroups),
                 };
                 [advance, trace_queued]
@@ -1007,6 +1070,12 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     if options.batch_size == Some(0) {
         return usage("the batch size is 0; at least one ray is needed".into());
     }
+    if options.host_sums == Some(true) && !gpu.has_shared_memory() {
+        return usage(format!(
+            "the adapter `{}` shares no memory with the host, which cannot add up",
+            gpu.info.name
+        ));
+    }
     if options.precision == Precision::F64 && !gpu.f64 {
         return usage(format!("the adapter `{}` has no 64-bit floats; use --precision f32", gpu.info.name));
     }
@@ -1048,7 +1117,10 @@ const MAX_RAY_ID: u64 = 1 << 63;
 const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
-    let default = DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32;
+    let default = match program.end_log {
+        Some(_) => DEFAULT_LOGGED_BATCH,
+        None => DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32,
+    };
     let wanted = options.batch_size.unwrap_or(default).min(options.num_rays.min(1 << 30) as u32);
     let events = match program.max_events_per_ray {
         0 => u32::MAX,

@@ -630,6 +630,7 @@ fn compose(text: &str) -> Result<(), Error> {
             weights: vec![1.0; ir.emitters.len()],
             sampler: Sampler::Pcg,
             moments: false,
+            host_sums: baked,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

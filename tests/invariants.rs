@@ -105,6 +105,23 @@ fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
 }
 
 #[test]
+fn the_host_and_the_device_add_up_the_same_bits() {
+    assert!(zoo::gpu().prefers_host_sums(), "lavapipe is a processor");
+    let booked = |options: &mut TraceOptions| options.host_sums = Some(false);
+    assert_same_bits(3000, &[booked]);
+    let base = TraceOptions { num_rays: 3000, standard_error: StandardError::On, ..TraceOptions::default() };
+    assert_same_bits_from(&base, &[booked]);
+    let base = TraceOptions {
+        num_rays: 3000,
+        events_per_dispatch: 2,
+        batch_size: Some(700),
+        standard_error: StandardError::Off,
+        ..TraceOptions::default()
+    };
+    assert_same_bits_from(&base, &[booked]);
+}
+
+#[test]
 fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
     assert!(zoo::gpu().int64, "lavapipe has 64-bit integers");
     assert!(!zoo::portable_gpu().int64);

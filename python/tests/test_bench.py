@@ -6,6 +6,8 @@ import json
 import subprocess
 import sys
 
+from tools import make_speed_table
+
 CASES = ["rays_1e3", "surfaces_5", "depth_2", "lens_0", "spheres_100", "double_gauss"]
 
 
@@ -22,3 +24,8 @@ def test_optiland_traces_every_kind_of_case(command: list[str]) -> None:
         (ours,) = case["measurements"]
         assert peer["num_rays"] == ours["counts"]["launched"] == 100
         assert ours["ratios"]["optiland"] > 0
+
+
+def test_the_table_in_the_readme_is_that_of_the_newest_benchmark() -> None:
+    readme = make_speed_table.README.read_text()
+    assert make_speed_table.replaced(readme, make_speed_table.newest()) == readme

@@ -6,10 +6,9 @@ fn mark_reached(primitive: u32) {
     reached |= 1u << primitive;
 }
 
-// Reading first spares the atomic in all but the first few rays.
+// The host says what passes before this one have reached: that spares the atomic.
 fn flush_reached() {
-    let known = atomicLoad(&counters[COUNTER_REACHED]);
-    if (reached & ~known) != 0u {
+    if (reached & ~range.reached) != 0u {
         atomicOr(&counters[COUNTER_REACHED], reached);
     }
 }

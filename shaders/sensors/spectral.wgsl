@@ -2,7 +2,7 @@
 
 @group(0) @binding(8) var<storage, read> spectral_bins: array<u32>;
 
-fn record_spectral(ray: Ray, sensor: Sensor) {
+fn record_spectral(ray: Ray, sensor: Sensor, ends: bool) {
     let bin = spectral_bins[sensor.bins + ray.wavelength];
-    splat_pixels(ray, sensor, local_position(ray, sensor), sensor.cell + bin, sensor.num_bins);
+    splat_pixels(ray, sensor, local_position(ray, sensor), sensor.cell + bin, sensor.num_bins, ends);
 }

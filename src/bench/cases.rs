@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 pub struct Case {
     /// Unique name.
     pub name: String,
-    /// What the case is one point of: `rays`, `surfaces`, `depth`, `lenses`, `spheres`, `commands`, `cold_start`.
+    /// What the case is one point of: `rays`, `surfaces`, `depth`, `lenses`, `spheres`, `meshes`, `commands`, `cold_start`.
     pub axis: &'static str,
     /// The scene file's text.
     pub scene: String,
@@ -53,6 +53,7 @@ pub fn all(max_rays: u64) -> Vec<Case> {
     cases.extend(depth_sweep());
     cases.extend((0..10).map(|i| trace(&format!("lens_{i}"), "lenses", random_lens(i))));
     cases.push(trace("spheres_100", "spheres", spheres_scene(100)));
+    cases.push(trace("mesh_100k", "meshes", torus_scene(224)));
     cases.extend(commands());
     cases.iter_mut().for_each(|case| case.num_rays = case.num_rays.min(max_rays));
     cases
@@ -163,13 +164,40 @@ fn spheres_scene(num_spheres: u32) -> String {
             "shape": {"type": "sphere", "radius": draws.between(2.0, 8.0)}, "interaction": "absorbing",
         })
     };
+    let spheres: Vec<Value> = (0..num_spheres).map(&mut sphere).collect();
+    in_random_directions(spheres)
+}
+
+/// The same rays onto an absorbing torus of 2 segments^2 triangles.
+fn torus_scene(segments: u32) -> String {
+    const LARGE_RADIUS: f64 = 35.0;
+    const SMALL_RADIUS: f64 = 15.0;
+    let turn = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(segments);
+    let each = || (0..segments).flat_map(|i| (0..segments).map(move |j| (i, j)));
+    let vertex = |(i, j): (u32, u32)| {
+        let from_axis = LARGE_RADIUS + SMALL_RADIUS * turn(j).cos();
+        [from_axis * turn(i).cos(), from_axis * turn(i).sin(), SMALL_RADIUS * turn(j).sin()]
+    };
+    let number = |i: u32, j: u32| (i % segments) * segments + j % segments;
+    let faces = each().flat_map(|(i, j)| {
+        let corners = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)];
+        [[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]]
+    });
+    in_random_directions(vec![json!({
+        "name": "torus", "cs": {}, "interaction": "absorbing",
+        "shape": {"type": "mesh", "vertices": each().map(vertex).collect::<Vec<_>>(), "faces": faces.collect::<Vec<_>>()},
+    })])
+}
+
+/// Surfaces around the origin, in the light of a disk that shines into a cone, before a detector.
+fn in_random_directions(surfaces: Vec<Value>) -> String {
     let source = json!({"type": "extended", "name": "S", "cs": at_z(-80.0), "spectrum": spectrum(), "total_flux": 1.0,
         "aperture_radius": 50.0, "half_angle_deg": 45.0});
     scene(json!({
         "components": [],
         "sources": [source],
         "detectors": [detector(at_z(80.0), 200.0, 64, true)],
-        "nsq_gpu": {"version": 1, "surfaces": (0..num_spheres).map(&mut sphere).collect::<Vec<_>>()},
+        "nsq_gpu": {"version": 1, "surfaces": surfaces},
     }))
 }
 

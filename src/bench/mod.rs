@@ -6,6 +6,7 @@
 //! peers       Optiland's NumPy backend and a Dr.Jit kernel, as children
 //! statistics  median, least and greatest of the runs; ratios
 //! report      one JSON document, CSV and a chart
+//! tuning      how to cut work for an adapter
 //! stability   scenes where tracers fail, each with its exact answer
 //! ```
 //!
@@ -18,6 +19,7 @@ pub mod report;
 pub mod runner;
 pub mod stability;
 pub mod statistics;
+pub mod tuning;
 
 pub use cases::{Case, Kind};
 pub use peers::Peer;

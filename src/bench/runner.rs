@@ -238,7 +238,8 @@ impl<'a> Subject<'a> {
         let start = Instant::now();
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
-                let tracer = Tracer::new(session.gpu, ir, &options(case, precision))?;
+                let tracer =
+                    Tracer::new(session.gpu, ir, &options(case, precision).tuned(&session.gpu.info))?;
                 let ready_sec = read_sec + start.elapsed().as_secs_f64();
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
             }

@@ -3,7 +3,7 @@
 use super::{count, say};
 use crate::bench::peers::{DrJit, Optiland};
 use crate::bench::runner::measure;
-use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability};
+use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
@@ -16,10 +16,14 @@ pub struct Args {
     /// Instead of speed: scenes where tracers fail, against their exact answers (exit code 6 where one is missed).
     #[arg(long, conflicts_with_all = ["quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     stability: bool,
+    /// Instead of speed: finds out how to cut work for the adapter, and keeps it in the user's cache for every trace to
+    /// come. It never changes a result.
+    #[arg(long, conflicts_with_all = ["stability", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
+    tune: bool,
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, commands, cold_start).
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, commands, cold_start).
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
     /// Arithmetic to measure.
@@ -85,6 +89,9 @@ pub fn run(args: &Args) -> Result<String> {
     if args.stability {
         return run_stability(args);
     }
+    if args.tune {
+        return run_tuning(args);
+    }
     let cases = chosen_cases(args)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
@@ -129,6 +136,27 @@ fn run_stability(args: &Args) -> Result<String> {
     }
     super::print(&table)?;
     Err(Error::Tolerance(faults.join("\n")))
+}
+
+/// Measures in the precision that the adapter traces in by default.
+fn run_tuning(args: &Args) -> Result<String> {
+    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let precision = match precisions(args, &gpu).as_slice() {
+        [_, ..] if args.precision == PrecisionsArg::Both && gpu.info.is_cpu() && gpu.f64 => Precision::F64,
+        [precision, ..] => *precision,
+        [] => Precision::F32,
+    };
+    let trials = tuning::measure(&gpu, precision)?;
+    let best = tuning::best(&trials);
+    let path = best.keep(&gpu.info)?;
+    Ok(format!(
+        "{}`{}` traces in workgroups of {}, {} events a dispatch; kept in {}\n",
+        tuning::table(&trials),
+        gpu.info.name,
+        best.workgroup_size,
+        best.events_per_dispatch,
+        path.display()
+    ))
 }
 
 fn chosen_cases(args: &Args) -> Result<Vec<Case>> {

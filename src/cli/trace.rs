@@ -167,7 +167,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
-    let mut options = options(args)?;
+    let mut options = options(args)?.tuned(&gpu.info);
     let choice = precision::choose(&gpu, &ir, &options, wanted(args.precision))?;
     options.precision = choice.precision;
     let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);

@@ -43,6 +43,13 @@ pub struct AdapterInfo {
     pub max_binding_size: u64,
 }
 
+impl AdapterInfo {
+    /// True if the adapter is a processor.
+    pub fn is_cpu(&self) -> bool {
+        self.kind == "Cpu"
+    }
+}
+
 /// An open device.
 #[derive(Debug)]
 pub struct Gpu {
@@ -141,6 +148,10 @@ impl Gpu {
         if native {
             features |= adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
         }
+        if native && info.is_cpu() {
+            // The device's memory is the host's.
+            features |= adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
+        }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("nsq-gpu"),
             required_features: features,
@@ -173,7 +184,18 @@ impl Gpu {
     /// without a check of every lane; GPUs read storage faster where invocations diverge.
     pub fn uniform_table_bytes(&self) -> u32 {
         let limit = self.device.limits().max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32;
-        if self.info.kind == "Cpu" { limit } else { 0 }
+        if self.info.is_cpu() { limit } else { 0 }
+    }
+
+    /// True if the host should add up where rays end: the device is a processor, where an atomic costs each emulated lane
+    /// ten times a store.
+    pub fn prefers_host_sums(&self) -> bool {
+        self.info.is_cpu() && self.has_shared_memory()
+    }
+
+    /// True if the host can read what a dispatch wrote where it lies.
+    pub fn has_shared_memory(&self) -> bool {
+        self.device.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS)
     }
 
     /// Fails if the device was lost, ran out of memory or reported an error.
@@ -184,7 +206,16 @@ impl Gpu {
 
     /// Waits until everything submitted is done.
     pub fn wait(&self) -> Result<()> {
-        let polled = self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: None });
+        self.poll(None)
+    }
+
+    /// Waits until a submission and those before it are done.
+    pub fn wait_for(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
+        self.poll(Some(submission))
+    }
+
+    fn poll(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<()> {
+        let polled = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: None });
         self.check()?;
         polled.map(|_| ()).map_err(|e| Error::Device(format!("waiting for the device: {e}")))
     }

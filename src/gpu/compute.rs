@@ -139,14 +139,7 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
-        let limit =
-            self.device.limits().max_storage_buffer_binding_size.min(self.device.limits().max_buffer_size);
-        if size > limit {
-            return Err(Error::Device(format!(
-                "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use fewer pixels or another adapter",
-                self.info.name
-            )));
-        }
+        self.check_binding(label, size)?;
         let usage = wgpu::BufferUsages::STORAGE
             | wgpu::BufferUsages::COPY_SRC
             | wgpu::BufferUsages::COPY_DST
@@ -155,6 +148,20 @@ impl Gpu {
             label: Some(label),
             size: size.max(16).next_multiple_of(4),
             usage,
+            mapped_at_creation: false,
+        }))
+    }
+
+    /// A buffer that shaders write and the host reads where it lies ([`Gpu::has_shared_memory`]).
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the adapter cannot bind so much.
+    pub fn mappable_buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
+        self.check_binding(label, size)?;
+        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: size.max(16).next_multiple_of(8),
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         }))
     }
@@ -168,6 +175,18 @@ impl Gpu {
             contents: &padded,
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
         })
+    }
+
+    fn check_binding(&self, label: &str, size: u64) -> Result<()> {
+        let limits = self.device.limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        if size > limit {
+            return Err(Error::Device(format!(
+                "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use fewer pixels or another adapter",
+                self.info.name
+            )));
+        }
+        Ok(())
     }
 
     /// A table of the scene that shaders only read.
@@ -190,6 +209,11 @@ impl Gpu {
 
     /// Reads the first `size` bytes of a buffer, after everything submitted before.
     pub fn read(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
+        self.read_at(buffer, 0, size)
+    }
+
+    /// Reads `size` bytes of a buffer from `offset` on, after everything submitted before.
+    pub fn read_at(&self, buffer: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>> {
         if size == 0 {
             return Ok(Vec::new());
         }
@@ -201,7 +225,7 @@ impl Gpu {
             mapped_at_creation: false,
         });
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
+        encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, size);
         self.queue.submit([encoder.finish()]);
         staging.map_async(wgpu::MapMode::Read, .., |_| {});
         self.wait()?;

@@ -2,8 +2,10 @@
 
 pub mod adapter;
 pub mod compute;
+pub mod end_log;
 pub mod profile;
 pub mod rates;
 pub mod sums;
+pub mod tuning;
 
 pub use adapter::{AdapterChoice, AdapterInfo, Gpu, Native, list_adapters};

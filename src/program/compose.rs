@@ -3,6 +3,7 @@
 
 use super::bsdf::BsdfKind;
 use super::contact::{self, Contact};
+use super::end_log::EndLog;
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
@@ -43,6 +44,8 @@ pub struct Composition<'a> {
     pub tree: Option<&'a PrimitiveTree>,
     /// Every ray has at all times the weight that all are born with.
     pub constant_weights: bool,
+    /// The log of where rays end, if the host adds it up.
+    pub end_log: Option<&'a EndLog>,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -140,6 +143,9 @@ impl Composition<'_> {
         ] {
             let _ = writeln!(text, "const {name}: bool = {value};");
         }
+        if let Some(log) = self.end_log {
+            let _ = writeln!(text, "const LOG_WEIGHTS: bool = {};", log.has_weights);
+        }
         if let Some(tree) = self.tree {
             let _ = writeln!(text, "const TREE_ROOT: f32 = {:?};", tree.root);
             let _ = writeln!(text, "const TREE_SLACK: f32 = {:?};", tree::SLACK);
@@ -180,6 +186,7 @@ impl Composition<'_> {
                 shader!("lib/weights_constant.wgsl"),
                 shader!("lib/weights_vary.wgsl"),
             ),
+            pick(self.end_log.is_some(), shader!("lib/ends_logged.wgsl"), shader!("lib/ends_booked.wgsl")),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
@@ -424,13 +431,13 @@ impl Composition<'_> {
 
     /// Dispatch over the kinds of sensors that occur; the codes are those of [`lowered::sensor_code`].
     fn record(&self) -> String {
-        let mut text = String::from("fn record(ray: Ray, sensor: Sensor, index: u32) {\n");
+        let mut text = String::from("fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {\n");
         let f = self.features;
         for (present, code, call) in [
-            (f.irradiance, 0, "record_irradiance(ray, sensor)"),
-            (f.spectral, 1, "record_spectral(ray, sensor)"),
-            (f.far_field, 2, "record_far_field(ray, sensor)"),
-            (f.ray_database, 3, "record_ray_database(ray, sensor, index)"),
+            (f.irradiance, 0, "record_irradiance(ray, sensor, ends)"),
+            (f.spectral, 1, "record_spectral(ray, sensor, ends)"),
+            (f.far_field, 2, "record_far_field(ray, sensor, ends)"),
+            (f.ray_database, 3, "record_ray_database(ray, sensor, index, ends)"),
         ] {
             if present {
                 let _ = writeln!(text, "    if sensor.kind == {code}u {{ {call}; }}");

@@ -396,7 +396,8 @@ fn splat_falloff(splat: Splat) -> f64 {
     }
 }
 
-fn num_bins(kind: &SensorKind) -> u32 {
+/// Wavelength bins of a detector's pixel.
+pub fn num_bins(kind: &SensorKind) -> u32 {
     match kind {
         SensorKind::Spectral { wavelength_edges, .. } => wavelength_edges.len() as u32 - 1,
         SensorKind::Irradiance(_) | SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => 1,

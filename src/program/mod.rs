@@ -3,6 +3,7 @@
 pub mod bsdf;
 pub mod compose;
 pub mod contact;
+pub mod end_log;
 pub mod features;
 pub mod library;
 pub mod lowered;
@@ -15,6 +16,7 @@ pub mod tree;
 use crate::error::{Error, Result};
 use crate::ir::{SceneIr, SensorKind, Surface};
 use compose::Composition;
+use end_log::EndLog;
 pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
@@ -46,6 +48,8 @@ pub struct ProgramOptions {
     pub precision: Precision,
     /// 64-bit integers and atomics of the device, instead of pairs of 32-bit ones. The results are the same bits.
     pub native: bool,
+    /// Rays write down where they end, and the host adds it up. The results are the same bits.
+    pub host_sums: bool,
     /// The scene compiled in, instead of in tables.
     pub baked: bool,
     /// Tables are searched by a tree of boxes, instead of one primitive after the other.
@@ -102,6 +106,8 @@ pub struct Program {
     pub splitting: Option<Splitting>,
     /// Its sums.
     pub cells: Cells,
+    /// The log of where rays end, if the host adds it up.
+    pub end_log: Option<EndLog>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// Contents of the read-only buffers of group 0, by binding.
@@ -163,6 +169,7 @@ impl Program {
         let constant_weights = features.whole_weights
             && !options.moments
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
+        let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
         let composition = Composition {
             ir,
             features: &features,
@@ -172,6 +179,7 @@ impl Program {
             contacts: &contacts,
             tree: tree.as_ref(),
             constant_weights,
+            end_log: end_log.as_ref(),
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -186,6 +194,7 @@ impl Program {
             options,
             splitting,
             cells,
+            end_log,
             centre,
             buffers: Vec::new(),
             constant_weights,
@@ -302,7 +311,7 @@ impl Program {
         self.reals(table(lowered::reflectance).chain(table(lowered::coating_pass)))
     }
 
-    /// The uniform of one dispatch: which rays of which emitter (shaders/lib/state.wgsl, `Range`).
+    /// The uniform of one dispatch (shaders/lib/state.wgsl, `Range`).
     pub fn range_bytes(&self, range: &RayRange) -> Result<Vec<u8>> {
         let layout = StructLayout::of(&self.module, "Range")?;
         let mut bytes = vec![0; layout.stride];
@@ -314,6 +323,8 @@ impl Program {
             ("emitter", range.emitter as u32),
             ("seed_lo", seed_lo),
             ("seed_hi", seed_hi),
+            ("log_stride", range.log_stride),
+            ("reached", range.reached),
         ];
         for (field, value) in fields {
             let offset = layout.offset(field)?;
@@ -332,6 +343,10 @@ pub struct RayRange {
     pub count: u32,
     /// The emitter they come from.
     pub emitter: usize,
+    /// Words of a row of the log of ends.
+    pub log_stride: u32,
+    /// Primitives that earlier passes reached, a bit each, where they are marked so.
+    pub reached: u32,
 }
 
 /// (threshold, wavelength) per entry: bits <= threshold decides as bits / 2^32 <= cdf does.

@@ -211,7 +211,7 @@ fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(Trace
         max_depth: options.max_depth,
         // Whoever looks wants to see the noise, whatever it costs.
         standard_error: StandardError::On,
-        ..TraceOptions::default()
+        ..TraceOptions::default().tuned(&gpu.info)
     };
     let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
     let choice = precision::choose(gpu, ir, &traced, wanted)?;

@@ -33,9 +33,10 @@ pub struct Setting {
 }
 
 impl Default for Setting {
-    /// As the oracle traced.
+    /// As the oracle traced; with atomics, as on a GPU.
     fn default() -> Self {
-        Setting { native: true, options: TraceOptions { num_rays: 100_000, ..Default::default() } }
+        let options = TraceOptions { num_rays: 100_000, host_sums: Some(false), ..Default::default() };
+        Setting { native: true, options }
     }
 }
 

@@ -89,6 +89,7 @@ impl Scene {
             match (word, precision(word)) {
                 (_, Some(precision)) => setting.options.precision = precision,
                 ("portable", _) => setting.native = false,
+                ("logged", _) => setting.options.host_sums = Some(true),
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
                     setting.options.baked = Some(false);
@@ -119,7 +120,8 @@ fn parity(bench: &Bench, scene_of: &Scene) -> Outcome {
 }
 
 fn stability(bench: &Bench, case: &StabilityCase, precision: Precision) -> Outcome {
-    let setting = Setting { options: case.options(precision), native: true };
+    let mut setting = Setting { options: case.options(precision), native: true };
+    setting.options.host_sums = Setting::default().options.host_sums;
     let read = case.read(&bench.result(&case.scene().unwrap(), &setting));
     let faults = case.faults(precision, &read.map_err(|error| error.to_string())?);
     if faults.is_empty() { Ok(()) } else { Err(faults.join("; ")) }
@@ -140,6 +142,7 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     first.options.standard_error = StandardError::Off;
     let mut other = first.clone();
     other.native = false;
+    other.options.host_sums = Some(false);
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;
     if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }

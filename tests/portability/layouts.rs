@@ -5,7 +5,7 @@ use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::ir::SceneIr;
 use nsq_gpu::program::records::StructLayout;
-use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler};
+use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler, end_log, lowered};
 
 /// A field of a struct of a module.
 #[derive(Debug, PartialEq)]
@@ -162,7 +162,7 @@ fn host_writes_every_field_of_a_range() {
     for tier in tiers_in_tables() {
         let (ir, program) = range_scene(tier);
         let emitter = ir.emitters.len() - 1;
-        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter };
+        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, log_stride: 13, reached: 5 };
         let bytes = program.range_bytes(&range).unwrap();
         assert_eq!(written(&program, "Range", &bytes), expected_range(emitter), "{tier:?}");
         let written = written(&program, "Emitter", &program.emitters[emitter]);
@@ -201,6 +201,8 @@ fn expected_range(emitter: usize) -> Vec<(String, f64)> {
         ("emitter", emitter as f64),
         ("seed_lo", f64::from(seed_lo)),
         ("seed_hi", f64::from(seed_hi)),
+        ("log_stride", 13.0),
+        ("reached", 5.0),
     ];
     expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }
@@ -281,8 +283,8 @@ fn tables_hold_the_scene_where_the_shaders_look() {
 /// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
-    // Of the trace, not of the program: range, sums, tops, counters, rows, emitter.
-    let traced = [0, 2, 3, 4, 12, nsq_gpu::program::lowered::EMITTER];
+    // Of the trace, not of the program: range, sums, tops, counters, rows, emitter, and the log of ends.
+    let traced = [0, 2, 3, 4, 12, lowered::EMITTER, end_log::CELLS, end_log::WEIGHTS];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

@@ -41,6 +41,8 @@ pub struct Variant {
     pub roulette_threshold: f64,
     pub sampler: Sampler,
     pub moments: bool,
+    /// The host adds up where rays end.
+    pub host_sums: bool,
 }
 
 /// One feature.
@@ -71,6 +73,7 @@ pub enum Choice {
     Rotated,
     Sampler(Sampler),
     Moments,
+    HostSums,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -234,6 +237,7 @@ impl Choice {
             Choice::Tree { uniform_bytes: 1 << 16 },
             Choice::Rotated,
             Choice::Moments,
+            Choice::HostSums,
         ]);
         choices
     }
@@ -290,6 +294,7 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::Moments => variant.moments = true,
+            Choice::HostSums => variant.host_sums = true,
             Choice::Tree { uniform_bytes } => {
                 variant.tree = true;
                 variant.uniform_bytes = uniform_bytes;
@@ -324,6 +329,7 @@ impl Default for Variant {
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             moments: false,
+            host_sums: false,
         }
     }
 }
@@ -352,6 +358,7 @@ impl Variant {
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
+            host_sums: self.host_sums,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }

@@ -37,7 +37,7 @@ const HAS_TRANSMISSIVE: bool = false;
 const HAS_TRANSMISSIVE_LOBES: bool = false;
 const HAS_QUEUE: bool = false;
 const HAS_TOTALS: bool = false;
-const UNIT_GRADIENTS: bool = false;
+const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
 const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
@@ -54,6 +54,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/reached_mask.wgsl
 
 // <- shaders/lib/weights_vary.wgsl
+
+// <- shaders/lib/ends_booked.wgsl
 
 // <- shaders/lib/spectrum_single.wgsl
 
@@ -226,8 +228,8 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     best = nearer(best, rectangle_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(87.5)), ray.direction, real(25.0), real(25.0), ray.last == 3u), 3u);
     return best;
 }
-fn record(ray: Ray, sensor: Sensor, index: u32) {
-    if sensor.kind == 0u { record_irradiance(ray, sensor); }
+fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
+    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
 }
 var<private> bin_0_events: u32 = 0u;
 fn add_to_bin(cell: u32, q: Quanta) {

@@ -55,6 +55,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/weights_vary.wgsl
 
+// <- shaders/lib/ends_booked.wgsl
+
 // <- shaders/lib/spectrum_discrete.wgsl
 
 // <- shaders/lib/bulk_none.wgsl
@@ -329,9 +331,9 @@ fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, far
         default: { return MISS; }
     }
 }
-fn record(ray: Ray, sensor: Sensor, index: u32) {
-    if sensor.kind == 0u { record_irradiance(ray, sensor); }
-    if sensor.kind == 1u { record_spectral(ray, sensor); }
+fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
+    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
+    if sensor.kind == 1u { record_spectral(ray, sensor, ends); }
 }
 fn add_to_bin(cell: u32, q: Quanta) {
     count(cell);

@@ -1,0 +1,65 @@
+//! The log of where rays end, for the host to add up (`shaders/lib/ends_logged.wgsl`).
+
+use super::features::Features;
+use super::lowered::{self, Cells};
+use super::{Precision, ProgramOptions};
+use crate::ir::SceneIr;
+
+/// Binding of the ends' cells.
+pub const CELLS: u32 = 20;
+/// Binding of their weights and shares.
+pub const WEIGHTS: u32 = 21;
+
+/// The bits of an end that name its cell.
+pub const CELL_BITS: u32 = 22;
+
+/// What the log of a program holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndLog {
+    /// Each end has its weight; else every ray keeps the one it was born with.
+    pub has_weights: bool,
+    /// Rows of weights and shares.
+    pub num_rows: u32,
+    /// Precision of weights and shares.
+    pub precision: Precision,
+    /// The host need only count: sums follow from the counts.
+    pub counts_alone: bool,
+    /// Per detector, from the first cell on.
+    pub grids: Vec<Grid>,
+}
+
+/// How the cells of a detector lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid {
+    /// Its first cell.
+    pub first: usize,
+    /// Cells from one column to the next.
+    pub column: usize,
+    /// Cells from one row to the next.
+    pub row: usize,
+}
+
+impl EndLog {
+    /// The log of a scene. None where rays are split, because a launched ray then has many ends, and where there are so
+    /// many cells that the host would find none of them in its caches.
+    pub fn of(
+        ir: &SceneIr,
+        features: &Features,
+        cells: &Cells,
+        options: &ProgramOptions,
+        counts_alone: bool,
+    ) -> Option<Self> {
+        if !options.host_sums || features.splits || cells.num_cells > 1 << CELL_BITS {
+            return None;
+        }
+        let has_weights = !features.keeps_weight;
+        let num_rows = if features.splats[1] { 4 } else { u32::from(has_weights) };
+        let grids = cells.sensors.iter().zip(&ir.sensors).map(|(&first, sensor)| {
+            let column = lowered::num_bins(&sensor.kind) as usize;
+            let row = column * sensor.kind.grid().map_or(1, |grid| grid.num_pixels_x as usize);
+            Grid { first: first as usize, column, row }
+        });
+        let precision = options.precision;
+        Some(EndLog { has_weights, num_rows, precision, counts_alone, grids: grids.collect() })
+    }
+}
