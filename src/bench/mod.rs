@@ -11,6 +11,7 @@
 //!
 //! A benchmark, never a test: nothing here passes or fails by the clock. [`stability`] alone can fail, by its answers.
 
+pub mod accuracy;
 pub mod cases;
 pub mod machine;
 pub mod peers;

@@ -41,6 +41,8 @@ pub struct AdapterInfo {
     pub int64: bool,
     /// Largest storage buffer binding \[bytes\].
     pub max_binding_size: u64,
+    /// It takes SPIR-V, in which arithmetic can be strict (`gpu::strict`).
+    pub strict: bool,
 }
 
 /// An open device.
@@ -71,7 +73,9 @@ fn instance() -> wgpu::Instance {
 fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
     let info = adapter.get_info();
     let features = adapter.features();
+    let takes_shaders = features.contains(wgpu::Features::PASSTHROUGH_SHADERS);
     AdapterInfo {
+        strict: info.backend == wgpu::Backend::Vulkan && takes_shaders,
         name: info.name,
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
         backend: info.backend.to_string(),
@@ -140,6 +144,12 @@ impl Gpu {
         }
         if native {
             features |= adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        }
+        let spirv = wgpu::Features::PASSTHROUGH_SHADERS;
+        let strict =
+            adapter.get_info().backend == wgpu::Backend::Vulkan && adapter.features().contains(spirv);
+        if strict {
+            features |= spirv;
         }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("nsq-gpu"),

@@ -4,6 +4,7 @@ pub mod adapter;
 pub mod compute;
 pub mod profile;
 pub mod rates;
+pub mod strict;
 pub mod sums;
 
 pub use adapter::{AdapterChoice, AdapterInfo, Gpu, Native, list_adapters};
