@@ -19,12 +19,13 @@ pub struct Args {
     stability: bool,
     /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth
     /// (exit code 6 where that is less than claimed).
-    #[arg(long, conflicts_with_all = ["stability", "scenes", "runs", "max_rays", "json"])]
+    #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
     accuracy: bool,
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, commands, cold_start).
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, commands, cold_start);
+    /// with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
     /// Arithmetic to measure.
@@ -151,19 +152,21 @@ fn run_accuracy(args: &Args) -> Result<String> {
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
+    let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
+    check_scenes(args)?;
     let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
     let precisions = precisions(args, &gpu);
     let mut peers = map_peers(args)?;
     let effort = if args.quick { QUICK } else { FULL };
     let mut report = AccuracyReport::new(&gpu.info, args.note.clone());
-    for scene in &accuracy::SCENES {
+    for scene in accuracy::SCENES.iter().filter(|scene| is_chosen(scene.name)) {
         say(&format!("{}: error against time", scene.name));
         report.scenes.push(accuracy::curves::measure(&gpu, scene, &precisions, &mut peers, &effort)?);
         let num_rays = PATHS.min(effort.most_rays / 4);
         report.numerical.extend(accuracy::numerical::measure(&gpu, scene, &precisions, num_rays)?);
     }
     let precision = *precisions.last().unwrap_or(&Precision::F32);
-    for claim in &accuracy::CLAIMS {
+    for claim in accuracy::CLAIMS.iter().filter(|claim| is_chosen(claim.scene.name)) {
         let claim = if args.quick { claim.quick() } else { *claim };
         say(&format!("{}: Sobol points", claim.scene.name));
         report.verdicts.push(claim.measure(&gpu, precision)?);
@@ -178,6 +181,19 @@ fn run_accuracy(args: &Args) -> Result<String> {
     }
     super::print(&report.table())?;
     Err(Error::Tolerance(faults.join("\n")))
+}
+
+fn check_scenes(args: &Args) -> Result<()> {
+    let claims = accuracy::CLAIMS.iter().map(|claim| claim.scene.name);
+    let mut names: Vec<&str> = accuracy::SCENES.iter().map(|scene| scene.name).chain(claims).collect();
+    names.sort_unstable();
+    names.dedup();
+    match args.scenes.iter().find(|scene| !names.contains(&scene.as_str())) {
+        Some(unknown) => {
+            Err(Error::Usage(format!("no scene is named `{unknown}`; there are {}", names.join(", "))))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Optiland's NumPy backend, and its Torch backend where that Python has it.

@@ -232,6 +232,11 @@ fn peer_curve(
     for count in ray_counts(FIRST_PEER_RAYS, effort.most_rays) {
         for (seed, trace) in (0..).zip(&mut traces) {
             let (seconds, estimate) = peer.map(&request(count, seed))?;
+            let (num_cells, ours) = (estimate.cells.len(), answer.cells.len());
+            if num_cells != ours {
+                let engine = peer.engine();
+                return Err(Error::Internal(format!("{engine} gave {num_cells} pixels of {ours}")));
+            }
             trace.push((count, seconds, estimate));
         }
         if traces.iter().filter_map(|trace| trace.last()).any(|last| last.1 * STEP as f64 > effort.trace_sec)
