@@ -135,7 +135,7 @@ mod tests {
         @compute @workgroup_size(1)
         fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let i = id.x + 1u;
-            x[i] = 2.0 * x[i] + x[i] * x[i] - dot(x[i], x[i]) / x[i] + vec3<f32>(i32(id.y) - 3);
+            x[i] = 2.0 * x[i] + x[i] * x[i] - dot(x[i], x[i]) / x[i] + vec3<f32>(f32(i32(id.y) - 3));
         }";
 
     fn written() -> Vec<u32> {

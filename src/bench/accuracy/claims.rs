@@ -2,10 +2,10 @@
 //! is the ratio of the numbers of rays at the same error, since that of random numbers falls with their number.
 
 use super::estimate::{Errors, Estimate};
-use super::scenes::{AccuracyScene, scene, set_splat};
+use super::scenes::{AccuracyScene, scene};
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::ir::{ReflectProb, SceneIr, Splat};
+use crate::ir::{ReflectProb, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::scene::Scene;
 use crate::trace::{StandardError, TraceOptions, Tracer};
@@ -204,7 +204,7 @@ fn variance(estimates: &[Estimate]) -> Errors {
 impl Claim {
     /// A claim that is not judged: of few rays and traces.
     pub fn quick(&self) -> Self {
-        Claim { num_rays: self.num_rays.min(1 << 10), num_groups: 2, map: None, flux: None, ..*self }
+        Claim { num_rays: self.num_rays.min(1 << 10), num_groups: 6, map: None, flux: None, ..*self }
     }
 
     /// Traces of either kind of draw.
@@ -212,13 +212,12 @@ impl Claim {
         self.num_groups * GROUP
     }
 
-    /// Its scene: each ray in one pixel.
+    /// Its scene, as its file says, splats included.
     ///
     /// # Errors
     /// [`crate::Error::Scene`] if the file is refused.
     pub fn ir(&self) -> Result<SceneIr> {
         let mut ir = Scene::from_json(self.scene.text)?.lower()?;
-        set_splat(&mut ir, Splat::Hard);
         if let Some((depth, budget)) = self.split {
             ir.sampling.reflect_prob = ReflectProb::Fresnel;
             (ir.sampling.split_depth, ir.sampling.split_budget) = (depth, budget);

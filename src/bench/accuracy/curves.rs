@@ -239,8 +239,7 @@ fn peer_curve(
             }
             trace.push((count, seconds, estimate));
         }
-        if traces.iter().filter_map(|trace| trace.last()).any(|last| last.1 * STEP as f64 > effort.trace_sec)
-        {
+        if traces.iter().filter_map(|trace| trace.last()).any(|last| 2.0 * last.1 > effort.trace_sec) {
             break;
         }
     }

@@ -303,7 +303,7 @@ impl AccuracyReport {
         let greatest = Quantity { name: "greatest distance".into(), unit: "m" };
         Curves {
             title: "Error of arithmetic against time".into(),
-            numbers: self.subtitle("the same draws along the same paths, in f32 and f64"),
+            numbers: self.subtitle("each curve from the coarsest tier to the finest, which is held against another shader of its own"),
             x: Quantity { name: "time of a ray".into(), unit: "s" },
             series: scenes.iter().map(|name| (*name).to_string()).collect(),
             panels: vec![
