@@ -60,14 +60,13 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     let indices = indices_of(surface, (*ray).wavelength);
     let n1 = select(indices.y, indices.x, entering_back);
     let n2 = select(indices.x, indices.y, entering_back);
-    let eta = n1 / n2;
+    // Both quotients, before the side is known: what follows waits for it, and a division takes long.
+    let eta = select(indices.y / indices.x, indices.x / indices.y, entering_back);
     let cos_i = abs(dot(d, n));
-    // The sine from the cross product: 1 - cos^2 would cancel near normal incidence.
-    let normal_part = cross(d, n);
-    let sin_i = sqrt(dot(normal_part, normal_part));
-    let sin_t = eta * sin_i;
-    let total_reflection = sin_t > 1.0;
-    let cos_t = sqrt(max((1.0 - sin_t) * (1.0 + sin_t), 0.0));
+    // 1 - eta^2 (1 - cos_i^2), in a form that keeps its digits at grazing incidence, whatever the indices.
+    let cos_t_squared = (1.0 - eta) * (1.0 + eta) + (eta * cos_i) * (eta * cos_i);
+    let total_reflection = cos_t_squared < 0.0;
+    let cos_t = sqrt(max(cos_t_squared, 0.0));
     let sum_s = n1 * cos_i + n2 * cos_t;
     let sum_p = n2 * cos_i + n1 * cos_t;
     let r_s = (n1 * cos_i - n2 * cos_t) / sum_s;

@@ -6,9 +6,10 @@ fn uniform_of(bits: u32) -> real {
     return f32(bits & ~(0xFFu >> countLeadingZeros(bits | 1u))) * 2.3283064365386963e-10;
 }
 
-// bits / 2^32 < p, exactly, for any finite p: scaling by 2^32 and rounding up are exact, so the integers decide.
+// bits / 2^32 < p, exactly, for any p: if the number that was cut to 24 bits is below p, so is every number that is cut
+// to it, because p has no more bits itself. False for NaN.
 fn below(bits: u32, p: real) -> bool {
-    return (p >= 1.0) | ((p > 0.0) & (bits < u32(ceil(p * 4294967296.0))));
+    return uniform_of(bits) < p;
 }
 
 // False for NaN and infinity, by the bits: a compiler may take for granted that there are none.

@@ -7,7 +7,7 @@ fn uniform_of(bits: u32) -> real {
 
 // bits / 2^32 < p, exactly, for any p: an f64 holds all 32 bits, and scaling by 2^32 is exact. False for NaN.
 fn below(bits: u32, p: real) -> bool {
-    return f64(bits) < p * 4294967296.0;
+    return uniform_of(bits) < p;
 }
 
 // False for NaN and infinity, by a comparison that holds: see is_depositable.

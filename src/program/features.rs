@@ -82,7 +82,7 @@ pub struct Features {
     pub keeps_weight: bool,
     /// They do, and detectors sum it whole.
     pub whole_weights: bool,
-    /// Every surface has a gradient of unit length on it (spheres, planes).
+    /// Every surface that turns rays has a gradient of unit length on it (spheres, planes).
     pub unit_gradients: bool,
     /// Splats of irradiance and spectral detectors: hard, bilinear, Gaussian.
     pub splats: [bool; 3],
@@ -188,7 +188,11 @@ impl Features {
             roulette,
             keeps_weight,
             whole_weights: keeps_weight && grids.iter().all(|splat| *splat == Splat::Hard),
-            unit_gradients: ir.surfaces.iter().all(|s| has_unit_gradient(&s.shape)),
+            unit_gradients: ir
+                .surfaces
+                .iter()
+                .filter(|s| !matches!(s.interaction, Interaction::Absorbing))
+                .all(|s| has_unit_gradient(&s.shape)),
             splats: [
                 grids.contains(&Splat::Hard),
                 grids.contains(&Splat::Bilinear),
