@@ -1,6 +1,7 @@
 # make demo        traces a Cooke triplet into demo-out/
 # make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
 # make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
+# make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
 # make clean       removes what the others made
@@ -18,18 +19,24 @@ PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
 DEMO_RAYS = 1e6
 BENCH_ARGS = --quick
+ACCURACY_ARGS =
+# Torch takes part where `make test-torch` has installed it.
+PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
 # The cargo profile "dev", which the tests use too.
 BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
 
-.PHONY: demo bench test test-rust test-python test-random test-torch build adapter display rust-components clean
+.PHONY: demo bench accuracy test test-rust test-python test-random test-torch build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
 
 bench: adapter .venv/installed
 	@$(BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
+
+accuracy: adapter .venv/installed
+	@$(BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out $(ACCURACY_ARGS)
 
 test: test-rust test-python
 
@@ -81,7 +88,7 @@ rust-components:
 
 clean:
 	cargo clean
-	rm -rf demo-out bench-out .venv .venv-torch
+	rm -rf demo-out bench-out accuracy-out .venv .venv-torch
 
 # $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
 python_environment = \

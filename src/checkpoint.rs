@@ -55,7 +55,7 @@ pub struct Identity {
     pub standard_error: String,
     /// Name of the adapter.
     pub adapter: String,
-    /// Its driver.
+    /// Its driver, and whether arithmetic was strict.
     pub driver: String,
 }
 
@@ -87,7 +87,7 @@ impl Identity {
             paths: format!("{:?}", options.paths),
             standard_error: format!("{:?}", options.standard_error).to_lowercase(),
             adapter: adapter.name.clone(),
-            driver: adapter.driver.clone(),
+            driver: options.driver(adapter),
         }
     }
 

@@ -60,6 +60,31 @@ pub struct TraceOptions {
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
     pub events_per_dispatch: u32,
+    /// Whether arithmetic is strict: then a scene compiled in and the same in tables give the same bits.
+    pub strict: Strict,
+}
+
+/// Whether no floating-point operations are fused or reordered by the driver.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Strict {
+    /// On processors, where it costs nothing and the device can be told; elsewhere not.
+    #[default]
+    Auto,
+    /// Yes, or the trace is refused.
+    On,
+    /// No.
+    Off,
+}
+
+impl Strict {
+    /// True if a trace on this adapter is strict.
+    pub fn holds(self, adapter: &AdapterInfo) -> bool {
+        match self {
+            Strict::Auto => adapter.strict && adapter.kind == "Cpu",
+            Strict::On => true,
+            Strict::Off => false,
+        }
+    }
 }
 
 /// Whether second moments are summed.
@@ -105,6 +130,7 @@ impl Default for TraceOptions {
             host_sums: None,
             workgroup_size: Tuning::default().workgroup_size,
             events_per_dispatch: Tuning::default().events_per_dispatch,
+            strict: Strict::Auto,
         }
     }
 }
@@ -114,6 +140,12 @@ impl TraceOptions {
     pub fn tuned(self, adapter: &AdapterInfo) -> Self {
         let Tuning { workgroup_size, events_per_dispatch } = Tuning::of(adapter);
         TraceOptions { workgroup_size, events_per_dispatch, ..self }
+    }
+
+    /// The driver and how it rounds: what decides over the last bits.
+    pub fn driver(&self, adapter: &AdapterInfo) -> String {
+        let rounding = if self.strict.holds(adapter) { ", strict" } else { "" };
+        format!("{}{rounding}", adapter.driver)
     }
 
     /// What a result says of a trace with these options on an adapter.
@@ -126,7 +158,7 @@ impl TraceOptions {
             precision: self.precision.name().into(),
             sampler: self.sampler.name().into(),
             adapter: adapter.name.clone(),
-            driver: adapter.driver.clone(),
+            driver: self.driver(adapter),
             first_ray: self.first_ray,
             of_rays: self.of_rays,
             ..RunInfo::default()
@@ -217,6 +249,7 @@ struct DeviceState {
     queues: [wgpu::BindGroup; 2],
     advancing: wgpu::BindGroup,
     range: wgpu::Buffer,
+    rng_table: wgpu::Buffer,
     emitter: wgpu::Buffer,
     counts: wgpu::Buffer,
     workgroups: wgpu::Buffer,
@@ -311,7 +344,8 @@ impl<'a> Tracer<'a> {
             Some(log) => Some(EndLogs::new(gpu, log.clone(), &program.cells, batch)?),
             None => None,
         };
-        let device = DeviceState::new(gpu, &program, batch, end_logs.as_ref())?;
+        let strict = options.strict.holds(&gpu.info);
+        let device = DeviceState::new(gpu, &program, batch, strict, end_logs.as_ref())?;
         Ok(Tracer {
             gpu,
             ir,
@@ -337,6 +371,13 @@ impl<'a> Tracer<'a> {
     /// The composed program.
     pub fn program(&self) -> &Program {
         &self.program
+    }
+
+    /// Another seed for what is traced from now on. Shaders read the seed from buffers, so that nothing is compiled anew.
+    pub fn reseed(&mut self, seed: u64) {
+        self.options.seed = seed;
+        let table = self.program.reseed(seed);
+        self.gpu.queue.write_buffer(&self.device.rng_table, 0, table);
     }
 
     /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
@@ -861,9 +902,18 @@ impl Stage<'_> {
 }
 
 impl DeviceState {
-    fn new(gpu: &Gpu, program: &Program, batch: u32, end_logs: Option<&EndLogs>) -> Result<Self> {
+    fn new(
+        gpu: &Gpu,
+        program: &Program,
+        batch: u32,
+        strict: bool,
+        end_logs: Option<&EndLogs>,
+    ) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
-        let shader = gpu.shader("trace", &program.wgsl);
+        let shader = match strict {
+            true => gpu.strict_shader("trace", &program.module, &bindings)?,
+            false => gpu.shader("trace", &program.wgsl),
+        };
         let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
         let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
         let layouts = [&scene_layout, &queue_layout];
@@ -892,6 +942,11 @@ impl DeviceState {
             .iter()
             .map(|(number, bytes)| Ok((*number, gpu.scene_buffer(bytes)?)))
             .collect::<Result<_>>()?;
+        let rng_table = constants
+            .iter()
+            .find(|(number, _)| *number == program::RNG_TABLE)
+            .map(|(_, buffer)| buffer.clone())
+            .ok_or_else(|| Error::Internal("a program without its table of draws".into()))?;
         let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
         if !program.emitters.is_empty() {
             scene.push((program::lowered::EMITTER, &emitter));
@@ -937,6 +992,7 @@ impl DeviceState {
             queues,
             advancing,
             range,
+            rng_table,
             emitter,
             counts,
             workgroups,

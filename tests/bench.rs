@@ -381,3 +381,123 @@ mod planted_peers {
         assert!(medians(1).is_empty());
     }
 }
+
+/// `nsq-gpu bench --accuracy`: that it runs, and that its numbers hang together.
+mod accuracy {
+    use super::*;
+    use nsq_gpu::bench::accuracy::report::{CLAIM_COLUMNS, CURVE_COLUMNS, NUMERICAL_COLUMNS};
+
+    fn bench_accuracy(arguments: &[&str]) -> Output {
+        let quick = ["bench", "--accuracy", "--quick"];
+        Command::cargo_bin("nsq-gpu").unwrap().args(quick).args(arguments).output().unwrap()
+    }
+
+    /// The rows of a CSV without commas in its cells, by column.
+    fn rows(folder: &Path, name: &str, columns: &[&str]) -> Vec<BTreeMap<String, String>> {
+        let text = String::from_utf8(read(folder, name)).unwrap();
+        assert_eq!(text.lines().next().unwrap(), columns.join(","), "{name}");
+        let row = |line: &str| {
+            let cells = line.replace(", sobol", "; sobol");
+            let cells: Vec<String> = cells.split(',').map(|cell| cell.trim_matches('"').into()).collect();
+            assert_eq!(cells.len(), columns.len(), "{line}");
+            columns.iter().map(|column| (*column).to_string()).zip(cells).collect()
+        };
+        text.lines().skip(1).map(row).collect()
+    }
+
+    fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
+        row[column].parse().unwrap_or_else(|_| panic!("{column}: `{}`", row[column]))
+    }
+
+    /// Errors of a method's map and flux, from few rays to many.
+    fn errors(rows: &[BTreeMap<String, String>], scene: &str, method: &str) -> Vec<(f64, f64, f64)> {
+        let of = |row: &&BTreeMap<String, String>| row["scene"] == scene && row["method"] == method;
+        let point = |row| (number(row, "num_rays"), number(row, "map_rms_error"), number(row, "flux_error"));
+        rows.iter().filter(of).map(point).collect()
+    }
+
+    #[test]
+    fn error_falls_and_tiers_agree() {
+        if !has_adapter("bench --accuracy") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let output = bench_accuracy(&[
+            "--scenes",
+            "bench_lens,light_pipe,lamp",
+            "-o",
+            folder.path().to_str().unwrap(),
+        ]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        for chart in ["accuracy.png", "accuracy_flux.png", "numerical.png"] {
+            assert_eq!(&read(folder.path(), chart)[..8], b"\x89PNG\r\n\x1a\n", "{chart}");
+        }
+        assert_eq!(read(folder.path(), "accuracy.txt"), output.stdout);
+        assert_curves(&rows(folder.path(), "accuracy.csv", &CURVE_COLUMNS));
+        assert_numerical(&rows(folder.path(), "numerical.csv", &NUMERICAL_COLUMNS));
+        let claims = rows(folder.path(), "sobol.csv", &CLAIM_COLUMNS);
+        assert!(claims.len() >= 4, "{claims:?}");
+        for row in &claims {
+            for what in ["map", "flux"] {
+                let [value, low, high] =
+                    ["", "_low", "_high"].map(|end| number(row, &format!("{what}_ratio{end}")));
+                assert!(0.0 < low && low <= value && value <= high, "{row:?}");
+                // Few traces prove nothing, and so nothing is claimed.
+                assert_eq!(row[&format!("{what}_least")], "");
+            }
+        }
+    }
+
+    fn assert_curves(rows: &[BTreeMap<String, String>]) {
+        for scene in ["bench_lens", "light_pipe"] {
+            let f32 = errors(rows, scene, "f32");
+            let sobol = errors(rows, scene, "sobol");
+            assert!(f32.len() >= 2, "{scene}: a curve has points");
+            for pair in f32.windows(2) {
+                // Four times the rays halve the error: over some hundred lit pixels, to a few percent.
+                let ratio = pair[0].1 / pair[1].1;
+                assert!((1.7..2.3).contains(&ratio), "{scene}: the error falls by {ratio}");
+            }
+            let ours = sobol.last().unwrap();
+            let random = f32.iter().find(|point| point.0 == ours.0).unwrap();
+            assert!(ours.1 < random.1, "{scene}: Sobol points {} against {}", ours.1, random.1);
+            // A splat moves flux between pixels alone.
+            let bilinear = errors(rows, scene, "bilinear splat");
+            let f64 = errors(rows, scene, "f64");
+            for (splat, hard) in bilinear.iter().zip(&f64) {
+                approx::assert_relative_eq!(splat.2, hard.2, max_relative = 1e-9);
+            }
+            // The same draws take the same paths: a pixel's error is the same to what few rays do otherwise.
+            for (coarse, fine) in f32.iter().zip(&f64) {
+                approx::assert_relative_eq!(coarse.1, fine.1, max_relative = 1e-2);
+            }
+        }
+    }
+
+    fn assert_numerical(rows: &[BTreeMap<String, String>]) {
+        assert!(!rows.is_empty());
+        for row in rows {
+            let [rms, max] = ["position_rms_mm", "position_max_mm"].map(|column| number(row, column));
+            assert!(rms <= max && max < 0.1, "{row:?}");
+            assert!(number(row, "flux_rms") <= number(row, "flux_max"), "{row:?}");
+            assert!((0.0..=0.01).contains(&number(row, "share_of_other_fate")), "{row:?}");
+            assert!(number(row, "num_arrivals") > 1000.0, "{row:?}");
+            let in_f32 = row["shader"].starts_with("f32");
+            assert!(!in_f32 || row["against"].starts_with("f32") || rms > 1e-9, "f32 rounds: {row:?}");
+            assert!(in_f32 || rms < 1e-10, "f64 against itself: {row:?}");
+        }
+    }
+
+    #[test]
+    fn unknown_scenes_and_peers_are_refused() {
+        let output = bench_accuracy(&["--scenes", "cooke_tripler"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("cooke_triplet"), "{}", stderr(&output));
+        if !has_adapter("bench --accuracy against drjit") {
+            return;
+        }
+        let output = bench_accuracy(&["--scenes", "lamp", "--against", "drjit", "--drjit-script", "none"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("optiland alone"), "{}", stderr(&output));
+    }
+}

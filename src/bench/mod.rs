@@ -7,11 +7,13 @@
 //! statistics  median, least and greatest of the runs; ratios
 //! report      one JSON document, CSV and a chart
 //! tuning      how to cut work for an adapter
+//! accuracy    error against time of every tier, sampler and setting
 //! stability   scenes where tracers fail, each with its exact answer
 //! ```
 //!
-//! A benchmark, never a test: nothing here passes or fails by the clock. [`stability`] alone can fail, by its answers.
+//! A benchmark, never a test: nothing here passes or fails by the clock. [`stability`] and [`accuracy`] can fail, by their answers.
 
+pub mod accuracy;
 pub mod cases;
 pub mod machine;
 pub mod peers;

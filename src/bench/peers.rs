@@ -1,9 +1,10 @@
 //! Other programs that trace the same cases, as children.
 
+use crate::bench::accuracy::Estimate;
 use crate::bench::cases::{Case, Kind, LENS_AXIS};
 use crate::error::{Error, Result};
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -42,8 +43,42 @@ pub struct PeerRun {
     pub seconds: f64,
 }
 
-/// Optiland's NumPy backend.
+/// What computes in Optiland.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Backend {
+    /// NumPy, in float64.
+    Numpy,
+    /// Torch, in float64 on the processor; alone where it is installed.
+    Torch,
+}
+
+impl Backend {
+    fn name(self) -> &'static str {
+        match self {
+            Backend::Numpy => "numpy",
+            Backend::Torch => "torch",
+        }
+    }
+}
+
+/// A map to be traced by a peer: each ray in one pixel, and Optiland's default policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MapRequest<'a> {
+    /// Text of the scene's file.
+    pub scene: &'a str,
+    /// A detector of the kind `irradiance`.
+    pub detector: &'a str,
+    /// Rays to launch.
+    pub num_rays: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Seed of every draw.
+    pub seed: u64,
+}
+
+/// Optiland's NumPy or Torch backend.
 pub struct Optiland {
+    backend: Backend,
     python: PathBuf,
     max_rays: u64,
     files: TempDir,
@@ -63,6 +98,9 @@ struct OptilandChild {
 struct OptilandAnswer {
     num_rays: u64,
     seconds: f64,
+    /// Share of the launched flux in every pixel.
+    #[serde(default)]
+    map: Vec<f64>,
 }
 
 /// The scripts of the child. The second is the module of the Python package that builds Optiland's scene of a file, and
@@ -80,32 +118,58 @@ impl Optiland {
     ///
     /// # Errors
     /// [`Error::Usage`] if this Python cannot run it.
-    pub fn start(python: &Path, max_rays: u64) -> Result<Self> {
+    pub fn start(python: &Path, backend: Backend, max_rays: u64) -> Result<Self> {
         let files = tempfile::tempdir().map_err(|error| Error::file(std::env::temp_dir(), error))?;
         for (name, text) in OPTILAND_SCRIPTS {
             let path = files.path().join(name);
             std::fs::write(&path, text).map_err(|error| Error::file(path, error))?;
         }
-        let (child, versions) = OptilandChild::start(python, files.path())?;
-        Ok(Optiland { python: python.into(), max_rays, files, versions, child })
+        let (child, versions) = OptilandChild::start(python, backend, files.path())?;
+        Ok(Optiland { backend, python: python.into(), max_rays, files, versions, child })
     }
 
-    fn write_scene(&self, case: &Case) -> Result<PathBuf> {
+    /// True if its Python has Torch installed.
+    pub fn has_torch(&self) -> bool {
+        self.versions.contains_key("torch")
+    }
+
+    /// Its name in charts.
+    pub fn engine(&self) -> &'static str {
+        match self.backend {
+            Backend::Numpy => "optiland numpy",
+            Backend::Torch => "optiland torch",
+        }
+    }
+
+    /// Traces a map: its own time \[s\], and the map.
+    ///
+    /// # Errors
+    /// As [`Peer::run`].
+    pub fn map(&mut self, request: &MapRequest) -> Result<(f64, Estimate)> {
+        let scene = self.write_scene(request.scene)?;
+        let MapRequest { detector, num_rays, max_depth, seed, .. } = *request;
+        let request = json!({"scene": scene, "num_rays": num_rays, "max_depth": max_depth, "seed": seed, "map": detector});
+        let answer = self.child.launch(&request, num_rays)?;
+        let total = answer.map.iter().sum();
+        Ok((answer.seconds, Estimate { cells: answer.map, total }))
+    }
+
+    fn write_scene(&self, text: &str) -> Result<PathBuf> {
         let path = self.files.path().join("scene.json");
-        std::fs::write(&path, &case.scene).map_err(|error| Error::file(&path, error))?;
+        std::fs::write(&path, text).map_err(|error| Error::file(&path, error))?;
         Ok(path)
     }
 
     fn trace(&mut self, case: &Case, num_rays: u64) -> Result<f64> {
-        let scene = self.write_scene(case)?;
+        let scene = self.write_scene(&case.scene)?;
         self.child.trace(&scene, num_rays, case.max_depth)
     }
 
     /// A process of its own, from its start to its end.
     fn whole_command(&self, case: &Case) -> Result<f64> {
-        let scene = self.write_scene(case)?;
+        let scene = self.write_scene(&case.scene)?;
         let start = Instant::now();
-        let (mut child, _) = OptilandChild::start(&self.python, self.files.path())?;
+        let (mut child, _) = OptilandChild::start(&self.python, self.backend, self.files.path())?;
         child.trace(&scene, case.num_rays, case.max_depth)?;
         child.finish()?;
         Ok(start.elapsed().as_secs_f64())
@@ -146,7 +210,7 @@ impl Peer for Optiland {
 
 impl OptilandChild {
     /// Starts Python, and waits until it says which versions it runs.
-    fn start(python: &Path, files: &Path) -> Result<(Self, BTreeMap<String, String>)> {
+    fn start(python: &Path, backend: Backend, files: &Path) -> Result<(Self, BTreeMap<String, String>)> {
         let problem = |what: &str| {
             Error::Usage(format!(
                 "{what} `{}`; --python names one that has Optiland installed",
@@ -155,6 +219,7 @@ impl OptilandChild {
         };
         let mut child = Command::new(python)
             .arg(files.join(OPTILAND_SCRIPTS[0].0))
+            .arg(backend.name())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -169,13 +234,17 @@ impl OptilandChild {
 
     fn trace(&mut self, scene: &Path, num_rays: u64, max_depth: u32) -> Result<f64> {
         let request = json!({"scene": scene, "num_rays": num_rays, "max_depth": max_depth});
+        Ok(self.launch(&request, num_rays)?.seconds)
+    }
+
+    fn launch(&mut self, request: &Value, num_rays: u64) -> Result<OptilandAnswer> {
         writeln!(self.requests, "{request}").map_err(gone)?;
         let answer: OptilandAnswer = self.answer()?;
         if answer.num_rays != num_rays {
             let launched = answer.num_rays;
             return Err(Error::Internal(format!("Optiland launched {launched} of {num_rays} rays")));
         }
-        Ok(answer.seconds)
+        Ok(answer)
     }
 
     fn answer<T: serde::de::DeserializeOwned>(&mut self) -> Result<T> {

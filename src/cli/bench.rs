@@ -1,7 +1,8 @@
 //! `nsq-gpu bench`: how fast this machine traces, alone or against its peers.
 
 use super::{count, say};
-use crate::bench::peers::{DrJit, Optiland};
+use crate::bench::accuracy::{self, AccuracyReport, curves::Effort};
+use crate::bench::peers::{Backend, DrJit, Optiland};
 use crate::bench::runner::measure;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
 use crate::error::{Error, Result};
@@ -18,12 +19,17 @@ pub struct Args {
     stability: bool,
     /// Instead of speed: finds out how to cut work for the adapter, and keeps it in the user's cache for every trace to
     /// come. It never changes a result.
-    #[arg(long, conflicts_with_all = ["stability", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
+    #[arg(long, conflicts_with_all = ["stability", "accuracy", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     tune: bool,
+    /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth
+    /// (exit code 6 where that is less than claimed).
+    #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
+    accuracy: bool,
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, commands, cold_start).
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, commands, cold_start);
+    /// with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
     /// Arithmetic to measure.
@@ -92,6 +98,9 @@ pub fn run(args: &Args) -> Result<String> {
     if args.tune {
         return run_tuning(args);
     }
+    if args.accuracy {
+        return run_accuracy(args);
+    }
     let cases = chosen_cases(args)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
@@ -159,6 +168,78 @@ fn run_tuning(args: &Args) -> Result<String> {
     ))
 }
 
+/// How much `--accuracy` measures; some minutes on two cores.
+const FULL: Effort = Effort { num_seeds: 4, trace_sec: 1.0, answer_sec: 6.0, most_rays: 1 << 22 };
+/// With --quick: seconds, and claims are shown but not judged.
+const QUICK: Effort = Effort { num_seeds: 2, trace_sec: 0.1, answer_sec: 0.2, most_rays: 1 << 14 };
+/// Rays whose paths are compared between tiers.
+const PATHS: u64 = 1 << 14;
+
+/// Measures error against time, and what Sobol points are worth.
+fn run_accuracy(args: &Args) -> Result<String> {
+    if let Some(dir) = &args.output {
+        output::check_writable(dir)?;
+    }
+    let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
+    check_scenes(args)?;
+    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let precisions = precisions(args, &gpu);
+    let mut peers = map_peers(args)?;
+    let effort = if args.quick { QUICK } else { FULL };
+    let mut report = AccuracyReport::new(&gpu.info, args.note.clone());
+    for scene in accuracy::SCENES.iter().filter(|scene| is_chosen(scene.name)) {
+        say(&format!("{}: error against time", scene.name));
+        report.scenes.push(accuracy::curves::measure(&gpu, scene, &precisions, &mut peers, &effort)?);
+        let num_rays = PATHS.min(effort.most_rays / 4);
+        report.numerical.extend(accuracy::numerical::measure(&gpu, scene, &precisions, num_rays)?);
+    }
+    let precision = *precisions.last().unwrap_or(&Precision::F32);
+    for claim in accuracy::CLAIMS.iter().filter(|claim| is_chosen(claim.scene.name)) {
+        let claim = if args.quick { claim.quick() } else { *claim };
+        say(&format!("{}: Sobol points", claim.scene.name));
+        report.verdicts.push(claim.measure(&gpu, precision)?);
+    }
+    if let Some(dir) = &args.output {
+        let files = report.write_all(dir)?;
+        files.iter().for_each(|file| say(&format!("written: {}", file.display())));
+    }
+    let faults = report.faults();
+    if args.quick || faults.is_empty() {
+        return Ok(report.table());
+    }
+    super::print(&report.table())?;
+    Err(Error::Tolerance(faults.join("\n")))
+}
+
+fn check_scenes(args: &Args) -> Result<()> {
+    let claims = accuracy::CLAIMS.iter().map(|claim| claim.scene.name);
+    let mut names: Vec<&str> = accuracy::SCENES.iter().map(|scene| scene.name).chain(claims).collect();
+    names.sort_unstable();
+    names.dedup();
+    match args.scenes.iter().find(|scene| !names.contains(&scene.as_str())) {
+        Some(unknown) => {
+            Err(Error::Usage(format!("no scene is named `{unknown}`; there are {}", names.join(", "))))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Optiland's NumPy backend, and its Torch backend where that Python has it.
+fn map_peers(args: &Args) -> Result<Vec<Optiland>> {
+    if args.against.iter().any(|peer| *peer != PeerArg::Optiland) {
+        return Err(Error::Usage("--accuracy compares with optiland alone".into()));
+    }
+    if args.against.is_empty() {
+        return Ok(Vec::new());
+    }
+    let numpy = Optiland::start(&args.python, Backend::Numpy, args.peer_rays)?;
+    if !numpy.has_torch() {
+        say(&format!("`{}` has no Torch: NumPy alone is compared", args.python.display()));
+        return Ok(vec![numpy]);
+    }
+    Ok(vec![numpy, Optiland::start(&args.python, Backend::Torch, args.peer_rays)?])
+}
+
 fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
     let quick = if args.quick { QUICK_RAYS } else { u64::MAX };
     let mut cases = cases::all(args.max_rays.unwrap_or(quick).max(1));
@@ -182,7 +263,9 @@ fn precisions(args: &Args, gpu: &Gpu) -> Vec<Precision> {
 
 fn start(peer: PeerArg, args: &Args) -> Result<Box<dyn Peer>> {
     match (peer, &args.drjit_script) {
-        (PeerArg::Optiland, _) => Ok(Box::new(Optiland::start(&args.python, args.peer_rays.max(1))?)),
+        (PeerArg::Optiland, _) => {
+            Ok(Box::new(Optiland::start(&args.python, Backend::Numpy, args.peer_rays.max(1))?))
+        }
         (PeerArg::Drjit, Some(script)) => Ok(Box::new(DrJit::new(&args.python, script)?)),
         (PeerArg::Drjit, None) => Err(Error::Usage("--against drjit needs --drjit-script".into())),
     }

@@ -11,7 +11,7 @@ use crate::program::{Precision, Sampler};
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::stopping::{StoppedBy, Stopping};
-use crate::trace::{self, RecordPaths, StandardError, TraceOptions, Tracer};
+use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -73,6 +73,9 @@ pub struct Args {
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    /// Fuse and reorder no arithmetic, so that every form of the shaders gives the same bits; on Vulkan alone.
+    #[arg(long, value_enum, default_value_t = StrictArg::Auto, default_missing_value = "on", num_args = 0..=1, require_equals = true)]
+    strict: StrictArg,
     /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
     #[arg(long)]
     portable: bool,
@@ -117,6 +120,17 @@ pub enum PrecisionArg {
     F32,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--strict` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum StrictArg {
+    /// On processors, where it costs nothing.
+    Auto,
+    /// Always.
+    On,
+    /// Never.
+    Off,
 }
 
 /// The `--sampler` argument.
@@ -310,6 +324,11 @@ fn options(args: &Args) -> Result<TraceOptions> {
         sampler: match args.sampler {
             SamplerArg::Pcg => Sampler::Pcg,
             SamplerArg::Sobol => Sampler::Sobol,
+        },
+        strict: match args.strict {
+            StrictArg::Auto => Strict::Auto,
+            StrictArg::On => Strict::On,
+            StrictArg::Off => Strict::Off,
         },
         paths: args.record_paths.unwrap_or(RecordPaths::None),
         first_ray: args.first_ray.unwrap_or(0),

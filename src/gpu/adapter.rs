@@ -41,6 +41,8 @@ pub struct AdapterInfo {
     pub int64: bool,
     /// Largest storage buffer binding \[bytes\].
     pub max_binding_size: u64,
+    /// It takes SPIR-V, in which arithmetic can be strict (`gpu::strict`).
+    pub strict: bool,
 }
 
 impl AdapterInfo {
@@ -78,7 +80,9 @@ fn instance() -> wgpu::Instance {
 fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
     let info = adapter.get_info();
     let features = adapter.features();
+    let takes_shaders = features.contains(wgpu::Features::PASSTHROUGH_SHADERS);
     AdapterInfo {
+        strict: info.backend == wgpu::Backend::Vulkan && takes_shaders,
         name: info.name,
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
         backend: info.backend.to_string(),
@@ -151,6 +155,12 @@ impl Gpu {
         if native && info.is_cpu() {
             // The device's memory is the host's.
             features |= adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
+        }
+        let spirv = wgpu::Features::PASSTHROUGH_SHADERS;
+        let strict =
+            adapter.get_info().backend == wgpu::Backend::Vulkan && adapter.features().contains(spirv);
+        if strict {
+            features |= spirv;
         }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("nsq-gpu"),

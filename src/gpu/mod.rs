@@ -5,6 +5,7 @@ pub mod compute;
 pub mod end_log;
 pub mod profile;
 pub mod rates;
+pub mod strict;
 pub mod sums;
 pub mod tuning;
 

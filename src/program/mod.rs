@@ -123,7 +123,7 @@ pub struct Program {
 }
 
 /// Binding of the random generator's table.
-const RNG_TABLE: u32 = 1;
+pub(crate) const RNG_TABLE: u32 = 1;
 const MEDIA: u32 = 5;
 const SPECTRA: u32 = 6;
 const REFLECTANCES: u32 = 7;
@@ -246,6 +246,15 @@ impl Program {
             }
         }
         Ok(buffers)
+    }
+
+    /// Packs the draws of another seed: the contents of the binding [`RNG_TABLE`].
+    pub(crate) fn reseed(&mut self, seed: u64) -> &[u8] {
+        self.first_step = rng::step_table(self.options.sampler, seed, 1)[0];
+        let table = self.rng_table(seed);
+        self.buffers.retain(|(number, _)| *number != RNG_TABLE);
+        self.buffers.push((RNG_TABLE, table));
+        self.buffers.last().map_or(&[], |(_, bytes)| bytes)
     }
 
     fn rng_table(&self, seed: u64) -> Vec<u8> {

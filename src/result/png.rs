@@ -1,8 +1,9 @@
 //! One picture per detector: linear from zero, perceptual colours, axes at round numbers, a colour bar with its unit.
-//! Benchmarks draw their bars with the same parts.
+//! Benchmarks draw their bars and curves with the same parts.
 
 pub mod bars;
 mod canvas;
+pub mod curves;
 mod figures;
 mod raster;
 

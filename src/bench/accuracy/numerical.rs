@@ -1,0 +1,203 @@
+//! The error of arithmetic alone: two tiers trace the same draws, and where a ray takes the same path in both, they are
+//! apart by rounding.
+
+use super::scenes::AccuracyScene;
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::ir::SceneIr;
+use crate::program::Precision;
+use crate::result::{PathEvent, PathEventKind};
+use crate::trace::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use std::time::Instant;
+
+/// What a shader makes of the draws, against what another makes of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Numerical {
+    /// Name of the scene.
+    pub scene: &'static str,
+    /// The shader: its tier, and the form of the scene in it.
+    pub shader: String,
+    /// The one that it is held against.
+    pub against: String,
+    /// Rays traced.
+    pub num_rays: u64,
+    /// Time that a ray takes in this tier \[ns\].
+    pub ns_per_ray: f64,
+    /// Differences of rays that meet the same surfaces and end alike.
+    pub same: Differences,
+    /// Rays that meet others, or end otherwise.
+    pub num_other_fate: u64,
+}
+
+/// Differences at the detector.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Differences {
+    /// Arrivals compared.
+    pub num_arrivals: u64,
+    /// Root mean square of their distances \[mm\].
+    pub position_rms: f64,
+    /// The largest distance \[mm\].
+    pub position_max: f64,
+    /// Root mean square of the difference of a ray's flux, in units of that flux.
+    pub flux_rms: f64,
+    /// The largest.
+    pub flux_max: f64,
+}
+
+impl Numerical {
+    /// Share of the rays whose fate differs.
+    pub fn other_fate(&self) -> f64 {
+        self.num_other_fate as f64 / self.num_rays as f64
+    }
+}
+
+/// A tier, with the scene compiled in, or in tables and as the driver likes to round it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Form {
+    precision: Precision,
+    baked: bool,
+}
+
+impl Form {
+    fn name(self) -> String {
+        format!("{} {}", self.precision.name(), if self.baked { "compiled in" } else { "in tables" })
+    }
+}
+
+/// Every tier against the last of them; and that one with the scene in tables, without strict arithmetic, against itself
+/// with the scene compiled in, which shows its own rounding.
+///
+/// # Errors
+/// Those of a trace.
+pub fn measure(
+    gpu: &Gpu,
+    scene: &AccuracyScene,
+    precisions: &[Precision],
+    num_rays: u64,
+) -> Result<Vec<Numerical>> {
+    let ir = scene.plain()?;
+    let sensor = scene.sensor(&ir)?;
+    let Some((&finest, coarser)) = precisions.split_last() else { return Ok(Vec::new()) };
+    let best = Form { precision: finest, baked: true };
+    let forms = coarser.iter().map(|&precision| Form { precision, baked: true });
+    let truth = paths(gpu, scene, &ir, best, num_rays)?;
+    forms
+        .chain([Form { baked: false, ..best }])
+        .map(|form| {
+            let found = paths(gpu, scene, &ir, form, num_rays)?;
+            let (same, num_other_fate) = compare(&found, &truth, sensor);
+            Ok(Numerical {
+                scene: scene.name,
+                shader: form.name(),
+                against: best.name(),
+                num_rays,
+                ns_per_ray: ns_per_ray(gpu, scene, &ir, form, num_rays)?,
+                same,
+                num_other_fate,
+            })
+        })
+        .collect()
+}
+
+fn options(scene: &AccuracyScene, form: Form, num_rays: u64) -> TraceOptions {
+    TraceOptions {
+        num_rays,
+        max_depth: scene.max_depth,
+        precision: form.precision,
+        baked: Some(form.baked),
+        strict: if form.baked { Strict::Auto } else { Strict::Off },
+        standard_error: StandardError::Off,
+        ..TraceOptions::default()
+    }
+}
+
+fn paths(
+    gpu: &Gpu,
+    scene: &AccuracyScene,
+    ir: &SceneIr,
+    form: Form,
+    num_rays: u64,
+) -> Result<Vec<PathEvent>> {
+    let options = TraceOptions { paths: RecordPaths::All, ..options(scene, form, num_rays) };
+    Ok(Tracer::new(gpu, ir, &options)?.trace(|_| true)?.paths)
+}
+
+fn ns_per_ray(gpu: &Gpu, scene: &AccuracyScene, ir: &SceneIr, form: Form, num_rays: u64) -> Result<f64> {
+    let num_rays = 16 * num_rays;
+    let mut tracer = Tracer::new(gpu, ir, &options(scene, form, num_rays))?;
+    tracer.trace(|_| true)?;
+    let start = Instant::now();
+    tracer.trace(|_| true)?;
+    Ok(1e9 * start.elapsed().as_secs_f64() / num_rays as f64)
+}
+
+/// Paths as they were recorded, by ray and then by event: differences on a detector, and the number of rays that took
+/// another path.
+pub fn compare(found: &[PathEvent], truth: &[PathEvent], sensor: usize) -> (Differences, u64) {
+    let of_ray = |a: &PathEvent, b: &PathEvent| a.ray.ray_id == b.ray.ray_id;
+    let mut sums = Differences::default();
+    let mut num_other_fate = 0;
+    for (a, b) in found.chunk_by(of_ray).zip(truth.chunk_by(of_ray)) {
+        if a.iter().map(|event| event.kind).eq(b.iter().map(|event| event.kind)) {
+            let arrivals = a.iter().zip(b).filter(|(a, _)| a.kind == PathEventKind::Sensor(sensor));
+            arrivals.for_each(|(a, b)| sums.add(a, b));
+        } else {
+            num_other_fate += 1;
+        }
+    }
+    let mean = |sum: f64| (sum / sums.num_arrivals.max(1) as f64).sqrt();
+    let (position_rms, flux_rms) = (mean(sums.position_rms), mean(sums.flux_rms));
+    (Differences { position_rms, flux_rms, ..sums }, num_other_fate)
+}
+
+impl Differences {
+    /// Sums squares, until they become roots of means.
+    fn add(&mut self, a: &PathEvent, b: &PathEvent) {
+        let squares = a.ray.position.iter().zip(&b.ray.position).map(|(a, b)| (a - b).powi(2));
+        let distance = squares.sum::<f64>().sqrt();
+        let (ours, theirs) = (a.ray.weight, b.ray.weight);
+        // What is scattered to nowhere weighs nothing.
+        let flux = if ours == theirs { 0.0 } else { (ours / theirs - 1.0).abs() };
+        self.num_arrivals += 1;
+        self.position_rms += distance * distance;
+        self.position_max = self.position_max.max(distance);
+        self.flux_rms += flux * flux;
+        self.flux_max = self.flux_max.max(flux);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::result::RayRow;
+
+    fn event(ray_id: u64, kind: PathEventKind, x: f64, weight: f64) -> PathEvent {
+        let position = [x, 0.0, 0.0];
+        let ray = RayRow { ray_id, bounce: 0, wavelength: 0, position, direction: [0.0, 0.0, 1.0], weight };
+        PathEvent { ray, kind }
+    }
+
+    #[test]
+    fn rays_of_another_fate_are_counted_apart() {
+        use PathEventKind::{Escaped, Sensor, Surface};
+        let truth = [
+            event(0, Surface(1), 0.0, 1.0),
+            event(0, Sensor(2), 1.0, 1.0),
+            event(1, Sensor(2), 2.0, 0.5),
+            event(2, Sensor(0), 5.0, 1.0),
+            event(3, Sensor(2), 1.0, 1.0),
+        ];
+        let mut found = truth;
+        found[1].ray.position[0] = 1.3;
+        found[2].ray.position[0] = 2.4;
+        found[2].ray.weight = 0.51;
+        // On another detector, and with another fate.
+        found[3].ray.position[0] = 99.0;
+        found[4] = event(3, Escaped, 99.0, 1.0);
+        let (same, num_other_fate) = compare(&found, &truth, 2);
+        assert_eq!((same.num_arrivals, num_other_fate), (2, 1));
+        approx::assert_relative_eq!(same.position_max, 0.4, max_relative = 1e-12);
+        approx::assert_relative_eq!(same.position_rms, 0.125_f64.sqrt(), max_relative = 1e-12);
+        approx::assert_relative_eq!(same.flux_max, 0.02, max_relative = 1e-12);
+    }
+}

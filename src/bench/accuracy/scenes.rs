@@ -1,0 +1,79 @@
+//! The scenes of the chart, each with the detector that is looked at.
+
+use crate::error::{Error, Result};
+use crate::ir::{Interaction, Sampling, SceneIr, SensorKind, Splat};
+use crate::scene::Scene;
+
+/// A scene and one of its detectors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AccuracyScene {
+    /// Name of its file.
+    pub name: &'static str,
+    /// What it is, for people.
+    pub title: &'static str,
+    /// The detector, of the kind `irradiance`.
+    pub detector: &'static str,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Text of its file.
+    pub text: &'static str,
+}
+
+macro_rules! scene {
+    ($name:literal, $title:literal, $detector:literal, $max_depth:literal) => {
+        AccuracyScene {
+            name: $name,
+            title: $title,
+            detector: $detector,
+            max_depth: $max_depth,
+            text: include_str!(concat!("../../../scenes/", $name, ".json")),
+        }
+    };
+}
+pub(super) use scene;
+
+/// Those of the chart.
+pub const SCENES: [AccuracyScene; 6] = [
+    scene!("bench_lens", "A singlet", "D", 16),
+    scene!("cooke_triplet", "Cooke triplet, seven stars", "image", 16),
+    scene!("heliar_ghosts", "Heliar, light thrown back", "back", 16),
+    scene!("light_pipe", "Light pipe, Lambertian", "exit_map", 16),
+    scene!("integrating_sphere", "Integrating sphere", "port", 64),
+    scene!("scattering_telescope", "Telescope that scatters", "focus", 16),
+];
+
+impl AccuracyScene {
+    /// The scene as it is measured: each ray in one pixel, and Optiland's default policy. Methods change one of these.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the file is refused.
+    pub fn plain(&self) -> Result<SceneIr> {
+        let mut ir = Scene::from_json(self.text)?.lower()?;
+        ir.sampling = Sampling::default();
+        set_splat(&mut ir, Splat::Hard);
+        Ok(ir)
+    }
+
+    /// Index of the detector.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if there is none of that name.
+    pub fn sensor(&self, ir: &SceneIr) -> Result<usize> {
+        let position = ir.sensors.iter().position(|sensor| sensor.name == self.detector);
+        position.ok_or_else(|| Error::Internal(format!("{}: no detector `{}`", self.name, self.detector)))
+    }
+}
+
+/// How every map is splatted.
+pub(super) fn set_splat(ir: &mut SceneIr, splat: Splat) {
+    for sensor in &mut ir.sensors {
+        if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+            grid.splat = splat;
+        }
+    }
+}
+
+/// True if there is a choice between reflection and refraction.
+pub(super) fn is_refractive(ir: &SceneIr) -> bool {
+    ir.surfaces.iter().any(|surface| matches!(surface.interaction, Interaction::Refractive))
+}
