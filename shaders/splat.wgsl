@@ -15,7 +15,7 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
 }
 
 fn splat(ray: Ray, index: u32) {
-    let sensor = sensor_of(index);
+    let sensor = sensor_for(ray.key, sensor_of(index));
     add_total_moments(ray.weight, sensor, index);
     record(ray, sensor, index);
 }

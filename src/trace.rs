@@ -12,7 +12,8 @@ use crate::gpu::profile::Profile;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
-    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting,
+    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
+    Splitting,
 };
 use crate::result::{
     Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
@@ -61,7 +62,7 @@ pub struct TraceOptions {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum StandardError {
     /// Where they cost little: where a ray ends on every detector, in one cell. Spread over pixels, or come by several
-    /// times, a ray makes as many deposits again.
+    /// times, a ray makes as many deposits again. Of Sobol points never: scrambled apart, they are spread less evenly.
     #[default]
     Auto,
     /// Always.
@@ -202,6 +203,7 @@ struct DeviceState {
     emitter: wgpu::Buffer,
     counts: wgpu::Buffer,
     workgroups: wgpu::Buffer,
+    rng_table: wgpu::Buffer,
     sums: wgpu::Buffer,
     tops: Option<wgpu::Buffer>,
     counters: wgpu::Buffer,
@@ -224,6 +226,8 @@ enum MomentSource {
     Hits,
     /// The device sums them.
     Device,
+    /// The device keeps a sum for each of several scrambles of Sobol's points.
+    Replicates,
 }
 
 impl MomentSource {
@@ -234,6 +238,10 @@ impl MomentSource {
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
+            asked if options.sampler == Sampler::Sobol => match asked {
+                StandardError::On => MomentSource::Replicates,
+                StandardError::Auto | StandardError::Off => MomentSource::Nowhere,
+            },
             _ if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
             StandardError::Auto if !is_cheap => MomentSource::Nowhere,
             StandardError::Auto | StandardError::On => MomentSource::Device,
@@ -283,7 +291,11 @@ impl<'a> Tracer<'a> {
             paths: options.paths.sampling(budget(options)),
             weights,
             sampler: options.sampler,
-            moments: moments == MomentSource::Device,
+            moments: match moments {
+                MomentSource::Nowhere | MomentSource::Hits => SecondMoments::None,
+                MomentSource::Device => SecondMoments::Squares,
+                MomentSource::Replicates => SecondMoments::Replicates,
+            },
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
@@ -312,6 +324,13 @@ impl<'a> Tracer<'a> {
     /// The composed program.
     pub fn program(&self) -> &Program {
         &self.program
+    }
+
+    /// Other draws from now on, with what was compiled for the ones before.
+    pub fn set_seed(&mut self, seed: u64) {
+        self.options.seed = seed;
+        let table = self.program.set_seed(seed);
+        self.gpu.queue.write_buffer(&self.device.rng_table, 0, &table);
     }
 
     /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
@@ -649,13 +668,19 @@ impl<'a> Tracer<'a> {
         }
         for (i, sensor) in tally.sensors.iter_mut().enumerate() {
             let first = cells.sensors[i] as usize;
-            let num_cells = sensor.quanta.len();
-            if num_cells == 0 {
-                sensor.recorded = booking(first);
+            let num_cells = sensor.quanta.len().max(1);
+            let (stride, copies) = cells.replicates.map_or((0, 1), |r| (r.stride as usize, r.num as usize));
+            for first in (0..copies).map(|copy| first + copy * stride) {
+                if sensor.quanta.is_empty() {
+                    sensor.recorded += booking(first);
+                }
+                sensor.quanta.iter_mut().zip(&sums[first..]).for_each(|(sum, quanta)| *sum += quanta);
+                let hits = counters[first..].iter().map(|&hits| u64::from(hits));
+                sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum += hits);
+                if cells.replicates.is_some() {
+                    sensor.replicates.extend_from_slice(&sums[first..first + num_cells]);
+                }
             }
-            sensor.quanta.copy_from_slice(&sums[first..first + num_cells]);
-            let hits = counters[first..first + num_cells].iter().map(|&hits| u64::from(hits));
-            sensor.hits.iter_mut().zip(hits).for_each(|(sum, hits)| *sum = hits);
         }
         self.take_moments(&mut tally, &sums);
         for event in self.events.drain(..) {
@@ -706,7 +731,7 @@ impl<'a> Tracer<'a> {
                     sensor.squares = squares[..sensor.quanta.len()].to_vec();
                 }
             }
-            (MomentSource::Nowhere | MomentSource::Device, _) => {}
+            (MomentSource::Nowhere | MomentSource::Device | MomentSource::Replicates, _) => {}
         }
     }
 }
@@ -837,7 +862,9 @@ impl DeviceState {
             .iter()
             .map(|(number, bytes)| Ok((*number, gpu.scene_buffer(bytes)?)))
             .collect::<Result<_>>()?;
-        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
+        let rng_table = gpu.constant_buffer("draws", &program.rng_table);
+        let mut scene: Vec<(u32, &wgpu::Buffer)> =
+            vec![(0, &range), (program::RNG_TABLE, &rng_table), (2, &sums), (4, &counters)];
         if !program.emitters.is_empty() {
             scene.push((program::lowered::EMITTER, &emitter));
         }
@@ -883,6 +910,7 @@ impl DeviceState {
             emitter,
             counts,
             workgroups,
+            rng_table,
             sums,
             tops,
             counters,

@@ -4,7 +4,7 @@
 
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
-use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler};
+use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments};
 use nsq_gpu::{Error, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -629,7 +629,7 @@ fn compose(text: &str) -> Result<(), Error> {
             paths: PathSampling::None,
             weights: vec![1.0; ir.emitters.len()],
             sampler: Sampler::Pcg,
-            moments: false,
+            moments: SecondMoments::None,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

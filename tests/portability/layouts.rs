@@ -282,7 +282,7 @@ fn tables_hold_the_scene_where_the_shaders_look() {
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
     // Of the trace, not of the program: range, sums, tops, counters, rows, emitter.
-    let traced = [0, 2, 3, 4, 12, nsq_gpu::program::lowered::EMITTER];
+    let traced = [0, nsq_gpu::program::RNG_TABLE, 2, 3, 4, 12, nsq_gpu::program::lowered::EMITTER];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

@@ -210,8 +210,8 @@ fn cells_of_fates_are_in_the_order_of_fates() {
 fn draws_have_a_table_row_for_every_step() {
     let (_, program) = tables();
     assert_eq!(constant(&program.module, "PATH_SAMPLE"), f64::from(rng::PATH_SAMPLE));
-    let binding = binding(&program, "rng_table");
-    let (_, bytes) = program.buffers.iter().find(|(number, _)| *number == binding).unwrap();
+    assert_eq!(binding(&program, "rng_table"), nsq_gpu::program::RNG_TABLE);
+    let bytes = &program.rng_table;
     // Roulette draws at the count after the last event; a Gaussian beam falls back after its last attempt.
     let events = f64::from(program.options.max_depth) + 1.0;
     let attempts = constant(&program.module, "GAUSSIAN_ATTEMPTS") + 1.0;
