@@ -164,8 +164,8 @@ const DEFAULT_BATCH: u32 = 1 << 18;
 const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
-/// A submission should keep the device for about so long: a desktop stays usable and no watchdog fires.
-const SUBMISSION_TIME: Duration = Duration::from_millis(40);
+/// A pass should keep the device for about so long: a desktop stays usable and no watchdog fires.
+const PASS_TIME: Duration = Duration::from_millis(40);
 /// Counters are 32 bits wide: they are drained before they can overflow.
 const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
 const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
@@ -185,6 +185,7 @@ pub struct Tracer<'a> {
     launched: Booking,
     launched_rays: RaySet,
     pause: Option<u64>,
+    pass_time: Duration,
     events: Vec<DeviceEvent>,
     /// One for each emitter.
     recordings: Vec<Recording>,
@@ -315,6 +316,7 @@ impl<'a> Tracer<'a> {
             launched: Booking::default(),
             launched_rays: RaySet::default(),
             pause: None,
+            pass_time: PASS_TIME,
             events: Vec::new(),
             recordings: Vec::new(),
             profile: None,
@@ -330,7 +332,12 @@ impl<'a> Tracer<'a> {
     pub fn set_seed(&mut self, seed: u64) {
         self.options.seed = seed;
         let table = self.program.set_seed(seed);
-        self.gpu.queue.write_buffer(&self.device.rng_table, 0, &table);
+        self.gpu.queue.write_buffer(&self.device.rng_table, 0, table);
+    }
+
+    /// Passes should take about so long from now on, but a batch at least. It never changes a result.
+    pub fn set_pass_time(&mut self, time: Duration) {
+        self.pass_time = time;
     }
 
     /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
@@ -471,9 +478,9 @@ impl<'a> Tracer<'a> {
         Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
     }
 
-    /// So many rays that the next pass takes about [`SUBMISSION_TIME`].
+    /// So many rays that the next pass takes about as long as passes should.
     fn next_pass_rays(&self, rays: u64, elapsed: Duration) -> u64 {
-        let ratio = SUBMISSION_TIME.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
+        let ratio = self.pass_time.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
         let batch = u64::from(self.batch);
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
         let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.program);

@@ -308,7 +308,7 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
         setting.options.num_rays = 1024 * u64::from(NUM_REPLICATES);
         setting.options.sampler = Sampler::Sobol;
         setting.options.standard_error = StandardError::On;
-        let tally = bench.tally(&scene(kind.clone(), vec![], vec![film]), &setting);
+        let tally = bench.tally(&scene(kind, vec![], vec![film]), &setting);
         let rays = tally.sensors[0].replicates.iter().map(|quanta| (quanta >> 52) as u64);
         rays.collect::<Vec<u64>>()
     };
