@@ -13,7 +13,7 @@ use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
     self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
-    Splitting,
+    Splitting, events,
 };
 use crate::result::{
     Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
@@ -748,12 +748,12 @@ impl DeviceEvent {
     fn path_event(&self) -> Option<PathEvent> {
         let index = self.subject as usize;
         let kind = match (self.kind, self.subject) {
-            (0, _) => return None,
-            (1, _) => PathEventKind::Birth(index),
-            (2, _) => PathEventKind::Surface(index),
-            (3, _) => PathEventKind::Sensor(index),
-            (_, 3) => PathEventKind::Escaped,
-            (_, 4) => PathEventKind::DepthKilled,
+            (events::RECORDED, _) => return None,
+            (events::BIRTH, _) => PathEventKind::Birth(index),
+            (events::SURFACE, _) => PathEventKind::Surface(index),
+            (events::SENSOR, _) => PathEventKind::Sensor(index),
+            (_, events::ESCAPED) => PathEventKind::Escaped,
+            (_, events::DEPTH_KILLED) => PathEventKind::DepthKilled,
             (..) => PathEventKind::FluxKilled,
         };
         Some(PathEvent { ray: self.row, kind })

@@ -260,6 +260,9 @@ fn missing_files_are_usage_errors_that_name_the_file() {
 #[test]
 fn misspelt_options_and_subcommands_get_suggestions() {
     run(&["trace", "scene.json", "--max-dept", "3"]).refuses(USAGE, &["--max-depth"]);
+    let said = run(&["trace", "scene.json", "--rayz", "3"]);
+    said.refuses(USAGE, &["--rayz", "--help"]);
+    assert!(!said.stderr.contains("-- --rayz"), "{}", said.stderr);
     run(&["trac", "scene.json"]).refuses(USAGE, &["trace"]);
     run(&["trace", "scene.json", "--precision", "f16"]).refuses(USAGE, &["f32", "f64"]);
     run(&["trace", "scene.json", "--reflect-prob", "often"]).refuses(USAGE, &["fresnel", "auto"]);
@@ -564,7 +567,7 @@ fn schema_is_one_json_document() {
 fn completions_know_every_subcommand() {
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let said = run(&["completions", shell]);
-        for word in ["trace", "check", "adapters", "materials", "schema", "record-paths"] {
+        for word in ["trace", "check", "adapters", "materials", "schema", "compare", "record-paths"] {
             assert!(said.succeeds().contains(word), "{shell}: {word}");
         }
     }

@@ -12,6 +12,7 @@ use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use nsq_gpu::TraceResult;
 use nsq_gpu::result::DetectorData;
+use nsq_gpu::stopping::StoppedBy;
 use nsq_gpu::viewer::compare::Comparison;
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
 use nsq_gpu::viewer::region::Outline;
@@ -495,6 +496,45 @@ fn a_trace_is_paused_resumed_stopped_and_restarted() {
     let written = TraceResult::read(&results("cooke_triplet", 1)).unwrap();
     assert_eq!(shown.detectors, written.detectors);
     assert_eq!(shown.ledger, written.ledger);
+}
+
+/// The target and the time limit of the options end a trace as those of the command do, and stand in the copied command.
+#[test]
+fn a_trace_ends_at_its_target_or_its_time() {
+    if !has_adapter("a_trace_ends_at_its_target_or_its_time") {
+        return;
+    }
+    let mut window = window(model(&scene_path("bench_cavity")));
+    window.state_mut().model.run.num_rays = 1 << 40;
+    click(&mut window, "Target error");
+    assert_eq!(window.state().model.run.target_error, Some(0.01));
+    window.state_mut().model.run.target_error = Some(0.1);
+    click(&mut window, "Trace");
+    finish(&mut window);
+    let shown = window.state().model.a().unwrap();
+    assert_eq!((shown.run.stopped_by, shown.run.partial), (Some(StoppedBy::TargetError), true));
+    assert!(shown.relative_error.unwrap() <= 0.1);
+    assert!(window.query_by_label_contains("target met").is_some());
+    let command = window.state().model.command();
+    assert!(command.contains("--target-error 10%") && !command.contains("--time-limit"), "{command}");
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = command.split(' ').skip(1).map(|word| match word {
+        "results" => folder.path().join("results").display().to_string(),
+        word => word.to_string(),
+    });
+    Command::cargo_bin("nsq-gpu").unwrap().args(arguments).assert().success();
+    let written = TraceResult::read(&folder.path().join("results")).unwrap();
+    assert_eq!(window.state().model.a().unwrap().detectors, written.detectors);
+
+    click(&mut window, "Target error");
+    click(&mut window, "Time limit");
+    assert_eq!(window.state().model.run.target_error, None);
+    assert_eq!(window.state().model.run.time_limit, Some(Duration::from_secs(30)));
+    window.state_mut().model.run.time_limit = Some(Duration::from_millis(300));
+    click(&mut window, "Restart");
+    finish(&mut window);
+    assert_eq!(window.state().model.a().unwrap().run.stopped_by, Some(StoppedBy::TimeLimit));
+    assert!(window.state().model.command().contains("--time-limit 0.3s"));
 }
 
 #[test]

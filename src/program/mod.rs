@@ -3,6 +3,7 @@
 pub mod bsdf;
 pub mod compose;
 pub mod contact;
+pub mod events;
 pub mod features;
 pub mod library;
 pub mod lowered;

@@ -321,7 +321,8 @@ impl Model {
             num_rays: result.run.num_rays,
             seed: result.run.seed,
             max_depth: result.run.max_depth,
-            precision: None,
+            target_error: result.run.target_error,
+            ..RunOptions::default()
         };
         if let Some(path) = &result.run.scene {
             match LoadedScene::read(Path::new(path)) {
@@ -548,11 +549,15 @@ impl Model {
         let Some(scene) = &self.scene else {
             return format!("nsq-gpu view {}", quoted(&self.title));
         };
-        let RunOptions { num_rays, seed, max_depth, precision } = &self.run;
+        let RunOptions { num_rays, seed, max_depth, precision, target_error, time_limit } = &self.run;
+        let target =
+            target_error.map_or(String::new(), |error| format!(" --target-error {}%", 100.0 * error));
+        let limit =
+            time_limit.map_or(String::new(), |limit| format!(" --time-limit {}s", limit.as_secs_f64()));
         let precision = precision.map_or("auto", crate::program::Precision::name);
         let path = quoted(&scene.path.display().to_string());
         format!(
-            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision} \
+            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision}{target}{limit} \
              --standard-error on -o results"
         )
     }

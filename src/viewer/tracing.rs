@@ -17,6 +17,7 @@ use crate::precision::{self, Choice, Wanted};
 use crate::program::Precision;
 use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
 use crate::scene::Scene;
+use crate::stopping::Stopping;
 use crate::trace::{Progress, RecordPaths, StandardError, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -56,12 +57,16 @@ pub struct RunOptions {
     pub max_depth: u32,
     /// Arithmetic; the adapter's better one where not given.
     pub precision: Option<Precision>,
+    /// It stops when the largest relative error is as small as this.
+    pub target_error: Option<f64>,
+    /// It stops after this time, pauses included.
+    pub time_limit: Option<Duration>,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
         let TraceOptions { num_rays, seed, max_depth, .. } = TraceOptions::default();
-        RunOptions { num_rays, seed, max_depth, precision: None }
+        RunOptions { num_rays, seed, max_depth, precision: None, target_error: None, time_limit: None }
     }
 }
 
@@ -236,20 +241,23 @@ fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(Trace
     Ok((TraceOptions { precision: choice.precision, ..traced }, choice))
 }
 
-fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, options: &RunOptions) -> Result<()> {
+fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, wanted: &RunOptions) -> Result<()> {
     let gpu = device.open()?;
-    let (options, choice) = trace_options(options, &gpu, &scene.ir)?;
+    let (options, choice) = trace_options(wanted, &gpu, &scene.ir)?;
     let mut tracer = Tracer::new(&gpu, &scene.ir, &options)?;
     tracer.set_pass_time(PASS_TIME);
     let mut observer = Observer {
         shared,
         scene,
-        run: run_info(scene, &options, choice, &gpu),
+        run: RunInfo { target_error: wanted.target_error, ..run_info(scene, &options, choice, &gpu) },
+        stopping: Stopping::new(wanted.target_error, wanted.time_limit),
         clock: Clock::start(),
         due: Instant::now(),
     };
     lock(&shared.shelf).state = State::Tracing;
-    let tally = tracer.go_on(tracer.empty_tally(), |progress| observer.after_pass(progress))?;
+    let begun = tracer.empty_tally();
+    observer.stopping.prepare(&mut tracer, &begun)?;
+    let tally = tracer.go_on(begun, |progress| observer.after_pass(progress))?;
     let result = observer.result(&tally)?;
     let mut shelf = lock(&shared.shelf);
     shelf.rays = result.num_rays_total;
@@ -290,6 +298,7 @@ struct Observer<'a> {
     shared: &'a Shared,
     scene: &'a LoadedScene,
     run: RunInfo,
+    stopping: Stopping,
     clock: Clock,
     /// When the next result should be shown.
     due: Instant,
@@ -302,9 +311,11 @@ const SHARE: u32 = 8;
 
 impl Observer<'_> {
     fn result(&self, tally: &Tally) -> Result<TraceResult> {
+        let partial = tally.launched.count < self.run.num_rays;
         let run = RunInfo {
             trace_time_sec: self.clock.seconds(),
-            partial: tally.launched.count < self.run.num_rays,
+            partial,
+            stopped_by: self.run.stopped_by.filter(|_| partial),
             ..self.run.clone()
         };
         TraceResult::new(&self.scene.ir, &run, tally)
@@ -318,7 +329,8 @@ impl Observer<'_> {
             lock(&self.shared.shelf).result = Some(Arc::new(result));
             self.due = Instant::now() + INTERVAL.max(asked.elapsed() * SHARE);
         }
-        Ok(self.keep_going(progress.done))
+        self.run.stopped_by = self.stopping.after_pass(&self.scene.ir, progress)?;
+        Ok(self.keep_going(progress.done) && self.run.stopped_by.is_none())
     }
 
     fn keep_going(&mut self, rays: u64) -> bool {

@@ -8,7 +8,7 @@ use naga::{Expression, Literal, Module};
 use nsq_gpu::gpu::sums;
 use nsq_gpu::ir::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
 use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
-use nsq_gpu::program::{Precision, Program, rng};
+use nsq_gpu::program::{Precision, Program, events, rng};
 
 fn tables() -> (Variant, Program) {
     let variant = everything();
@@ -179,17 +179,17 @@ fn ledger_cells_are_numbered_in_order() {
 fn event_kinds_and_fates_are_those_that_the_host_reads() {
     let (_, program) = tables();
     let expected = [
-        ("EVENT_RECORDED", 0.0),
-        ("EVENT_BIRTH", 1.0),
-        ("EVENT_SURFACE", 2.0),
-        ("EVENT_SENSOR", 3.0),
-        ("EVENT_DEATH", 4.0),
-        ("ESCAPED", 3.0),
-        ("DEPTH_KILLED", 4.0),
-        ("ROULETTE_KILLED", 5.0),
+        ("EVENT_RECORDED", events::RECORDED),
+        ("EVENT_BIRTH", events::BIRTH),
+        ("EVENT_SURFACE", events::SURFACE),
+        ("EVENT_SENSOR", events::SENSOR),
+        ("EVENT_DEATH", events::DEATH),
+        ("ESCAPED", events::ESCAPED),
+        ("DEPTH_KILLED", events::DEPTH_KILLED),
+        ("ROULETTE_KILLED", events::ROULETTE_KILLED),
     ];
     for (name, value) in expected {
-        assert_eq!(constant(&program.module, name), value, "{name}");
+        assert_eq!(constant(&program.module, name), f64::from(value), "{name}");
     }
 }
 
