@@ -15,7 +15,7 @@ use nsq_gpu::result::DetectorData;
 use nsq_gpu::stopping::StoppedBy;
 use nsq_gpu::viewer::compare::Comparison;
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
-use nsq_gpu::viewer::region::Outline;
+use nsq_gpu::viewer::region::{Outline, Region};
 use nsq_gpu::viewer::scale::ScaleKind;
 use nsq_gpu::viewer::settings::Settings;
 use nsq_gpu::viewer::tracing::{Device, State};
@@ -628,6 +628,79 @@ fn a_picture_needs_no_display_and_is_the_same_each_time() {
     assert!(colors.len() > 100, "only {} colours: the map is not drawn", colors.len());
     assert!(picture.rgba.chunks_exact(4).all(|pixel| pixel[3] == 255));
     assert_eq!(picture.rgba, draw().rgba);
+}
+
+/// The main views against pictures that people have looked at; NSQ_GPU_UPDATE_SNAPSHOTS=1 takes new ones. Text may be
+/// smoothed otherwise and a ray near a decision go elsewhere, so that few pixels may differ.
+#[test]
+fn the_main_views_look_as_they_were_reviewed() {
+    if !has_adapter("the_main_views_look_as_they_were_reviewed") {
+        return;
+    }
+    type Prepare = fn(&mut Model);
+    let views: [(&str, &str, Prepare); 7] = [
+        ("irradiance", "cooke_triplet", |model| {
+            model.marks().region = Some(Region::between(Outline::Ellipse, (-10.0, 4.0), (-4.0, 12.0)));
+        }),
+        ("irradiance_log", "cooke_triplet", |model| model.settings.scale = ScaleKind::Log),
+        ("spectral", "telephoto_spectral", |model| {
+            (model.bin, model.marks().pin) = (Some(0), Some((-1.0, -1.0)));
+        }),
+        ("far_field", "searchlight", |model| model.settings.scale = ScaleKind::Log),
+        ("spots", "cemented_achromat_auto", |model| model.subject = Subject::Detector("before".into())),
+        ("side_view", "cooke_triplet", |model| model.subject = Subject::Scene),
+        ("difference", "cooke_triplet", |model| {
+            let a = model.a().unwrap().clone();
+            model.show(TraceResult::read(&results("cooke_triplet", 1)).unwrap());
+            model.hold_as_b();
+            model.show(a);
+            model.settings.comparison = Comparison::Difference;
+        }),
+    ];
+    let mut shown = Vec::new();
+    for (name, scene, prepare) in views {
+        let mut model = model(&results(scene, 0));
+        model.title = scene.into();
+        prepare(&mut model);
+        let picture = screenshot::draw(&mut App::new(model), (1100.0, 720.0), 0.5).unwrap();
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/viewer_{name}.png"));
+        if std::env::var_os("NSQ_GPU_UPDATE_SNAPSHOTS").is_some() {
+            picture.write(&path).unwrap();
+        }
+        let reviewed = read_png(&path);
+        assert_eq!(picture.rgba.len(), reviewed.len(), "{name} has another size");
+        let share = differing(&picture.rgba, &reviewed);
+        if share >= 0.01 {
+            let found = std::env::temp_dir().join(format!("viewer_{name}.png"));
+            picture.write(&found).unwrap();
+            panic!(
+                "{:.1} % of the pixels differ from {}: see {}",
+                100.0 * share,
+                path.display(),
+                found.display()
+            );
+        }
+        shown.push(picture.rgba);
+    }
+    // Another scale is told from the one that was reviewed.
+    assert!(differing(&shown[0], &shown[1]) > 0.05);
+}
+
+fn read_png(path: &Path) -> Vec<u8> {
+    let file = File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size()];
+    let length = reader.next_frame(&mut bytes).unwrap().buffer_size();
+    bytes.truncate(length);
+    bytes
+}
+
+/// The share of pixels of which some channel is further off than smoothing explains.
+fn differing(a: &[u8], b: &[u8]) -> f64 {
+    const CHANNEL: u8 = 40;
+    let pairs = a.chunks_exact(4).zip(b.chunks_exact(4));
+    let differ = pairs.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > CHANNEL));
+    differ.count() as f64 / (a.len() / 4) as f64
 }
 
 #[test]

@@ -92,7 +92,7 @@ fn progress(model: &Model, ui: &mut Ui) {
         let rate = significant(rays as f64 / seconds / 1e6, 3);
         let error = model.a().and_then(|result| result.relative_error);
         let error =
-            error.map_or(String::new(), |error| format!(", error {} %", significant(100.0 * error, 2)));
+            error.map_or(String::new(), |error| format!(", worst error {} %", significant(100.0 * error, 2)));
         let text = format!("{} of {} rays, {rate} M rays/s{error}", thousands(rays), thousands(job.num_rays));
         ui.label(text).on_hover_text(
             "error: the largest relative standard error, of all detectors' totals and of the mean of their lit cells",
