@@ -16,7 +16,7 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
 
 // `ends`: the ray ends here; else it passes.
 fn splat(ray: Ray, index: u32, ends: bool) {
-    let sensor = sensor_of(index);
+    let sensor = sensor_for(ray.key, sensor_of(index));
     add_total_moments(ray.weight, sensor, index);
     record(ray, sensor, index, ends);
 }

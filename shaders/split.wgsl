@@ -123,5 +123,5 @@ fn child(parent: Ray, weight: real) -> Ray {
 fn family_key(index: u32) -> RayKey {
     let lo = range.first_lo + (index & ((1u << INDEX_BITS) - 1u));
     let hi = range.first_hi + select(0u, 1u, lo < range.first_lo);
-    return ray_key(lo, hi + ((index >> INDEX_BITS) << 8u));
+    return key_of_id(lo, hi + ((index >> INDEX_BITS) << 8u));
 }

@@ -17,7 +17,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Version of the format.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 const MAGIC: &[u8; 8] = b"NSQTALLY";
 const HEADER_BYTES: usize = 24;
@@ -256,6 +256,7 @@ mod tests {
             hits: vec![0, u64::MAX, 1],
             squares: vec![0, 3, 1 << 100],
             totals: vec![Moments { quanta: 5, squares: u128::MAX }],
+            replicates: vec![1, u128::MAX],
             ..SensorTally::default()
         };
         let launched = Booking { count: 7, quanta: 7 << 52 };
@@ -313,7 +314,7 @@ mod tests {
     fn another_format_is_named() {
         let mut bytes = checkpoint().to_bytes().unwrap();
         bytes[8] = 99;
-        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 1");
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 2");
         assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
     }
 

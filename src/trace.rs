@@ -14,7 +14,8 @@ use crate::gpu::tuning::Tuning;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
-    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting,
+    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
+    Splitting, events,
 };
 use crate::result::{
     Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
@@ -91,7 +92,7 @@ impl Strict {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum StandardError {
     /// Where they cost little: where a ray ends on every detector, in one cell. Spread over pixels, or come by several
-    /// times, a ray makes as many deposits again.
+    /// times, a ray makes as many deposits again. Of Sobol points never: scrambled apart, they are spread less evenly.
     #[default]
     Auto,
     /// Always.
@@ -209,8 +210,8 @@ const DEFAULT_LOGGED_BATCH: u32 = 1 << 16;
 const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
-/// A submission should keep the device for about so long: a desktop stays usable and no watchdog fires.
-const SUBMISSION_TIME: Duration = Duration::from_millis(40);
+/// A pass should keep the device for about so long: a desktop stays usable and no watchdog fires.
+const PASS_TIME: Duration = Duration::from_millis(40);
 /// Counters are 32 bits wide: they are drained before they can overflow.
 const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
 const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
@@ -233,6 +234,7 @@ pub struct Tracer<'a> {
     launched: Booking,
     launched_rays: RaySet,
     pause: Option<u64>,
+    pass_time: Duration,
     events: Vec<DeviceEvent>,
     /// One for each emitter.
     recordings: Vec<Recording>,
@@ -249,10 +251,10 @@ struct DeviceState {
     queues: [wgpu::BindGroup; 2],
     advancing: wgpu::BindGroup,
     range: wgpu::Buffer,
-    rng_table: wgpu::Buffer,
     emitter: wgpu::Buffer,
     counts: wgpu::Buffer,
     workgroups: wgpu::Buffer,
+    rng_table: wgpu::Buffer,
     sums: wgpu::Buffer,
     tops: Option<wgpu::Buffer>,
     counters: wgpu::Buffer,
@@ -275,6 +277,8 @@ enum MomentSource {
     Hits,
     /// The device sums them.
     Device,
+    /// The device keeps a sum for each of several scrambles of Sobol's points.
+    Replicates,
 }
 
 impl MomentSource {
@@ -285,6 +289,10 @@ impl MomentSource {
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
+            asked if options.sampler == Sampler::Sobol => match asked {
+                StandardError::On => MomentSource::Replicates,
+                StandardError::Auto | StandardError::Off => MomentSource::Nowhere,
+            },
             _ if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
             StandardError::Auto if !is_cheap => MomentSource::Nowhere,
             StandardError::Auto | StandardError::On => MomentSource::Device,
@@ -335,7 +343,11 @@ impl<'a> Tracer<'a> {
             paths: options.paths.sampling(budget(options)),
             weights,
             sampler: options.sampler,
-            moments: moments == MomentSource::Device,
+            moments: match moments {
+                MomentSource::Nowhere | MomentSource::Hits => SecondMoments::None,
+                MomentSource::Device => SecondMoments::Squares,
+                MomentSource::Replicates => SecondMoments::Replicates,
+            },
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
@@ -362,6 +374,7 @@ impl<'a> Tracer<'a> {
             launched: Booking::default(),
             launched_rays: RaySet::default(),
             pause: None,
+            pass_time: PASS_TIME,
             events: Vec::new(),
             recordings: Vec::new(),
             profile: None,
@@ -373,11 +386,16 @@ impl<'a> Tracer<'a> {
         &self.program
     }
 
-    /// Another seed for what is traced from now on. Shaders read the seed from buffers, so that nothing is compiled anew.
-    pub fn reseed(&mut self, seed: u64) {
+    /// Other draws from now on, with what was compiled for the ones before.
+    pub fn set_seed(&mut self, seed: u64) {
         self.options.seed = seed;
-        let table = self.program.reseed(seed);
+        let table = self.program.set_seed(seed);
         self.gpu.queue.write_buffer(&self.device.rng_table, 0, table);
+    }
+
+    /// Passes should take about so long from now on, but a batch at least. It never changes a result.
+    pub fn set_pass_time(&mut self, time: Duration) {
+        self.pass_time = time;
     }
 
     /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
@@ -518,9 +536,9 @@ impl<'a> Tracer<'a> {
         Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
     }
 
-    /// So many rays that the next pass takes about [`SUBMISSION_TIME`].
+    /// So many rays that the next pass takes about as long as passes should.
     fn next_pass_rays(&self, rays: u64, elapsed: Duration) -> u64 {
-        let ratio = SUBMISSION_TIME.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
+        let ratio = self.pass_time.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
         let batch = u64::from(self.batch);
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
         let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.program);
@@ -739,12 +757,18 @@ impl<'a> Tracer<'a> {
         }
         for (i, sensor) in tally.sensors.iter_mut().enumerate() {
             let first = cells.sensors[i] as usize;
-            let num_cells = sensor.quanta.len();
-            if num_cells == 0 {
-                sensor.recorded = booking(first);
+            let num_cells = sensor.quanta.len().max(1);
+            let (stride, copies) = cells.replicates.map_or((0, 1), |r| (r.stride as usize, r.num as usize));
+            for first in (0..copies).map(|copy| first + copy * stride) {
+                if sensor.quanta.is_empty() {
+                    sensor.recorded += booking(first);
+                }
+                sensor.quanta.iter_mut().zip(&sums[first..]).for_each(|(sum, quanta)| *sum += quanta);
+                sensor.hits.iter_mut().zip(&counters[first..]).for_each(|(sum, hits)| *sum += hits);
+                if cells.replicates.is_some() {
+                    sensor.replicates.extend_from_slice(&sums[first..first + num_cells]);
+                }
             }
-            sensor.quanta.copy_from_slice(&sums[first..first + num_cells]);
-            sensor.hits.copy_from_slice(&counters[first..first + num_cells]);
         }
         self.take_moments(&mut tally, &sums);
         for event in self.events.drain(..) {
@@ -802,7 +826,7 @@ impl<'a> Tracer<'a> {
                     sensor.squares = squares[..sensor.quanta.len()].to_vec();
                 }
             }
-            (MomentSource::Nowhere | MomentSource::Device, _) => {}
+            (MomentSource::Nowhere | MomentSource::Device | MomentSource::Replicates, _) => {}
         }
     }
 }
@@ -812,12 +836,12 @@ impl DeviceEvent {
     fn path_event(&self) -> Option<PathEvent> {
         let index = self.subject as usize;
         let kind = match (self.kind, self.subject) {
-            (0, _) => return None,
-            (1, _) => PathEventKind::Birth(index),
-            (2, _) => PathEventKind::Surface(index),
-            (3, _) => PathEventKind::Sensor(index),
-            (_, 3) => PathEventKind::Escaped,
-            (_, 4) => PathEventKind::DepthKilled,
+            (events::RECORDED, _) => return None,
+            (events::BIRTH, _) => PathEventKind::Birth(index),
+            (events::SURFACE, _) => PathEventKind::Surface(index),
+            (events::SENSOR, _) => PathEventKind::Sensor(index),
+            (_, events::ESCAPED) => PathEventKind::Escaped,
+            (_, events::DEPTH_KILLED) => PathEventKind::DepthKilled,
             (..) => PathEventKind::FluxKilled,
         };
         Some(PathEvent { ray: self.row, kind })
@@ -942,12 +966,9 @@ impl DeviceState {
             .iter()
             .map(|(number, bytes)| Ok((*number, gpu.scene_buffer(bytes)?)))
             .collect::<Result<_>>()?;
-        let rng_table = constants
-            .iter()
-            .find(|(number, _)| *number == program::RNG_TABLE)
-            .map(|(_, buffer)| buffer.clone())
-            .ok_or_else(|| Error::Internal("a program without its table of draws".into()))?;
-        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (2, &sums), (4, &counters)];
+        let rng_table = gpu.constant_buffer("draws", &program.rng_table);
+        let mut scene: Vec<(u32, &wgpu::Buffer)> =
+            vec![(0, &range), (program::RNG_TABLE, &rng_table), (2, &sums), (4, &counters)];
         if !program.emitters.is_empty() {
             scene.push((program::lowered::EMITTER, &emitter));
         }
@@ -992,10 +1013,10 @@ impl DeviceState {
             queues,
             advancing,
             range,
-            rng_table,
             emitter,
             counts,
             workgroups,
+            rng_table,
             sums,
             tops,
             counters,

@@ -77,6 +77,33 @@ fn the_files_hold_what_was_measured() {
     assert_eq!(&read(folder.path(), "bench.png")[..8], b"\x89PNG\r\n\x1a\n");
 }
 
+#[test]
+#[cfg(feature = "viewer")]
+fn frames_of_the_viewer_are_measured() {
+    if !has_adapter("frames_of_the_viewer_are_measured") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let tiny = ["bench", "--scenes", "viewer", "--runs", "1", "--json", "-o", out];
+    let printed = report(&Command::cargo_bin("nsq-gpu").unwrap().args(tiny).output().unwrap());
+    assert_eq!(printed["cases"], json!([]));
+    assert!(folder.path().join("bench.json").exists() && !folder.path().join("bench.png").exists());
+    let states = printed["viewer"].as_array().unwrap();
+    let names: Vec<&str> = states.iter().map(|state| state["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["viewer_small", "viewer_large", "viewer_tracing", "viewer_shared"]);
+    assert_eq!(states[1]["cells"], 4096);
+    for state in states {
+        let seconds = |part: &str, key: &str| state[part][key].as_f64().unwrap();
+        assert!(
+            0.0 < seconds("host_sec", "min")
+                && seconds("host_sec", "median") <= seconds("frame_sec", "median")
+        );
+        let traces = ["viewer_tracing", "viewer_shared"].contains(&state["name"].as_str().unwrap());
+        assert_eq!(state["rays_per_sec"].as_f64().is_some_and(|rate| rate > 0.0), traces, "{state}");
+    }
+}
+
 fn assert_case(case: &Value) {
     let measurements = case["measurements"].as_array().unwrap();
     assert!(!measurements.is_empty());

@@ -4,7 +4,7 @@
 
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
-use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler};
+use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments};
 use nsq_gpu::{Error, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -260,6 +260,9 @@ fn missing_files_are_usage_errors_that_name_the_file() {
 #[test]
 fn misspelt_options_and_subcommands_get_suggestions() {
     run(&["trace", "scene.json", "--max-dept", "3"]).refuses(USAGE, &["--max-depth"]);
+    let said = run(&["trace", "scene.json", "--rayz", "3"]);
+    said.refuses(USAGE, &["--rayz", "--help"]);
+    assert!(!said.stderr.contains("-- --rayz"), "{}", said.stderr);
     run(&["trac", "scene.json"]).refuses(USAGE, &["trace"]);
     run(&["trace", "scene.json", "--precision", "f16"]).refuses(USAGE, &["f32", "f64"]);
     run(&["trace", "scene.json", "--reflect-prob", "often"]).refuses(USAGE, &["fresnel", "auto"]);
@@ -564,7 +567,7 @@ fn schema_is_one_json_document() {
 fn completions_know_every_subcommand() {
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let said = run(&["completions", shell]);
-        for word in ["trace", "check", "adapters", "materials", "schema", "record-paths"] {
+        for word in ["trace", "check", "adapters", "materials", "schema", "compare", "record-paths"] {
             assert!(said.succeeds().contains(word), "{shell}: {word}");
         }
     }
@@ -629,8 +632,8 @@ fn compose(text: &str) -> Result<(), Error> {
             paths: PathSampling::None,
             weights: vec![1.0; ir.emitters.len()],
             sampler: Sampler::Pcg,
-            moments: false,
             host_sums: baked,
+            moments: SecondMoments::None,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

@@ -74,8 +74,13 @@ const BEAMS: &str = "scenes/tessar_gaussian_beams.json";
 
 #[test]
 fn a_target_is_met_at_the_same_ray_whatever_the_batch() {
+    let by_sampler = ["pcg", "sobol"].map(rays_to_a_target);
+    assert!(by_sampler[1] < by_sampler[0], "{by_sampler:?}");
+}
+
+fn rays_to_a_target(sampler: &'static str) -> u64 {
     let target = |more: &[&'static str]| {
-        let stops = ["-n", "1e7", "--target-error", "10%"];
+        let stops = ["-n", "1e7", "--target-error", "10%", "--sampler", sampler];
         succeed(&trace(CAVITY, &[&stops, more].concat()))
     };
     let report = target(&[]);
@@ -89,6 +94,7 @@ fn a_target_is_met_at_the_same_ray_whatever_the_batch() {
     // What was launched stands for all that the source emits.
     assert_eq!(report["total_flux_in"].as_f64(), Some(1.0));
     assert_eq!(target(&["--batch-size", "3000"])["num_rays_total"].as_u64(), Some(rays));
+    rays
 }
 
 #[test]
@@ -126,10 +132,11 @@ fn progress_tells_the_error() {
 // Checkpoints.
 
 /// A trace that writes checkpoints as often as it can.
-fn checkpointed<'a>(checkpoint: &'a str, num_rays: &'a str) -> Vec<&'a str> {
+fn checkpointed<'a>(checkpoint: &'a str, num_rays: &'a str, sampler: &'a str) -> Vec<&'a str> {
+    let writes = ["--checkpoint", checkpoint, "--checkpoint-interval", "1ms"];
     trace(
         BEAMS,
-        &["-n", num_rays, "--batch-size", "1000", "--checkpoint", checkpoint, "--checkpoint-interval", "1ms"],
+        &[&["-n", num_rays, "--sampler", sampler, "--batch-size", "1000"], writes.as_slice()].concat(),
     )
 }
 
@@ -146,14 +153,19 @@ fn wait_for(path: &Path, child: &mut Child) {
 
 #[test]
 fn a_killed_trace_goes_on_to_the_bits_of_an_unbroken_one() {
+    kill_and_go_on("pcg", &[0, 7, 23, 40, 90]);
+    kill_and_go_on("sobol", &[15, 60]);
+}
+
+fn kill_and_go_on(sampler: &str, delays_ms: &[u64]) {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let (checkpoint, whole, broken) = (place("c.tally"), place("whole"), place("broken"));
     let num_rays = "400000";
-    succeed(&trace(BEAMS, &["-n", num_rays, "-o", &whole]));
+    succeed(&trace(BEAMS, &["-n", num_rays, "--sampler", sampler, "-o", &whole]));
     let mut kills = 0;
-    for delay_ms in [0, 7, 23, 40, 90] {
-        let mut arguments = checkpointed(&checkpoint, num_rays);
+    for &delay_ms in delays_ms {
+        let mut arguments = checkpointed(&checkpoint, num_rays, sampler);
         if Path::new(&checkpoint).exists() {
             arguments.extend(["--resume", &checkpoint]);
         }
@@ -169,7 +181,10 @@ fn a_killed_trace_goes_on_to_the_bits_of_an_unbroken_one() {
         );
     }
     assert!(kills > 0, "the trace was never killed while it ran");
-    let report = succeed(&trace(BEAMS, &["-n", num_rays, "--resume", &checkpoint, "-o", &broken]));
+    let report = succeed(&trace(
+        BEAMS,
+        &["-n", num_rays, "--sampler", sampler, "--resume", &checkpoint, "-o", &broken],
+    ));
     assert_eq!(report["num_rays_total"], 400_000);
     let (whole, broken) = (files(Path::new(&whole)), files(Path::new(&broken)));
     assert_eq!(whole.keys().collect::<Vec<_>>(), broken.keys().collect::<Vec<_>>());
@@ -235,12 +250,16 @@ fn checkpoints_of_other_traces_are_refused_by_what_differs() {
 fn parts_merge_to_the_bits_of_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    for (scene, whole_of) in [(LENS, None), (BEAMS, Some("50000"))] {
-        let names = ["whole", "a", "b", "c", "merged"].map(|name| place(&format!("{name}{}", scene.len())));
+    for (scene, sampler, whole_of) in
+        [(LENS, "pcg", None), (BEAMS, "pcg", Some("50000")), (BEAMS, "sobol", Some("50000"))]
+    {
+        let names =
+            ["whole", "a", "b", "c", "merged"].map(|name| place(&format!("{name}_{sampler}{}", scene.len())));
         let [whole, a, b, c, merged] = names.each_ref().map(String::as_str);
-        succeed(&trace(scene, &["-n", "50000", "-o", whole]));
+        succeed(&trace(scene, &["-n", "50000", "--sampler", sampler, "-o", whole]));
         for (out, first, num) in [(a, "0", "20001"), (b, "20001", "9999"), (c, "30000", "20000")] {
-            let mut arguments = trace(scene, &["-n", num, "--first-ray", first, "-o", out]);
+            let mut arguments =
+                trace(scene, &["-n", num, "--sampler", sampler, "--first-ray", first, "-o", out]);
             arguments.extend(whole_of.iter().flat_map(|rays| ["--of-rays", rays]));
             succeed(&arguments);
         }

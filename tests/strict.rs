@@ -114,7 +114,7 @@ fn reseeded_tracers_draw_what_new_ones_draw() {
             let options = |seed| TraceOptions { sampler, ..zoo::options(3000, seed, Precision::F32) };
             let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(1)).unwrap();
             let first = tracer.trace(|_| true).unwrap();
-            tracer.reseed((1 << 40) + 7);
+            tracer.set_seed((1 << 40) + 7);
             let second = tracer.trace(|_| true).unwrap();
             assert!(first != second, "{name}, {sampler:?}");
             assert!(second == zoo::trace(&ir, &options((1 << 40) + 7)), "{name}, {sampler:?}");

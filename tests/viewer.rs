@@ -12,9 +12,10 @@ use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use nsq_gpu::TraceResult;
 use nsq_gpu::result::DetectorData;
+use nsq_gpu::stopping::StoppedBy;
 use nsq_gpu::viewer::compare::Comparison;
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
-use nsq_gpu::viewer::region::Outline;
+use nsq_gpu::viewer::region::{Outline, Region};
 use nsq_gpu::viewer::scale::ScaleKind;
 use nsq_gpu::viewer::settings::Settings;
 use nsq_gpu::viewer::tracing::{Device, State};
@@ -497,6 +498,45 @@ fn a_trace_is_paused_resumed_stopped_and_restarted() {
     assert_eq!(shown.ledger, written.ledger);
 }
 
+/// The target and the time limit of the options end a trace as those of the command do, and stand in the copied command.
+#[test]
+fn a_trace_ends_at_its_target_or_its_time() {
+    if !has_adapter("a_trace_ends_at_its_target_or_its_time") {
+        return;
+    }
+    let mut window = window(model(&scene_path("bench_cavity")));
+    window.state_mut().model.run.num_rays = 1 << 40;
+    click(&mut window, "Target error");
+    assert_eq!(window.state().model.run.target_error, Some(0.01));
+    window.state_mut().model.run.target_error = Some(0.1);
+    click(&mut window, "Trace");
+    finish(&mut window);
+    let shown = window.state().model.a().unwrap();
+    assert_eq!((shown.run.stopped_by, shown.run.partial), (Some(StoppedBy::TargetError), true));
+    assert!(shown.relative_error.unwrap() <= 0.1);
+    assert!(window.query_by_label_contains("target met").is_some());
+    let command = window.state().model.command();
+    assert!(command.contains("--target-error 10%") && !command.contains("--time-limit"), "{command}");
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = command.split(' ').skip(1).map(|word| match word {
+        "results" => folder.path().join("results").display().to_string(),
+        word => word.to_string(),
+    });
+    Command::cargo_bin("nsq-gpu").unwrap().args(arguments).assert().success();
+    let written = TraceResult::read(&folder.path().join("results")).unwrap();
+    assert_eq!(window.state().model.a().unwrap().detectors, written.detectors);
+
+    click(&mut window, "Target error");
+    click(&mut window, "Time limit");
+    assert_eq!(window.state().model.run.target_error, None);
+    assert_eq!(window.state().model.run.time_limit, Some(Duration::from_secs(30)));
+    window.state_mut().model.run.time_limit = Some(Duration::from_millis(300));
+    click(&mut window, "Restart");
+    finish(&mut window);
+    assert_eq!(window.state().model.a().unwrap().run.stopped_by, Some(StoppedBy::TimeLimit));
+    assert!(window.state().model.command().contains("--time-limit 0.3s"));
+}
+
 #[test]
 fn keys_reach_the_plot() {
     if !has_adapter("keys_reach_the_plot") {
@@ -588,6 +628,79 @@ fn a_picture_needs_no_display_and_is_the_same_each_time() {
     assert!(colors.len() > 100, "only {} colours: the map is not drawn", colors.len());
     assert!(picture.rgba.chunks_exact(4).all(|pixel| pixel[3] == 255));
     assert_eq!(picture.rgba, draw().rgba);
+}
+
+/// The main views against pictures that people have looked at; NSQ_GPU_UPDATE_SNAPSHOTS=1 takes new ones. Text may be
+/// smoothed otherwise and a ray near a decision go elsewhere, so that few pixels may differ.
+#[test]
+fn the_main_views_look_as_they_were_reviewed() {
+    if !has_adapter("the_main_views_look_as_they_were_reviewed") {
+        return;
+    }
+    type Prepare = fn(&mut Model);
+    let views: [(&str, &str, Prepare); 7] = [
+        ("irradiance", "cooke_triplet", |model| {
+            model.marks().region = Some(Region::between(Outline::Ellipse, (-10.0, 4.0), (-4.0, 12.0)));
+        }),
+        ("irradiance_log", "cooke_triplet", |model| model.settings.scale = ScaleKind::Log),
+        ("spectral", "telephoto_spectral", |model| {
+            (model.bin, model.marks().pin) = (Some(0), Some((-1.0, -1.0)));
+        }),
+        ("far_field", "searchlight", |model| model.settings.scale = ScaleKind::Log),
+        ("spots", "cemented_achromat_auto", |model| model.subject = Subject::Detector("before".into())),
+        ("side_view", "cooke_triplet", |model| model.subject = Subject::Scene),
+        ("difference", "cooke_triplet", |model| {
+            let a = model.a().unwrap().clone();
+            model.show(TraceResult::read(&results("cooke_triplet", 1)).unwrap());
+            model.hold_as_b();
+            model.show(a);
+            model.settings.comparison = Comparison::Difference;
+        }),
+    ];
+    let mut shown = Vec::new();
+    for (name, scene, prepare) in views {
+        let mut model = model(&results(scene, 0));
+        model.title = scene.into();
+        prepare(&mut model);
+        let picture = screenshot::draw(&mut App::new(model), (1100.0, 720.0), 0.5).unwrap();
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/viewer_{name}.png"));
+        if std::env::var_os("NSQ_GPU_UPDATE_SNAPSHOTS").is_some() {
+            picture.write(&path).unwrap();
+        }
+        let reviewed = read_png(&path);
+        assert_eq!(picture.rgba.len(), reviewed.len(), "{name} has another size");
+        let share = differing(&picture.rgba, &reviewed);
+        if share >= 0.01 {
+            let found = std::env::temp_dir().join(format!("viewer_{name}.png"));
+            picture.write(&found).unwrap();
+            panic!(
+                "{:.1} % of the pixels differ from {}: see {}",
+                100.0 * share,
+                path.display(),
+                found.display()
+            );
+        }
+        shown.push(picture.rgba);
+    }
+    // Another scale is told from the one that was reviewed.
+    assert!(differing(&shown[0], &shown[1]) > 0.05);
+}
+
+fn read_png(path: &Path) -> Vec<u8> {
+    let file = File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size()];
+    let length = reader.next_frame(&mut bytes).unwrap().buffer_size();
+    bytes.truncate(length);
+    bytes
+}
+
+/// The share of pixels of which some channel is further off than smoothing explains.
+fn differing(a: &[u8], b: &[u8]) -> f64 {
+    const CHANNEL: u8 = 40;
+    let pairs = a.chunks_exact(4).zip(b.chunks_exact(4));
+    let differ = pairs.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > CHANNEL));
+    differ.count() as f64 / (a.len() / 4) as f64
 }
 
 #[test]

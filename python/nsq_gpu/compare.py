@@ -197,11 +197,17 @@ def verdict(side: Side, reference: Side, statistical: bool) -> tuple[str, bool]:
              if not difference.sigmas <= SIGMAS and not (splits and difference.is_count)]
     agrees = not apart and (statistical or splits or astray <= FATES * recorded)
     lines = [f"{side.name} against {reference.name}:"]
-    lines += [f"  {difference.what:32} {difference.sigmas:8.2g} sigma  {difference.detail}".rstrip()
+    lines += [_line(difference, judged=not (splits and difference.is_count))
               for difference in found if difference.sigmas > 0.0]
     lines.append(f"  rays with another fate: {astray} of {recorded} recorded")
     lines.append(f"  {'agree' if agrees else 'DISAGREE'}")
     return "\n".join(lines), agrees
+
+
+def _line(difference: Difference, judged: bool) -> str:
+    # Where rays split, one leaves many hits: the noise of their number is not that of single rays.
+    sigmas = f"{difference.sigmas:8.2g} sigma" if judged else "    not judged"
+    return f"  {difference.what:32} {sigmas}  {difference.detail}".rstrip()
 
 
 # The command

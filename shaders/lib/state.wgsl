@@ -84,7 +84,7 @@ fn draw_first(key: RayKey, slot: u32) -> u32 {
 
 fn key_of(index: u32) -> RayKey {
     let lo = range.first_lo + index;
-    return ray_key(lo, range.first_hi + select(0u, 1u, lo < range.first_lo));
+    return key_of_id(lo, range.first_hi + select(0u, 1u, lo < range.first_lo));
 }
 
 // One Newton step towards unit length, for a vector whose length is 1 to rounding.

@@ -4,6 +4,7 @@
 //! cases       the scenes of Optiland's harness and others, as scene files
 //! runner      warm-up, then runs in turns; launched = counted, in every run
 //! peers       Optiland's NumPy backend and a Dr.Jit kernel, as children
+//! viewer      frames a second of the viewer's window
 //! statistics  median, least and greatest of the runs; ratios
 //! report      one JSON document, CSV and a chart
 //! tuning      how to cut work for an adapter
@@ -22,9 +23,11 @@ pub mod runner;
 pub mod stability;
 pub mod statistics;
 pub mod tuning;
+#[cfg(feature = "viewer")]
+pub mod viewer;
 
 pub use cases::{Case, Kind};
 pub use peers::Peer;
-pub use report::BenchReport;
+pub use report::{BenchReport, ViewerResult};
 pub use runner::{CaseResult, Counts, Session};
 pub use statistics::Summary;

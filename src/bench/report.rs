@@ -40,6 +40,32 @@ pub struct BenchReport {
     pub num_runs: usize,
     /// What was measured.
     pub cases: Vec<CaseResult>,
+    /// The viewer's frames, where they were measured.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub viewer: Vec<ViewerResult>,
+}
+
+/// What was measured of the window in one state.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ViewerResult {
+    /// `viewer_small`, `viewer_large`: a result is shown; `viewer_tracing`, `viewer_shared`: a trace, on a device of its own
+    /// or on the one that draws.
+    pub name: &'static str,
+    /// Cells of the map along each side.
+    pub cells: u32,
+    /// Width and height of the window \[pixels\].
+    pub window: [u32; 2],
+    /// Measured frames; each shows another part of the map.
+    pub num_frames: usize,
+    /// Load average before the first frame; null where the system does not tell.
+    pub load_average: Option<f64>,
+    /// Times of the program's part of a frame: from the user's input to what the device is to draw \[s\].
+    pub host_sec: Summary,
+    /// Times of whole frames: from the user's input to the last pixel \[s\]. Where the device is a processor, it draws the
+    /// whole window, and takes about as long whatever is in it.
+    pub frame_sec: Summary,
+    /// Rays per second of the trace beside it; null where there is none.
+    pub rays_per_sec: Option<f64>,
 }
 
 /// The machine.
@@ -96,6 +122,7 @@ impl BenchReport {
             peers: BTreeMap::new(),
             num_runs,
             cases: Vec::new(),
+            viewer: Vec::new(),
         }
     }
 
@@ -123,8 +150,12 @@ impl BenchReport {
         for (name, text) in [("bench.json", self.to_json()), ("bench.csv", self.to_csv())] {
             std::fs::write(dir.join(name), text).map_err(|error| Error::file(dir.join(name), error))?;
         }
-        write_bars(&dir.join("bench.png"), &self.bars())?;
-        Ok(["bench.json", "bench.csv", "bench.png"].map(|name| dir.join(name)).into())
+        let mut files = vec![dir.join("bench.json"), dir.join("bench.csv")];
+        if !self.cases.is_empty() {
+            files.push(dir.join("bench.png"));
+            write_bars(&files[2], &self.bars())?;
+        }
+        Ok(files)
     }
 
     /// The table for people.
@@ -133,7 +164,33 @@ impl BenchReport {
         let mut text = format!("{} {} on {name}, {driver}\n", self.program, self.version);
         let load = self.machine.load_average_start.map_or("unknown".into(), |load| format!("{load:.2}"));
         let _ = writeln!(text, "{}, {} cores, load average {load}\n", self.date, self.machine.num_cores);
-        let _ = write!(text, "{:<16}{:>5}{:>12}", "case", "", "rays");
+        if !self.cases.is_empty() {
+            text += &self.table_of_cases();
+        }
+        if !self.viewer.is_empty() {
+            text += &self.table_of_frames();
+        }
+        text
+    }
+
+    fn table_of_frames(&self) -> String {
+        let mut text = format!(
+            "{:<16}{:>8}{:>14}{:>12}{:>12}{:>12}{:>12}\n",
+            "viewer", "cells", "program [ms]", "frames/s", "drawn [ms]", "frames/s", "M rays/s"
+        );
+        for state in &self.viewer {
+            let ViewerResult { name, cells, host_sec, frame_sec, .. } = state;
+            let rays = state.rays_per_sec.map_or("-".into(), |rate| format!("{:.3}", 1e-6 * rate));
+            let part = |seconds: &Summary| (1e3 * seconds.median, 1.0 / seconds.median);
+            let ((host, host_rate), (frame, frame_rate)) = (part(host_sec), part(frame_sec));
+            let _ = write!(text, "{name:<16}{:>8}", format!("{cells}^2"));
+            let _ = writeln!(text, "{host:>14.1}{host_rate:>12.1}{frame:>12.1}{frame_rate:>12.1}{rays:>12}");
+        }
+        text
+    }
+
+    fn table_of_cases(&self) -> String {
+        let mut text = format!("{:<16}{:>5}{:>12}", "case", "", "rays");
         let _ = write!(
             text,
             "{:>12}{:>10}{:>10}{:>12}{:>13}",

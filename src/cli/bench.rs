@@ -28,8 +28,8 @@ pub struct Args {
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, commands, cold_start);
-    /// with --accuracy, names of scenes.
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, commands,
+    /// cold_start, viewer); with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
     /// Arithmetic to measure.
@@ -87,6 +87,9 @@ enum PeerArg {
     Drjit,
 }
 
+/// What the viewer's frames are called among the cases.
+const VIEWER: &str = "viewer";
+
 /// The limit of --quick.
 const QUICK_RAYS: u64 = 100_000;
 
@@ -119,6 +122,16 @@ pub fn run(args: &Args) -> Result<String> {
         let result = measure(case, &session, &mut peers)?;
         say(&progress(&result));
         report.cases.push(result);
+    }
+    #[cfg(feature = "viewer")]
+    if args.scenes.is_empty() || args.scenes.iter().any(|name| name == VIEWER) {
+        const FRAMES_PER_RUN: usize = 12;
+        let frames = FRAMES_PER_RUN * session.num_runs;
+        report.viewer = crate::bench::viewer::measure(args.adapter.as_deref(), frames)?;
+        for state in &report.viewer {
+            let [host, frame] = [state.host_sec, state.frame_sec].map(|seconds| 1e3 * seconds.median);
+            say(&format!("{}: {host:.1} ms a frame, {frame:.1} ms with its drawing", state.name));
+        }
     }
     report.machine.load_average_end = machine::load_average();
     if let Some(dir) = &args.output {
@@ -244,8 +257,11 @@ fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
     let quick = if args.quick { QUICK_RAYS } else { u64::MAX };
     let mut cases = cases::all(args.max_rays.unwrap_or(quick).max(1));
     let is = |case: &Case, name: &String| case.name == *name || case.axis == name;
-    if let Some(unknown) = args.scenes.iter().find(|name| !cases.iter().any(|case| is(case, name))) {
-        let names: Vec<&str> = cases.iter().map(|case| case.name.as_str()).collect();
+    let is_viewer = |name: &str| cfg!(feature = "viewer") && name == VIEWER;
+    let is_known = |name: &String| is_viewer(name) || cases.iter().any(|case| is(case, name));
+    if let Some(unknown) = args.scenes.iter().find(|name| !is_known(name)) {
+        let mut names: Vec<&str> = cases.iter().map(|case| case.name.as_str()).collect();
+        names.extend(Some(VIEWER).filter(|name| is_viewer(name)));
         return Err(Error::Usage(format!("no case is named `{unknown}`; there are {}", names.join(", "))));
     }
     cases.retain(|case| args.scenes.is_empty() || args.scenes.iter().any(|name| is(case, name)));

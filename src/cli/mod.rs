@@ -5,6 +5,7 @@
 mod adapters;
 mod bench;
 mod check;
+mod compare;
 mod completions;
 pub mod count;
 pub mod materials;
@@ -18,6 +19,7 @@ mod view;
 
 use crate::error::{Error, Result};
 use crate::scene::Scene;
+use clap::error::{ContextKind, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::Path;
@@ -42,6 +44,8 @@ enum Command {
     Trace(Box<trace::Args>),
     /// Add up results of one scene that were traced apart, on one machine or several.
     Merge(merge::Args),
+    /// Compare two results: whether they differ by more than chance.
+    Compare(compare::Args),
     /// Look at a scene while it is traced, or at results.
     #[cfg(feature = "viewer")]
     View(Box<view::Args>),
@@ -61,10 +65,11 @@ enum Command {
 
 /// Runs the command; the exit code is the error's.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| without_misleading_tip(error).exit());
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args),
         Command::Merge(args) => merge::run(&args),
+        Command::Compare(args) => compare::run(&args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(&args),
         Command::Check(args) => check::run(&args),
@@ -82,6 +87,15 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// An option that is unknown was misspelt, and hardly meant as a value: clap's tip to write `-- --option` leads astray.
+fn without_misleading_tip(mut error: clap::Error) -> clap::Error {
+    let invalid = error.get(ContextKind::InvalidArg).map(ToString::to_string);
+    if error.kind() == ErrorKind::UnknownArgument && invalid.is_some_and(|name| name.starts_with("--")) {
+        error.remove(ContextKind::Suggested);
+    }
+    error
 }
 
 /// Reads a scene; a complaint about its contents begins with the file's name: a script may trace many.

@@ -49,7 +49,8 @@ pub struct Args {
     /// Go on from the sums in this file, which the same command with --checkpoint wrote; to the bits of an unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little.
+    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little. With --sampler sobol,
+    /// on scrambles the points in 16 independent ways and gives the errors between them; auto does not.
     #[arg(long, value_enum, default_value_t = StandardErrorArg::Auto, value_name = "WHEN")]
     standard_error: StandardErrorArg,
     /// Seed of every random draw.

@@ -10,7 +10,7 @@ use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::records::literal;
 use super::splitting::Splitting;
 use super::tree::{self, PrimitiveTree};
-use super::{PathSampling, ProgramOptions};
+use super::{PathSampling, ProgramOptions, SecondMoments};
 use crate::error::Result;
 use crate::ir::{ReflectProb, SceneIr};
 use glam::DVec3;
@@ -122,6 +122,10 @@ impl Composition<'_> {
             uint("CELL_TOTALS", moments.totals.unwrap_or_default());
             uint("NUM_EMITTERS", self.ir.emitters.len() as u32);
         }
+        if let Some(replicates) = &self.cells.replicates {
+            uint("REPLICATE_BITS", replicates.num.ilog2());
+            uint("REPLICATE_STRIDE", replicates.stride);
+        }
         if let PathSampling::Hashed { threshold } = o.paths {
             uint("PATH_THRESHOLD", threshold);
         } else {
@@ -167,11 +171,17 @@ impl Composition<'_> {
     fn files(&self) -> Vec<&'static str> {
         let f = self.features;
         let o = self.options;
+        let has_squares = o.moments == SecondMoments::Squares;
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
         let split_triangle =
             pick(f.has_meshes(), shader!("lib/split_triangle.wgsl"), shader!("lib/split_triangle_none.wgsl"));
         let mut files = vec![
             shader!("lib/state.wgsl"),
+            pick(
+                o.moments == SecondMoments::Replicates,
+                shader!("lib/replicates.wgsl"),
+                shader!("lib/replicates_none.wgsl"),
+            ),
             shader!("lib/transforms.wgsl"),
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
@@ -269,10 +279,10 @@ impl Composition<'_> {
                 pick(f.has_meshes(), shader!("lib/queued_ray_mesh.wgsl"), shader!("lib/queued_ray.wgsl")),
             ),
             (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
-            (!o.moments, shader!("lib/moments_none.wgsl")),
-            (o.moments, shader!("lib/moments.wgsl")),
+            (!has_squares, shader!("lib/moments_none.wgsl")),
+            (has_squares, shader!("lib/moments.wgsl")),
             (
-                o.moments,
+                has_squares,
                 pick(f.transmissive || f.splits, shader!("lib/visits.wgsl"), shader!("lib/visits_none.wgsl")),
             ),
             (f.irradiance, shader!("sensors/irradiance.wgsl")),

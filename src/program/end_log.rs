@@ -2,7 +2,7 @@
 
 use super::features::Features;
 use super::lowered::{self, Cells};
-use super::{Precision, ProgramOptions};
+use super::{Precision, ProgramOptions, SecondMoments};
 use crate::ir::SceneIr;
 
 /// Binding of the ends' cells.
@@ -41,7 +41,7 @@ pub struct Grid {
 
 impl EndLog {
     /// The log of a scene. None where rays are split, because a launched ray then has many ends, and where there are so
-    /// many cells that the host would find none of them in its caches.
+    /// many cells that the host would find none of them in its caches, as with replicates.
     pub fn of(
         ir: &SceneIr,
         features: &Features,
@@ -49,7 +49,8 @@ impl EndLog {
         options: &ProgramOptions,
         counts_alone: bool,
     ) -> Option<Self> {
-        if !options.host_sums || features.splits || cells.num_cells > 1 << CELL_BITS {
+        let has_replicates = options.moments == SecondMoments::Replicates;
+        if !options.host_sums || has_replicates || features.splits || cells.num_cells > 1 << CELL_BITS {
             return None;
         }
         let has_weights = !features.keeps_weight;

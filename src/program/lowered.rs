@@ -4,6 +4,7 @@ use super::bsdf;
 use super::contact::Contact;
 use super::features::{self, EmitterName, Features, ShapeKind};
 use super::records::Records;
+use crate::error::{Error, Result};
 use crate::ir::{
     Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, Sensor, SensorKind, Shape, Splat, Surface,
 };
@@ -37,8 +38,19 @@ pub struct Cells {
     pub num_counters: u32,
     /// Where the second moments lie, if they are summed on the device.
     pub moments: Option<MomentCells>,
+    /// Copies of the detectors' cells, one behind the other, if each scramble of the points has its own.
+    pub replicates: Option<ReplicateCells>,
     /// Number of sums: the cells, and those of the second moments.
     pub num_sums: u32,
+}
+
+/// Detectors' cells that lie there once for each scramble (shaders/lib/replicates.wgsl).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReplicateCells {
+    /// From a cell of a detector to its cell in the next copy.
+    pub stride: u32,
+    /// Number of copies.
+    pub num: u32,
 }
 
 /// Cells of second moments (shaders/lib/moments.wgsl), behind all others.
@@ -95,12 +107,37 @@ impl Cells {
             saturated,
             num_counters,
             moments: None,
+            replicates: None,
             num_sums: next,
         }
     }
 }
 
 impl Cells {
+    /// With the detectors' cells `num` times.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are too many to number.
+    pub fn with_replicates(self, num: u32) -> Result<Self> {
+        let stride = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
+        let more = stride.checked_mul(num - 1).filter(|more| more.checked_add(self.num_counters).is_some());
+        let more = more.ok_or_else(|| {
+            Error::Usage(format!(
+                "{num} sums for each of {stride} cells of the detectors, as standard errors of Sobol points need, are too \
+                 many; use fewer pixels, --sampler pcg or --standard-error off"
+            ))
+        })?;
+        Ok(Cells {
+            num_cells: self.num_cells + more,
+            reached: self.reached + more,
+            saturated: self.saturated.map(|counter| counter + more),
+            num_counters: self.num_counters + more,
+            replicates: Some(ReplicateCells { stride, num }),
+            num_sums: self.num_sums + more,
+            ..self
+        })
+    }
+
     /// With cells for the second moments.
     pub fn with_moments(self, ir: &SceneIr) -> Self {
         let squares_offset = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);

@@ -4,6 +4,7 @@ pub mod bsdf;
 pub mod compose;
 pub mod contact;
 pub mod end_log;
+pub mod events;
 pub mod features;
 pub mod library;
 pub mod lowered;
@@ -14,7 +15,7 @@ pub mod splitting;
 pub mod tree;
 
 use crate::error::{Error, Result};
-use crate::ir::{SceneIr, SensorKind, Surface};
+use crate::ir::{SceneIr, SensorKind, Surface, ray_id};
 use compose::Composition;
 use end_log::EndLog;
 pub use features::{EmitterName, Features, Precision};
@@ -70,8 +71,20 @@ pub struct ProgramOptions {
     pub weights: Vec<f64>,
     /// What the draws are.
     pub sampler: Sampler,
-    /// Second moments are summed on the device. Where a detector lets rays pass, no ray may outlive a dispatch.
-    pub moments: bool,
+    /// What is summed so that results tell their errors.
+    pub moments: SecondMoments,
+}
+
+/// What the device sums beside the first moments, so that results tell their errors.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum SecondMoments {
+    /// Nothing.
+    #[default]
+    None,
+    /// The squares of what each ray leaves. Where a detector lets rays pass, no ray may outlive a dispatch.
+    Squares,
+    /// The detectors' cells of each of [`ray_id::NUM_REPLICATES`] independent scrambles of Sobol points.
+    Replicates,
 }
 
 impl ProgramOptions {
@@ -110,7 +123,9 @@ pub struct Program {
     pub end_log: Option<EndLog>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
-    /// Contents of the read-only buffers of group 0, by binding.
+    /// The random generator's table, which depends on the seed.
+    pub rng_table: Vec<u8>,
+    /// Contents of the other read-only buffers of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Every ray has at all times the weight that all are born with: sums are counts of it.
     pub constant_weights: bool,
@@ -123,7 +138,7 @@ pub struct Program {
 }
 
 /// Binding of the random generator's table.
-pub(crate) const RNG_TABLE: u32 = 1;
+pub const RNG_TABLE: u32 = 1;
 const MEDIA: u32 = 5;
 const SPECTRA: u32 = 6;
 const REFLECTANCES: u32 = 7;
@@ -158,16 +173,20 @@ impl Program {
             options.events_per_dispatch = options.max_depth;
         }
         let centre = centre_of(ir);
-        let cells = if options.moments { Cells::of(ir).with_moments(ir) } else { Cells::of(ir) };
+        let cells = match options.moments {
+            SecondMoments::None => Cells::of(ir),
+            SecondMoments::Squares => Cells::of(ir).with_moments(ir),
+            SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
+        };
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
         let tree = match options.has_tree(ir) {
             true => Some(tree::PrimitiveTree::of(ir, centre, &contacts, options.precision)?),
             false => None,
         };
-        // Second moments are sums that no count tells.
+        // Squares are sums that no count tells.
         let constant_weights = features.whole_weights
-            && !options.moments
+            && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
         let composition = Composition {
@@ -186,7 +205,6 @@ impl Program {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
-        let first_step = rng::step_table(options.sampler, seed, 1)[0];
         let mut program = Program {
             wgsl,
             module,
@@ -196,14 +214,16 @@ impl Program {
             cells,
             end_log,
             centre,
+            rng_table: Vec::new(),
             buffers: Vec::new(),
             constant_weights,
             max_events_per_ray,
             emitters: Vec::new(),
-            first_step,
+            first_step: [0; 4],
         };
+        program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &meshes, &contacts, seed)?;
+        program.buffers = program.pack(ir, &meshes, &contacts)?;
         program.buffers.extend(tree.map(|tree| (tree::ROWS, tree.bytes())));
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
@@ -214,9 +234,8 @@ impl Program {
         ir: &SceneIr,
         meshes: &mesh::Forest,
         contacts: &[contact::Contact],
-        seed: u64,
     ) -> Result<Vec<(u32, Vec<u8>)>> {
-        let mut buffers = vec![(RNG_TABLE, self.rng_table(seed))];
+        let mut buffers = Vec::new();
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
         }
@@ -248,19 +267,13 @@ impl Program {
         Ok(buffers)
     }
 
-    /// Packs the draws of another seed: the contents of the binding [`RNG_TABLE`].
-    pub(crate) fn reseed(&mut self, seed: u64) -> &[u8] {
-        self.first_step = rng::step_table(self.options.sampler, seed, 1)[0];
-        let table = self.rng_table(seed);
-        self.buffers.retain(|(number, _)| *number != RNG_TABLE);
-        self.buffers.push((RNG_TABLE, table));
-        self.buffers.last().map_or(&[], |(_, bytes)| bytes)
-    }
-
-    fn rng_table(&self, seed: u64) -> Vec<u8> {
+    /// Other draws, of the same shader: sets the random generator's table.
+    pub fn set_seed(&mut self, seed: u64) -> &[u8] {
         let num_steps = (self.options.max_depth + SOURCE_STEPS) as usize;
         let rows = rng::step_table(self.options.sampler, seed, num_steps);
-        rows.into_iter().flatten().flat_map(u32::to_le_bytes).collect()
+        self.first_step = rows[0];
+        self.rng_table = rows.into_iter().flatten().flat_map(u32::to_le_bytes).collect();
+        &self.rng_table
     }
 
     fn pack_emitters(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {

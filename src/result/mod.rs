@@ -8,6 +8,7 @@
 //!       -> report.json, <detector>.npz, <detector>.png, ray_paths.npz, the text of report()
 //! ```
 
+pub mod comparison;
 pub mod diagnostics;
 pub mod far_field;
 pub(crate) mod format;

@@ -40,6 +40,14 @@ impl RaySet {
         self.spans.iter().filter(|span| span.emitter as usize == emitter).map(|span| span.count).sum()
     }
 
+    /// Rays whose ids leave each remainder 0.. by `divisor`; ids of launched rays.
+    pub fn counts_by_remainder(&self, divisor: u64) -> Vec<u64> {
+        // Of the ids below `end`.
+        let below = |end: u64, remainder: u64| end / divisor + u64::from(end % divisor > remainder);
+        let of_span = |span: &RaySpan, remainder| below(span.end(), remainder) - below(span.first, remainder);
+        (0..divisor).map(|remainder| self.spans.iter().map(|span| of_span(span, remainder)).sum()).collect()
+    }
+
     /// A span of ids that both hold, if there is one.
     pub fn overlap(&self, other: &RaySet) -> Option<(u64, u64)> {
         let (mut mine, mut others) = (self.spans.iter().peekable(), other.spans.iter().peekable());
@@ -110,6 +118,14 @@ mod tests {
         }
         assert_eq!(set(&pieces).count_of(1), 25);
         assert_eq!(set(&[span(5, 5, 0)]), RaySet::default());
+    }
+
+    #[test]
+    fn remainders_are_counted() {
+        let rays = set(&[span(3, 9, 0), span(16, 17, 1), span(1 << 40, (1 << 40) + 8, 0)]);
+        // 3 4 5 6 7 8, 16, and two of each remainder by 4.
+        assert_eq!(rays.counts_by_remainder(4), [2 + 1 + 2, 1 + 2, 1 + 2, 2 + 2]);
+        assert_eq!(RaySet::default().counts_by_remainder(3), [0, 0, 0]);
     }
 
     #[test]

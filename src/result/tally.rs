@@ -76,6 +76,9 @@ pub struct SensorTally {
     pub squares: Vec<u128>,
     /// Per emitter, the moments of what its rays left on the detector in all. Empty where they were not summed.
     pub totals: Vec<Moments>,
+    /// Where points were scrambled in several independent ways: the quanta per cell of each, one after the other; of a ray
+    /// database in all. The ray whose id has the remainder r by their number is of the scramble r.
+    pub replicates: Vec<u128>,
 }
 
 /// First and second moment over primary rays.
@@ -154,6 +157,7 @@ impl AddAssign<&SensorTally> for SensorTally {
         self.rows.extend_from_slice(&other.rows);
         add_each(&mut self.squares, &other.squares, |sum, squares| *sum += squares);
         add_each(&mut self.totals, &other.totals, |sum, moments| *sum += *moments);
+        add_each(&mut self.replicates, &other.replicates, |sum, quanta| *sum += quanta);
     }
 }
 

@@ -3,8 +3,14 @@
 //! The rays of a source are independent draws of one distribution; so the variance of a sum over n of them is estimated
 //! without bias by n/(n-1) (Q - S^2/n), where S is the sum of the rays' contributions and Q that of their squares. A
 //! contribution is all that one primary ray leaves in the cell, however often it comes by.
+//!
+//! Sobol's points are no independent draws. Their error is that between R independent scrambles of them, each with its share
+//! of every source's rays: sums S_r over n_r rays, of S over n, estimate the variance of S as
+//! R/(R-1) sum (S_r - n_r/n S)^2, with R - 1 degrees of freedom. It is without bias where all n_r are equal; else it is too
+//! large by about the square of one ray of each source, and never too small by more.
 
 use crate::ir::SceneIr;
+use crate::ir::ray_id::NUM_REPLICATES;
 use crate::result::{FluxUnit, Moments, QUANTA_PER_WEIGHT, SensorTally, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.
@@ -23,11 +29,29 @@ fn variance(num_rays: u64, moments: Moments) -> f64 {
     (squares - sum * (sum / n)).max(0.0) * (n / (n - 1.0))
 }
 
+/// Standard error of a sum from those of its independent replicates, in quanta: `sums` over `num_rays` rays each; NaN where a
+/// replicate has no ray.
+fn replicates_error(sums: impl Iterator<Item = u128> + Clone, num_rays: &[u64]) -> f64 {
+    let sum: u128 = sums.clone().sum();
+    let all = num_rays.iter().copied().map(u128::from).sum::<u128>();
+    if num_rays.contains(&0) || num_rays.len() < 2 {
+        return f64::NAN;
+    }
+    // The expected share, exact to a quantum: what is left over all rays is shared apart, so that nothing overflows.
+    let expected = |rays: u128| sum / all * rays + sum % all * rays / all;
+    let deviations =
+        sums.zip(num_rays).map(|(found, &rays)| found.abs_diff(expected(u128::from(rays))) as f64);
+    let squares: f64 = deviations.map(|deviation| deviation * deviation).sum();
+    let num = num_rays.len() as f64;
+    (squares * num / (num - 1.0)).sqrt()
+}
+
 /// What standard errors are computed from, for one tally.
 #[derive(Debug, Clone)]
 pub(crate) struct Uncertainty {
     num_rays: u64,
     rays_of_emitters: Vec<u64>,
+    rays_of_replicates: Vec<u64>,
     unit: FluxUnit,
     overflowed: bool,
 }
@@ -39,13 +63,20 @@ impl Uncertainty {
             emitters => (0..emitters).map(|emitter| tally.rays.count_of(emitter)).collect(),
         };
         let overflowed = tally.moments_overflowed;
-        Uncertainty { num_rays: tally.launched.count, rays_of_emitters, unit, overflowed }
+        let rays_of_replicates = tally.rays.counts_by_remainder(u64::from(NUM_REPLICATES));
+        let num_rays = tally.launched.count;
+        Uncertainty { num_rays, rays_of_emitters, rays_of_replicates, unit, overflowed }
     }
 
     /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
     /// where they light a cell unequally, the error is too large, by a factor of at most 1/sqrt(1 - p) where p is the
     /// largest share of a source's rays that comes by the cell; it is never too small.
     pub(crate) fn of_cells(&self, sums: &SensorTally) -> Option<Vec<f64>> {
+        let num_cells = sums.quanta.len();
+        if !sums.replicates.is_empty() {
+            let of_cell = |cell| sums.replicates.iter().skip(cell).step_by(num_cells.max(1)).copied();
+            return Some((0..num_cells).map(|cell| self.of_replicates(of_cell(cell))).collect());
+        }
         if sums.squares.len() != sums.quanta.len() || sums.totals.is_empty() {
             return None;
         }
@@ -58,9 +89,18 @@ impl Uncertainty {
         self.watts(standard_error(self.num_rays, moments))
     }
 
+    /// Standard error of a sum from its replicates \[W\].
+    fn of_replicates(&self, sums: impl Iterator<Item = u128> + Clone) -> f64 {
+        self.watts(replicates_error(sums, &self.rays_of_replicates) / QUANTA_PER_WEIGHT)
+    }
+
     /// Standard error of a detector's flux \[W\]; none where second moments were not summed. Each source has a fixed
     /// number of rays, so that the variances of the sources add up.
     pub(crate) fn of_total(&self, sums: &SensorTally) -> Option<f64> {
+        if !sums.replicates.is_empty() {
+            let of_replicate = sums.replicates.chunks(sums.quanta.len().max(1));
+            return Some(self.of_replicates(of_replicate.map(|cells| cells.iter().sum())));
+        }
         if sums.totals.len() != self.rays_of_emitters.len() {
             return None;
         }
@@ -117,6 +157,18 @@ mod tests {
         // Five rays, of which two miss: mean 0.7, sample variance (0.49 * 2 + 0.3^2 + 0.8^2 + 0.3^2) / 4 = 0.45.
         let found = standard_error(5, moments(&[1.0, 1.5, 1.0]));
         assert_relative_eq!(found, (5.0_f64 * 0.45).sqrt(), max_relative = 1e-14);
+    }
+
+    #[test]
+    fn replicates_tell_the_error_by_how_far_they_lie_apart() {
+        let sums = [100, 104, 96, 100_u128];
+        // Deviations 0, 4, -4, 0 from the mean: 4/3 * 32.
+        assert_relative_eq!(replicates_error(sums.into_iter(), &[10; 4]), (128.0_f64 / 3.0).sqrt());
+        // A replicate of one ray more is expected to have its share more, to the quantum.
+        let large = 1 << 100;
+        let shares = [large * 3, large * 3, large * 4, large * 3_u128];
+        assert_eq!(replicates_error(shares.into_iter(), &[3, 3, 4, 3]), 0.0);
+        assert!(replicates_error([5, 0_u128].into_iter(), &[1, 0]).is_nan());
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! tracing   a thread that folds passes, and a shelf with its latest result
 //! model     results, comparison, choices -> Picture (field, scale | spots); no window in it
 //! field, scale, region, profile, compare, photometry, spots    what is shown, as pure functions
-//! plot, raster    axes with a view; pixels
+//! plot, raster, pyramid    axes with a view; pixels; large maps at coarser resolutions
 //! app, views      panels around the plot
 //! screenshot      the same frame without a display
 //! ```
@@ -17,6 +17,7 @@ pub mod model;
 pub mod photometry;
 pub mod plot;
 pub mod profile;
+pub mod pyramid;
 pub mod raster;
 pub mod region;
 pub mod scale;
@@ -31,6 +32,7 @@ pub use model::Model;
 
 use crate::error::{Error, Result};
 use eframe::egui;
+use eframe::egui_wgpu::RendererOptions;
 use std::sync::{Arc, OnceLock};
 
 /// Wakes a window, once there is one: a trace begins before its window is open.
@@ -49,6 +51,14 @@ impl Waker {
     }
 }
 
+/// How the window is drawn. Neither the colours of a map nor a frame's time are to depend on dithering.
+pub(crate) const RENDERER: RendererOptions = RendererOptions {
+    msaa_samples: 1,
+    depth_stencil_format: None,
+    dithering: false,
+    predictable_texture_filtering: false,
+};
+
 /// Opens the window of `app`, `size` in points, and stays until it is closed.
 ///
 /// # Errors
@@ -59,7 +69,7 @@ pub fn open(title: &str, size: (f32, f32), waker: &Waker, app: App) -> Result<()
         .with_app_id("nsq-gpu")
         .with_inner_size([size.0, size.1])
         .with_min_inner_size([860.0, 560.0]);
-    let options = eframe::NativeOptions { viewport, ..Default::default() };
+    let options = eframe::NativeOptions { viewport, dithering: RENDERER.dithering, ..Default::default() };
     let waker = waker.clone();
     let create = move |context: &eframe::CreationContext<'_>| -> Created {
         // One window a waker: a second one could not be told apart.

@@ -4,6 +4,7 @@ use super::compare::{Comparison, Scores, difference};
 use super::field::{Field, Geometry};
 use super::photometry;
 use super::profile::Line;
+use super::pyramid::Pyramid;
 use super::region::{EncircledEnergy, Region, Statistics};
 use super::scale::{Scale, ScaleKind};
 use super::settings::Settings;
@@ -45,6 +46,8 @@ pub enum Picture {
     Map {
         /// The values.
         field: Box<Field>,
+        /// The values at coarser resolutions.
+        pyramid: Pyramid,
         /// Their colours.
         scale: Scale,
         /// The other of two results, for profiles.
@@ -167,7 +170,8 @@ impl Recipe {
                 let Settings { scale, percentile, .. } = self.key.settings;
                 let scale = Scale::fit_difference(scale, percentile, &field.values);
                 let scores = Some(Scores::of(&field));
-                Ok(Picture::Map { field: Box::new(field), scale, other: None, scores })
+                let pyramid = pyramid_of(&field);
+                Ok(Picture::Map { field: Box::new(field), pyramid, scale, other: None, scores })
             }
         }
     }
@@ -183,7 +187,8 @@ impl Recipe {
         let scaled_with = other.as_ref().filter(|_| common_scale);
         let values = std::iter::once(&field.values).chain(scaled_with.map(|other| &other.values));
         let scale = Scale::fit(scale, percentile, values);
-        Ok(Picture::Map { field: Box::new(field), scale, other, scores: None })
+        let pyramid = pyramid_of(&field);
+        Ok(Picture::Map { field: Box::new(field), pyramid, scale, other, scores: None })
     }
 
     /// The values of a detector, as the settings want them.
@@ -228,6 +233,14 @@ impl Recipe {
             return Ok(Field::of_spectral(map, &weights).photometric(1.0));
         }
         Ok(Field::of_spectral(map, &weights))
+    }
+}
+
+/// A disc is drawn cell by cell.
+fn pyramid_of(field: &Field) -> Pyramid {
+    match field.geometry {
+        Geometry::Rectangles => Pyramid::of(&field.values),
+        Geometry::Polar => Pyramid::default(),
     }
 }
 
@@ -308,7 +321,8 @@ impl Model {
             num_rays: result.run.num_rays,
             seed: result.run.seed,
             max_depth: result.run.max_depth,
-            precision: None,
+            target_error: result.run.target_error,
+            ..RunOptions::default()
         };
         if let Some(path) = &result.run.scene {
             match LoadedScene::read(Path::new(path)) {
@@ -325,6 +339,12 @@ impl Model {
 
     fn first_detector(&self) -> Option<String> {
         self.detector_names().into_iter().next()
+    }
+
+    /// Shows a result.
+    pub fn show(&mut self, result: TraceResult) {
+        self.a = Some(Arc::new(result));
+        self.revision += 1;
     }
 
     /// Names of the detectors, in the order of the scene.
@@ -529,11 +549,15 @@ impl Model {
         let Some(scene) = &self.scene else {
             return format!("nsq-gpu view {}", quoted(&self.title));
         };
-        let RunOptions { num_rays, seed, max_depth, precision } = &self.run;
+        let RunOptions { num_rays, seed, max_depth, precision, target_error, time_limit } = &self.run;
+        let target =
+            target_error.map_or(String::new(), |error| format!(" --target-error {}%", 100.0 * error));
+        let limit =
+            time_limit.map_or(String::new(), |limit| format!(" --time-limit {}s", limit.as_secs_f64()));
         let precision = precision.map_or("auto", crate::program::Precision::name);
         let path = quoted(&scene.path.display().to_string());
         format!(
-            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision} \
+            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision}{target}{limit} \
              --standard-error on -o results"
         )
     }

@@ -2,14 +2,23 @@
 
 use super::field::{Field, Geometry};
 use super::plot::View;
+use super::pyramid::{Level, Pyramid};
 use super::scale::{Scale, Shade};
 use super::spots::Spots;
 use eframe::egui::{Color32, ColorImage};
 use std::ops::Range;
 
 /// A map as pixels, top row first. Where a pixel covers several cells it shows their mean, so that the flux per area stays
-/// true; it is drawn as zero only where all of them are.
-pub fn map(field: &Field, scale: &Scale, colors: &Colors, view: &View, size: [usize; 2]) -> ColorImage {
+/// true; it is drawn as zero only where all of them are. Of a large map, blocks of cells that are no larger than a pixel
+/// count for the pixel that they begin in: each for one, so that no cell is passed over.
+pub fn map(
+    field: &Field,
+    pyramid: &Pyramid,
+    scale: &Scale,
+    colors: &Colors,
+    view: &View,
+    size: [usize; 2],
+) -> ColorImage {
     let color = |value: f64| match scale.shade(value) {
         Shade::Missing => colors.missing,
         Shade::Zero => colors.zero,
@@ -17,14 +26,20 @@ pub fn map(field: &Field, scale: &Scale, colors: &Colors, view: &View, size: [us
     };
     let pixels = match field.geometry {
         Geometry::Rectangles => {
-            let (rows, columns) = field.dim();
-            let x = covered(view.x, field.x_range, columns, size[0]);
-            let y = covered(view.y, field.y_range, rows, size[1]);
+            let (along_x, along_y) = cells_per_pixel(field, view, size);
+            let level = pyramid.level(&field.values, along_x.min(along_y) / BLOCKS);
+            let (rows, columns) = level.sums.dim();
+            let spanned = |(low, high): (f64, f64), cells: usize, blocks: usize| {
+                (low, low + (high - low) * (blocks * level.side) as f64 / cells as f64)
+            };
+            let cells = field.dim();
+            let x = covered(view.x, spanned(field.x_range, cells.1, columns), columns, size[0]);
+            let y = covered(view.y, spanned(field.y_range, cells.0, rows), rows, size[1]);
             let mut pixels = Vec::with_capacity(size[0] * size[1]);
             let mut sums = vec![0.0; columns];
             for y in y.iter().rev() {
-                column_sums(field, y, &mut sums);
-                pixels.extend(x.iter().map(|x| color(mean(field, y, x, &sums))));
+                column_sums(&level, y, &mut sums);
+                pixels.extend(x.iter().map(|x| color(mean(&level, y, x, &sums))));
             }
             pixels
         }
@@ -42,6 +57,19 @@ pub fn map(field: &Field, scale: &Scale, colors: &Colors, view: &View, size: [us
     ColorImage::new(size, pixels)
 }
 
+/// A pixel is made from at least so many blocks along each axis: with fewer, it would show more or fewer cells than its
+/// neighbour does, by half.
+const BLOCKS: f64 = 1.5;
+
+/// Cells along the sides of a pixel, x and y.
+pub fn cells_per_pixel(field: &Field, view: &View, size: [usize; 2]) -> (f64, f64) {
+    let (rows, columns) = field.dim();
+    let along = |(low, high): (f64, f64), pixels: usize, range: (f64, f64), cells: usize| {
+        (high - low) / pixels as f64 * cells as f64 / (range.1 - range.0)
+    };
+    (along(view.x, size[0], field.x_range, columns), along(view.y, size[1], field.y_range, rows))
+}
+
 /// The colours of a map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Colors {
@@ -53,46 +81,46 @@ pub struct Colors {
     pub missing: Color32,
 }
 
-/// The cells that each pixel of an axis shows: the one at its middle, or all that it covers; none outside.
+/// The blocks that each pixel of an axis shows: those that begin in it, or where it is the smaller the one at its middle;
+/// none outside.
 fn covered(
     (view_low, view_high): (f64, f64),
     (low, high): (f64, f64),
-    cells: usize,
+    blocks: usize,
     pixels: usize,
 ) -> Vec<Range<usize>> {
     let at = |pixel: f64| {
         let place = view_low + (view_high - view_low) * pixel / pixels as f64;
-        (place - low) / (high - low) * cells as f64
+        (place - low) / (high - low) * blocks as f64
     };
-    let cell = |at: f64| at.clamp(0.0, cells as f64) as usize;
+    let block = |at: f64| at.clamp(0.0, blocks as f64);
     let range = |pixel: usize| {
-        let middle = at(pixel as f64 + 0.5);
-        if middle < 0.0 || middle >= cells as f64 {
-            return 0..0;
+        let (start, middle, end) = (at(pixel as f64), at(pixel as f64 + 0.5), at(pixel as f64 + 1.0));
+        if end - start >= 1.0 {
+            return block(start).ceil() as usize..block(end).ceil() as usize;
         }
-        let (first, last) = (cell(at(pixel as f64)), cell(at(pixel as f64 + 1.0)));
-        if last > first + 1 { first..last } else { middle as usize..middle as usize + 1 }
+        if middle < 0.0 || middle >= blocks as f64 { 0..0 } else { middle as usize..middle as usize + 1 }
     };
     (0..pixels).map(range).collect()
 }
 
 /// Sums of the columns over some rows: in this order a large map is read as fast as memory gives it.
-fn column_sums(field: &Field, rows: &Range<usize>, sums: &mut [f64]) {
+fn column_sums(level: &Level, rows: &Range<usize>, sums: &mut [f64]) {
     sums.fill(0.0);
-    for row in field.values.slice(ndarray::s![rows.clone(), ..]).outer_iter() {
+    for row in level.sums.slice(ndarray::s![rows.clone(), ..]).outer_iter() {
         sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
     }
 }
 
 /// The mean of the cells of a pixel that have a value.
-fn mean(field: &Field, rows: &Range<usize>, columns: &Range<usize>, sums: &[f64]) -> f64 {
+fn mean(level: &Level, rows: &Range<usize>, columns: &Range<usize>, sums: &[f64]) -> f64 {
     let sum: f64 = sums[columns.clone()].iter().sum();
-    let count = rows.len() * columns.len();
-    if count == 0 || !sum.is_nan() {
+    if !sum.is_nan() {
+        let count = level.count(rows, columns);
         return if count == 0 { f64::NAN } else { sum / count as f64 };
     }
-    let cells = rows.clone().flat_map(|row| columns.clone().map(move |column| (row, column)));
-    let known = cells.map(|cell| field.values[cell]).filter(|value| !value.is_nan());
+    let cells = level.sums.slice(ndarray::s![rows.clone(), columns.clone()]);
+    let known = cells.iter().filter(|value| !value.is_nan());
     let (sum, count) = known.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
     if count == 0 { f64::NAN } else { sum / f64::from(count) }
 }
@@ -189,7 +217,7 @@ mod tests {
 
     fn picture(field: &Field, view: View, size: [usize; 2]) -> Vec<Color32> {
         let scale = Scale::fit(ScaleKind::Linear, 99.0, [&field.values]);
-        map(field, &scale, &colors(), &view, size).pixels
+        map(field, &Pyramid::of(&field.values), &scale, &colors(), &view, size).pixels
     }
 
     #[test]
@@ -211,6 +239,22 @@ mod tests {
         assert_eq!(pixels[255], Color32::from_gray(64));
         assert_eq!(pixels[255 * 256], Color32::from_gray(32));
         assert_eq!(pixels.iter().filter(|pixel| **pixel == Color32::RED).count(), 256 * 256 - 2);
+    }
+
+    /// Wherever a lone bright cell lies, and however large the map is on the screen, some pixel shows it.
+    #[test]
+    fn no_cell_is_passed_over() {
+        for (cells, pixels) in [(100, 69), (100, 99), (100, 31), (1200, 801), (1200, 377)] {
+            for bright in [0, 1, cells / 3, cells / 2 + 1, cells - 1] {
+                let mut values = Array2::zeros((cells, cells));
+                values[(bright, cells - 1 - bright)] = 1.0;
+                let half = cells as f64 / 2.0;
+                let view = View::new((-half, half), (-half, half));
+                let shown = picture(&field(values), view, [pixels, pixels]);
+                let lit = shown.iter().filter(|pixel| **pixel != Color32::RED).count();
+                assert_eq!(lit, 1, "cell {bright} of {cells} on {pixels} pixels");
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use eframe::egui::{self, Pos2, Rect, ViewportId, vec2};
 use eframe::egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A picture as RGBA bytes, top row first.
@@ -27,11 +28,12 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// # Errors
 /// [`Error::Device`] or [`Error::NoAdapter`] if it cannot be drawn.
 pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Picture> {
-    let mut canvas = Canvas::new(size, pixels_per_point)?;
+    let gpu = Arc::new(Gpu::open(&AdapterChoice::default())?);
+    let mut canvas = Canvas::new(gpu, size, pixels_per_point, RendererOptions::PREDICTABLE);
     let start = Instant::now();
     let mut settled = 0;
     while settled < SETTLING {
-        canvas.frame(app);
+        canvas.frame(app, Vec::new());
         // A frame that asks for something, such as recorded rays, has to be followed by what it asked for.
         if app.model.is_idle() || start.elapsed() > PATIENCE {
             settled += 1;
@@ -40,7 +42,9 @@ pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Pi
             std::thread::sleep(Duration::from_millis(20));
         }
     }
-    canvas.picture(app)
+    let primitives = canvas.frame(app, Vec::new());
+    canvas.render(&primitives);
+    canvas.picture()
 }
 
 impl Picture {
@@ -59,31 +63,49 @@ impl Picture {
     }
 }
 
-struct Canvas {
-    gpu: Gpu,
+/// Where frames are drawn.
+pub(crate) struct Canvas {
+    gpu: Arc<Gpu>,
     context: egui::Context,
     renderer: Renderer,
     size: (f32, f32),
     pixels_per_point: f32,
+    texture: wgpu::Texture,
     start: Instant,
 }
 
 impl Canvas {
-    fn new(size: (f32, f32), pixels_per_point: f32) -> Result<Self> {
-        let gpu = Gpu::open(&AdapterChoice::default())?;
-        let renderer = Renderer::new(&gpu.device, FORMAT, RendererOptions::PREDICTABLE);
+    /// On a device, `size` in points.
+    pub(crate) fn new(
+        gpu: Arc<Gpu>,
+        size: (f32, f32),
+        pixels_per_point: f32,
+        options: RendererOptions,
+    ) -> Self {
+        let renderer = Renderer::new(&gpu.device, FORMAT, options);
+        let pixels = |points: f32| (points * pixels_per_point).round() as u32;
+        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("screenshot"),
+            size: wgpu::Extent3d { width: pixels(size.0), height: pixels(size.1), depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
         let context = egui::Context::default();
-        Ok(Canvas { gpu, context, renderer, size, pixels_per_point, start: Instant::now() })
+        Canvas { gpu, context, renderer, size, pixels_per_point, texture, start: Instant::now() }
     }
 
-    fn pixels(&self) -> [u32; 2] {
-        let pixels = |points: f32| (points * self.pixels_per_point).round() as u32;
-        [pixels(self.size.0), pixels(self.size.1)]
-    }
-
-    /// One frame; its textures are taken over.
-    fn frame(&mut self, app: &mut App) -> Vec<egui::epaint::ClippedPrimitive> {
+    /// One frame of a user who does `events`; its textures are taken over.
+    pub(crate) fn frame(
+        &mut self,
+        app: &mut App,
+        events: Vec<egui::Event>,
+    ) -> Vec<egui::epaint::ClippedPrimitive> {
         let mut input = egui::RawInput {
+            events,
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, vec2(self.size.0, self.size.1))),
             time: Some(self.start.elapsed().as_secs_f64()),
             max_texture_side: Some(self.gpu.device.limits().max_texture_dimension_2d as usize),
@@ -103,29 +125,17 @@ impl Canvas {
         self.context.tessellate(output.shapes, self.pixels_per_point)
     }
 
-    fn picture(&mut self, app: &mut App) -> Result<Picture> {
-        let primitives = self.frame(app);
-        let Gpu { device, queue, .. } = &self.gpu;
-        let [width, height] = {
-            let pixels = |points: f32| (points * self.pixels_per_point).round() as u32;
-            [pixels(self.size.0), pixels(self.size.1)]
+    /// Draws a frame on the device; gives the index of the submission.
+    pub(crate) fn render(&mut self, primitives: &[egui::epaint::ClippedPrimitive]) -> wgpu::SubmissionIndex {
+        let Gpu { device, queue, .. } = self.gpu.as_ref();
+        let screen = ScreenDescriptor {
+            size_in_pixels: [self.texture.width(), self.texture.height()],
+            pixels_per_point: self.pixels_per_point,
         };
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("screenshot"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
-        let screen =
-            ScreenDescriptor { size_in_pixels: self.pixels(), pixels_per_point: self.pixels_per_point };
         let mut encoder = device.create_command_encoder(&Default::default());
-        let uploads = self.renderer.update_buffers(device, queue, &mut encoder, &primitives, &screen);
+        let uploads = self.renderer.update_buffers(device, queue, &mut encoder, primitives, &screen);
         {
-            let view = texture.create_view(&Default::default());
+            let view = self.texture.create_view(&Default::default());
             let attachment = wgpu::RenderPassColorAttachment {
                 view: &view,
                 resolve_target: None,
@@ -140,13 +150,20 @@ impl Canvas {
                 color_attachments: &[Some(attachment)],
                 ..Default::default()
             });
-            self.renderer.render(&mut pass.forget_lifetime(), &primitives, &screen);
+            self.renderer.render(&mut pass.forget_lifetime(), primitives, &screen);
         }
+        queue.submit(uploads.into_iter().chain([encoder.finish()]))
+    }
+
+    /// What was drawn.
+    fn picture(&self) -> Result<Picture> {
+        let [width, height] = [self.texture.width(), self.texture.height()];
         // Rows of a copy are padded to a multiple of 256 bytes.
         let stride = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let buffer = self.gpu.buffer("screenshot", u64::from(stride) * u64::from(height))?;
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         encoder.copy_texture_to_buffer(
-            texture.as_image_copy(),
+            self.texture.as_image_copy(),
             wgpu::TexelCopyBufferInfo {
                 buffer: &buffer,
                 layout: wgpu::TexelCopyBufferLayout {
@@ -157,7 +174,7 @@ impl Canvas {
             },
             wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
-        queue.submit(uploads.into_iter().chain([encoder.finish()]));
+        self.gpu.queue.submit([encoder.finish()]);
         let bytes = self.gpu.read(&buffer, buffer.size())?;
         let rows = bytes.chunks_exact(stride as usize);
         let rgba = rows.flat_map(|row| &row[..4 * width as usize]).copied().collect();

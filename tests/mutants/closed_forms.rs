@@ -3,13 +3,14 @@
 use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
-use nsq_gpu::TraceResult;
+use nsq_gpu::ir::ray_id::NUM_REPLICATES;
 use nsq_gpu::ir::{
     Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
     ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface, ray_id,
 };
 use nsq_gpu::program::{Precision, Sampler, rng};
 use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
+use nsq_gpu::{StandardError, TraceResult};
 
 /// The closed form of this name.
 pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
@@ -29,6 +30,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "points over the sky" => points_over_the_sky,
         "points of a window" => points_of_a_window,
         "points of half mirrors" => points_of_half_mirrors,
+        "points of scrambles" => points_of_scrambles,
         "scatter gain" => scatter_gain,
         "split plate" => split_plate,
         "split faint" => split_faint,
@@ -284,6 +286,38 @@ fn points_over_an_area(bench: &Bench) -> Outcome {
     film.kind = SensorKind::Irradiance(grid);
     let tally = points(bench, &scene(kind, vec![], vec![film]), 1024);
     evenly("in a pixel", &tally.sensors[0].hits, 1)
+}
+
+/// Each of several scrambles has 1024 rays of its own, one in each pixel, and puts them elsewhere within the pixels; and so
+/// do the rays beyond 2^32.
+fn points_of_scrambles(bench: &Bench) -> Outcome {
+    let area = Outline::Rectangle { width: 16.0, height: 16.0 };
+    let kind = EmitterKind::Extended { area, half_angle: 1e-9 };
+    let sums = |num_pixels: u32, first_ray: u64| {
+        let grid = PixelGrid {
+            width: 16.0,
+            height: 16.0,
+            num_pixels_x: num_pixels,
+            num_pixels_y: num_pixels,
+            splat: Splat::Hard,
+        };
+        let mut film = pixels("film", 1.0);
+        film.kind = SensorKind::Irradiance(grid);
+        let mut setting = Setting::default();
+        setting.options.first_ray = first_ray;
+        setting.options.num_rays = 1024 * u64::from(NUM_REPLICATES);
+        setting.options.sampler = Sampler::Sobol;
+        setting.options.standard_error = StandardError::On;
+        let tally = bench.tally(&scene(kind, vec![], vec![film]), &setting);
+        let rays = tally.sensors[0].replicates.iter().map(|quanta| (quanta >> 52) as u64);
+        rays.collect::<Vec<u64>>()
+    };
+    evenly("of a scramble in a pixel", &sums(32, 0), 1)?;
+    let fine = [0, 1 << 32].map(|first_ray| sums(256, first_ray));
+    let mut scrambles: Vec<&[u64]> = fine.iter().flat_map(|sums| sums.chunks(256 * 256)).collect();
+    scrambles.sort_unstable();
+    scrambles.dedup();
+    evenly("are scrambles", &[scrambles.len() as u64], 2 * u64::from(NUM_REPLICATES))
 }
 
 /// Of a point's rays, and of an area's, each of eight azimuths gets the same number, and each of two wavelengths.

@@ -5,7 +5,7 @@ use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::ir::SceneIr;
 use nsq_gpu::program::records::StructLayout;
-use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler, end_log, lowered};
+use nsq_gpu::program::{PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler, end_log, lowered};
 
 /// A field of a struct of a module.
 #[derive(Debug, PartialEq)]
@@ -283,8 +283,8 @@ fn tables_hold_the_scene_where_the_shaders_look() {
 /// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
-    // Of the trace, not of the program: range, sums, tops, counters, rows, emitter, and the log of ends.
-    let traced = [0, 2, 3, 4, 12, lowered::EMITTER, end_log::CELLS, end_log::WEIGHTS];
+    // Of the trace, not of the program: range, draws, sums, tops, counters, rows, emitter, and the log of ends.
+    let traced = [0, RNG_TABLE, 2, 3, 4, 12, lowered::EMITTER, end_log::CELLS, end_log::WEIGHTS];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

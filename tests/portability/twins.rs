@@ -8,7 +8,7 @@ use naga::{Expression, Literal, Module};
 use nsq_gpu::gpu::sums;
 use nsq_gpu::ir::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
 use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
-use nsq_gpu::program::{Precision, Program, rng};
+use nsq_gpu::program::{Precision, Program, events, rng};
 
 fn tables() -> (Variant, Program) {
     let variant = everything();
@@ -179,17 +179,17 @@ fn ledger_cells_are_numbered_in_order() {
 fn event_kinds_and_fates_are_those_that_the_host_reads() {
     let (_, program) = tables();
     let expected = [
-        ("EVENT_RECORDED", 0.0),
-        ("EVENT_BIRTH", 1.0),
-        ("EVENT_SURFACE", 2.0),
-        ("EVENT_SENSOR", 3.0),
-        ("EVENT_DEATH", 4.0),
-        ("ESCAPED", 3.0),
-        ("DEPTH_KILLED", 4.0),
-        ("ROULETTE_KILLED", 5.0),
+        ("EVENT_RECORDED", events::RECORDED),
+        ("EVENT_BIRTH", events::BIRTH),
+        ("EVENT_SURFACE", events::SURFACE),
+        ("EVENT_SENSOR", events::SENSOR),
+        ("EVENT_DEATH", events::DEATH),
+        ("ESCAPED", events::ESCAPED),
+        ("DEPTH_KILLED", events::DEPTH_KILLED),
+        ("ROULETTE_KILLED", events::ROULETTE_KILLED),
     ];
     for (name, value) in expected {
-        assert_eq!(constant(&program.module, name), value, "{name}");
+        assert_eq!(constant(&program.module, name), f64::from(value), "{name}");
     }
 }
 
@@ -210,8 +210,8 @@ fn cells_of_fates_are_in_the_order_of_fates() {
 fn draws_have_a_table_row_for_every_step() {
     let (_, program) = tables();
     assert_eq!(constant(&program.module, "PATH_SAMPLE"), f64::from(rng::PATH_SAMPLE));
-    let binding = binding(&program, "rng_table");
-    let (_, bytes) = program.buffers.iter().find(|(number, _)| *number == binding).unwrap();
+    assert_eq!(binding(&program, "rng_table"), nsq_gpu::program::RNG_TABLE);
+    let bytes = &program.rng_table;
     // Roulette draws at the count after the last event; a Gaussian beam falls back after its last attempt.
     let events = f64::from(program.options.max_depth) + 1.0;
     let attempts = constant(&program.module, "GAUSSIAN_ATTEMPTS") + 1.0;

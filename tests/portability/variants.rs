@@ -7,7 +7,9 @@ use nsq_gpu::ir::{
 };
 use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
-use nsq_gpu::program::{EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler};
+use nsq_gpu::program::{
+    EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
+};
 
 /// How a scene is compiled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +42,7 @@ pub struct Variant {
     pub uniform_bytes: u32,
     pub roulette_threshold: f64,
     pub sampler: Sampler,
-    pub moments: bool,
+    pub moments: SecondMoments,
     /// The host adds up where rays end.
     pub host_sums: bool,
 }
@@ -74,6 +76,7 @@ pub enum Choice {
     Sampler(Sampler),
     Moments,
     HostSums,
+    Replicates,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -238,6 +241,7 @@ impl Choice {
             Choice::Rotated,
             Choice::Moments,
             Choice::HostSums,
+            Choice::Replicates,
         ]);
         choices
     }
@@ -293,15 +297,23 @@ impl Choice {
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
-            Choice::Moments => variant.moments = true,
             Choice::HostSums => variant.host_sums = true,
+            // Replicates take the place of squares.
+            Choice::Moments if variant.moments == SecondMoments::Replicates => {}
+            Choice::Moments => variant.moments = SecondMoments::Squares,
+            Choice::Replicates => {
+                variant.sampler = Sampler::Sobol;
+                variant.moments = SecondMoments::Replicates;
+            }
             Choice::Tree { uniform_bytes } => {
                 variant.tree = true;
                 variant.uniform_bytes = uniform_bytes;
                 ir.surfaces.extend([(); 2].map(|()| surface(ball(), Interaction::Absorbing)));
             }
             Choice::Rotated => rotate(ir),
-            Choice::Sampler(sampler) => variant.sampler = sampler,
+            // What is there anyway.
+            Choice::Sampler(Sampler::Pcg) => {}
+            Choice::Sampler(Sampler::Sobol) => variant.sampler = Sampler::Sobol,
         }
     }
 }
@@ -328,8 +340,8 @@ impl Default for Variant {
             uniform_bytes: 0,
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
-            moments: false,
             host_sums: false,
+            moments: SecondMoments::None,
         }
     }
 }
@@ -364,11 +376,13 @@ impl Variant {
     }
 }
 
-/// Every choice at once, but splitting: it follows rays to their end, and so leaves no queue.
+/// Every choice at once, but splitting, which follows rays to their end and so leaves no queue, and replicates, which take
+/// the place of second moments.
 pub fn everything() -> Variant {
     let mut variant = Variant::default();
     // Last, what the others build on: rotation turns what is there.
-    let others = Choice::all().into_iter().filter(|choice| *choice != Choice::Split);
+    let others =
+        Choice::all().into_iter().filter(|choice| !matches!(choice, Choice::Split | Choice::Replicates));
     others.for_each(|choice| choice.apply(&mut variant));
     variant
 }

@@ -1,14 +1,20 @@
 //! Standard errors mean what they say: intervals hold what they should hold, as often as they should.
 
 use crate::zoo;
-use nsq_gpu::ir::{ReflectProb, SceneIr, SensorKind, Splat};
-use nsq_gpu::program::Precision;
-use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, Tally, TraceResult};
+use nsq_gpu::ir::ray_id::NUM_REPLICATES;
+use nsq_gpu::ir::{Bsdf, SceneIr, SensorKind, Splat};
+use nsq_gpu::program::{Precision, Sampler};
+use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, SensorTally, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
-use statrs::distribution::{Binomial, Discrete, DiscreteCDF};
+use statrs::distribution::{Binomial, ContinuousCDF, Discrete, DiscreteCDF, StudentsT};
 
 /// Half the width of the interval that holds a normal variable with a probability of 95 %, in standard deviations.
 const Z95: f64 = 1.959963984540054;
+
+/// The same of a variable whose standard deviation is estimated from the scrambles of Sobol's points.
+fn t95() -> f64 {
+    StudentsT::new(0.0, 1.0, f64::from(NUM_REPLICATES - 1)).unwrap().inverse_cdf(0.975)
+}
 
 /// Options of a trace with standard errors.
 fn options(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
@@ -35,6 +41,11 @@ fn cells(result: &TraceResult, detector: usize) -> Vec<(f64, f64, u64)> {
         }
         DetectorData::RayDatabase(_) => Vec::new(),
     }
+}
+
+/// Options of a trace of Sobol points with standard errors.
+fn sobol(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
+    TraceOptions { sampler: Sampler::Sobol, ..options(num_rays, seed, precision) }
 }
 
 /// A scene whose detectors have few pixels, so that many rays hit each.
@@ -77,6 +88,14 @@ fn blocks(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> Vec<Tally> {
     blocks
 }
 
+/// The tally of each of so many seeds, with no shader to compile for each.
+fn seeds(tracer: &mut Tracer, num_seeds: u64) -> impl Iterator<Item = Tally> {
+    (0..num_seeds).map(|seed| {
+        tracer.set_seed(seed);
+        tracer.trace(|_| true).unwrap()
+    })
+}
+
 /// What the later of two snapshots has more, of all that a detector's result is made from.
 fn difference(later: &Tally, earlier: &Tally) -> Tally {
     let mut block = later.clone();
@@ -117,20 +136,24 @@ fn converged(ir: &SceneIr, num_rays: u64) -> TraceResult {
     zoo::result(ir, &options(num_rays, 1 << 40, Precision::F32))
 }
 
-/// How many of the cells with at least 100 hits, pooled over blocks of rays, lie within their 95 % interval about the
-/// converged value; and how many there were.
-fn coverage(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> (u64, u64) {
-    let converged = converged(ir, 64 * num_rays);
+/// How many of the cells with at least 100 hits, pooled over tallies, lie within `width` errors of the converged value; and
+/// how many there were.
+fn coverage(
+    ir: &SceneIr,
+    converged: &TraceResult,
+    width: f64,
+    tallies: impl Iterator<Item = Tally>,
+) -> (u64, u64) {
     let (mut within, mut all) = (0, 0);
-    for block in blocks(ir, num_rays, num_blocks) {
-        let result = result_of(ir, &block);
+    for tally in tallies {
+        let result = result_of(ir, &tally);
         for detector in 0..ir.sensors.len() {
-            let truth = cells(&converged, detector);
+            let truth = cells(converged, detector);
             for ((value, error, hits), (truth, truth_error, _)) in cells(&result, detector).iter().zip(truth)
             {
                 if *hits >= 100 {
                     all += 1;
-                    within += u64::from((value - truth).abs() <= Z95 * error.hypot(truth_error));
+                    within += u64::from((value - truth).abs() <= width * error.hypot(truth_error));
                 }
             }
         }
@@ -138,8 +161,17 @@ fn coverage(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> (u64, u64) {
     (within, all)
 }
 
+/// Of blocks of random numbers.
+fn block_coverage(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> (u64, u64) {
+    let blocks = blocks(ir, num_rays, num_blocks);
+    coverage(ir, &converged(ir, 64 * num_rays), Z95, blocks.into_iter())
+}
+
 fn assert_covers(what: &str, ir: &SceneIr, num_rays: u64, num_blocks: u64) {
-    let (within, all) = coverage(ir, num_rays, num_blocks);
+    assert_is_95_percent(what, block_coverage(ir, num_rays, num_blocks));
+}
+
+fn assert_is_95_percent(what: &str, (within, all): (u64, u64)) {
     let share = within as f64 / all as f64;
     println!("{what}: {:.2} % of {all} cells", 100.0 * share);
     assert!(all >= 3000, "{what}: only {all} cells");
@@ -168,7 +200,7 @@ fn intervals_of_pixels_hold_the_converged_value() {
 /// Sources that light cells unequally are pooled there: the interval is then too wide, and never too narrow.
 #[test]
 fn intervals_of_pixels_that_sources_light_unequally_are_not_too_narrow() {
-    let (within, all) = coverage(&coarse("tessar_gaussian_beams", 10, None), 5_000, 100);
+    let (within, all) = block_coverage(&coarse("tessar_gaussian_beams", 10, None), 5_000, 100);
     println!("several sources: {within} of {all} cells");
     assert!(all >= 400 && within as f64 >= 0.94 * all as f64, "{within} of {all}");
 }
@@ -201,35 +233,81 @@ fn binomial_bounds(n: u64, p: f64) -> std::ops::RangeInclusive<u64> {
     binomial.inverse_cdf(0.5e-6)..=binomial.inverse_cdf(1.0 - 0.5e-6)
 }
 
+/// How many of the totals of so many seeds lie within `width` errors of the converged value, per detector.
+fn coverage_of_totals(
+    ir: &SceneIr,
+    options: &TraceOptions,
+    converged: &TraceResult,
+    width: f64,
+    num_seeds: u64,
+) -> Vec<u64> {
+    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+    let mut within = vec![0; ir.sensors.len()];
+    for tally in seeds(&mut tracer, num_seeds) {
+        let result = result_of(ir, &tally);
+        for ((found, truth), within) in result.detectors.iter().zip(&converged.detectors).zip(&mut within) {
+            let error = found.total_flux_standard_error.unwrap();
+            let error = error.hypot(truth.total_flux_standard_error.unwrap());
+            *within += u64::from((found.total_flux - truth.total_flux).abs() <= width * error);
+        }
+    }
+    within
+}
+
+const SEEDS: u64 = 2000;
+
 #[test]
 fn intervals_of_totals_hold_the_converged_value() {
-    const BLOCKS: u64 = 2000;
     const NUM_RAYS: u64 = 500;
     const CONVERGED: u64 = 200_000;
     for name in ["bench_lens", "tessar_gaussian_beams"] {
         let ir = zoo::load(name);
         let converged = converged(&ir, CONVERGED);
-        let mut within = vec![0; ir.sensors.len()];
-        for block in blocks(&ir, NUM_RAYS, BLOCKS) {
-            let result = result_of(&ir, &block);
-            for ((found, truth), within) in result.detectors.iter().zip(&converged.detectors).zip(&mut within)
-            {
-                let error = found.total_flux_standard_error.unwrap();
-                let error = error.hypot(truth.total_flux_standard_error.unwrap());
-                *within += u64::from((found.total_flux - truth.total_flux).abs() <= Z95 * error);
-            }
-        }
-        println!("{name}: {within:?} of {BLOCKS}");
+        let options = options(NUM_RAYS, 0, Precision::F32);
+        let within = coverage_of_totals(&ir, &options, &converged, Z95, SEEDS);
+        println!("{name}: {within:?} of {SEEDS}");
         for (detector, &within) in within.iter().enumerate() {
             // A detector that is hit, or missed, too seldom has no normal distribution yet.
             let share = converged.detectors[detector].num_rays_hit as f64 / CONVERGED as f64;
             let nominal = if name == "bench_lens" { coverage_of_counts(NUM_RAYS, share) } else { 0.95 };
             if share > 0.1 && share < 0.95 {
                 assert!(
-                    binomial_bounds(BLOCKS, nominal).contains(&within),
+                    binomial_bounds(SEEDS, nominal).contains(&within),
                     "{name}, detector {detector}: {within} where {nominal} is expected"
                 );
             }
+        }
+    }
+}
+
+#[test]
+fn intervals_of_totals_of_sobol_points_hold_the_converged_value() {
+    let ir = zoo::load("bench_lens");
+    let options = sobol(4096, 0, Precision::F32);
+    let converged = zoo::result(&ir, &sobol(1 << 22, 1 << 40, Precision::F32));
+    let within = coverage_of_totals(&ir, &options, &converged, t95(), SEEDS);
+    println!("{within:?} of {SEEDS}");
+    for (detector, within) in within.into_iter().enumerate() {
+        assert!(binomial_bounds(SEEDS, 0.95).contains(&within), "detector {detector}: {within}");
+    }
+}
+
+#[test]
+fn intervals_of_pixels_of_sobol_points_hold_the_converged_value() {
+    for (name, num, num_rays, num_seeds) in
+        [("bench_cavity", 16, 40_000, 60), ("lambertian_sphere", 3, 20_000, 400)]
+    {
+        for splat in [Splat::Hard, Splat::Bilinear] {
+            let mut ir = coarse(name, num, Some(splat));
+            ir.sensors.retain(|sensor| sensor.absorb || name == "bench_cavity");
+            if name == "bench_cavity" {
+                ir.sensors[0].absorb = true;
+                ir.surfaces.clear();
+            }
+            let converged = zoo::result(&ir, &sobol(64 * num_rays, 1 << 40, Precision::F32));
+            let mut tracer = Tracer::new(zoo::gpu(), &ir, &sobol(num_rays, 0, Precision::F32)).unwrap();
+            let covered = coverage(&ir, &converged, t95(), seeds(&mut tracer, num_seeds));
+            assert_is_95_percent(&format!("{name}, {splat:?}"), covered);
         }
     }
 }
@@ -284,15 +362,89 @@ fn many_visits_are_bounded_from_above() {
 }
 
 #[test]
-fn sums_of_squares_have_the_same_bits_however_they_are_summed() {
-    for name in ["bench_cavity", "tessar_gaussian_beams", "kaleidoscope", "filter_stack"] {
+fn what_errors_are_made_from_has_the_same_bits_however_it_is_summed() {
+    for name in ["bench_cavity", "tessar_gaussian_beams", "kaleidoscope", "filter_stack", "split_ghosts"] {
         let ir = zoo::load(name);
-        let options = options(10_000, 3, Precision::F32);
+        for options in [options(10_000, 3, Precision::F32), sobol(10_000, 3, Precision::F32)] {
+            let whole = zoo::trace(&ir, &options);
+            let are_there = |sensor: &SensorTally| sensor.totals.is_empty() != sensor.replicates.is_empty();
+            assert!(whole.sensors.iter().all(are_there));
+            let batches = TraceOptions { batch_size: Some(777), workgroup_size: 32, ..options.clone() };
+            assert!(zoo::trace(&ir, &batches) == whole, "{name}: other bits in other batches");
+            assert!(
+                zoo::trace_on(zoo::portable_gpu(), &ir, &options) == whole,
+                "{name}: other bits, portable"
+            );
+        }
+    }
+}
+
+/// Each scramble's sums add up to the detector's, and a trace is the sum of its parts wherever it is cut.
+#[test]
+fn scrambles_add_up_to_the_whole() {
+    for name in ["bench_lens", "tessar_gaussian_beams", "cemented_achromat_auto", "split_ghosts"] {
+        let ir = zoo::load(name);
+        let options = TraceOptions { of_rays: Some(10_000), ..sobol(10_000, 3, Precision::F32) };
         let whole = zoo::trace(&ir, &options);
-        assert!(whole.sensors.iter().all(|sensor| !sensor.totals.is_empty()));
-        let batches = TraceOptions { batch_size: Some(777), workgroup_size: 32, ..options.clone() };
-        assert!(zoo::trace(&ir, &batches) == whole, "{name}: other bits in other batches");
-        assert!(zoo::trace_on(zoo::portable_gpu(), &ir, &options) == whole, "{name}: other bits, portable");
+        for sensor in &whole.sensors {
+            let num_cells = sensor.quanta.len().max(1);
+            assert_eq!(sensor.replicates.len(), num_cells * NUM_REPLICATES as usize);
+            assert_eq!(sensor.replicates.iter().sum::<u128>(), sensor.total().quanta);
+            for (cell, &quanta) in sensor.quanta.iter().enumerate() {
+                assert_eq!(sensor.replicates.iter().skip(cell).step_by(num_cells).sum::<u128>(), quanta);
+            }
+        }
+        let mut sum = Tally::zeros(&ir);
+        for (first_ray, end) in [(0, 17), (17, 3333), (3333, 10_000)] {
+            let part = TraceOptions { first_ray, num_rays: end - first_ray, ..options.clone() };
+            sum += &Tracer::new(zoo::gpu(), &ir, &part).unwrap().trace(|_| true).unwrap();
+        }
+        sum.sort_rows();
+        assert!(sum == whole, "{name}: the parts are not the whole");
+    }
+}
+
+/// Mean square of the deviations between the totals of so many seeds, and mean square of their errors.
+fn variances_of_totals(ir: &SceneIr, options: &TraceOptions, num_seeds: u64) -> (f64, Option<f64>) {
+    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+    let results: Vec<TraceResult> =
+        seeds(&mut tracer, num_seeds).map(|tally| result_of(ir, &tally)).collect();
+    let n = num_seeds as f64;
+    let totals = || results.iter().map(|result| result.detectors[0].total_flux);
+    let mean = totals().sum::<f64>() / n;
+    let found = totals().map(|total| (total - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let errors = results.iter().map(|result| result.detectors[0].total_flux_standard_error);
+    (found, errors.map(|error| error.map(|error| error.powi(2) / n)).sum())
+}
+
+/// What the error of a trace is estimated to be is that between traces of other seeds; of Sobol points it is smaller, and
+/// smaller still where they need not tell it.
+#[test]
+fn errors_are_those_between_seeds() {
+    const SEEDS: u64 = 400;
+    let ir = zoo::load("bench_lens");
+    let off = TraceOptions { standard_error: StandardError::Off, ..sobol(1 << 14, 0, Precision::F32) };
+    let all = [options(1 << 14, 0, Precision::F32), sobol(1 << 14, 0, Precision::F32), off];
+    let [random, scrambles, whole] = all.map(|options| variances_of_totals(&ir, &options, SEEDS));
+    println!("W^2: random numbers {random:?}, scrambles {scrambles:?}, whole {whole:?}");
+    for (found, estimated) in [random, scrambles] {
+        // The variance of a sample of 400 is known to sqrt(2/399) = 7 %: five times that.
+        assert!((estimated.unwrap() / found - 1.0).abs() < 0.36, "{found} and {estimated:?}");
+    }
+    assert!(whole.1.is_none());
+    assert!(whole.0 < scrambles.0 && scrambles.0 < 0.1 * random.0);
+}
+
+#[test]
+fn sobol_points_tell_errors_only_where_asked() {
+    let ir = coarse("bench_lens", 4, Some(Splat::Hard));
+    for (asked, expected) in
+        [(StandardError::On, true), (StandardError::Auto, false), (StandardError::Off, false)]
+    {
+        let options = TraceOptions { standard_error: asked, ..sobol(1000, 0, Precision::F32) };
+        let result = zoo::result(&ir, &options);
+        let known = result.detectors.iter().all(|detector| detector.total_flux_standard_error.is_some());
+        assert_eq!(known, expected, "{asked:?}");
     }
 }
 
@@ -314,25 +466,40 @@ fn first_moments_are_the_same_bits_without_second_ones() {
     }
 }
 
-/// Reflection drawn almost never, or almost always, multiplies weights by up to 1e12 a surface: their squares leave what
-/// sums can hold.
+/// A scattering table whose values are far too high multiplies weights: their squares leave what sums can hold, one by one
+/// or all together. The device notices both.
 #[test]
 fn squares_that_no_sum_can_hold_are_not_given_as_errors() {
-    let mut ir = zoo::load("ball_lens_ghosts");
-    for (weight_grows, probability) in [(false, 0.3), (true, 1.0 - 1e-9)] {
-        ir.sampling.reflect_prob = ReflectProb::Constant(probability);
-        // At so high a probability only chance transmits: enough rays for a few to do so.
-        ir.emitters[0].total_flux = 1.0;
-        let options = options(1000, 0, Precision::F64);
-        let mut tally = zoo::trace(&ir, &options);
-        tally.moments_overflowed |= weight_grows;
-        let result = zoo::result_of(&ir, &options, &tally);
-        let unknown = |detector: &nsq_gpu::result::Detector| {
-            detector.total_flux_standard_error.unwrap().is_nan()
-                && detector.total_flux_relative_error().is_none_or(f64::is_nan)
-        };
-        assert_eq!(result.detectors.iter().all(unknown), weight_grows);
-        assert_eq!(result.relative_error.is_none(), weight_grows);
+    let brightened = |factor: f64| {
+        let mut ir = zoo::load("coated_projector");
+        let mut num_tables = 0;
+        for scatter in ir.surfaces.iter_mut().filter_map(|surface| surface.scatter.as_mut()) {
+            if let Bsdf::Tabulated { table, .. } = &mut scatter.bsdf {
+                table.values.iter_mut().for_each(|value| *value *= factor);
+                num_tables += 1;
+            }
+        }
+        assert!(num_tables > 0);
+        ir
+    };
+    for precision in [Precision::F32, Precision::F64] {
+        for (factor, overflows) in [(10.0, false), (1e6, true), (1e9, true)] {
+            let ir = brightened(factor);
+            let options = options(20_000, 0, precision);
+            for gpu in [zoo::gpu(), zoo::portable_gpu()] {
+                let tally = zoo::trace_on(gpu, &ir, &options);
+                let largest = tally.sensors.iter().map(|sensor| sensor.total().quanta).max().unwrap();
+                println!("{factor:e}: {:e} units on a detector", largest as f64 / 2_f64.powi(52));
+                assert_eq!(tally.moments_overflowed, overflows, "{factor:e}, {precision:?}");
+                let result = zoo::result_of(&ir, &options, &tally);
+                let unknown = |detector: &nsq_gpu::result::Detector| {
+                    detector.total_flux_standard_error.unwrap().is_nan()
+                        && detector.total_flux_relative_error().is_none_or(f64::is_nan)
+                };
+                assert_eq!(result.detectors.iter().all(unknown), overflows);
+                assert_eq!(result.relative_error.is_none(), overflows);
+            }
+        }
     }
 }
 

@@ -43,6 +43,8 @@ const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/state.wgsl
 
+// <- shaders/lib/replicates_none.wgsl
+
 // <- shaders/lib/transforms.wgsl
 
 // <- shaders/lib/quadric.wgsl

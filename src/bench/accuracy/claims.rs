@@ -164,7 +164,7 @@ impl Variances {
         let group = |group: u64| {
             let seeds = first_seed + group * GROUP..first_seed + (group + 1) * GROUP;
             let estimates = seeds.map(|seed| {
-                tracer.reseed(seed);
+                tracer.set_seed(seed);
                 Ok(Estimate::of(&tracer.trace(|_| true)?, sensor))
             });
             Ok(variance(&estimates.collect::<Result<Vec<_>>>()?))

@@ -168,7 +168,7 @@ fn traces_of(tracer: &mut Tracer, first_seed: u64, sensor: usize, effort: &Effor
     trace_through(tracer, &counts[..1], sensor, f64::INFINITY)?;
     let mut traces: Vec<Snapshots> = Vec::new();
     for seed in first_seed..first_seed + effort.num_seeds {
-        tracer.reseed(seed);
+        tracer.set_seed(seed);
         let limit = if traces.is_empty() { effort.trace_sec } else { f64::INFINITY };
         traces.push(trace_through(tracer, &counts, sensor, limit)?);
         counts.truncate(traces[0].len());

@@ -75,6 +75,9 @@ fn plot(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Arc<Picture>) {
             directions(painter, frame, field);
         }
         draw_marks(painter, frame, &marks, picture);
+        if let Picture::Map { field, .. } = picture.as_ref() {
+            note_means(ui, painter, frame, field);
+        }
     });
     app.views.insert(key, view);
     app.frame = Some(shown.frame);
@@ -111,7 +114,7 @@ fn is_true_to_scale(field: &Field) -> bool {
 /// Makes the texture anew where something changed, and draws it.
 fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc<Picture>) {
     let scale = ui.pixels_per_point();
-    let size = [frame.rect.width(), frame.rect.height()].map(|side| (side * scale).round().max(1.0) as usize);
+    let size = size_of(ui, frame);
     let ground = plot::Colors::of(ui).ground;
     let diverging = matches!(picture.as_ref(), Picture::Map { scale, .. } if scale.diverging);
     let colors = raster::Colors {
@@ -126,7 +129,9 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc
     });
     if !fresh {
         let image = match picture.as_ref() {
-            Picture::Map { field, scale, .. } => raster::map(field, scale, &colors, &frame.view, size),
+            Picture::Map { field, pyramid, scale, .. } => {
+                raster::map(field, pyramid, scale, &colors, &frame.view, size)
+            }
             Picture::Spots(spots) => {
                 let color = |wavelength: f64| wavelength_color(ui, wavelength, spots.wavelengths);
                 let radius = if spots.spots.len() > 5_000 { 1.2 } else { 2.0 };
@@ -146,6 +151,27 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc
         let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
         painter.image(painted.texture.id(), frame.rect, whole, Color32::WHITE);
     }
+}
+
+/// Says so where a pixel of the screen stands for several cells.
+fn note_means(ui: &Ui, painter: &Painter, frame: &Frame, field: &Field) {
+    let (x, y) = raster::cells_per_pixel(field, &frame.view, size_of(ui, frame));
+    if field.geometry == Geometry::Polar || x.max(y) < 1.5 {
+        return;
+    }
+    let cells = |cells: f64| crate::result::format::significant(cells.max(1.0), 2);
+    let text = format!("each pixel: mean of about {} × {} cells", cells(x), cells(y));
+    let galley = painter.layout_no_wrap(text, FontId::proportional(11.0), Color32::from_white_alpha(200));
+    let at = frame.rect.right_bottom() - galley.size() - vec2(7.0, 5.0);
+    let ground = Rect::from_min_size(at, galley.size()).expand2(vec2(4.0, 2.0));
+    painter.rect_filled(ground, 3.0, Color32::from_black_alpha(150));
+    painter.galley(at, galley, Color32::WHITE);
+}
+
+/// Width and height of the plot \[pixels of the screen\].
+fn size_of(ui: &Ui, frame: &Frame) -> [usize; 2] {
+    let scale = ui.pixels_per_point();
+    [frame.rect.width(), frame.rect.height()].map(|side| (side * scale).round().max(1.0) as usize)
 }
 
 /// Short wavelengths blue, long ones red, evenly bright: false colours, since most of them are not visible at all.

@@ -9,6 +9,7 @@ use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};
 use eframe::egui::{self, DragValue, ScrollArea, TextEdit, Ui};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// The panel on the left.
 pub fn show(app: &mut App, ui: &mut Ui) {
@@ -135,6 +136,41 @@ fn options(app: &mut App, ui: &mut Ui) {
                 .response
                 .labelled_by(label.id);
             ui.end_row();
+            optional(ui, "Target error", &mut model.run.target_error, 0.01, |ui, error| {
+                let mut percent = 100.0 * *error;
+                let value = DragValue::new(&mut percent).range(0.001..=100.0).speed(0.01).max_decimals(3);
+                if ui.add(value.suffix(" %")).changed() {
+                    *error = percent / 100.0;
+                }
+            });
+            optional(ui, "Time limit", &mut model.run.time_limit, Duration::from_secs(30), |ui, limit| {
+                let mut seconds = limit.as_secs_f64();
+                let value = DragValue::new(&mut seconds).range(0.1..=1e6).speed(0.1).max_decimals(1);
+                if ui.add(value.suffix(" s")).changed() {
+                    *limit = Duration::from_secs_f64(seconds);
+                }
+            });
         });
     });
+}
+
+/// A row of the options that can be left out.
+fn optional<T: Copy>(
+    ui: &mut Ui,
+    name: &str,
+    option: &mut Option<T>,
+    first: T,
+    edit: impl FnOnce(&mut Ui, &mut T),
+) {
+    let mut on = option.is_some();
+    if ui.checkbox(&mut on, name).changed() {
+        *option = on.then_some(first);
+    }
+    match option {
+        Some(value) => edit(ui, value),
+        None => {
+            ui.label(quiet(ui, "none"));
+        }
+    }
+    ui.end_row();
 }

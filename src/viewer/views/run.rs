@@ -2,6 +2,7 @@
 
 use super::export;
 use crate::result::format::{significant, thousands};
+use crate::stopping::StoppedBy;
 use crate::viewer::app::App;
 use crate::viewer::model::Model;
 use crate::viewer::tracing::State;
@@ -76,7 +77,11 @@ fn progress(model: &Model, ui: &mut Ui) {
     let part = rays as f32 / job.num_rays.max(1) as f32;
     let text = match job.state() {
         State::Starting => "compiling the scene".to_string(),
-        State::Finished if rays < job.num_rays => format!("stopped at {:.0} %", 100.0 * part),
+        State::Finished if rays < job.num_rays => match model.a().and_then(|result| result.run.stopped_by) {
+            Some(StoppedBy::TargetError) => "target met".into(),
+            Some(StoppedBy::TimeLimit) => "time is up".into(),
+            Some(StoppedBy::Interrupt) | None => format!("stopped at {:.0} %", 100.0 * part),
+        },
         State::Finished => "done".into(),
         State::Paused => format!("paused at {:.0} %", 100.0 * part),
         State::Tracing | State::Failed(_) => format!("{:.0} %", 100.0 * part),
@@ -85,6 +90,12 @@ fn progress(model: &Model, ui: &mut Ui) {
     ui.add(bar);
     if rays > 0 && seconds > 0.0 {
         let rate = significant(rays as f64 / seconds / 1e6, 3);
-        ui.label(format!("{} of {} rays, {rate} M rays/s", thousands(rays), thousands(job.num_rays)));
+        let error = model.a().and_then(|result| result.relative_error);
+        let error =
+            error.map_or(String::new(), |error| format!(", worst error {} %", significant(100.0 * error, 2)));
+        let text = format!("{} of {} rays, {rate} M rays/s{error}", thousands(rays), thousands(job.num_rays));
+        ui.label(text).on_hover_text(
+            "error: the largest relative standard error, of all detectors' totals and of the mean of their lit cells",
+        );
     }
 }

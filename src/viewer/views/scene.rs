@@ -24,6 +24,12 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         ui.label("Rays by");
         ui.selectable_value(&mut settings.ray_color, RayColor::Bounce, "bounce");
         ui.selectable_value(&mut settings.ray_color, RayColor::Flux, "flux");
+        ui.separator();
+        let (meaning, key) = color_key(settings.ray_color);
+        ui.label(meaning);
+        for (color, label) in key {
+            swatch(ui, color, &label);
+        }
         if paths.is_none() {
             ui.separator();
             ui.label("recording rays");
@@ -317,11 +323,7 @@ fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by
         };
         let color = match by {
             RayColor::Bounce => bounce_color(paths.bounce[row]),
-            // Three decades below the brightest a ray is as faint as any.
-            RayColor::Flux => {
-                let decades = (paths.flux[row] / brightest).max(1e-3).log10() / 3.0 + 1.0;
-                gradient(colorous::INFERNO, 0.25 + 0.65 * decades)
-            }
+            RayColor::Flux => flux_color(paths.flux[row] / brightest),
         };
         let ends = [frame.place(plane.project(from)), frame.place(plane.project(to))];
         painter.line_segment(ends, Stroke::new(0.8, color.gamma_multiply(if escaped { 0.25 } else { 0.55 })));
@@ -331,6 +333,36 @@ fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by
 /// Events so far: the first few are told apart best.
 fn bounce_color(bounce: i32) -> Color32 {
     gradient(colorous::TURBO, 0.12 + 0.8 * (1.0 - (-f64::from(bounce) / 5.0).exp()))
+}
+
+/// Three decades below the brightest a ray is as faint as any.
+fn flux_color(share: f64) -> Color32 {
+    gradient(colorous::INFERNO, 0.25 + 0.65 * (share.max(1e-3).log10() / 3.0 + 1.0))
+}
+
+/// What the colours of rays mean.
+fn color_key(by: RayColor) -> (&'static str, Vec<(Color32, String)>) {
+    match by {
+        RayColor::Bounce => {
+            let color = |bounce: &i32| (bounce_color(*bounce), bounce.to_string());
+            ("events before:", [0, 1, 2, 4, 8, 16].iter().map(color).collect())
+        }
+        RayColor::Flux => {
+            let shares = [(1.0, "1"), (0.1, "0.1"), (0.01, "0.01"), (1e-3, "0.001 or less")];
+            let color = |(share, label): &(f64, &str)| (flux_color(*share), label.to_string());
+            ("of the brightest:", shares.iter().map(color).collect())
+        }
+    }
+}
+
+/// A colour and what it means.
+fn swatch(ui: &mut Ui, color: Color32, label: &str) {
+    // Together, so that a narrow window does not part them.
+    ui.horizontal(|ui| {
+        let (rect, _) = ui.allocate_exact_size(egui::vec2(14.0, 10.0), egui::Sense::hover());
+        ui.painter().rect_filled(rect, 2.0, color);
+        ui.label(label);
+    });
 }
 
 fn gradient(gradient: colorous::Gradient, part: f64) -> Color32 {

@@ -1,0 +1,19 @@
+//! Codes of the rows for the host, as shaders/lib/events.wgsl and shaders/lib/state.wgsl have them.
+
+/// A ray on a ray database.
+pub const RECORDED: u32 = 0;
+/// A path begins, at an emitter.
+pub const BIRTH: u32 = 1;
+/// It meets a surface.
+pub const SURFACE: u32 = 2;
+/// It meets a sensor.
+pub const SENSOR: u32 = 3;
+/// It ends, by one of the fates below.
+pub const DEATH: u32 = 4;
+
+/// Nothing was met any more.
+pub const ESCAPED: u32 = 3;
+/// The ray had as many events as it may have.
+pub const DEPTH_KILLED: u32 = 4;
+/// Roulette.
+pub const ROULETTE_KILLED: u32 = 5;
