@@ -92,7 +92,7 @@ pub struct Arrival {
 pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -> Result<Choice> {
     let plain = |precision, reason: &str| Ok(Choice { precision, reason: reason.into(), warning: None });
     match wanted {
-        Wanted::Exactly(Precision::F64) => plain(Precision::F64, "asked for"),
+        Wanted::Exactly(precision @ (Precision::Df64 | Precision::F64)) => plain(precision, "asked for"),
         Wanted::Exactly(Precision::F32) => {
             let need = Need::of(ir, &predict(gpu, ir, options)?);
             let reason = format!("asked for: {}", need.text(ir));

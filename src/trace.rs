@@ -12,7 +12,7 @@ use crate::gpu::profile::Profile;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
-    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting,
+    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, Splitting, df64,
 };
 use crate::result::{
     Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
@@ -582,6 +582,7 @@ impl<'a> Tracer<'a> {
             let uint = |at: usize| u32::from_le_bytes(row[at..at + 4].try_into().unwrap_or_default());
             let real = |at: usize| match precision {
                 Precision::F32 => f64::from(f32::from_bits(uint(at))),
+                Precision::Df64 => df64::join([at, at + 4].map(|at| f32::from_bits(uint(at)))),
                 Precision::F64 => f64::from_le_bytes(row[at..at + 8].try_into().unwrap_or_default()),
             };
             DeviceEvent {
@@ -948,6 +949,7 @@ impl DeviceState {
 fn held(weight: f64, precision: Precision) -> f64 {
     match precision {
         Precision::F32 => f64::from(weight as f32),
+        Precision::Df64 => df64::rounded(weight),
         Precision::F64 => weight,
     }
 }
@@ -1008,7 +1010,13 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
         return usage("the batch size is 0; at least one ray is needed".into());
     }
     if options.precision == Precision::F64 && !gpu.f64 {
-        return usage(format!("the adapter `{}` has no 64-bit floats; use --precision f32", gpu.info.name));
+        return usage(format!(
+            "the adapter `{}` has no 64-bit floats; use --precision df64 or f32",
+            gpu.info.name
+        ));
+    }
+    if options.precision == Precision::Df64 {
+        gpu.check_df64()?;
     }
     Ok(())
 }

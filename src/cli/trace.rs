@@ -115,6 +115,8 @@ pub enum PrecisionArg {
     Auto,
     /// 32-bit floats.
     F32,
+    /// Pairs of 32-bit floats: 48 bits, for GPUs without fast f64.
+    Df64,
     /// 64-bit floats.
     F64,
 }
@@ -284,6 +286,7 @@ fn adapter_choice(args: &Args) -> AdapterChoice {
 fn wanted(precision: PrecisionArg) -> Wanted {
     match precision {
         PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
+        PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),
         PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
         PrecisionArg::Auto => Wanted::Auto,
     }

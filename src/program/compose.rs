@@ -52,6 +52,7 @@ impl Composition<'_> {
     pub fn compose(&self) -> Result<String> {
         let real = match self.precision() {
             Precision::F32 => Real::F32,
+            Precision::Df64 => Real::Df64,
             Precision::F64 => Real::F64,
         };
         let integers = if self.options.native { Integers::Native } else { Integers::Portable };

@@ -3,6 +3,7 @@
 pub mod bsdf;
 pub mod compose;
 pub mod contact;
+pub mod df64;
 pub mod features;
 pub mod library;
 pub mod lowered;
@@ -177,6 +178,10 @@ impl Program {
         let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
+        let (module, wgsl) = match options.precision {
+            Precision::Df64 => df64::rewrite(&module)?,
+            Precision::F32 | Precision::F64 => (module, wgsl),
+        };
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
         let first_step = rng::step_table(options.sampler, seed, 1)[0];
         let mut program = Program {
@@ -208,6 +213,9 @@ impl Program {
         seed: u64,
     ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = vec![(RNG_TABLE, self.rng_table(seed))];
+        if self.options.precision == Precision::Df64 {
+            buffers.push((df64::ZERO, vec![0; 16]));
+        }
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
         }
@@ -278,7 +286,7 @@ impl Program {
     pub fn real_size(&self) -> usize {
         match self.options.precision {
             Precision::F32 => 4,
-            Precision::F64 => 8,
+            Precision::Df64 | Precision::F64 => 8,
         }
     }
 
