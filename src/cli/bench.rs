@@ -22,9 +22,9 @@ pub struct Args {
     /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, commands, cold_start).
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
-    /// Arithmetic to measure.
-    #[arg(long, value_enum, default_value_t = PrecisionsArg::Both)]
-    precision: PrecisionsArg,
+    /// Arithmetic to measure; by default both, with --stability all.
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionsArg>,
     /// Measured runs of each case, after one to warm up; 5, or 3 with --quick.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     runs: Option<u16>,
@@ -62,10 +62,14 @@ pub struct Args {
 enum PrecisionsArg {
     /// 32-bit floats.
     F32,
+    /// Pairs of 32-bit floats.
+    Df64,
     /// 64-bit floats.
     F64,
-    /// Whatever of both the adapter has.
+    /// Whatever of f32 and f64 the adapter has.
     Both,
+    /// Whatever of all three the adapter has.
+    All,
 }
 
 /// The `--against` argument.
@@ -94,7 +98,7 @@ pub fn run(args: &Args) -> Result<String> {
         gpu: &gpu,
         program: std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?,
         num_runs: usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 })),
-        precisions: precisions(args, &gpu),
+        precisions: precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu),
     };
     let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
@@ -115,7 +119,7 @@ pub fn run(args: &Args) -> Result<String> {
 /// Traces the cases of [`stability`], and prints their table.
 fn run_stability(args: &Args) -> Result<String> {
     let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
-    let precisions = precisions(args, &gpu);
+    let precisions = precisions(args.precision.unwrap_or(PrecisionsArg::All), &gpu);
     let mut rows = Vec::new();
     for case in stability::cases()? {
         let outcome = |precision: &Precision| Ok((*precision, case.measure(&gpu, *precision)?));
@@ -143,12 +147,15 @@ fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
     Ok(cases)
 }
 
-fn precisions(args: &Args, gpu: &Gpu) -> Vec<Precision> {
-    match args.precision {
+fn precisions(wanted: PrecisionsArg, gpu: &Gpu) -> Vec<Precision> {
+    let pairs = || gpu.check_df64().is_ok().then_some(Precision::Df64);
+    let doubles = gpu.f64.then_some(Precision::F64);
+    match wanted {
         PrecisionsArg::F32 => vec![Precision::F32],
+        PrecisionsArg::Df64 => vec![Precision::Df64],
         PrecisionsArg::F64 => vec![Precision::F64],
-        PrecisionsArg::Both if gpu.f64 => vec![Precision::F32, Precision::F64],
-        PrecisionsArg::Both => vec![Precision::F32],
+        PrecisionsArg::Both => [Some(Precision::F32), doubles].into_iter().flatten().collect(),
+        PrecisionsArg::All => [Some(Precision::F32), pairs(), doubles].into_iter().flatten().collect(),
     }
 }
 

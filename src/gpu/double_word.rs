@@ -25,7 +25,7 @@ struct Operation {
 
 /// The operations of two reals. The bounds of quotient and root allow for a division and a root that err by 2.5 ulp, as
 /// WGSL and Vulkan do.
-const OPERATIONS: [Operation; 8] = [
+const OPERATIONS: [Operation; 14] = [
     Operation { call: "df64_add(x, y)", exact: |[x, y]| x + y, bound: 3.0 },
     Operation { call: "df64_sub(x, y)", exact: |[x, y]| x - y, bound: 3.0 },
     Operation { call: "df64_add_f(x, y.x)", exact: |[x, y]| x + f64::from(y as f32), bound: 2.0 },
@@ -34,6 +34,20 @@ const OPERATIONS: [Operation; 8] = [
     Operation { call: "df64_square(x)", exact: |[x, _]| x * x, bound: 5.0 },
     Operation { call: "df64_div(x, y)", exact: |[x, y]| x / y, bound: 40.0 },
     Operation { call: "df64_sqrt(df64_abs(x))", exact: |[x, _]| x.abs().sqrt(), bound: 24.0 },
+    Operation { call: "df64_determinant(x, -y, y, x)", exact: |[x, y]| x * x + y * y, bound: 8.0 },
+    Operation {
+        call: "df64_dot(mat3x2<f32>(x, y, x), mat3x2<f32>(x, y, x))",
+        exact: |[x, y]| 2.0 * (x * x) + y * y,
+        bound: 8.0,
+    },
+    Operation { call: "df64_floor(x)", exact: |[x, _]| x.floor(), bound: 0.0 },
+    Operation { call: "df64_from_i32(df64_to_i32(x))", exact: |[x, _]| x.trunc(), bound: 0.0 },
+    Operation { call: "df64_from_u32(df64_to_u32(x))", exact: |[x, _]| x.max(0.0).trunc(), bound: 0.0 },
+    Operation {
+        call: "vec2<f32>(select(0.0, 1.0, df64_less(x, -y)), 0.0)",
+        exact: |[x, y]| f64::from(u8::from(x < -y)),
+        bound: 0.0,
+    },
 ];
 
 /// Exact sum and product, and the operations, on every pair.

@@ -24,11 +24,11 @@ impl Precision {
         }
     }
 
-    /// Numbers from 2^n on are whole multiples of 2^n / significands; of the pairs of df64, those that sums do not round.
+    /// Numbers from 2^n on that are whole multiples of 2^n / significands have differences that are not rounded.
     pub fn significands(self) -> f64 {
         match self {
             Precision::F32 => 16777216.0,
-            Precision::Df64 => 17592186044416.0,
+            Precision::Df64 => 140737488355328.0,
             Precision::F64 => 9007199254740992.0,
         }
     }

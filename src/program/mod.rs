@@ -91,9 +91,11 @@ impl ProgramOptions {
 /// A composed, validated shader module and the constant buffers it reads.
 #[derive(Debug)]
 pub struct Program {
-    /// The WGSL.
+    /// The WGSL as it is composed.
     pub wgsl: String,
-    /// Its module, for reflection.
+    /// In df64, the WGSL with pairs in place of f64.
+    pub rewritten: Option<String>,
+    /// The module that the device runs, for reflection.
     pub module: naga::Module,
     /// What the scene needs.
     pub features: Features,
@@ -178,14 +180,15 @@ impl Program {
         let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
-        let (module, wgsl) = match options.precision {
-            Precision::Df64 => df64::rewrite(&module)?,
-            Precision::F32 | Precision::F64 => (module, wgsl),
+        let (module, rewritten) = match options.precision {
+            Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,
+            Precision::F32 | Precision::F64 => (module, None),
         };
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
         let first_step = rng::step_table(options.sampler, seed, 1)[0];
         let mut program = Program {
             wgsl,
+            rewritten,
             module,
             features,
             options,
@@ -259,6 +262,11 @@ impl Program {
         }
         let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
         (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
+    }
+
+    /// The WGSL that the device runs.
+    pub fn source(&self) -> &str {
+        self.rewritten.as_deref().unwrap_or(&self.wgsl)
     }
 
     /// The entry point that follows new rays.

@@ -14,6 +14,7 @@ use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
 /// The closed form of this name.
 pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
     Some(match name {
+        "double words" => Bench::double_words,
         "window" => window,
         "window, importance" => window_by_importance,
         "total reflection" => total_reflection,

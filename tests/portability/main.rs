@@ -103,6 +103,13 @@ fn f32_native_variants_are_valid_where_integers_have_64_bits() {
 }
 
 #[test]
+fn df64_variants_are_valid_everywhere() {
+    for (native, baked) in [(false, true), (true, false)] {
+        check_all(Tier { precision: Precision::Df64, native, baked }, all_variants());
+    }
+}
+
+#[test]
 fn f64_portable_variants_are_valid_where_floats_have_64_bits() {
     for baked in [true, false] {
         check_all(Tier { precision: Precision::F64, native: false, baked }, all_variants());
