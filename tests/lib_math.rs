@@ -239,7 +239,8 @@ fn f32_functions_stay_within_their_bounds() {
 #[test]
 fn df64_functions_stay_within_their_bounds() {
     const ROWS: u64 = 1 << 18;
-    let Some(gpu) = Gpu::open("df64_functions_stay_within_their_bounds", Real::Df64, Integers::Portable) else {
+    let Some(gpu) = Gpu::open("df64_functions_stay_within_their_bounds", Real::Df64, Integers::Portable)
+    else {
         return;
     };
     for function in &FUNCTIONS {
@@ -300,7 +301,9 @@ fn f64_functions_stay_within_their_bounds() {
 
 #[test]
 fn functions_keep_their_word_at_the_ends_of_their_range() {
-    for (real, lowest, highest) in [(Real::F32, f64::from(-87.33_f32), 88.0), (Real::Df64, -87.33, 88.0), (Real::F64, -708.39, 709.0)] {
+    for (real, lowest, highest) in
+        [(Real::F32, f64::from(-87.33_f32), 88.0), (Real::Df64, -87.33, 88.0), (Real::F64, -708.39, 709.0)]
+    {
         let test = "functions_keep_their_word_at_the_ends_of_their_range";
         let Some(gpu) = Gpu::open(test, real, Integers::Portable) else { continue };
         let values = |call: &str, arguments: &[f64]| {

@@ -47,19 +47,23 @@ impl Gpu {
     }
 
     fn rate(&self, precision: Precision) -> Result<f64> {
-        let parse = |wgsl: &str| naga::front::wgsl::parse_str(wgsl).map_err(|e| Error::Internal(e.to_string()));
+        let parse =
+            |wgsl: &str| naga::front::wgsl::parse_str(wgsl).map_err(|e| Error::Internal(e.to_string()));
         let (module, wgsl) = match precision {
             Precision::F32 | Precision::F64 => {
                 let wgsl = format!("alias real = {};{SHADER}", precision.name());
                 (parse(&wgsl)?, wgsl)
             }
-            Precision::Df64 => df64::rewrite(&parse(&format!("alias real = f64;{}{SHADER}", df64::LIBRARY))?)?,
+            Precision::Df64 => {
+                df64::rewrite(&parse(&format!("alias real = f64;{}{SHADER}", df64::LIBRARY))?)?
+            }
         };
         let layout = self.bind_group_layout("rates", &bindings_of(&module), 0);
         let pipeline = self.pipeline("measure", &self.shader("rates", &wgsl), &[&layout], &[]);
         let buffer = self.buffer("rates", u64::from(INVOCATIONS) * 8)?;
         let zero = self.constant_buffer("rates", &[0; 16]);
-        let buffers = [(0, &buffer)].into_iter().chain((precision == Precision::Df64).then_some((df64::ZERO, &zero)));
+        let buffers =
+            [(0, &buffer)].into_iter().chain((precision == Precision::Df64).then_some((df64::ZERO, &zero)));
         let group = self.bind_group("rates", &layout, buffers);
         let run = || -> Result<f64> {
             let mut encoder = self.device.create_command_encoder(&Default::default());

@@ -63,7 +63,11 @@ fn names(module: &Module, name: &str) -> Vec<String> {
 }
 
 fn tiers_in_tables() -> [Tier; 3] {
-    [Precision::F32, Precision::Df64, Precision::F64].map(|precision| Tier { precision, native: false, baked: false })
+    [Precision::F32, Precision::Df64, Precision::F64].map(|precision| Tier {
+        precision,
+        native: false,
+        baked: false,
+    })
 }
 
 #[test]

@@ -25,7 +25,9 @@ impl Target {
     /// The targets that can say what the options ask for. Metal has neither f64 nor sums by 64-bit atomics.
     pub fn of(options: &ProgramOptions) -> Vec<Target> {
         match (options.precision, options.native) {
-            (Precision::F32 | Precision::Df64, false) => vec![Target::SpirV, Target::Msl, Target::Hlsl, Target::Wgsl],
+            (Precision::F32 | Precision::Df64, false) => {
+                vec![Target::SpirV, Target::Msl, Target::Hlsl, Target::Wgsl]
+            }
             (Precision::F32 | Precision::Df64, true) => vec![Target::SpirV, Target::Hlsl, Target::Wgsl],
             (Precision::F64, _) => vec![Target::SpirV, Target::Hlsl, Target::Wgsl],
         }

@@ -55,12 +55,22 @@ impl Rewriter<'_, '_> {
     fn local_variables(&mut self) -> Result<()> {
         for (handle, variable) in self.old.local_variables.iter() {
             let ty = self.shared.map_type(variable.ty)?;
-            let init = variable.init.map(|init| self.value(init)).transpose()?;
+            let init = variable.init.map(|init| self.initial(init)).transpose()?;
             let new = naga::LocalVariable { name: variable.name.clone(), ty, init };
             let new = self.new.local_variables.append(new, Span::UNDEFINED);
             self.locals.insert(handle, new);
         }
         Ok(())
+    }
+
+    /// What a variable starts with: a constant, which is evaluated nowhere.
+    fn initial(&mut self, old: Value) -> Result<Value> {
+        let Expression::Compose { ty, components } = &self.old.expressions[old] else {
+            return self.value(old);
+        };
+        let components = components.iter().map(|c| self.initial(*c)).collect::<Result<_>>()?;
+        let ty = self.shared.map_type(*ty)?;
+        Ok(self.append(Expression::Compose { ty, components }))
     }
 
     fn block(&mut self, block: &Block) -> Result<Block> {
@@ -183,9 +193,7 @@ impl Rewriter<'_, '_> {
             Expression::Constant(constant) => Expression::Constant(self.shared.constants[constant]),
             Expression::ZeroValue(ty) => Expression::ZeroValue(self.shared.map_type(*ty)?),
             Expression::FunctionArgument(index) => Expression::FunctionArgument(*index),
-            Expression::GlobalVariable(variable) => {
-                Expression::GlobalVariable(self.shared.globals[variable])
-            }
+            Expression::GlobalVariable(variable) => Expression::GlobalVariable(self.shared.globals[variable]),
             Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable]),
             other => return Err(unknown(other)),
         };
@@ -205,10 +213,8 @@ impl Rewriter<'_, '_> {
     /// The scalars of a new value that stood for a vector, or as many of the same scalar.
     fn lanes(&mut self, old: Value, size: VectorSize, out: &mut Block) -> Result<Vec<Value>> {
         let value = self.value(old)?;
-        let is_vector = matches!(
-            self.info[old].ty.inner_with(&self.shared.old.types),
-            TypeInner::Vector { .. }
-        );
+        let is_vector =
+            matches!(self.info[old].ty.inner_with(&self.shared.old.types), TypeInner::Vector { .. });
         Ok((0..size as u32).map(|lane| if is_vector { self.lane(value, lane, out) } else { value }).collect())
     }
 
@@ -381,14 +387,11 @@ impl Rewriter<'_, '_> {
         }
         let known = Known { left: self.narrow(left), right: self.narrow(right), same: left == right };
         if is_comparison(op) {
-            let lanes = self.lanewise(&[left, right], out, |this, a, out| {
-                this.compare(op, a[0], a[1], &known, out)
-            })?;
+            let lanes =
+                self.lanewise(&[left, right], out, |this, a, out| this.compare(op, a[0], a[1], &known, out))?;
             return Ok(if lanes.len() == 1 { lanes[0] } else { self.bools(lanes, out) });
         }
-        self.lanewise_reals(&[left, right], out, |this, a, out| {
-            this.arithmetic(op, a[0], a[1], &known, out)
-        })
+        self.lanewise_reals(&[left, right], out, |this, a, out| this.arithmetic(op, a[0], a[1], &known, out))
     }
 
     fn bools(&mut self, components: Vec<Value>, out: &mut Block) -> Value {
@@ -408,8 +411,8 @@ impl Rewriter<'_, '_> {
             Expression::Constant(constant) => self.shared.constant_value(*constant),
             Expression::Splat { value, .. } => return self.narrow(*value),
             Expression::As { expr, kind: ScalarKind::Float, convert: Some(8) } => {
-                let is_f32 = self.info[*expr].ty.inner_with(&self.shared.old.types)
-                    == &TypeInner::Scalar(Scalar::F32);
+                let is_f32 =
+                    self.info[*expr].ty.inner_with(&self.shared.old.types) == &TypeInner::Scalar(Scalar::F32);
                 return match self.known.get(expr).filter(|_| is_f32) {
                     Some(value) => Narrow::Single(*value),
                     None => Narrow::Pair,
@@ -510,8 +513,7 @@ impl Rewriter<'_, '_> {
             B::GreaterEqual => self.call("less_equal", &[right, left], out),
             B::Equal | B::NotEqual => {
                 let argument = self.emit(Expression::Binary { op, left, right }, out);
-                let fun =
-                    if op == B::Equal { RelationalFunction::All } else { RelationalFunction::Any };
+                let fun = if op == B::Equal { RelationalFunction::All } else { RelationalFunction::Any };
                 Ok(self.emit(Expression::Relational { fun, argument }, out))
             }
             _ => Err(unknown(op)),
@@ -584,12 +586,20 @@ impl Rewriter<'_, '_> {
         Ok(self.emit(Expression::Compose { ty, components: lanes }, out))
     }
 
-    fn scalar_conversion(&mut self, value: Value, from: Scalar, to: Scalar, out: &mut Block) -> Result<Value> {
+    fn scalar_conversion(
+        &mut self,
+        value: Value,
+        from: Scalar,
+        to: Scalar,
+        out: &mut Block,
+    ) -> Result<Value> {
         match (from, to) {
             (Scalar::F32, Scalar::F64) => Ok(self.pair(value, out)),
             (Scalar::U32, Scalar::F64) => self.call("from_u32", &[value], out),
             (Scalar::I32, Scalar::F64) => self.call("from_i32", &[value], out),
-            (Scalar::F64, Scalar::F32) => Ok(self.emit(Expression::AccessIndex { base: value, index: 0 }, out)),
+            (Scalar::F64, Scalar::F32) => {
+                Ok(self.emit(Expression::AccessIndex { base: value, index: 0 }, out))
+            }
             (Scalar::F64, Scalar::U32) => self.call("to_u32", &[value], out),
             (Scalar::F64, Scalar::I32) => self.call("to_i32", &[value], out),
             other => Err(unknown(other)),

@@ -182,9 +182,8 @@ impl<'a> Rewriting<'a> {
             return Err(Error::Internal(format!("{value:e} in a shader does not fit df64")));
         }
         let ty = self.pair();
-        let components = pair
-            .map(|part| self.new.global_expressions.append(literal_f32(part), Span::UNDEFINED))
-            .to_vec();
+        let components =
+            pair.map(|part| self.new.global_expressions.append(literal_f32(part), Span::UNDEFINED)).to_vec();
         Ok(self.new.global_expressions.append(Expression::Compose { ty, components }, Span::UNDEFINED))
     }
 
@@ -245,9 +244,8 @@ impl<'a> Rewriting<'a> {
 
     /// The library first, because everything else calls it.
     fn functions(&mut self) -> Result<()> {
-        let is_library = |function: &naga::Function| {
-            function.name.as_ref().is_some_and(|name| name.starts_with(PREFIX))
-        };
+        let is_library =
+            |function: &naga::Function| function.name.as_ref().is_some_and(|name| name.starts_with(PREFIX));
         let (library, others): (Vec<_>, Vec<_>) =
             self.old.functions.iter().partition(|(_, function)| is_library(function));
         for (handle, function) in library.into_iter().chain(others) {
