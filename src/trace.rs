@@ -809,7 +809,7 @@ impl Stage<'_> {
 impl DeviceState {
     fn new(gpu: &Gpu, program: &Program, batch: u32) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
-        let shader = gpu.shader("trace", &program.source());
+        let shader = gpu.shader("trace", program.source());
         let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
         let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
         let layouts = [&scene_layout, &queue_layout];

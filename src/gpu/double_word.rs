@@ -160,14 +160,13 @@ fn fault([x, y]: [f64; 2], results: &[[f32; 2]]) -> Option<String> {
     if let Some(((name, expected), result)) = exact {
         return Some(format!("the {name} of {a:e} and {b:e} is {result:?} there, not {expected:?}"));
     }
-    let inexact = OPERATIONS.iter().zip(&results[2..]).find_map(|(operation, result)| {
+    OPERATIONS.iter().zip(&results[2..]).find_map(|(operation, result)| {
         let expected = (operation.exact)([x, y]);
         let units = (join(*result) - expected).abs() / (UNIT * expected.abs());
-        // What is 0 has no size to be wrong by.
-        let wrong = if expected == 0.0 { join(*result) != 0.0 } else { !(units <= operation.bound) };
-        wrong.then(|| format!("{} of {x:e} and {y:e} is off by {units:.1} u^2 there", operation.call))
-    });
-    inexact
+        // What is 0 has no size to be wrong by. A NaN is within no bound.
+        let right = if expected == 0.0 { join(*result) == 0.0 } else { units <= operation.bound };
+        (!right).then(|| format!("{} of {x:e} and {y:e} is off by {units:.1} u^2 there", operation.call))
+    })
 }
 
 /// a + b rounded, and what the rounding took: exact (Knuth).

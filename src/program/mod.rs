@@ -3,6 +3,7 @@
 pub mod bsdf;
 pub mod compose;
 pub mod contact;
+#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod df64;
 pub mod features;
 pub mod library;
