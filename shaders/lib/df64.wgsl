@@ -5,8 +5,10 @@
 // Euclidean norms using double-word arithmetic (ACM TOMS 49(1), 2023). u = 2^-24.
 
 // Zero, which no compiler knows: an exclusive or with it keeps a rounded result from being simplified away, as (a + b) - a
-// is to b, from being fused with what follows and from being reordered, on every platform.
-@group(0) @binding(30) var<uniform> df64_zero: u32;
+// is to b, from being fused with what follows and from being reordered, on every platform. It lies in a storage buffer,
+// because drivers compile the contents of uniforms in (Mesa's lavapipe does); entry points copy it (program::df64).
+@group(0) @binding(30) var<storage, read> df64_zero_source: u32;
+var<private> df64_zero: u32;
 
 fn df64_rounded(x: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(x) ^ df64_zero);

@@ -61,7 +61,7 @@ fn source() -> String {
     let _ = write!(
         text,
         "@compute @workgroup_size({WORKGROUP})\nfn test(@builtin(global_invocation_id) id: vec3<u32>) {{\n    \
-         let x = pairs[id.x].xy;\n    let y = pairs[id.x].zw;\n    let first = {rows}u * id.x;\n    \
+         df64_zero = df64_zero_source;\n    let x = pairs[id.x].xy;\n    let y = pairs[id.x].zw;\n    let first = {rows}u * id.x;\n    \
          results[first] = df64_two_sum(x.x, y.x);\n    results[first + 1u] = df64_two_product(x.x, y.x);\n"
     );
     for (i, operation) in OPERATIONS.iter().enumerate() {

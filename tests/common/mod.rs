@@ -1,7 +1,6 @@
 //! A small harness that runs WGSL on the adapter, for tests.
 #![allow(dead_code, reason = "each test binary compiles the harness and uses its part of it")]
 
-use naga::valid::{Capabilities, ValidationFlags, Validator};
 use nsq_gpu::program::df64;
 use nsq_gpu::program::library::{Integers, Real};
 use std::io::Write;
@@ -128,8 +127,7 @@ impl Gpu {
         let pipeline = self.pipeline(rewritten.as_deref().unwrap_or(source));
         let buffers: Vec<wgpu::Buffer> = storages.iter().map(|storage| self.buffer(storage)).collect();
         let zero = Storage::read(df64::ZERO, &[0_u32; 4]);
-        let reads_zero = rewritten.as_deref().is_some_and(reads_zero);
-        let zero = reads_zero.then(|| (&zero, self.buffer(&zero)));
+        let zero = rewritten.is_some().then(|| (&zero, self.buffer(&zero)));
         let entries: Vec<wgpu::BindGroupEntry> = storages
             .iter()
             .zip(&buffers)
@@ -175,7 +173,7 @@ impl Gpu {
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: None,
             contents: &storage.bytes,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_SRC,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
         })
     }
 
@@ -201,14 +199,4 @@ fn rewritten(source: &str) -> Option<String> {
         let module = naga::front::wgsl::parse_str(source).expect("the source is valid");
         df64::rewrite(&module).expect("the source has a counterpart in df64").1
     })
-}
-
-/// True if the entry point of a rewritten source does double-word arithmetic; else its layout has no such binding.
-fn reads_zero(source: &str) -> bool {
-    let module = naga::front::wgsl::parse_str(source).expect("the rewritten source is valid");
-    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::all());
-    let info = validator.validate(&module).expect("the rewritten source is valid");
-    let mut globals = module.global_variables.iter();
-    let zero = globals.find(|(_, global)| global.binding.is_some_and(|b| b.binding == df64::ZERO));
-    zero.is_some_and(|(zero, _)| !info.get_entry_point(0)[zero].is_empty())
 }

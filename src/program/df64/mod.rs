@@ -264,9 +264,29 @@ impl<'a> Rewriting<'a> {
     fn entry_points(&mut self) -> Result<()> {
         let info = self.info;
         for (i, entry) in self.old.entry_points.iter().enumerate() {
-            let function = rewrite_function(self, &entry.function, info.get_entry_point(i))?;
+            let mut function = rewrite_function(self, &entry.function, info.get_entry_point(i))?;
+            self.copy_zero(&mut function)?;
             self.new.entry_points.push(naga::EntryPoint { function, ..entry.clone() });
         }
+        Ok(())
+    }
+
+    /// Begins an entry point with what the library's barrier reads.
+    fn copy_zero(&self, function: &mut naga::Function) -> Result<()> {
+        let mut global = |name: &str| {
+            let mut variables = self.new.global_variables.iter();
+            let found = variables.find(|(_, variable)| variable.name.as_deref() == Some(name));
+            let (variable, _) =
+                found.ok_or_else(|| Error::Internal(format!("no {name} in the df64 shader")))?;
+            Ok::<_, Error>(function.expressions.append(Expression::GlobalVariable(variable), Span::UNDEFINED))
+        };
+        let (pointer, source) = (global("df64_zero")?, global("df64_zero_source")?);
+        let value = function.expressions.append(Expression::Load { pointer: source }, Span::UNDEFINED);
+        let mut body = naga::Block::new();
+        body.push(naga::Statement::Emit(naga::Range::new_from_bounds(value, value)), Span::UNDEFINED);
+        body.push(naga::Statement::Store { pointer, value }, Span::UNDEFINED);
+        body.extend_block(std::mem::take(&mut function.body));
+        function.body = body;
         Ok(())
     }
 
