@@ -78,9 +78,13 @@ fn note_saturation() {
 
 // Both branches, unless one has no weight. True if the ray goes on as the reflected one.
 fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real) -> bool {
+    let steps = weight_steps((*ray).weight);
+    if CUTS_WEIGHTS {
+        cut_weight(ray, steps);
+    }
     let weight = (*ray).weight;
     let reflects_less = reflectance < 0.5;
-    let lesser = lesser_weight(weight, select(transmittance, reflectance, reflects_less), bits);
+    let lesser = lesser_weight(weight, select(transmittance, reflectance, reflects_less), bits, steps);
     if lesser == 0.0 {
         return !reflects_less;
     }
@@ -92,19 +96,37 @@ fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: r
     return true;
 }
 
-// The weight of the branch with the smaller share. It is a whole number of steps, so that the other branch takes the
-// rest without rounding and no quantum is lost between them: a step is a power of two, no less than a quantum nor than
-// what the significand of the weight resolves. Rounded by chance, so that no share is too small to be met on average.
-fn lesser_weight(weight: real, share: real, bits: u32) -> real {
-    var step: real = 2.220446049250313e-16;
-    var steps_per_unit: real = 4503599627370496.0;
-    while (step * SIGNIFICANDS <= weight) & (step < 1048576.0) {
-        step *= 2.0;
-        steps_per_unit *= 0.5;
+// What weights are split into: a power of two, no less than a quantum nor than what the significand of the weight
+// resolves.
+struct Steps {
+    size: real,
+    per_unit: real,
+}
+
+fn weight_steps(weight: real) -> Steps {
+    var steps = Steps(2.220446049250313e-16, 4503599627370496.0);
+    while (steps.size * SIGNIFICANDS <= weight) & (steps.size < 1048576.0) {
+        steps.size *= 2.0;
+        steps.per_unit *= 0.5;
     }
-    let exact = weight * share * steps_per_unit;
+    return steps;
+}
+
+// A pair of f32 can hold more than whole steps: the ray loses what is beyond them, of which the sums of the branches would
+// be a rounding.
+fn cut_weight(ray: ptr<function, Ray>, steps: Steps) {
+    let before = (*ray).weight;
+    (*ray).weight = floor(before * steps.per_unit) * steps.size;
+    book_loss(CELL_IMPORTANCE_LOSS, before, (*ray).weight);
+}
+
+// The weight of the branch with the smaller share. It is a whole number of steps, so that the other branch takes the
+// rest without rounding and no quantum is lost between them. Rounded by chance, so that no share is too small to be met
+// on average.
+fn lesser_weight(weight: real, share: real, bits: u32, steps: Steps) -> real {
+    let exact = weight * share * steps.per_unit;
     let whole = floor(exact);
-    return (whole + select(real(0.0), real(1.0), below(bits, exact - whole))) * step;
+    return (whole + select(real(0.0), real(1.0), below(bits, exact - whole))) * steps.size;
 }
 
 // Of a child's number the bit of this event is set.

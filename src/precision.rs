@@ -92,7 +92,7 @@ pub struct Arrival {
 pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -> Result<Choice> {
     let plain = |precision, reason: &str| Ok(Choice { precision, reason: reason.into(), warning: None });
     match wanted {
-        Wanted::Exactly(Precision::F64) => plain(Precision::F64, "asked for"),
+        Wanted::Exactly(precision @ (Precision::Df64 | Precision::F64)) => plain(precision, "asked for"),
         Wanted::Exactly(Precision::F32) => {
             let need = Need::of(ir, &predict(gpu, ir, options)?);
             let reason = format!("asked for: {}", need.text(ir));
@@ -104,7 +104,7 @@ pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -
         }
         Wanted::Auto => {
             let need = Need::of(ir, &predict(gpu, ir, options)?);
-            Ok(need.choice(ir, gpu.f64))
+            Ok(need.choice(ir, || finest(gpu)))
         }
     }
 }
@@ -131,15 +131,16 @@ impl Need {
         worst.map_or(Need::Unknown, |worst| Need::Pixels(worst.clone()))
     }
 
-    /// The cheapest precision that does.
-    pub fn choice(&self, ir: &SceneIr, has_f64: bool) -> Choice {
+    /// The cheapest precision that does; `finest` is asked for where that is not f32.
+    pub fn choice(&self, ir: &SceneIr, finest: impl FnOnce() -> Precision) -> Choice {
         let enough = matches!(self, Need::Pixels(error) if error.pixels.unwrap_or(0.0) <= GOOD_PIXELS);
-        let (precision, end) = match (enough, has_f64) {
-            (true, _) => (Precision::F32, ""),
-            (false, true) => (Precision::F64, ""),
-            (false, false) => (Precision::F32, ", but the adapter has no f64"),
+        let precision = if enough { Precision::F32 } else { finest() };
+        let (end, warning) = match precision {
+            Precision::F32 if enough => ("", None),
+            Precision::F32 => (", but the adapter has neither f64 nor df64", self.warning(ir)),
+            Precision::Df64 => ("; the adapter has no f64", None),
+            Precision::F64 => ("", None),
         };
-        let warning = if enough || has_f64 { None } else { self.warning(ir) };
         Choice { precision, reason: format!("auto: {}{end}", self.text(ir)), warning }
     }
 
@@ -166,10 +167,18 @@ impl Need {
         let pixels = error.pixels.filter(|pixels| *pixels > BAD_PIXELS)?;
         Some(format!(
             "f32 is too coarse for detector '{}': 1 % of its flux or more may land beyond {pixels:.2} pixel from where it \
-             should (predicted); in f64 (--precision f64) it is 2^29 times less",
+             should (predicted); in f64 (--precision f64) it is 2^29 times less, in df64 2^22 times",
             ir.sensors[error.sensor].name
         ))
     }
+}
+
+/// The most accurate precision that an adapter has.
+fn finest(gpu: &Gpu) -> Precision {
+    if gpu.f64 {
+        return Precision::F64;
+    }
+    gpu.check_df64().map_or(Precision::F32, |()| Precision::Df64)
 }
 
 fn is_database(ir: &SceneIr, sensor: usize) -> bool {

@@ -15,7 +15,7 @@ use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::program::{
     self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
-    Splitting, events,
+    Splitting, df64, events,
 };
 use crate::result::{
     Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
@@ -690,6 +690,7 @@ impl<'a> Tracer<'a> {
             let uint = |at: usize| u32::from_le_bytes(row[at..at + 4].try_into().unwrap_or_default());
             let real = |at: usize| match precision {
                 Precision::F32 => f64::from(f32::from_bits(uint(at))),
+                Precision::Df64 => df64::join([at, at + 4].map(|at| f32::from_bits(uint(at)))),
                 Precision::F64 => f64::from_le_bytes(row[at..at + 8].try_into().unwrap_or_default()),
             };
             DeviceEvent {
@@ -936,7 +937,7 @@ impl DeviceState {
         let bindings = gpu::compute::bindings_of(&program.module);
         let shader = match strict {
             true => gpu.strict_shader("trace", &program.module, &bindings)?,
-            false => gpu.shader("trace", &program.wgsl),
+            false => gpu.shader("trace", program.source()),
         };
         let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
         let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
@@ -1088,6 +1089,7 @@ impl DeviceState {
 fn held(weight: f64, precision: Precision) -> f64 {
     match precision {
         Precision::F32 => f64::from(weight as f32),
+        Precision::Df64 => df64::rounded(weight),
         Precision::F64 => weight,
     }
 }
@@ -1154,7 +1156,13 @@ fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
         ));
     }
     if options.precision == Precision::F64 && !gpu.f64 {
-        return usage(format!("the adapter `{}` has no 64-bit floats; use --precision f32", gpu.info.name));
+        return usage(format!(
+            "the adapter `{}` has no 64-bit floats; use --precision df64 or f32",
+            gpu.info.name
+        ));
+    }
+    if options.precision == Precision::Df64 {
+        gpu.check_df64()?;
     }
     Ok(())
 }

@@ -70,7 +70,7 @@ fn every_ledger_closes_where_rays_are_split() {
     for (i, (mut ir, name)) in scenes.enumerate() {
         let reflect_prob = POLICIES[i % POLICIES.len()];
         ir.sampling = Sampling { reflect_prob, rr_start_flux: 0.1, split_depth: 4, split_budget: 3.5 };
-        let precision = if i % 3 == 0 { Precision::F64 } else { Precision::F32 };
+        let precision = [Precision::F64, Precision::F32, Precision::Df64][i % 3];
         let options = zoo::options(500, 6, precision);
         let tally = zoo::trace(&ir, &options);
         let ledger = zoo::result_of(&ir, &options, &tally).ledger;

@@ -21,6 +21,7 @@ struct Function {
     call: &'static str,
     /// Bounds on its error \[ulp\].
     bound_f32: f64,
+    bound_df64: f64,
     bound_f64: f64,
     /// Its arguments in f32, from two random words, and its value in f64.
     arguments: fn(u64, u64) -> (f64, f64),
@@ -33,6 +34,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "cos_turns",
         call: "sincos_turns(draw).x",
         bound_f32: 2.6,
+        bound_df64: 4.0,
         bound_f64: 2.0,
         arguments: |word, size| (bits(word, size), 0.0),
         value: |bits, _| turns(bits).0,
@@ -41,6 +43,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "sin_turns",
         call: "sincos_turns(draw).y",
         bound_f32: 2.6,
+        bound_df64: 4.0,
         bound_f64: 2.0,
         arguments: |word, size| (bits(word, size), 0.0),
         value: |bits, _| turns(bits).1,
@@ -49,6 +52,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "log_uniform",
         call: "log_uniform(draw)",
         bound_f32: 1.5,
+        bound_df64: 4.0,
         bound_f64: 1.0,
         arguments: |word, size| (bits(word, size), 0.0),
         value: |bits, _| {
@@ -59,6 +63,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "exp_real",
         call: "exp_real(a)",
         bound_f32: 1.5,
+        bound_df64: 4.0,
         bound_f64: 1.0,
         arguments: |word, size| (spread(word, size, -20, 88.0).max(f64::from(-87.33_f32)), 0.0),
         value: |x, _| x.exp(),
@@ -67,6 +72,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "sin_real",
         call: "sin_real(a)",
         bound_f32: 2.5,
+        bound_df64: 4.0,
         bound_f64: 2.0,
         arguments: |word, size| (spread(word, size, -30, 1e4), 0.0),
         value: |x, _| x.sin(),
@@ -75,6 +81,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "cos_real",
         call: "cos_real(a)",
         bound_f32: 2.5,
+        bound_df64: 4.0,
         bound_f64: 2.0,
         arguments: |word, size| (spread(word, size, -30, 1e4), 0.0),
         value: |x, _| x.cos(),
@@ -83,6 +90,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "acos_real",
         call: "acos_real(a)",
         bound_f32: 1.5,
+        bound_df64: 4.0,
         bound_f64: 1.0,
         arguments: |word, size| (spread(word, size, -30, 1.0), 0.0),
         value: |x, _| x.acos(),
@@ -91,6 +99,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "atan2_real",
         call: "atan2_real(a, b)",
         bound_f32: 2.5,
+        bound_df64: 4.0,
         bound_f64: 1.0,
         arguments: |word, size| {
             let (y, x) = (spread(word, size, -30, 1e3), spread(splitmix64(word), splitmix64(size), -30, 1e3));
@@ -104,6 +113,7 @@ const FUNCTIONS: [Function; 9] = [
         name: "log_real",
         call: "log_real(a)",
         bound_f32: 1.0,
+        bound_df64: 4.0,
         bound_f64: 1.0,
         arguments: |word, size| (positive(word, size), 0.0),
         value: |x, _| x.ln(),
@@ -159,6 +169,8 @@ fn ulp(value: f64, real: Real) -> f64 {
     let power_of_two = f64::from_bits(value.to_bits() & f64::INFINITY.to_bits());
     match real {
         Real::F32 => power_of_two.max(f64::from(f32::MIN_POSITIVE)) * f64::from(f32::EPSILON),
+        // Twice u^2, u = 2^-24, as long as the low part does not underflow.
+        Real::Df64 => power_of_two.max(2_f64.powi(-79)) * 2_f64.powi(-47),
         Real::F64 => power_of_two.max(f64::MIN_POSITIVE) * f64::EPSILON,
     }
 }
@@ -224,6 +236,23 @@ fn f32_functions_stay_within_their_bounds() {
     }
 }
 
+#[test]
+fn df64_functions_stay_within_their_bounds() {
+    const ROWS: u64 = 1 << 18;
+    let Some(gpu) = Gpu::open("df64_functions_stay_within_their_bounds", Real::Df64, Integers::Portable)
+    else {
+        return;
+    };
+    for function in &FUNCTIONS {
+        let arguments = (0..ROWS).map(|i| (function.arguments)(splitmix64(2 * i), splitmix64(2 * i + 1)));
+        // Beyond, low parts of intermediate results underflow.
+        let fits = |x: f64| x == 0.0 || (2_f64.powi(-60)..2_f64.powi(60)).contains(&x.abs());
+        let arguments = arguments.filter(|&(a, b)| fits(a) && fits(b));
+        let rows: Vec<_> = arguments.map(|(a, b)| (a, b, (function.value)(a, b))).collect();
+        check(&gpu, Real::Df64, function, &rows, function.bound_df64);
+    }
+}
+
 /// Every 509th f32 from `lowest` to `highest` in size, of the signs in use.
 fn walk(lowest: f64, highest: f64, signs: &'static [f64]) -> impl Iterator<Item = f64> {
     let (low, high) = ((lowest as f32).to_bits(), (highest as f32).to_bits());
@@ -272,7 +301,9 @@ fn f64_functions_stay_within_their_bounds() {
 
 #[test]
 fn functions_keep_their_word_at_the_ends_of_their_range() {
-    for (real, lowest, highest) in [(Real::F32, f64::from(-87.33_f32), 88.0), (Real::F64, -708.39, 709.0)] {
+    for (real, lowest, highest) in
+        [(Real::F32, f64::from(-87.33_f32), 88.0), (Real::Df64, -87.33, 88.0), (Real::F64, -708.39, 709.0)]
+    {
         let test = "functions_keep_their_word_at_the_ends_of_their_range";
         let Some(gpu) = Gpu::open(test, real, Integers::Portable) else { continue };
         let values = |call: &str, arguments: &[f64]| {

@@ -10,6 +10,7 @@
 mod common;
 
 use common::{Gpu, Storage, TIERS, real_bytes, reals_of};
+use nsq_gpu::program::df64;
 use nsq_gpu::program::library::{Integers, Real};
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::program::{library, rng};
@@ -135,11 +136,19 @@ fn cases(real: Real) -> Vec<(u32, f64)> {
         Real::F32 => {
             [f64::from(p as f32), f64::from((p as f32).next_up()), f64::from((p as f32).next_down())]
         }
+        Real::Df64 => {
+            let [high, low] = df64::split(p);
+            [low, low.next_up(), low.next_down()].map(|low| df64::join([high, low]))
+        }
         Real::F64 => [p, p.next_up(), p.next_down()],
     };
     let outside = [0.0, -0.0, -1.0, 1.0, 1.5, 1e30, 0.5, 1e-20];
     let probabilities = |bits: u32| next(f64::from(bits) / 2_f64.powi(32)).into_iter().chain(outside);
-    let held = |p: f64| if real == Real::F32 { f64::from(p as f32) } else { p };
+    let held = |p: f64| match real {
+        Real::F32 => f64::from(p as f32),
+        Real::Df64 => df64::rounded(p),
+        Real::F64 => p,
+    };
     bits().into_iter().flat_map(|bits| probabilities(bits).map(move |p| (bits, held(p)))).collect()
 }
 

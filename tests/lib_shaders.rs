@@ -4,6 +4,7 @@
 
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use nsq_gpu::program::df64;
 use nsq_gpu::program::library::{Integers, Real, source};
 use nsq_gpu::program::rng::Sampler;
 
@@ -16,8 +17,11 @@ fn validate(
     capabilities: Capabilities,
 ) -> (naga::Module, ModuleInfo) {
     let source = source(real, integers, sampler);
-    let module = naga::front::wgsl::parse_str(&source)
+    let mut module = naga::front::wgsl::parse_str(&source)
         .unwrap_or_else(|error| panic!("{real:?} {integers:?}: {}", error.emit_to_string(&source)));
+    if real == Real::Df64 {
+        (module, _) = df64::rewrite(&module).expect("every operation has a counterpart");
+    }
     let info = Validator::new(ValidationFlags::all(), capabilities)
         .validate(&module)
         .unwrap_or_else(|error| panic!("{real:?} {integers:?}: {}", error.emit_to_string(&source)));
@@ -29,6 +33,8 @@ fn every_combination_is_valid_with_the_capabilities_of_its_tier_alone() {
     for sampler in [Sampler::Pcg, Sampler::Sobol] {
         validate(Real::F32, Integers::Portable, sampler, Capabilities::empty());
         validate(Real::F32, Integers::Native, sampler, INT64);
+        validate(Real::Df64, Integers::Portable, sampler, Capabilities::empty());
+        validate(Real::Df64, Integers::Native, sampler, INT64);
         validate(Real::F64, Integers::Portable, sampler, Capabilities::FLOAT64);
         validate(Real::F64, Integers::Native, sampler, Capabilities::FLOAT64 | INT64);
     }

@@ -11,6 +11,7 @@ mod common;
 
 use common::{Gpu, Storage, TIERS};
 use nsq_gpu::gpu::sums;
+use nsq_gpu::program::df64;
 use nsq_gpu::program::library::{self, Integers, Real};
 use nsq_gpu::program::rng::{Sampler, splitmix64};
 
@@ -68,7 +69,11 @@ fn quanta_of(bytes: &[u8]) -> Vec<u128> {
 
 /// A weight as the tier holds it.
 fn held(real: Real, weight: f64) -> f64 {
-    if real == Real::F32 { f64::from(weight as f32) } else { weight }
+    match real {
+        Real::F32 => f64::from(weight as f32),
+        Real::Df64 => df64::rounded(weight),
+        Real::F64 => weight,
+    }
 }
 
 /// floor(weight * 2^52), or nothing where no sum can hold it.

@@ -85,6 +85,35 @@ fn f64_agrees_with_the_reference_ray_for_ray() {
     assert!(violations.is_empty(), "{} violations:\n{}", violations.len(), violations.join("\n"));
 }
 
+/// Mirrors, absorption, Gaussian beams, spectra, scattering, far fields and ray databases.
+const IN_DF64: [&str; 8] = [
+    "bench_lens",
+    "cooke_triplet",
+    "filter_stack",
+    "hubble_nasmyth",
+    "newtonian_telescope",
+    "prism_spectrometer",
+    "scattering_telescope",
+    "tessar_gaussian_beams",
+];
+
+#[test]
+fn df64_agrees_with_the_reference_ray_for_ray() {
+    for name in IN_DF64 {
+        let oracle = oracle::load(name);
+        let ir = load_uncapped(name);
+        let options = oracle_options(&oracle, Precision::Df64);
+        let result = zoo::result(&ir, &options);
+        let agreement = Agreement::of(&result, &oracle);
+        eprintln!("{}", table_line(name, &agreement));
+        assert_eq!(agreement.violations, Vec::<String>::new(), "{name}");
+        assert!(result.ledger.closes(), "{name}: off by {} quanta", result.ledger.imbalance_quanta);
+        let few = zoo::options(10_000, 0, Precision::Df64);
+        let wide = TraceOptions { precision: Precision::F64, ..few.clone() };
+        assert_eq!(flips(&fates(&ir, &few), &fates(&ir, &wide)), 0, "{name}: fates");
+    }
+}
+
 #[test]
 fn chaotic_scenes_agree_with_the_reference_as_samples_of_one_distribution() {
     let mut num_chaotic = 0;

@@ -121,13 +121,16 @@ fn auto_takes_f64_where_it_is_needed_and_says_why() {
         let ir = zoo::load(&name);
         let errors = predict(zoo::gpu(), &ir, &zoo::options(100_000, 0, Precision::F32)).unwrap();
         let need = Need::of(&ir, &errors);
-        let choice = need.choice(&ir, true);
+        let choice = need.choice(&ir, || Precision::F64);
         println!("{name:28} {} {}", choice.precision.name(), choice.reason);
         let needed = NEED_F64.contains(&name.as_str());
         assert_eq!(choice.precision == Precision::F64, needed, "{name}: {}", choice.reason);
         assert_eq!(choice.warning, None, "{name}");
-        // Without f64 the scene is traced all the same, and a bad error is told.
-        let forced = need.choice(&ir, false);
+        let paired = need.choice(&ir, || Precision::Df64);
+        assert_eq!(paired.precision == Precision::Df64, needed, "{name}: {}", paired.reason);
+        assert_eq!(paired.reason.contains("no f64"), needed, "{name}: {}", paired.reason);
+        // Without either the scene is traced all the same, and a bad error is told.
+        let forced = need.choice(&ir, || Precision::F32);
         assert_eq!(forced.precision, Precision::F32);
         assert_eq!(forced.warning.is_some(), name == "mirror_ball_billiard", "{name}: {:?}", forced.warning);
     }

@@ -7,13 +7,19 @@
 mod zoo;
 
 use nsq_gpu::bench::stability::{Row, StabilityCase, cases, faults, table};
+use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::{TraceResult, Tracer};
 
+fn precisions(gpu: &Gpu) -> Vec<Precision> {
+    let doubles = gpu.f64.then_some(Precision::F64);
+    [Precision::F32, Precision::Df64].into_iter().chain(doubles).collect()
+}
+
 fn measured(choose: impl Fn(&StabilityCase) -> bool) -> Vec<Row> {
     let gpu = zoo::gpu();
-    let precisions = if gpu.f64 { vec![Precision::F32, Precision::F64] } else { vec![Precision::F32] };
+    let precisions = precisions(gpu);
     let measure = |case: StabilityCase| {
         let outcomes = precisions.iter().map(|&p| (p, case.measure(gpu, p).unwrap())).collect();
         Row { case, outcomes }
@@ -60,7 +66,7 @@ fn what_is_no_number_reaches_no_sum_and_is_reported() {
         "ray.direction = vec3<real>(planted_nan());",
         "ray.direction.y = -planted_infinity();",
     ];
-    let precisions = if zoo::gpu().f64 { vec![Precision::F32, Precision::F64] } else { vec![Precision::F32] };
+    let precisions = precisions(zoo::gpu());
     for (scene, baked) in [("bench_lens", true), ("tessar_gaussian_beams", false), ("searchlight", true)] {
         for &precision in &precisions {
             // The seventh's rays gone at once: what the others bring.

@@ -19,7 +19,7 @@ database), and ``total_flux_standard_error`` [W]; both are None where they were 
 them, not those of a live detector's ``get_result()``.
 
 ``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress)``: ``precision="auto"`` takes f64 where the
-adapter is good at it, else f32; ``progress=True`` shows a bar; ``target_error=0.01`` stops when every detector's relative standard error is at most 1 %
+adapter is good at it, else f32 or, where that is too coarse and f64 is missing, ``"df64"``, pairs of f32; ``progress=True`` shows a bar; ``target_error=0.01`` stops when every detector's relative standard error is at most 1 %
 (the error of its flux, and the mean of those of its lit pixels), and ``time_limit`` after so many seconds, with
 ``num_rays`` as the cap; where the target is not met, ToleranceWarning is given; ``timeout`` is in seconds. Ctrl-C ends the trace at
 once. After a trace ``backend.report`` holds what Optiland's result has no field for, such as the exact ledger.

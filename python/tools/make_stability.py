@@ -42,8 +42,8 @@ CASES = Path(__file__).resolve().parents[2] / "benches" / "stability" / "cases.j
 
 #: Roundings of each number of a scene that an answer may differ by.
 ROUNDINGS = 8
-#: Half a unit in the last place of 1.
-EPSILON = {"f32": mpf(2) ** -24, "f64": mpf(2) ** -53}
+#: Half a unit in the last place of 1; of df64, what a product may be rounded by.
+EPSILON = {"f32": mpf(2) ** -24, "df64": 5 * mpf(2) ** -48, "f64": mpf(2) ** -53}
 #: What totals are counted in, of a new ray's weight.
 QUANTUM = mpf(2) ** -52
 #: Standard deviations for what chance decides.
@@ -726,7 +726,10 @@ def interval(case: Case, reading: Reading, tier: str) -> tuple[list[float], bool
 
 
 def _in_tier(value: mpf, tier: str) -> mpf:
-    return mpf(float(np.float32(float(value)))) if tier == "f32" else value
+    if tier == "f64":
+        return value
+    high = np.float32(float(value))
+    return mpf(float(high)) if tier == "f32" else mpf(float(high)) + mpf(float(np.float32(float(value - mpf(float(high))))))
 
 
 def expected(case: Case, reading: Reading) -> float:

@@ -51,6 +51,7 @@ pub struct Reading {
     /// True if draws decide it.
     pub by_chance: bool,
     f32: [f64; 2],
+    df64: [f64; 2],
     f64: [f64; 2],
     nothing: Vec<String>,
     /// What Optiland's NumPy backend reads, if it reads anything.
@@ -99,6 +100,7 @@ impl Reading {
     pub fn interval(&self, precision: Precision) -> [f64; 2] {
         match precision {
             Precision::F32 => self.f32,
+            Precision::Df64 => self.df64,
             Precision::F64 => self.f64,
         }
     }

@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// Arguments of `nsq-gpu adapters`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Measure the rates of f32 and f64 arithmetic.
+    /// Measure the rates of f32, df64 and f64 arithmetic.
     #[arg(long)]
     measure: bool,
 }
@@ -26,15 +26,23 @@ fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {
     let mut text = format!("{} ({}, {}; {})\n", info.name, info.backend, info.kind, info.driver);
     let yes_no = |has| if has { "yes" } else { "no" };
     let _ = writeln!(text, "  64-bit floats: {}", yes_no(info.f64));
+    let choice = AdapterChoice { name: Some(info.name.clone()), ..Default::default() };
+    let gpu = Gpu::open(&choice)?;
+    let pairs = match gpu.check_df64() {
+        Ok(()) => "yes: its arithmetic passes the test".into(),
+        Err(error) => format!("no: {error}"),
+    };
+    let _ = writeln!(text, "  pairs of 32-bit floats (df64): {pairs}");
     let _ = writeln!(text, "  64-bit integers and atomics: {}", yes_no(info.int64));
     let _ = writeln!(text, "  largest binding: {} MiB", info.max_binding_size >> 20);
     if measure {
-        let choice = AdapterChoice { name: Some(info.name.clone()), ..Default::default() };
-        let rates = Gpu::open(&choice)?.arithmetic_rates()?;
+        let rates = gpu.arithmetic_rates()?;
         let _ = writeln!(text, "  f32: {:.1} G multiply-adds/s", rates.f32 / 1e9);
-        if let Some(f64) = rates.f64 {
-            let _ =
-                writeln!(text, "  f64: {:.1} G multiply-adds/s ({:.2} of f32)", f64 / 1e9, f64 / rates.f32);
+        for (name, rate) in [("df64", rates.df64), ("f64", rates.f64)] {
+            if let Some(rate) = rate {
+                let (billions, share) = (rate / 1e9, rate / rates.f32);
+                let _ = writeln!(text, "  {name}: {billions:.1} G multiply-adds/s ({share:.2} of f32)");
+            }
         }
     }
     if text.is_empty() { Err(Error::Internal("an adapter without a name".into())) } else { Ok(text) }

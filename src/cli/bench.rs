@@ -32,9 +32,9 @@ pub struct Args {
     /// cold_start, viewer); with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
-    /// Arithmetic to measure.
-    #[arg(long, value_enum, default_value_t = PrecisionsArg::Both)]
-    precision: PrecisionsArg,
+    /// Arithmetic to measure; by default both, with --stability all.
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionsArg>,
     /// Measured runs of each case, after one to warm up; 5, or 3 with --quick.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     runs: Option<u16>,
@@ -72,10 +72,14 @@ pub struct Args {
 enum PrecisionsArg {
     /// 32-bit floats.
     F32,
+    /// Pairs of 32-bit floats.
+    Df64,
     /// 64-bit floats.
     F64,
-    /// Whatever of both the adapter has.
+    /// Whatever of f32 and f64 the adapter has.
     Both,
+    /// Whatever of all three the adapter has.
+    All,
 }
 
 /// The `--against` argument.
@@ -113,7 +117,7 @@ pub fn run(args: &Args) -> Result<String> {
         gpu: &gpu,
         program: std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?,
         num_runs: usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 })),
-        precisions: precisions(args, &gpu),
+        precisions: precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu),
     };
     let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
@@ -144,7 +148,7 @@ pub fn run(args: &Args) -> Result<String> {
 /// Traces the cases of [`stability`], and prints their table.
 fn run_stability(args: &Args) -> Result<String> {
     let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
-    let precisions = precisions(args, &gpu);
+    let precisions = precisions(args.precision.unwrap_or(PrecisionsArg::All), &gpu);
     let mut rows = Vec::new();
     for case in stability::cases()? {
         let outcome = |precision: &Precision| Ok((*precision, case.measure(&gpu, *precision)?));
@@ -163,11 +167,9 @@ fn run_stability(args: &Args) -> Result<String> {
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
     let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
-    let precision = match precisions(args, &gpu).as_slice() {
-        [_, ..] if args.precision == PrecisionsArg::Both && gpu.info.is_cpu() && gpu.f64 => Precision::F64,
-        [precision, ..] => *precision,
-        [] => Precision::F32,
-    };
+    let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
+    let wanted = precisions(args.precision.unwrap_or(default), &gpu);
+    let precision = wanted.first().copied().unwrap_or(Precision::F32);
     let trials = tuning::measure(&gpu, precision)?;
     let best = tuning::best(&trials);
     let path = best.keep(&gpu.info)?;
@@ -196,7 +198,7 @@ fn run_accuracy(args: &Args) -> Result<String> {
     let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
     check_scenes(args)?;
     let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
-    let precisions = precisions(args, &gpu);
+    let precisions = precisions(args.precision.unwrap_or(PrecisionsArg::All), &gpu);
     let mut peers = map_peers(args)?;
     let effort = if args.quick { QUICK } else { FULL };
     let mut report = AccuracyReport::new(&gpu.info, args.note.clone());
@@ -268,12 +270,15 @@ fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
     Ok(cases)
 }
 
-fn precisions(args: &Args, gpu: &Gpu) -> Vec<Precision> {
-    match args.precision {
+fn precisions(wanted: PrecisionsArg, gpu: &Gpu) -> Vec<Precision> {
+    let pairs = || gpu.check_df64().is_ok().then_some(Precision::Df64);
+    let doubles = gpu.f64.then_some(Precision::F64);
+    match wanted {
         PrecisionsArg::F32 => vec![Precision::F32],
+        PrecisionsArg::Df64 => vec![Precision::Df64],
         PrecisionsArg::F64 => vec![Precision::F64],
-        PrecisionsArg::Both if gpu.f64 => vec![Precision::F32, Precision::F64],
-        PrecisionsArg::Both => vec![Precision::F32],
+        PrecisionsArg::Both => [Some(Precision::F32), doubles].into_iter().flatten().collect(),
+        PrecisionsArg::All => [Some(Precision::F32), pairs(), doubles].into_iter().flatten().collect(),
     }
 }
 

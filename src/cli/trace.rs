@@ -115,10 +115,13 @@ pub struct Args {
 /// The `--precision` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PrecisionArg {
-    /// f64 on a processor; on a GPU f32, unless the error predicted for the scene is too large.
+    /// f64 on a processor; on a GPU f32, unless the error predicted for the scene is too large: then f64, or df64 where
+    /// there is no f64.
     Auto,
     /// 32-bit floats.
     F32,
+    /// Pairs of 32-bit floats: 48 bits, on adapters whose arithmetic passes a test.
+    Df64,
     /// 64-bit floats.
     F64,
 }
@@ -299,6 +302,7 @@ fn adapter_choice(args: &Args) -> AdapterChoice {
 fn wanted(precision: PrecisionArg) -> Wanted {
     match precision {
         PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
+        PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),
         PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
         PrecisionArg::Auto => Wanted::Auto,
     }

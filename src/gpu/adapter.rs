@@ -1,7 +1,7 @@
 //! Adapters and devices.
 
 use crate::error::{Error, Result};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// How to choose an adapter.
 #[derive(Debug, Clone, Default)]
@@ -68,6 +68,8 @@ pub struct Gpu {
     /// Bounds checks in shaders.
     pub runtime_checks: bool,
     failure: Arc<Mutex<Option<String>>>,
+    /// What the test of double-word arithmetic said, once it was asked.
+    pub(super) df64: OnceLock<Result<()>>,
 }
 
 fn instance() -> wgpu::Instance {
@@ -187,7 +189,8 @@ impl Gpu {
             );
         }));
         let (f64, int64) = (info.f64, native && info.int64);
-        Ok(Gpu { device, queue, info, f64, int64, runtime_checks: choice.runtime_checks, failure })
+        let (runtime_checks, df64) = (choice.runtime_checks, OnceLock::new());
+        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, failure, df64 })
     }
 
     /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms

@@ -3,8 +3,8 @@
 use super::Gpu;
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::error::{Error, Result};
-use crate::program::end_log::{self, EndLog, Grid};
-use crate::program::{Cells, Precision};
+use crate::program::Cells;
+use crate::program::end_log::{self, EndLog, Grid, Real};
 
 /// Two logs, so that the host adds up one while the device writes the other.
 #[derive(Debug)]
@@ -48,9 +48,9 @@ impl EndLogs {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn new(gpu: &Gpu, shape: EndLog, cells: &Cells, rays: u32) -> Result<Self> {
-        let real_bytes = match shape.precision {
-            Precision::F32 => 4,
-            Precision::F64 => 8,
+        let real_bytes = match shape.real {
+            Real::F32 => 4,
+            Real::F64 => 8,
         };
         let weight_bytes = u64::from(rays) * u64::from(shape.num_rows) * real_bytes;
         let log = || -> Result<Log> {
@@ -119,13 +119,13 @@ impl EndLogs {
             let weights = log.weights.get_mapped_range(..).map_err(failed)?;
             let ends = &bytemuck::cast_slice(&cells)[..written.rays as usize];
             let stride = self.stride as usize;
-            match self.shape.precision {
-                Precision::F32 => {
+            match self.shape.real {
+                Real::F32 => {
                     let weights: &[f32] = bytemuck::cast_slice(&weights);
                     let real = |row: usize, ray: usize| f64::from(weights[row * stride + ray]);
                     self.sums.add(ends, &self.shape, written.birth_quanta, real)
                 }
-                Precision::F64 => {
+                Real::F64 => {
                     let weights: &[f64] = bytemuck::cast_slice(&weights);
                     let real = |row: usize, ray: usize| weights[row * stride + ray];
                     self.sums.add(ends, &self.shape, written.birth_quanta, real)

@@ -2,6 +2,7 @@
 
 pub mod adapter;
 pub mod compute;
+pub mod double_word;
 pub mod end_log;
 pub mod profile;
 pub mod rates;

@@ -3,7 +3,7 @@
 use super::Gpu;
 use super::compute::bindings_of;
 use crate::error::{Error, Result};
-use crate::program::Precision;
+use crate::program::{Precision, df64};
 use std::time::Instant;
 
 /// Multiply-adds per second.
@@ -11,6 +11,8 @@ use std::time::Instant;
 pub struct ArithmeticRates {
     /// In f32.
     pub f32: f64,
+    /// In df64, where the adapter's arithmetic passes the test.
+    pub df64: Option<f64>,
     /// In f64, where the adapter has it.
     pub f64: Option<f64>,
 }
@@ -33,22 +35,36 @@ fn measure(@builtin(global_invocation_id) id: vec3<u32>) {
 ";
 
 impl Gpu {
-    /// Measures both precisions.
+    /// Measures every precision.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn arithmetic_rates(&self) -> Result<ArithmeticRates> {
-        let f64 = if self.f64 { Some(self.rate(Precision::F64)?) } else { None };
-        Ok(ArithmeticRates { f32: self.rate(Precision::F32)?, f64 })
+        let rate = |precision, there| if there { self.rate(precision).map(Some) } else { Ok(None) };
+        let df64 = rate(Precision::Df64, self.check_df64().is_ok())?;
+        let f64 = rate(Precision::F64, self.f64)?;
+        Ok(ArithmeticRates { f32: self.rate(Precision::F32)?, df64, f64 })
     }
 
     fn rate(&self, precision: Precision) -> Result<f64> {
-        let wgsl = format!("alias real = {};{SHADER}", precision.name());
-        let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| Error::Internal(e.to_string()))?;
+        let parse =
+            |wgsl: &str| naga::front::wgsl::parse_str(wgsl).map_err(|e| Error::Internal(e.to_string()));
+        let (module, wgsl) = match precision {
+            Precision::F32 | Precision::F64 => {
+                let wgsl = format!("alias real = {};{SHADER}", precision.name());
+                (parse(&wgsl)?, wgsl)
+            }
+            Precision::Df64 => {
+                df64::rewrite(&parse(&format!("alias real = f64;{}{SHADER}", df64::LIBRARY))?)?
+            }
+        };
         let layout = self.bind_group_layout("rates", &bindings_of(&module), 0);
         let pipeline = self.pipeline("measure", &self.shader("rates", &wgsl), &[&layout], &[]);
         let buffer = self.buffer("rates", u64::from(INVOCATIONS) * 8)?;
-        let group = self.bind_group("rates", &layout, [(0, &buffer)]);
+        let zero = self.constant_buffer("rates", &[0; 16]);
+        let buffers =
+            [(0, &buffer)].into_iter().chain((precision == Precision::Df64).then_some((df64::ZERO, &zero)));
+        let group = self.bind_group("rates", &layout, buffers);
         let run = || -> Result<f64> {
             let mut encoder = self.device.create_command_encoder(&Default::default());
             {

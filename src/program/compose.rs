@@ -55,6 +55,7 @@ impl Composition<'_> {
     pub fn compose(&self) -> Result<String> {
         let real = match self.precision() {
             Precision::F32 => Real::F32,
+            Precision::Df64 => Real::Df64,
             Precision::F64 => Real::F64,
         };
         let integers = if self.options.native { Integers::Native } else { Integers::Portable };
@@ -161,6 +162,7 @@ impl Composition<'_> {
         if f.splits {
             let significands = literal(o.precision.significands(), o.precision)?;
             let _ = writeln!(text, "const SIGNIFICANDS: real = {significands};");
+            let _ = writeln!(text, "const CUTS_WEIGHTS: bool = {};", self.cuts_weights());
         }
         let threshold = literal(o.roulette_threshold, o.precision)?;
         let _ = writeln!(text, "const ROULETTE_THRESHOLD: real = {threshold};");
@@ -300,6 +302,11 @@ impl Composition<'_> {
         } else {
             shader!("lib/branch_fresnel.wgsl")
         }
+    }
+
+    /// Where rays are split, a weight must be whole steps; a pair of f32 can hold more.
+    fn cuts_weights(&self) -> bool {
+        self.features.splits && self.precision() == Precision::Df64
     }
 
     /// Where rays are split, `draw_reflection` is the split's, which falls back on the draw under another name.
@@ -464,7 +471,7 @@ impl Composition<'_> {
             (f.refractive, "CELL_UNDERFLOWS", false),
             (f.roulette, "CELL_ROULETTE_GAIN", true),
             (f.bulk_absorption, "CELL_BULK", true),
-            (f.importance, "CELL_IMPORTANCE_LOSS", true),
+            (f.importance || self.cuts_weights(), "CELL_IMPORTANCE_LOSS", true),
             (f.importance, "CELL_IMPORTANCE_GAIN", true),
             (f.coated, "CELL_COATING", true),
             (!f.bsdfs.is_empty(), "CELL_BSDF", true),

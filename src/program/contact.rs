@@ -24,10 +24,14 @@ pub struct Contact {
 /// Roundings of a coordinate within which faces coincide.
 const ROUNDINGS: f64 = 16.0;
 
+/// What a coordinate in df64 is rounded by: sums and products lose up to 5 u^2, u = 2^-24.
+const DF64_EPSILON: f64 = 16.0 * (0.5 * f32::EPSILON as f64) * (0.5 * f32::EPSILON as f64);
+
 /// Distance within which faces of this size coincide \[mm\].
 pub fn tolerance(precision: Precision, size: f64) -> f64 {
     let epsilon = match precision {
         Precision::F32 => f64::from(f32::EPSILON),
+        Precision::Df64 => DF64_EPSILON,
         Precision::F64 => f64::EPSILON,
     };
     ROUNDINGS * epsilon * size

@@ -20,12 +20,21 @@ pub struct EndLog {
     pub has_weights: bool,
     /// Rows of weights and shares.
     pub num_rows: u32,
-    /// Precision of weights and shares.
-    pub precision: Precision,
+    /// What weights and shares are.
+    pub real: Real,
     /// The host need only count: sums follow from the counts.
     pub counts_alone: bool,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
+}
+
+/// What weights and shares are in the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Real {
+    /// 32-bit floats.
+    F32,
+    /// 64-bit floats.
+    F64,
 }
 
 /// How the cells of a detector lie.
@@ -40,8 +49,8 @@ pub struct Grid {
 }
 
 impl EndLog {
-    /// The log of a scene. None where rays are split, because a launched ray then has many ends, and where there are so
-    /// many cells that the host would find none of them in its caches, as with replicates.
+    /// The log of a scene. None where rays are split, because a launched ray then has many ends; where there are so many
+    /// cells, or replicates of them, that the host would not find them in its caches; and none of pairs of f32.
     pub fn of(
         ir: &SceneIr,
         features: &Features,
@@ -50,7 +59,13 @@ impl EndLog {
         counts_alone: bool,
     ) -> Option<Self> {
         let has_replicates = options.moments == SecondMoments::Replicates;
-        if !options.host_sums || has_replicates || features.splits || cells.num_cells > 1 << CELL_BITS {
+        let real = match options.precision {
+            Precision::F32 => Real::F32,
+            Precision::F64 => Real::F64,
+            Precision::Df64 => return None,
+        };
+        let is_large = cells.num_cells > 1 << CELL_BITS;
+        if !options.host_sums || has_replicates || features.splits || is_large {
             return None;
         }
         let has_weights = !features.keeps_weight;
@@ -60,7 +75,6 @@ impl EndLog {
             let row = column * sensor.kind.grid().map_or(1, |grid| grid.num_pixels_x as usize);
             Grid { first: first as usize, column, row }
         });
-        let precision = options.precision;
-        Some(EndLog { has_weights, num_rows, precision, counts_alone, grids: grids.collect() })
+        Some(EndLog { has_weights, num_rows, real, counts_alone, grids: grids.collect() })
     }
 }

@@ -8,6 +8,8 @@ use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorK
 pub enum Precision {
     /// 32-bit floats: every adapter.
     F32,
+    /// Pairs of 32-bit floats: adapters whose arithmetic passes a test.
+    Df64,
     /// 64-bit floats: adapters with the feature.
     F64,
 }
@@ -17,14 +19,16 @@ impl Precision {
     pub fn name(self) -> &'static str {
         match self {
             Precision::F32 => "f32",
+            Precision::Df64 => "df64",
             Precision::F64 => "f64",
         }
     }
 
-    /// Numbers from 2^n on are whole multiples of 2^n / significands.
+    /// Numbers from 2^n on that are whole multiples of 2^n / significands have differences that are not rounded.
     pub fn significands(self) -> f64 {
         match self {
             Precision::F32 => 16777216.0,
+            Precision::Df64 => 140737488355328.0,
             Precision::F64 => 9007199254740992.0,
         }
     }

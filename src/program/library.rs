@@ -7,6 +7,8 @@ use super::rng::Sampler;
 pub enum Real {
     /// 32-bit floats: every adapter.
     F32,
+    /// f64 in the text, for [`super::df64::rewrite`] to make pairs of 32-bit floats of.
+    Df64,
     /// 64-bit floats: adapters with `SHADER_F64`.
     F64,
 }
@@ -36,12 +38,21 @@ pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
             shader!("real_f32.wgsl"),
             shader!("math_f32.wgsl"),
             shader!("polynomials_f32.wgsl"),
+            shader!("quanta_f32.wgsl"),
+        ],
+        Real::Df64 => [
+            "alias real = f64;\n",
+            shader!("real_df64.wgsl"),
+            shader!("math_df64.wgsl"),
+            shader!("polynomials_f64.wgsl"),
+            concat!(shader!("quanta_f32.wgsl"), shader!("df64.wgsl")),
         ],
         Real::F64 => [
             "alias real = f64;\n",
             shader!("real_f64.wgsl"),
             shader!("math_f64.wgsl"),
             shader!("polynomials_f64.wgsl"),
+            "",
         ],
     };
     let sums = match integers {

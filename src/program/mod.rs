@@ -3,6 +3,8 @@
 pub mod bsdf;
 pub mod compose;
 pub mod contact;
+#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
+pub mod df64;
 pub mod end_log;
 pub mod events;
 pub mod features;
@@ -107,9 +109,11 @@ impl ProgramOptions {
 /// A composed, validated shader module and the constant buffers it reads.
 #[derive(Debug)]
 pub struct Program {
-    /// The WGSL.
+    /// The WGSL as it is composed.
     pub wgsl: String,
-    /// Its module, for reflection.
+    /// In df64, the WGSL with pairs in place of f64.
+    pub rewritten: Option<String>,
+    /// The module that the device runs, for reflection.
     pub module: naga::Module,
     /// What the scene needs.
     pub features: Features,
@@ -204,9 +208,14 @@ impl Program {
         let wgsl = edit(composition.compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
+        let (module, rewritten) = match options.precision {
+            Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,
+            Precision::F32 | Precision::F64 => (module, None),
+        };
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
         let mut program = Program {
             wgsl,
+            rewritten,
             module,
             features,
             options,
@@ -236,6 +245,9 @@ impl Program {
         contacts: &[contact::Contact],
     ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
+        if self.options.precision == Precision::Df64 {
+            buffers.push((df64::ZERO, vec![0; 16]));
+        }
         if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
             buffers.push((MEDIA, self.media(ir)?));
         }
@@ -284,6 +296,11 @@ impl Program {
         (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
     }
 
+    /// The WGSL that the device runs.
+    pub fn source(&self) -> &str {
+        self.rewritten.as_deref().unwrap_or(&self.wgsl)
+    }
+
     /// The entry point that follows new rays.
     pub fn entry_point(&self) -> &'static str {
         if self.features.splits { "trace_split" } else { "trace_new" }
@@ -309,7 +326,7 @@ impl Program {
     pub fn real_size(&self) -> usize {
         match self.options.precision {
             Precision::F32 => 4,
-            Precision::F64 => 8,
+            Precision::Df64 | Precision::F64 => 8,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
 
-use super::Precision;
+use super::{Precision, df64};
 use crate::error::{Error, Result};
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -141,7 +141,7 @@ static PADDING: LazyLock<[Column; 3]> = LazyLock::new(|| {
 /// Bytes of a row in a uniform, and how many columns of [`PADDING`] it takes.
 fn uniform_stride(columns: &[&Column], precision: Precision) -> (usize, usize) {
     let size = |column: &Column| match (&column.values, precision) {
-        (Values::Real(_), Precision::F64) => 8,
+        (Values::Real(_), Precision::Df64 | Precision::F64) => 8,
         _ => 4,
     };
     let end = columns.iter().fold(0_usize, |end, column| end.next_multiple_of(size(column)) + size(column));
@@ -228,6 +228,7 @@ pub fn literal(value: f64, precision: Precision) -> Result<String> {
 fn round_to(value: f64, precision: Precision) -> Result<f64> {
     let rounded = match precision {
         Precision::F32 => f64::from(value as f32),
+        Precision::Df64 => df64::rounded(value),
         Precision::F64 => value,
     };
     if rounded.is_finite() {
@@ -242,6 +243,7 @@ pub fn put_real(place: &mut [u8], value: f64, precision: Precision) -> Result<()
     let rounded = round_to(value, precision)?;
     match precision {
         Precision::F32 => place[..4].copy_from_slice(&(rounded as f32).to_le_bytes()),
+        Precision::Df64 => place[..8].copy_from_slice(bytemuck::bytes_of(&df64::split(value))),
         Precision::F64 => place[..8].copy_from_slice(&rounded.to_le_bytes()),
     }
     Ok(())

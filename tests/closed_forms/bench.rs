@@ -46,7 +46,7 @@ impl Tier {
     /// The value for the precision at hand.
     pub fn pick<T>(&self, in_f64: T, in_f32: T) -> T {
         match self.precision {
-            Precision::F64 => in_f64,
+            Precision::F64 | Precision::Df64 => in_f64,
             Precision::F32 => in_f32,
         }
     }

@@ -1,14 +1,17 @@
 //! A small harness that runs WGSL on the adapter, for tests.
 #![allow(dead_code, reason = "each test binary compiles the harness and uses its part of it")]
 
+use nsq_gpu::program::df64;
 use nsq_gpu::program::library::{Integers, Real};
 use std::io::Write;
 use wgpu::util::DeviceExt;
 
 /// Every tier: precision and integers.
-pub const TIERS: [(Real, Integers); 4] = [
+pub const TIERS: [(Real, Integers); 6] = [
     (Real::F32, Integers::Portable),
     (Real::F32, Integers::Native),
+    (Real::Df64, Integers::Portable),
+    (Real::Df64, Integers::Native),
     (Real::F64, Integers::Portable),
     (Real::F64, Integers::Native),
 ];
@@ -32,12 +35,13 @@ impl Storage {
         Self { binding, bytes: bytemuck::cast_slice(values).to_vec(), written: false }
     }
 
-    /// A buffer of `array<real>` that the shader reads; f32 rounds the numbers.
+    /// A buffer of `array<real>` that the shader reads; f32 and df64 round the numbers.
     pub fn reals(binding: u32, real: Real, numbers: &[f64]) -> Self {
         match real {
             Real::F32 => {
                 Self::read(binding, &numbers.iter().map(|&number| number as f32).collect::<Vec<f32>>())
             }
+            Real::Df64 => Self::read(binding, &numbers.iter().copied().map(df64::split).collect::<Vec<_>>()),
             Real::F64 => Self::read(binding, numbers),
         }
     }
@@ -57,7 +61,7 @@ impl Storage {
 pub fn real_bytes(real: Real) -> usize {
     match real {
         Real::F32 => 4,
-        Real::F64 => 8,
+        Real::Df64 | Real::F64 => 8,
     }
 }
 
@@ -65,6 +69,7 @@ pub fn real_bytes(real: Real) -> usize {
 pub fn reals_of(real: Real, bytes: &[u8]) -> Vec<f64> {
     match real {
         Real::F32 => bytemuck::cast_slice::<u8, f32>(bytes).iter().map(|&number| f64::from(number)).collect(),
+        Real::Df64 => bytemuck::cast_slice(bytes).iter().map(|&pair| df64::join(pair)).collect(),
         Real::F64 => bytemuck::cast_slice(bytes).to_vec(),
     }
 }
@@ -72,7 +77,7 @@ pub fn reals_of(real: Real, bytes: &[u8]) -> Vec<f64> {
 /// The features that a tier needs.
 pub fn features(real: Real, integers: Integers) -> wgpu::Features {
     let real = match real {
-        Real::F32 => wgpu::Features::empty(),
+        Real::F32 | Real::Df64 => wgpu::Features::empty(),
         Real::F64 => wgpu::Features::SHADER_F64,
     };
     let integers = match integers {
@@ -118,11 +123,15 @@ impl Gpu {
 
     /// Runs the entry point `main` of a shader and returns the bytes of the written buffers, in their order.
     pub fn run(&self, source: &str, storages: &[Storage], workgroups: [u32; 3]) -> Vec<Vec<u8>> {
-        let pipeline = self.pipeline(source);
+        let rewritten = rewritten(source);
+        let pipeline = self.pipeline(rewritten.as_deref().unwrap_or(source));
         let buffers: Vec<wgpu::Buffer> = storages.iter().map(|storage| self.buffer(storage)).collect();
+        let zero = Storage::read(df64::ZERO, &[0_u32; 4]);
+        let zero = rewritten.is_some().then(|| (&zero, self.buffer(&zero)));
         let entries: Vec<wgpu::BindGroupEntry> = storages
             .iter()
             .zip(&buffers)
+            .chain(zero.as_ref().map(|(storage, buffer)| (*storage, buffer)))
             .map(|(storage, buffer)| wgpu::BindGroupEntry {
                 binding: storage.binding,
                 resource: buffer.as_entire_binding(),
@@ -182,4 +191,12 @@ impl Gpu {
         self.device.poll(wgpu::PollType::wait_indefinitely()).expect("the device finishes");
         mapped.get_mapped_range(..).expect("the buffer is mapped").to_vec()
     }
+}
+
+/// A source in df64 with pairs in place of f64.
+fn rewritten(source: &str) -> Option<String> {
+    source.contains(df64::LIBRARY).then(|| {
+        let module = naga::front::wgsl::parse_str(source).expect("the source is valid");
+        df64::rewrite(&module).expect("the source has a counterpart in df64").1
+    })
 }

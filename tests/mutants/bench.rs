@@ -3,7 +3,7 @@
 use crate::table::Mutant;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::ir::{SceneIr, SensorKind};
-use nsq_gpu::program::Precision;
+use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use std::cell::Cell;
@@ -100,6 +100,12 @@ impl Bench {
         TraceResult::new(ir, &run, &self.tally(ir, setting)).unwrap()
     }
 
+    /// What the device makes of double-word arithmetic.
+    pub fn double_words(&self) -> Result<(), String> {
+        let library = self.edit(df64::LIBRARY.to_string());
+        self.gpus.native.test_df64(&library).map_err(|error| error.to_string())
+    }
+
     fn edit(&self, wgsl: String) -> String {
         let Some(mutant) = self.mutant else { return wgsl };
         let (original, mutated) = (mutant.original(), mutant.mutated());
@@ -130,5 +136,5 @@ pub fn scene(name: &str) -> SceneIr {
 
 /// A precision by its name.
 pub fn precision(name: &str) -> Option<Precision> {
-    [Precision::F32, Precision::F64].into_iter().find(|precision| precision.name() == name)
+    [Precision::F32, Precision::Df64, Precision::F64].into_iter().find(|precision| precision.name() == name)
 }

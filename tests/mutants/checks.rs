@@ -114,7 +114,7 @@ fn parity(bench: &Bench, scene_of: &Scene) -> Outcome {
     setting.options.num_rays = oracle.num_rays();
     let result = bench.result(&scene(&scene_of.name), &setting);
     match setting.options.precision {
-        Precision::F64 => oracle.compare(&result),
+        Precision::F64 | Precision::Df64 => oracle.compare(&result),
         Precision::F32 => oracle.compare_roughly(&result),
     }
 }

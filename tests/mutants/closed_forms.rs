@@ -15,6 +15,7 @@ use nsq_gpu::{StandardError, TraceResult};
 /// The closed form of this name.
 pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
     Some(match name {
+        "double words" => Bench::double_words,
         "window" => window,
         "window, importance" => window_by_importance,
         "total reflection" => total_reflection,

@@ -102,6 +102,14 @@ fn f32_native_variants_are_valid_where_integers_have_64_bits() {
     }
 }
 
+/// Every fourth: their text is that of f64, whose every variant is tested.
+#[test]
+fn df64_variants_are_valid_everywhere() {
+    for (native, baked) in [(false, true), (true, false)] {
+        check_all(Tier { precision: Precision::Df64, native, baked }, all_variants().step_by(4));
+    }
+}
+
 #[test]
 fn f64_portable_variants_are_valid_where_floats_have_64_bits() {
     for baked in [true, false] {

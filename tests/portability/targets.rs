@@ -25,8 +25,10 @@ impl Target {
     /// The targets that can say what the options ask for. Metal has neither f64 nor sums by 64-bit atomics.
     pub fn of(options: &ProgramOptions) -> Vec<Target> {
         match (options.precision, options.native) {
-            (Precision::F32, false) => vec![Target::SpirV, Target::Msl, Target::Hlsl, Target::Wgsl],
-            (Precision::F32, true) => vec![Target::SpirV, Target::Hlsl, Target::Wgsl],
+            (Precision::F32 | Precision::Df64, false) => {
+                vec![Target::SpirV, Target::Msl, Target::Hlsl, Target::Wgsl]
+            }
+            (Precision::F32 | Precision::Df64, true) => vec![Target::SpirV, Target::Hlsl, Target::Wgsl],
             (Precision::F64, _) => vec![Target::SpirV, Target::Hlsl, Target::Wgsl],
         }
     }
@@ -50,7 +52,7 @@ impl Target {
 /// What the tier may use, and nothing else.
 pub fn capabilities(options: &ProgramOptions) -> Capabilities {
     let floats = match options.precision {
-        Precision::F32 => Capabilities::empty(),
+        Precision::F32 | Precision::Df64 => Capabilities::empty(),
         Precision::F64 => Capabilities::FLOAT64,
     };
     let integers = match options.native {

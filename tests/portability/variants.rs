@@ -20,10 +20,10 @@ pub struct Tier {
 }
 
 impl Tier {
-    /// All eight.
+    /// All twelve.
     pub fn all() -> Vec<Tier> {
         let mut tiers = Vec::new();
-        for precision in [Precision::F32, Precision::F64] {
+        for precision in [Precision::F32, Precision::Df64, Precision::F64] {
             for native in [false, true] {
                 tiers.extend([false, true].map(|baked| Tier { precision, native, baked }));
             }

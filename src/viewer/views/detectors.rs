@@ -129,7 +129,7 @@ fn options(app: &mut App, ui: &mut Ui) {
             egui::ComboBox::from_id_salt("precision")
                 .selected_text(name(*precision))
                 .show_ui(ui, |ui| {
-                    for choice in [None, Some(Precision::F32), Some(Precision::F64)] {
+                    for choice in [None, Some(Precision::F32), Some(Precision::Df64), Some(Precision::F64)] {
                         ui.selectable_value(precision, choice, name(choice));
                     }
                 })
