@@ -21,7 +21,7 @@ pub struct Numerical {
     pub against: String,
     /// Rays traced.
     pub num_rays: u64,
-    /// Time that a ray takes in this tier \[ns\].
+    /// Time that a ray takes in this tier, with the scene compiled in \[ns\].
     pub ns_per_ray: f64,
     /// Differences of rays that meet the same surfaces and end alike.
     pub same: Differences,
@@ -91,7 +91,7 @@ pub fn measure(
                 shader: form.name(),
                 against: best.name(),
                 num_rays,
-                ns_per_ray: ns_per_ray(gpu, scene, &ir, form, num_rays)?,
+                ns_per_ray: ns_per_ray(gpu, scene, &ir, Form { baked: true, ..form }, num_rays)?,
                 same,
                 num_other_fate,
             })
