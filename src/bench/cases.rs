@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 pub struct Case {
     /// Unique name.
     pub name: String,
-    /// What the case is one point of: `rays`, `surfaces`, `depth`, `lenses`, `spheres`, `meshes`, `commands`, `cold_start`.
+    /// What the case is one point of: `rays`, `surfaces`, `depth`, `lenses`, `spheres`, `meshes`, `splats`, `commands`, `cold_start`.
     pub axis: &'static str,
     /// The scene file's text.
     pub scene: String,
@@ -54,6 +54,8 @@ pub fn all(max_rays: u64) -> Vec<Case> {
     cases.extend((0..10).map(|i| trace(&format!("lens_{i}"), "lenses", random_lens(i))));
     cases.push(trace("spheres_100", "spheres", spheres_scene(100)));
     cases.push(trace("mesh_100k", "meshes", torus_scene(224)));
+    cases.push(trace("flat", "splats", beam_scene(25.0)));
+    cases.push(trace("spot", "splats", beam_scene(2500.0)));
     cases.extend(commands());
     cases.iter_mut().for_each(|case| case.num_rays = case.num_rays.min(max_rays));
     cases
@@ -198,6 +200,15 @@ fn in_random_directions(surfaces: Vec<Value>) -> String {
         "sources": [source],
         "detectors": [detector(at_z(80.0), 200.0, 64, true)],
         "nsq_gpu": {"version": 1, "surfaces": surfaces},
+    }))
+}
+
+/// A beam of 20 mm on 64 x 64 pixels that are together so wide: all over them, or within four around the centre.
+fn beam_scene(width: f64) -> String {
+    scene(json!({
+        "components": [],
+        "sources": [collimated(at_z(0.0), 10.0)],
+        "detectors": [detector(at_z(10.0), width, 64, true)],
     }))
 }
 

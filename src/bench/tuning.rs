@@ -12,7 +12,7 @@ use std::fmt::Write;
 use std::time::Instant;
 
 /// Cases that differ in what they spend: a lens, a cavity of many events, a tree over many surfaces.
-const CASES: [&str; 3] = ["rays_1e6", "depth_16", "surfaces_200"];
+const CASES: [&str; 3] = ["rays_1e6", "depth_32", "surfaces_200"];
 /// Rays a run.
 const NUM_RAYS: u64 = 400_000;
 /// Runs of each, after one to warm up.

@@ -28,7 +28,7 @@ pub struct Args {
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, commands,
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, splats, commands,
     /// cold_start, viewer); with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,

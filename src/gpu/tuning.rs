@@ -23,7 +23,7 @@ impl Default for Tuning {
 /// The choices that are measured; every adapter that computes can do them.
 pub const WORKGROUP_SIZES: [u32; 3] = [32, 64, 128];
 /// See [`WORKGROUP_SIZES`].
-pub const EVENTS_PER_DISPATCH: [u32; 3] = [4, 8, 16];
+pub const EVENTS_PER_DISPATCH: [u32; 3] = [4, 16, 64];
 
 /// What was found out about one adapter with one driver.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
