@@ -1,4 +1,6 @@
-// Elementary functions: what depends on the parts of a pair of f32. Twin of math_f64.wgsl.
+// Elementary functions: what depends on the parts of a pair of f32. Twin of math_f64.wgsl. Errors of these and of
+// math.wgsl's, in units of 2^-47 of the power of two below the result (tests/lib_math.rs): 2.7 for sine and cosine, 1.3 for
+// log_uniform and acos, 1.2 for exp, 2.5 for atan2, 0.8 for log.
 
 // ln 2 and pi/4 in two parts; the product of the high part with the integers it meets is exact.
 const LN2_HI: real = 0.6931471803691238;
