@@ -62,12 +62,8 @@ fn names(module: &Module, name: &str) -> Vec<String> {
     fields(module, name).0.into_iter().map(|field| field.name).collect()
 }
 
-fn tiers_in_tables() -> [Tier; 3] {
-    [Precision::F32, Precision::Df64, Precision::F64].map(|precision| Tier {
-        precision,
-        native: false,
-        baked: false,
-    })
+fn tiers_in_tables() -> [Tier; 2] {
+    [Precision::F32, Precision::F64].map(|precision| Tier { precision, native: false, baked: false })
 }
 
 #[test]

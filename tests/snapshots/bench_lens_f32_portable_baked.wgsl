@@ -2,6 +2,7 @@ alias real = f32;
 // <- shaders/lib/real_f32.wgsl
 // <- shaders/lib/math_f32.wgsl
 // <- shaders/lib/polynomials_f32.wgsl
+// <- shaders/lib/quanta_f32.wgsl
 // <- shaders/lib/rng_slots.wgsl
 // <- shaders/lib/math.wgsl
 // <- shaders/lib/sums.wgsl
