@@ -40,6 +40,10 @@ fn fields(module: &Module, name: &str) -> (Vec<Field>, usize) {
 fn scalar(inner: &TypeInner) -> Option<Scalar> {
     match inner {
         TypeInner::Scalar(scalar) | TypeInner::Atomic(scalar) => Some(*scalar),
+        // A pair of f32, as the df64 tier has it.
+        TypeInner::Vector { size: naga::VectorSize::Bi, scalar } => {
+            Some(Scalar { width: 2 * scalar.width, ..*scalar })
+        }
         _ => None,
     }
 }
