@@ -632,9 +632,8 @@ impl<'a> Tracer<'a> {
             }
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
-        let birth_quanta = self.birth_quanta(range.emitter);
         if let Some(logs) = &mut self.end_logs {
-            logs.submitted(self.gpu, range.count, birth_quanta, submission)?;
+            logs.submitted(self.gpu, range.count, submission)?;
         }
         if let Some(profile) = &mut self.profile {
             profile.collect(self.gpu)?;

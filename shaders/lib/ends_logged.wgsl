@@ -3,7 +3,7 @@
 
 // Rows of range.log_stride words. An end: the cell in the low bits, then what it is.
 @group(0) @binding(20) var<storage, read_write> end_cells: array<u32>;
-// The weight, unless no ray's changes, and the shares of the first three taps.
+// The weight, unless sums follow from counts, and the shares of the first three taps.
 @group(0) @binding(21) var<storage, read_write> end_weights: array<real>;
 
 // The pixels of the taps beside the first are the same column, or the next; the same row, or the next.

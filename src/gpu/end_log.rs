@@ -38,7 +38,6 @@ struct Log {
 struct Written {
     log: usize,
     rays: u32,
-    birth_quanta: u128,
     submission: wgpu::SubmissionIndex,
 }
 
@@ -78,21 +77,15 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch of rays that were born with so many quanta, and adds up the one before it meanwhile.
+    /// Takes note of a dispatch of so many rays, and adds up the one before it meanwhile.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn submitted(
-        &mut self,
-        gpu: &Gpu,
-        rays: u32,
-        birth_quanta: u128,
-        submission: wgpu::SubmissionIndex,
-    ) -> Result<()> {
+    pub fn submitted(&mut self, gpu: &Gpu, rays: u32, submission: wgpu::SubmissionIndex) -> Result<()> {
         for buffer in [&self.logs[self.turn].cells, &self.logs[self.turn].weights] {
             buffer.map_async(wgpu::MapMode::Read, .., |_| {});
         }
-        let before = self.written.replace(Written { log: self.turn, rays, birth_quanta, submission });
+        let before = self.written.replace(Written { log: self.turn, rays, submission });
         self.turn = 1 - self.turn;
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
@@ -123,12 +116,12 @@ impl EndLogs {
                 Real::F32 => {
                     let weights: &[f32] = bytemuck::cast_slice(&weights);
                     let real = |row: usize, ray: usize| f64::from(weights[row * stride + ray]);
-                    self.sums.add(ends, &self.shape, written.birth_quanta, real)
+                    self.sums.add(ends, &self.shape, real)
                 }
                 Real::F64 => {
                     let weights: &[f64] = bytemuck::cast_slice(&weights);
                     let real = |row: usize, ray: usize| weights[row * stride + ray];
-                    self.sums.add(ends, &self.shape, written.birth_quanta, real)
+                    self.sums.add(ends, &self.shape, real)
                 }
             }
         };
@@ -155,13 +148,7 @@ impl EndSums {
 
     /// Adds the ends of a dispatch, with their weights: `real` gives the value of a row for a ray. None if an end makes
     /// no sense.
-    fn add(
-        &mut self,
-        ends: &[u32],
-        log: &EndLog,
-        birth_quanta: u128,
-        real: impl Fn(usize, usize) -> f64,
-    ) -> Option<()> {
+    fn add(&mut self, ends: &[u32], log: &EndLog, real: impl Fn(usize, usize) -> f64) -> Option<()> {
         for (ray, &end) in ends.iter().enumerate() {
             if end & WITHOUT_PLACE != 0 {
                 *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
@@ -169,16 +156,15 @@ impl EndSums {
             if end & (IN_CELL | IN_TAPS) == 0 {
                 continue;
             }
-            let quanta = match log.has_weights {
-                true => self.quanta_of(real(0, ray))?,
-                false => birth_quanta,
-            };
+            if log.counts_alone {
+                *self.counts.get_mut((end & CELL_MASK) as usize)? += 1;
+                continue;
+            }
+            let quanta = self.quanta_of(real(0, ray))?;
             if end & IN_TAPS == 0 {
                 let cell = (end & CELL_MASK) as usize;
                 *self.counts.get_mut(cell)? += 1;
-                if !log.counts_alone {
-                    *self.quanta.get_mut(cell)? += quanta;
-                }
+                *self.quanta.get_mut(cell)? += quanta;
             } else {
                 self.add_taps(end, grid_of(&log.grids, end)?, quanta, |tap| real(tap + 1, ray))?;
             }

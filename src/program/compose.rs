@@ -149,7 +149,7 @@ impl Composition<'_> {
             let _ = writeln!(text, "const {name}: bool = {value};");
         }
         if let Some(log) = self.end_log {
-            let _ = writeln!(text, "const LOG_WEIGHTS: bool = {};", log.has_weights);
+            let _ = writeln!(text, "const LOG_WEIGHTS: bool = {};", !log.counts_alone);
         }
         if let Some(tree) = self.tree {
             let _ = writeln!(text, "const TREE_ROOT: f32 = {:?};", tree.root);

@@ -16,13 +16,11 @@ pub const CELL_BITS: u32 = 22;
 /// What the log of a program holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EndLog {
-    /// Each end has its weight; else every ray keeps the one it was born with.
-    pub has_weights: bool,
     /// Rows of weights and shares.
     pub num_rows: u32,
     /// What weights and shares are.
     pub real: Real,
-    /// The host need only count: sums follow from the counts.
+    /// Ends have no weight, and the host need only count: sums follow from the counts.
     pub counts_alone: bool,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
@@ -68,13 +66,12 @@ impl EndLog {
         if !options.host_sums || has_replicates || features.splits || is_large {
             return None;
         }
-        let has_weights = !features.keeps_weight;
-        let num_rows = if features.splats[1] { 4 } else { u32::from(has_weights) };
+        let num_rows = if features.splats[1] { 4 } else { u32::from(!counts_alone) };
         let grids = cells.sensors.iter().zip(&ir.sensors).map(|(&first, sensor)| {
             let column = lowered::num_bins(&sensor.kind) as usize;
             let row = column * sensor.kind.grid().map_or(1, |grid| grid.num_pixels_x as usize);
             Grid { first: first as usize, column, row }
         });
-        Some(EndLog { has_weights, num_rows, real, counts_alone, grids: grids.collect() })
+        Some(EndLog { num_rows, real, counts_alone, grids: grids.collect() })
     }
 }
