@@ -182,7 +182,7 @@ pub const MUTANTS: &[Mutant] = &[
     mutant("critical angle lost", "interact.wgsl",
         "(1.0 - eta) * (1.0 + eta)",
         "(1.0 + eta) * (1.0 + eta)",
-        "total reflection"),
+        "parity light_pipe"),
     mutant("eta inverted", "interact.wgsl",
         "let eta = select(indices.y / indices.x, indices.x / indices.y, entering_back);",
         "let eta = select(indices.x / indices.y, indices.y / indices.x, entering_back);",
