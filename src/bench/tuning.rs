@@ -41,7 +41,10 @@ pub fn measure(gpu: &Gpu, precision: Precision) -> Result<Vec<Trial>> {
         })
         .collect();
     let mut trials: Vec<Trial> = ways.iter().map(|&tuning| Trial { tuning, relative: Vec::new() }).collect();
-    for case in cases::all(NUM_RAYS).iter().filter(|case| CASES.contains(&case.name.as_str())) {
+    let cases = cases::all(u64::MAX);
+    for name in CASES {
+        let case = cases.iter().find(|case| case.name == name);
+        let case = case.ok_or_else(|| Error::Internal(format!("no case is named {name}")))?;
         let medians = medians_sec(gpu, case, precision, &ways)?;
         let default = ways.iter().position(|way| *way == Tuning::default()).map(|i| medians[i]);
         let default = default.ok_or_else(|| Error::Internal("the default is not offered".into()))?;
@@ -116,6 +119,14 @@ mod tests {
     fn trial(workgroup_size: u32, relative: &[f64]) -> Trial {
         let tuning = Tuning { workgroup_size, ..Tuning::default() };
         Trial { tuning, relative: relative.to_vec() }
+    }
+
+    #[test]
+    fn every_case_that_is_measured_exists() {
+        let cases = cases::all(u64::MAX);
+        for name in CASES {
+            assert!(cases.iter().any(|case| case.name == name), "{name}");
+        }
     }
 
     #[test]
