@@ -12,6 +12,7 @@
 //!
 //! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
 //! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
+//! [`folders`] knows where a user keeps settings and caches.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
 //! `viewer`, behind the feature of that name, is the window of `nsq-gpu view`.
 
@@ -19,6 +20,7 @@ pub mod bench;
 pub mod checkpoint;
 pub mod cli;
 pub mod error;
+pub mod folders;
 pub mod gpu;
 #[warn(
     clippy::wildcard_enum_match_arm,

@@ -99,7 +99,7 @@ pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -
             Ok(Choice { precision: Precision::F32, reason, warning: need.warning(ir) })
         }
         // A processor runs both at about one rate.
-        Wanted::Auto if gpu.f64 && gpu.info.kind == "Cpu" => {
+        Wanted::Auto if gpu.f64 && gpu.info.is_cpu() => {
             plain(Precision::F64, "a processor computes f64 about as fast as f32")
         }
         Wanted::Auto => {

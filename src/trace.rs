@@ -81,7 +81,7 @@ impl Strict {
     /// True if a trace on this adapter is strict.
     pub fn holds(self, adapter: &AdapterInfo) -> bool {
         match self {
-            Strict::Auto => adapter.strict && adapter.kind == "Cpu",
+            Strict::Auto => adapter.strict && adapter.is_cpu(),
             Strict::On => true,
             Strict::Off => false,
         }

@@ -2,18 +2,9 @@
 // math.wgsl's, in units of 2^-47 of the power of two below the result (tests/lib_math.rs): 2.7 for sine and cosine, 1.3 for
 // log_uniform and acos, 1.2 for exp, 2.5 for atan2, 0.8 for log.
 
-// ln 2 and pi/4 in two parts; the product of the high part with the integers it meets is exact.
-const LN2_HI: real = 0.6931471803691238;
-const LN2_LO: real = 1.9082149292705877e-10;
+// pi/4 in two parts; the product of the high part with the integers it meets is exact.
 const QUARTER_PI_HI: real = 0.7853981633974456;
 const QUARTER_PI_LO: real = 2.6951514290790595e-15;
-
-// x - quarters * pi/2, with pi/2 in three parts (Cody and Waite, Software Manual for the Elementary Functions, 1980).
-fn beyond_quarters(x: real, quarters: real) -> real {
-    let first = x - quarters * 1.5707963267341256;
-    let second = first - quarters * 6.077100506303966e-11;
-    return second - quarters * 2.0222662487959506e-21;
-}
 
 // 2^n, for n from -126 to 127.
 fn power_of_two(n: i32) -> real {

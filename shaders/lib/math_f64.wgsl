@@ -1,18 +1,9 @@
 // Elementary functions: what depends on the bits of an f64, which cannot be read everywhere, so that comparisons and
 // powers of two stand in for them. Twin of math_f32.wgsl.
 
-// ln 2 and pi/4 in two parts; the product of the high part with the integers it meets is exact.
-const LN2_HI: real = 0.6931471803691238;
-const LN2_LO: real = 1.9082149292705877e-10;
+// pi/4 in two parts; the product of the high part with the integers it meets is exact.
 const QUARTER_PI_HI: real = 0.7853981633974483;
 const QUARTER_PI_LO: real = 3.061616997868383e-17;
-
-// x - quarters * pi/2, with pi/2 in three parts (Cody and Waite, Software Manual for the Elementary Functions, 1980).
-fn beyond_quarters(x: real, quarters: real) -> real {
-    let first = x - quarters * 1.5707963267341256;
-    let second = first - quarters * 6.077100506303966e-11;
-    return second - quarters * 2.0222662487959506e-21;
-}
 
 // x * 2^n, for n between -1022 and 1023, where no step leaves the normal numbers if the result does not.
 fn scaled(x: real, n: i32) -> real {

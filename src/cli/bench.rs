@@ -32,7 +32,7 @@ pub struct Args {
     /// cold_start, viewer); with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
-    /// Arithmetic to measure; by default both, with --stability all.
+    /// Arithmetic to measure; by default both; all with --stability and --accuracy.
     #[arg(long, value_enum)]
     precision: Option<PrecisionsArg>,
     /// Measured runs of each case, after one to warm up; 5, or 3 with --quick.
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<String> {
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
         program: std::env::current_exe().map_err(|error| Error::Internal(error.to_string()))?,
@@ -145,9 +145,13 @@ pub fn run(args: &Args) -> Result<String> {
     Ok(if args.json { report.to_json() } else { report.table() })
 }
 
+fn open(args: &Args) -> Result<Gpu> {
+    Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })
+}
+
 /// Traces the cases of [`stability`], and prints their table.
 fn run_stability(args: &Args) -> Result<String> {
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let gpu = open(args)?;
     let precisions = precisions(args.precision.unwrap_or(PrecisionsArg::All), &gpu);
     let mut rows = Vec::new();
     for case in stability::cases()? {
@@ -166,7 +170,7 @@ fn run_stability(args: &Args) -> Result<String> {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);
     let precision = wanted.first().copied().unwrap_or(Precision::F32);
@@ -197,7 +201,7 @@ fn run_accuracy(args: &Args) -> Result<String> {
     }
     let is_chosen = |name: &str| args.scenes.is_empty() || args.scenes.iter().any(|scene| scene == name);
     check_scenes(args)?;
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), ..Default::default() })?;
+    let gpu = open(args)?;
     let precisions = precisions(args.precision.unwrap_or(PrecisionsArg::All), &gpu);
     let mut peers = map_peers(args)?;
     let effort = if args.quick { QUICK } else { FULL };

@@ -158,11 +158,8 @@ impl Gpu {
             // The device's memory is the host's.
             features |= adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
         }
-        let spirv = wgpu::Features::PASSTHROUGH_SHADERS;
-        let strict =
-            adapter.get_info().backend == wgpu::Backend::Vulkan && adapter.features().contains(spirv);
-        if strict {
-            features |= spirv;
+        if info.strict {
+            features |= wgpu::Features::PASSTHROUGH_SHADERS;
         }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("nsq-gpu"),

@@ -48,6 +48,9 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     bindings
 }
 
+/// What needs less of a buffer that grows with the detectors.
+const FEWER_PIXELS: &str = "fewer pixels";
+
 impl Gpu {
     /// Compiles a module.
     pub fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
@@ -139,7 +142,7 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
-        self.check_binding(label, size)?;
+        self.check_binding(label, size, FEWER_PIXELS)?;
         let usage = wgpu::BufferUsages::STORAGE
             | wgpu::BufferUsages::COPY_SRC
             | wgpu::BufferUsages::COPY_DST
@@ -157,7 +160,7 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn mappable_buffer(&self, label: &str, size: u64) -> Result<wgpu::Buffer> {
-        self.check_binding(label, size)?;
+        self.check_binding(label, size, FEWER_PIXELS)?;
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: size.max(16).next_multiple_of(8),
@@ -177,12 +180,13 @@ impl Gpu {
         })
     }
 
-    fn check_binding(&self, label: &str, size: u64) -> Result<()> {
+    /// `advice`: what would need less.
+    fn check_binding(&self, label: &str, size: u64, advice: &str) -> Result<()> {
         let limits = self.device.limits();
         let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         if size > limit {
             return Err(Error::Device(format!(
-                "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use fewer pixels or another adapter",
+                "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use {advice} or another adapter",
                 self.info.name
             )));
         }
@@ -194,16 +198,8 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn scene_buffer(&self, contents: &[u8]) -> Result<wgpu::Buffer> {
-        let limits = self.device.limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        if contents.len() as u64 > limit {
-            return Err(Error::Device(format!(
-                "a table of the scene needs {} bytes, and the adapter `{}` binds at most {limit}; \
-                 use meshes of fewer triangles, --precision f32 or another adapter",
-                contents.len(),
-                self.info.name
-            )));
-        }
+        let size = contents.len() as u64;
+        self.check_binding("a table of the scene", size, "meshes of fewer triangles, --precision f32")?;
         Ok(self.constant_buffer("scene", contents))
     }
 

@@ -2,6 +2,7 @@
 
 use super::AdapterInfo;
 use crate::error::{Error, Result};
+use crate::folders::Folder;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -76,15 +77,6 @@ fn known() -> Vec<Found> {
     text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
-/// The file, where the operating system keeps caches.
 fn path() -> Option<PathBuf> {
-    let folder = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let base = if cfg!(windows) {
-        folder("LOCALAPPDATA")
-    } else if cfg!(target_os = "macos") {
-        folder("HOME").map(|home| home.join("Library/Caches"))
-    } else {
-        folder("XDG_CACHE_HOME").or_else(|| folder("HOME").map(|home| home.join(".cache")))
-    };
-    base.map(|base| base.join("nsq-gpu").join("tuning.json"))
+    Folder::Cache.path().map(|folder| folder.join("tuning.json"))
 }

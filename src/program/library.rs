@@ -44,14 +44,14 @@ pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
             "alias real = f64;\n",
             shader!("real_df64.wgsl"),
             shader!("math_df64.wgsl"),
-            shader!("polynomials_f64.wgsl"),
+            concat!(shader!("reduction_f64.wgsl"), shader!("polynomials_f64.wgsl")),
             concat!(shader!("quanta_f32.wgsl"), shader!("df64.wgsl")),
         ],
         Real::F64 => [
             "alias real = f64;\n",
             shader!("real_f64.wgsl"),
             shader!("math_f64.wgsl"),
-            shader!("polynomials_f64.wgsl"),
+            concat!(shader!("reduction_f64.wgsl"), shader!("polynomials_f64.wgsl")),
             "",
         ],
     };

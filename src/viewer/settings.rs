@@ -2,6 +2,7 @@
 
 use super::compare::Comparison;
 use super::scale::{ColorMap, ScaleKind};
+use crate::folders::Folder;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -107,17 +108,8 @@ impl Settings {
         let _ = std::fs::write(path, text);
     }
 
-    /// The file, where the operating system keeps those of a program.
     fn path() -> Option<PathBuf> {
-        let folder = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let base = if cfg!(windows) {
-            folder("APPDATA")
-        } else if cfg!(target_os = "macos") {
-            folder("HOME").map(|home| home.join("Library/Application Support"))
-        } else {
-            folder("XDG_CONFIG_HOME").or_else(|| folder("HOME").map(|home| home.join(".config")))
-        };
-        base.map(|base| base.join("nsq-gpu").join("viewer.json"))
+        Folder::Settings.path().map(|folder| folder.join("viewer.json"))
     }
 }
 

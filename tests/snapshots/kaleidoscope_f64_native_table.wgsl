@@ -1,6 +1,7 @@
 alias real = f64;
 // <- shaders/lib/real_f64.wgsl
 // <- shaders/lib/math_f64.wgsl
+// <- shaders/lib/reduction_f64.wgsl
 // <- shaders/lib/polynomials_f64.wgsl
 // <- shaders/lib/rng_slots.wgsl
 // <- shaders/lib/math.wgsl
