@@ -785,14 +785,14 @@ impl<'a> Tracer<'a> {
         let counters = self.device.read_counters(self.gpu, &self.program)?;
         let mut counters: Vec<u64> = counters.into_iter().map(u64::from).collect();
         let ends = self.end_logs.as_mut().map(|logs| logs.take(&self.program.cells)).unwrap_or_default();
-        counters.iter_mut().zip(ends.counts).for_each(|(sum, count)| *sum += count);
+        counters.iter_mut().zip(&ends.counts).for_each(|(sum, count)| *sum += count);
         if self.program.constant_weights {
             let quanta = self.birth_quanta(0);
             let sums = counters.iter().map(|&count| quanta * u128::from(count)).collect();
             return Ok((counters, sums));
         }
         let mut sums = self.device.read_sums(self.gpu, &self.program)?;
-        sums.iter_mut().zip(ends.quanta).for_each(|(sum, quanta)| *sum += quanta);
+        sums.iter_mut().zip(ends.quanta()).for_each(|(sum, quanta)| *sum += quanta);
         Ok((counters, sums))
     }
 

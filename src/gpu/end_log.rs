@@ -23,8 +23,14 @@ pub struct EndLogs {
 pub struct EndSums {
     /// Ends per counter.
     pub counts: Vec<u64>,
-    /// Quanta per cell; nothing where they follow from the counts.
-    pub quanta: Vec<u128>,
+    quanta: Quanta,
+}
+
+/// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
+#[derive(Debug, Default)]
+struct Quanta {
+    low: Vec<u64>,
+    high: Vec<u32>,
 }
 
 #[derive(Debug)]
@@ -110,18 +116,14 @@ impl EndLogs {
         let makes_sense = {
             let cells = log.cells.get_mapped_range(..).map_err(failed)?;
             let weights = log.weights.get_mapped_range(..).map_err(failed)?;
-            let ends = &bytemuck::cast_slice(&cells)[..written.rays as usize];
+            let ends: &[u32] = &bytemuck::cast_slice(&cells)[..written.rays as usize];
             let stride = self.stride as usize;
             match self.shape.real {
                 Real::F32 => {
-                    let weights: &[f32] = bytemuck::cast_slice(&weights);
-                    let real = |row: usize, ray: usize| f64::from(weights[row * stride + ray]);
-                    self.sums.add(ends, &self.shape, real)
+                    self.sums.add(ends, &self.shape, bytemuck::cast_slice::<_, f32>(&weights), stride)
                 }
                 Real::F64 => {
-                    let weights: &[f64] = bytemuck::cast_slice(&weights);
-                    let real = |row: usize, ray: usize| weights[row * stride + ray];
-                    self.sums.add(ends, &self.shape, real)
+                    self.sums.add(ends, &self.shape, bytemuck::cast_slice::<_, f64>(&weights), stride)
                 }
             }
         };
@@ -135,7 +137,8 @@ impl EndLogs {
 const CELL_MASK: u32 = (1 << end_log::CELL_BITS) - 1;
 const NEXT_COLUMN: u32 = 1 << 22;
 const NEXT_ROW: u32 = 1 << 23;
-const HIT_TAP_SHIFT: u32 = 24;
+const HIT_NEXT_COLUMN: u32 = 1 << 24;
+const HIT_NEXT_ROW: u32 = 1 << 25;
 const IN_CELL: u32 = 1 << 26;
 const IN_TAPS: u32 = 1 << 27;
 const WITHOUT_PLACE: u32 = 1 << 28;
@@ -143,51 +146,88 @@ const WITHOUT_PLACE: u32 = 1 << 28;
 impl EndSums {
     fn new(cells: &Cells, counts_alone: bool) -> Self {
         let num_sums = if counts_alone { 0 } else { cells.num_sums as usize };
-        EndSums { counts: vec![0; cells.num_counters as usize], quanta: vec![0; num_sums] }
+        let quanta = Quanta { low: vec![0; num_sums], high: vec![0; num_sums] };
+        EndSums { counts: vec![0; cells.num_counters as usize], quanta }
     }
 
-    /// Adds the ends of a dispatch, with their weights: `real` gives the value of a row for a ray. None if an end makes
-    /// no sense.
-    fn add(&mut self, ends: &[u32], log: &EndLog, real: impl Fn(usize, usize) -> f64) -> Option<()> {
-        for (ray, &end) in ends.iter().enumerate() {
-            if end & WITHOUT_PLACE != 0 {
-                *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
+    /// Quanta per cell; none where they follow from the counts.
+    pub fn quanta(&self) -> impl Iterator<Item = u128> {
+        let words = self.quanta.low.iter().zip(&self.quanta.high);
+        words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
+    }
+
+    /// Adds the ends of a dispatch; `rows` are those of their weights and shares, each `stride` long. None if an end
+    /// makes no sense.
+    fn add<T: Copy + Into<f64>>(
+        &mut self,
+        ends: &[u32],
+        log: &EndLog,
+        rows: &[T],
+        stride: usize,
+    ) -> Option<()> {
+        let row = |number: usize| rows.get(number * stride..).and_then(|row| row.get(..ends.len()));
+        let real = |value: &T| -> f64 { (*value).into() };
+        match log.num_rows {
+            0 => ends.iter().try_for_each(|&end| self.add_count(end)),
+            1 => ends.iter().zip(row(0)?).try_for_each(|(&end, weight)| self.add_end(end, real(weight))),
+            _ => {
+                let taps = row(1)?.iter().zip(row(2)?).zip(row(3)?);
+                let mut rays = ends.iter().zip(row(0)?).zip(taps);
+                rays.try_for_each(|((&end, weight), ((a, b), c))| match end & IN_TAPS {
+                    0 => self.add_end(end, real(weight)),
+                    _ => {
+                        let grid = grid_of(&log.grids, end)?;
+                        self.add_taps(end, grid, real(weight), [real(a), real(b), real(c)])
+                    }
+                })
             }
-            if end & (IN_CELL | IN_TAPS) == 0 {
-                continue;
-            }
-            if log.counts_alone {
-                *self.counts.get_mut((end & CELL_MASK) as usize)? += 1;
-                continue;
-            }
-            let quanta = self.quanta_of(real(0, ray))?;
-            if end & IN_TAPS == 0 {
-                let cell = (end & CELL_MASK) as usize;
-                *self.counts.get_mut(cell)? += 1;
-                *self.quanta.get_mut(cell)? += quanta;
-            } else {
-                self.add_taps(end, grid_of(&log.grids, end)?, quanta, |tap| real(tap + 1, ray))?;
-            }
+        }
+    }
+
+    fn add_count(&mut self, end: u32) -> Option<()> {
+        if end & WITHOUT_PLACE != 0 {
+            *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
+        }
+        if end & IN_CELL != 0 {
+            *self.counts.get_mut((end & CELL_MASK) as usize)? += 1;
         }
         Some(())
     }
 
+    fn add_end(&mut self, end: u32, weight: f64) -> Option<()> {
+        self.add_count(end)?;
+        if end & IN_CELL == 0 {
+            return Some(());
+        }
+        let quanta = self.quanta_of(weight)?;
+        self.quanta.add((end & CELL_MASK) as usize, quanta)
+    }
+
     /// The taps of an end: the last one takes what the others left (`book_taps` in splat.wgsl).
-    fn add_taps(&mut self, end: u32, grid: &Grid, quanta: u128, share: impl Fn(usize) -> f64) -> Option<()> {
+    fn add_taps(&mut self, end: u32, grid: &Grid, weight: f64, shares: [f64; 3]) -> Option<()> {
         let first = (end & CELL_MASK) as usize;
         let column = if end & NEXT_COLUMN != 0 { grid.column } else { 0 };
         let row = if end & NEXT_ROW != 0 { grid.row } else { 0 };
         let cells = [first, first + column, first + row, first + column + row];
-        let hit = cells[(end >> HIT_TAP_SHIFT & 3) as usize];
-        *self.counts.get_mut(hit)? += 1;
-        let mut rest = quanta;
-        for (tap, &cell) in cells[..3].iter().enumerate() {
-            let taken = quantize(share(tap)).unwrap_or(0).min(rest);
-            rest -= taken;
-            *self.quanta.get_mut(cell)? += taken;
+        let hit_column = if end & HIT_NEXT_COLUMN != 0 { column } else { 0 };
+        let hit_row = if end & HIT_NEXT_ROW != 0 { row } else { 0 };
+        *self.counts.get_mut(first + hit_column + hit_row)? += 1;
+        if are_small([weight, shares[0], shares[1], shares[2]]) {
+            let mut rest = small_quanta(weight);
+            for (&cell, share) in cells.iter().zip(shares) {
+                let taken = small_quanta(share).min(rest);
+                rest -= taken;
+                self.quanta.add_low(cell, taken)?;
+            }
+            return self.quanta.add_low(cells[3], rest);
         }
-        *self.quanta.get_mut(cells[3])? += rest;
-        Some(())
+        let mut rest = self.quanta_of(weight)?;
+        for (&cell, share) in cells.iter().zip(shares) {
+            let taken = quantize(share).unwrap_or(0).min(rest);
+            rest -= taken;
+            self.quanta.add(cell, taken)?;
+        }
+        self.quanta.add(cells[3], rest)
     }
 
     /// Quanta of a weight; what no sum can hold is counted, and is none.
@@ -197,6 +237,24 @@ impl EndSums {
             *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
         }
         Some(quanta.unwrap_or(0))
+    }
+}
+
+impl Quanta {
+    fn add(&mut self, cell: usize, quanta: u128) -> Option<()> {
+        *self.high.get_mut(cell)? += (quanta >> 64) as u32;
+        self.add_low(cell, quanta as u64)
+    }
+
+    #[inline]
+    fn add_low(&mut self, cell: usize, quanta: u64) -> Option<()> {
+        let low = self.low.get_mut(cell)?;
+        let (sum, carries) = low.overflowing_add(quanta);
+        *low = sum;
+        if carries {
+            *self.high.get_mut(cell)? += 1;
+        }
+        Some(())
     }
 }
 
@@ -210,14 +268,20 @@ fn grid_of(grids: &[Grid], end: u32) -> Option<&Grid> {
 }
 
 /// `quantize` in sums.wgsl: floor(w 2^52), or none for what no sum can hold.
-#[inline]
 fn quantize(weight: f64) -> Option<u128> {
     const LIMIT: f64 = (1_u64 << 43) as f64;
-    /// Below it, quanta fit 64 bits, to which a processor converts by an instruction.
-    const SMALL: f64 = 2048.0;
-    let quanta = weight * QUANTA_PER_UNIT as f64;
-    if (0.0..SMALL).contains(&weight) {
-        return Some(u128::from(quanta as u64));
-    }
-    (0.0..LIMIT).contains(&weight).then_some(quanta as u128)
+    (0.0..LIMIT).contains(&weight).then_some((weight * QUANTA_PER_UNIT as f64) as u128)
+}
+
+/// Whether the quanta of weights fit 63 bits: by the bits of positive numbers, which are in their order.
+#[inline]
+fn are_small(weights: [f64; 4]) -> bool {
+    const LIMIT: f64 = 2048.0;
+    weights.iter().all(|weight| weight.to_bits() < LIMIT.to_bits())
+}
+
+/// [`quantize`] of a small weight.
+#[inline]
+fn small_quanta(weight: f64) -> u64 {
+    (weight * QUANTA_PER_UNIT as f64) as i64 as u64
 }
