@@ -6,7 +6,10 @@ struct LocalRay {
 }
 
 fn generate(index: u32) -> Ray {
-    let key = key_of(index);
+    return new_ray(key_of(index), index);
+}
+
+fn new_ray(key: RayKey, index: u32) -> Ray {
     let e = emitter();
     let born = emit(key, e);
     let position = vec3<real>(e.origin_x, e.origin_y, e.origin_z) + from_emitter(e, born.position);

@@ -29,14 +29,18 @@ fn follow(ray: ptr<function, Ray>) {
         end_without_place();
         (*ray).fate = ESCAPED;
     }
-    if (*ray).fate == DETECTED {
-        splat(*ray, (*ray).last - NUM_SURFACES, true);
-    } else if (*ray).fate != ALIVE {
-        book_fate(*ray);
-    }
+    settle(*ray);
     log_end((*ray).index);
     flush_bins();
     flush_reached();
+}
+
+fn settle(ray: Ray) {
+    if ray.fate == DETECTED {
+        splat(ray, ray.last - NUM_SURFACES, true);
+    } else if ray.fate != ALIVE {
+        book_fate(ray);
+    }
 }
 
 // A ray whose position or direction is no number meets nothing: it ends as escaped, and is counted as invalid.
@@ -52,9 +56,7 @@ fn next_event(ray: ptr<function, Ray>) {
         (*ray).fate = ESCAPED;
         return;
     }
-    attenuate(ray, hit.distance);
-    (*ray).position += hit.distance * (*ray).direction;
-    (*ray).last = hit.primitive;
+    reach(ray, hit);
     if hit.primitive < NUM_SURFACES {
         record_surface(*ray, hit.primitive);
         interact(ray, hit.primitive);
@@ -63,14 +65,24 @@ fn next_event(ray: ptr<function, Ray>) {
         arrive(ray, hit.primitive - NUM_SURFACES);
     }
     if (*ray).fate == ALIVE {
-        (*ray).bounce += 1u;
-        (*ray).fresnel = stream_next((*ray).fresnel);
-        (*ray).roulette = stream_next((*ray).roulette);
-        if (*ray).bounce >= MAX_DEPTH {
-            (*ray).fate = DEPTH_KILLED;
-        } else {
-            roulette(ray);
-        }
+        go_on(ray);
+    }
+}
+
+fn reach(ray: ptr<function, Ray>, hit: Hit) {
+    attenuate(ray, hit.distance);
+    (*ray).position += hit.distance * (*ray).direction;
+    (*ray).last = hit.primitive;
+}
+
+fn go_on(ray: ptr<function, Ray>) {
+    (*ray).bounce += 1u;
+    (*ray).fresnel = stream_next((*ray).fresnel);
+    (*ray).roulette = stream_next((*ray).roulette);
+    if (*ray).bounce >= MAX_DEPTH {
+        (*ray).fate = DEPTH_KILLED;
+    } else {
+        roulette(ray);
     }
 }
 

@@ -13,6 +13,7 @@ use crate::gpu::profile::Profile;
 use crate::gpu::tuning::Tuning;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
+use crate::nominal;
 use crate::program::{
     self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
     Splitting, df64, events,
@@ -63,6 +64,9 @@ pub struct TraceOptions {
     pub events_per_dispatch: u32,
     /// Whether arithmetic is strict: then a scene compiled in and the same in tables give the same bits.
     pub strict: Strict,
+    /// The path that most rays take has a stage of its own, and rays that stray from it are traced again; where not given,
+    /// in long traces in which the host adds up. It never changes a result.
+    pub nominal_path: Option<bool>,
 }
 
 /// Whether no floating-point operations are fused or reordered by the driver.
@@ -132,6 +136,7 @@ impl Default for TraceOptions {
             workgroup_size: Tuning::default().workgroup_size,
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
+            nominal_path: None,
         }
     }
 }
@@ -244,6 +249,7 @@ pub struct Tracer<'a> {
 struct DeviceState {
     trace_new: wgpu::ComputePipeline,
     trace_queued: Option<wgpu::ComputePipeline>,
+    trace_nominal: Option<wgpu::ComputePipeline>,
     advance: wgpu::ComputePipeline,
     /// Group 0; one for each log of ends, where there are logs.
     scenes: Vec<wgpu::BindGroup>,
@@ -255,6 +261,8 @@ struct DeviceState {
     counts: wgpu::Buffer,
     workgroups: wgpu::Buffer,
     rng_table: wgpu::Buffer,
+    /// The ids of rays that strayed from the nominal path, as a dispatch reads them.
+    strays: Option<wgpu::Buffer>,
     sums: wgpu::Buffer,
     tops: Option<wgpu::Buffer>,
     counters: wgpu::Buffer,
@@ -348,6 +356,7 @@ impl<'a> Tracer<'a> {
                 MomentSource::Device => SecondMoments::Squares,
                 MomentSource::Replicates => SecondMoments::Replicates,
             },
+            nominal: nominal::find(gpu, ir, options)?,
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
@@ -550,7 +559,8 @@ impl<'a> Tracer<'a> {
     /// Traces from position `first` to `end` into the device's sums.
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
         for range in self.ranges(first, end) {
-            self.dispatch(&range)?;
+            self.dispatch(&range, Rays::OfRange)?;
+            self.retrace_strays(range.emitter, self.batch)?;
             self.launched += self.launch(&range);
             let (count, emitter) = (u64::from(range.count), range.emitter as u32);
             self.launched_rays += RaySpan { first: range.first, count, emitter };
@@ -559,11 +569,33 @@ impl<'a> Tracer<'a> {
                 self.fetch_events(&range)?;
             }
         }
-        if let Some(logs) = &mut self.end_logs {
-            logs.finish(self.gpu)?;
+        self.finish_logs()?;
+        for emitter in 0..self.rays.len() {
+            self.retrace_strays(emitter, 1)?;
         }
+        self.finish_logs()?;
         self.gpu.wait()?;
         self.learn_reached()
+    }
+
+    fn finish_logs(&mut self) -> Result<()> {
+        self.end_logs.as_mut().map_or(Ok(()), |logs| logs.finish(self.gpu))
+    }
+
+    /// Traces the rays of an emitter that have strayed from the nominal path, while so many wait.
+    fn retrace_strays(&mut self, emitter: usize, at_least: u32) -> Result<()> {
+        while let Some(logs) = &mut self.end_logs
+            && logs.num_strays(emitter) >= at_least as usize
+        {
+            let strays = logs.take_strays(emitter, self.batch);
+            if let Some(buffer) = &self.device.strays {
+                self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&strays));
+            }
+            let (log_stride, reached) = (logs.stride(), self.reached);
+            let range = RayRange { first: 0, count: strays.len() as u32, emitter, log_stride, reached };
+            self.dispatch(&range, Rays::Strayed)?;
+        }
+        Ok(())
     }
 
     /// Asks the device which primitives its rays have reached, until it knows of all: so that the rays to come need not
@@ -609,7 +641,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// One batch: new rays through their first events, then the survivors until none can be left.
-    fn dispatch(&mut self, range: &RayRange) -> Result<()> {
+    fn dispatch(&mut self, range: &RayRange, rays: Rays) -> Result<()> {
         let num_rounds = self.num_rounds();
         let device = &self.device;
         let log = self.end_logs.as_ref().map_or(0, EndLogs::turn);
@@ -619,7 +651,7 @@ impl<'a> Tracer<'a> {
         }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let (x, y) = grid(range.count.div_ceil(self.options.workgroup_size), self.gpu);
-        let stages = device.stages([x, y, 1], num_rounds, log);
+        let stages = device.stages([x, y, 1], num_rounds, log, rays);
         match &mut self.profile {
             Some(profile) => {
                 stages.for_each(|stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name)));
@@ -633,7 +665,7 @@ impl<'a> Tracer<'a> {
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
         if let Some(logs) = &mut self.end_logs {
-            logs.submitted(self.gpu, range.count, submission)?;
+            logs.submitted(self.gpu, *range, submission)?;
         }
         if let Some(profile) = &mut self.profile {
             profile.collect(self.gpu)?;
@@ -897,6 +929,15 @@ fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
     ray_id::of(first + u64::from(position), number)
 }
 
+/// Which rays a dispatch traces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rays {
+    /// Those of its range.
+    OfRange,
+    /// Those that strayed from the nominal path.
+    Strayed,
+}
+
 /// One dispatch of a stage.
 struct Stage<'a> {
     name: &'static str,
@@ -944,6 +985,8 @@ impl DeviceState {
         let has_queue = program.options.has_queue();
         let trace_new = gpu.pipeline(program.entry_point(), &shader, &layouts, &[]);
         let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
+        let nominal = program.nominal.as_ref();
+        let trace_nominal = nominal.map(|_| gpu.pipeline("trace_nominal", &shader, &layouts, &[]));
 
         let num_sums = u64::from(program.cells.num_sums);
         let sums = gpu.buffer("the sums", num_sums * cell_bytes(program))?;
@@ -966,6 +1009,10 @@ impl DeviceState {
             .iter()
             .map(|(number, bytes)| Ok((*number, gpu.scene_buffer(bytes)?)))
             .collect::<Result<_>>()?;
+        let strays = match program.nominal {
+            Some(_) => Some(gpu.buffer("rays that strayed", u64::from(batch) * 8)?),
+            None => None,
+        };
         let rng_table = gpu.constant_buffer("draws", &program.rng_table);
         let mut scene: Vec<(u32, &wgpu::Buffer)> =
             vec![(0, &range), (program::RNG_TABLE, &rng_table), (2, &sums), (4, &counters)];
@@ -974,6 +1021,7 @@ impl DeviceState {
         }
         scene.extend(tops.as_ref().map(|tops| (3, tops)));
         scene.extend(events.as_ref().map(|events| (12, events)));
+        scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let logs = end_logs.map_or(vec![Vec::new()], |logs| logs.buffers().into());
         let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log));
@@ -1008,6 +1056,7 @@ impl DeviceState {
         Ok(DeviceState {
             trace_new,
             trace_queued,
+            trace_nominal,
             advance,
             scenes,
             queues,
@@ -1017,6 +1066,7 @@ impl DeviceState {
             counts,
             workgroups,
             rng_table,
+            strays,
             sums,
             tops,
             counters,
@@ -1030,15 +1080,20 @@ impl DeviceState {
         new_workgroups: [u32; 3],
         num_rounds: usize,
         log: usize,
+        rays: Rays,
     ) -> impl Iterator<Item = Stage<'_>> {
         let scene = &self.scenes[log];
-        let trace_new = Stage {
-            name: "trace_new",
-            pipeline: &self.trace_new,
+        let (name, pipeline, queued) = match (&self.trace_nominal, rays) {
+            (Some(trace_nominal), Rays::OfRange) => ("trace_nominal", trace_nominal, None),
+            _ => ("trace_new", &self.trace_new, self.trace_queued.as_ref()),
+        };
+        let first = Stage {
+            name,
+            pipeline,
             groups: [Some(scene), Some(&self.queues[0])],
             workgroups: Workgroups::Of(new_workgroups),
         };
-        let rounds = self.trace_queued.iter().flat_map(move |trace_queued| {
+        let rounds = queued.into_iter().flat_map(move |trace_queued| {
             (1..num_rounds).flat_map(move |round| {
                 let advance = Stage {
                     name: "advance",
@@ -1055,7 +1110,7 @@ impl DeviceState {
                 [advance, trace_queued]
             })
         });
-        std::iter::once(trace_new).chain(rounds)
+        std::iter::once(first).chain(rounds)
     }
 
     fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {

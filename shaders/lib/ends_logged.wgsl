@@ -14,6 +14,7 @@ const END_HIT_TAP_SHIFT: u32 = 24u;
 const END_IN_CELL: u32 = 0x04000000u;
 const END_IN_TAPS: u32 = 0x08000000u;
 const END_WITHOUT_PLACE: u32 = 0x10000000u;
+const END_STRAYED: u32 = 0x20000000u;
 
 // 0: the ray goes on, or what it ended on adds it up itself.
 var<private> end: u32 = 0u;
@@ -37,6 +38,10 @@ fn end_in_taps(taps: FourTaps, weight: real) {
 
 fn end_without_place() {
     end = END_WITHOUT_PLACE;
+}
+
+fn end_strayed() {
+    end = END_STRAYED;
 }
 
 fn log_end(index: u32) {

@@ -82,7 +82,8 @@ fn draw_first(key: RayKey, slot: u32) -> u32 {
     return stream_bits(stream_at(key, slot, first_jump()));
 }
 
-fn key_of(index: u32) -> RayKey {
+// The key of a ray of the range.
+fn key_in_range(index: u32) -> RayKey {
     let lo = range.first_lo + index;
     return key_of_id(lo, range.first_hi + select(0u, 1u, lo < range.first_lo));
 }

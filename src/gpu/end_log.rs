@@ -4,6 +4,7 @@ use super::Gpu;
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::error::{Error, Result};
 use crate::program::Cells;
+use crate::program::RayRange;
 use crate::program::end_log::{self, EndLog, Grid, Real};
 
 /// Two logs, so that the host adds up one while the device writes the other.
@@ -16,6 +17,8 @@ pub struct EndLogs {
     /// The one that the next dispatch writes.
     turn: usize,
     written: Option<Written>,
+    /// Rays that strayed from the nominal path, per emitter.
+    strays: Vec<Vec<u64>>,
 }
 
 /// What the logged ends add up to.
@@ -43,7 +46,7 @@ struct Log {
 #[derive(Debug)]
 struct Written {
     log: usize,
-    rays: u32,
+    range: RayRange,
     submission: wgpu::SubmissionIndex,
 }
 
@@ -65,7 +68,15 @@ impl EndLogs {
             })
         };
         let sums = EndSums::new(cells, shape.counts_alone);
-        Ok(EndLogs { logs: [log()?, log()?], shape, sums, stride: rays, turn: 0, written: None })
+        Ok(EndLogs {
+            logs: [log()?, log()?],
+            shape,
+            sums,
+            stride: rays,
+            turn: 0,
+            written: None,
+            strays: Vec::new(),
+        })
     }
 
     /// The buffers of either log, by binding.
@@ -83,15 +94,15 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch of so many rays, and adds up the one before it meanwhile.
+    /// Takes note of a dispatch, and adds up the one before it meanwhile.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn submitted(&mut self, gpu: &Gpu, rays: u32, submission: wgpu::SubmissionIndex) -> Result<()> {
+    pub fn submitted(&mut self, gpu: &Gpu, range: RayRange, submission: wgpu::SubmissionIndex) -> Result<()> {
         for buffer in [&self.logs[self.turn].cells, &self.logs[self.turn].weights] {
             buffer.map_async(wgpu::MapMode::Read, .., |_| {});
         }
-        let before = self.written.replace(Written { log: self.turn, rays, submission });
+        let before = self.written.replace(Written { log: self.turn, range, submission });
         self.turn = 1 - self.turn;
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
@@ -102,6 +113,18 @@ impl EndLogs {
     /// [`Error::Device`] if the device fails.
     pub fn finish(&mut self, gpu: &Gpu) -> Result<()> {
         self.written.take().map_or(Ok(()), |written| self.add_up(gpu, written))
+    }
+
+    /// Rays of an emitter that have strayed and wait to be traced: the oldest ones, so many; fewer where no more wait.
+    pub fn take_strays(&mut self, emitter: usize, most: u32) -> Vec<u64> {
+        let Some(strays) = self.strays.get_mut(emitter) else { return Vec::new() };
+        let rest = strays.split_off(strays.len().min(most as usize));
+        std::mem::replace(strays, rest)
+    }
+
+    /// How many rays of an emitter wait.
+    pub fn num_strays(&self, emitter: usize) -> usize {
+        self.strays.get(emitter).map_or(0, Vec::len)
     }
 
     /// The sums since the last time.
@@ -116,7 +139,8 @@ impl EndLogs {
         let makes_sense = {
             let cells = log.cells.get_mapped_range(..).map_err(failed)?;
             let weights = log.weights.get_mapped_range(..).map_err(failed)?;
-            let ends: &[u32] = &bytemuck::cast_slice(&cells)[..written.rays as usize];
+            let ends: &[u32] = &bytemuck::cast_slice(&cells)[..written.range.count as usize];
+            collect_strays(ends, &written.range, &mut self.strays);
             let stride = self.stride as usize;
             match self.shape.real {
                 Real::F32 => {
@@ -142,6 +166,16 @@ const HIT_NEXT_ROW: u32 = 1 << 25;
 const IN_CELL: u32 = 1 << 26;
 const IN_TAPS: u32 = 1 << 27;
 const WITHOUT_PLACE: u32 = 1 << 28;
+const STRAYED: u32 = 1 << 29;
+
+/// Takes note of the rays of a range that strayed.
+fn collect_strays(ends: &[u32], range: &RayRange, strays: &mut Vec<Vec<u64>>) {
+    if strays.len() <= range.emitter {
+        strays.resize(range.emitter + 1, Vec::new());
+    }
+    let ids = (range.first..).zip(ends).filter(|(_, end)| *end & STRAYED != 0).map(|(id, _)| id);
+    strays[range.emitter].extend(ids);
+}
 
 impl EndSums {
     fn new(cells: &Cells, counts_alone: bool) -> Self {

@@ -7,12 +7,13 @@ use super::end_log::EndLog;
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
+use super::nominal::NominalPath;
 use super::records::literal;
 use super::splitting::Splitting;
 use super::tree::{self, PrimitiveTree};
 use super::{PathSampling, ProgramOptions, SecondMoments};
 use crate::error::Result;
-use crate::ir::{ReflectProb, SceneIr};
+use crate::ir::{Frame, ReflectProb, SceneIr, Shape};
 use glam::DVec3;
 use std::fmt::Write;
 
@@ -46,6 +47,8 @@ pub struct Composition<'a> {
     pub constant_weights: bool,
     /// The log of where rays end, if the host adds it up.
     pub end_log: Option<&'a EndLog>,
+    /// The path that most rays take, if it has a stage of its own.
+    pub nominal: Option<&'a NominalPath>,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -70,6 +73,9 @@ impl Composition<'_> {
         }
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
+        if let Some(nominal) = self.nominal {
+            text.push_str(&self.walk(nominal)?);
+        }
         text.push_str(&self.record());
         text.push_str(&self.bins());
         text.push_str(&self.emit());
@@ -179,6 +185,7 @@ impl Composition<'_> {
             pick(f.has_meshes(), shader!("lib/split_triangle.wgsl"), shader!("lib/split_triangle_none.wgsl"));
         let mut files = vec![
             shader!("lib/state.wgsl"),
+            pick(self.nominal.is_some(), shader!("lib/ids_listed.wgsl"), shader!("lib/ids_range.wgsl")),
             pick(
                 o.moments == SecondMoments::Replicates,
                 shader!("lib/replicates.wgsl"),
@@ -291,6 +298,7 @@ impl Composition<'_> {
             (f.spectral, shader!("sensors/spectral.wgsl")),
             (f.far_field, shader!("sensors/far_field.wgsl")),
             (f.ray_database, shader!("sensors/ray_database.wgsl")),
+            (self.nominal.is_some(), shader!("nominal.wgsl")),
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
@@ -363,54 +371,81 @@ impl Composition<'_> {
     }
 
     fn nearest_primitive_baked(&self) -> Result<String> {
-        let real = |value: f64| literal(value, self.precision());
-        let vector = |v: DVec3| -> Result<String> {
-            Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
-        };
         let mut text =
             String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
         if contact::any(self.contacts) {
             text.push_str("    let here = standing(ray);\n");
         }
         for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
-            let kind = ShapeKind::of(shape);
-            let (function, _) = kind.name();
-            let farthest = if kind.is_searched() { ", best.distance" } else { "" };
-            let mut arguments = String::new();
-            for argument in lowered::shape_arguments(shape) {
-                let _ = write!(arguments, "{}, ", real(argument)?);
-            }
-            let v = format!("ray.position - {}", vector(frame.origin - self.centre)?);
-            let (o, d) = if lowered::is_rotated(frame.rotation) {
-                let r = frame.rotation;
-                let rotation =
-                    format!("Rotation({}, {}, {})", vector(r.x_axis)?, vector(r.y_axis)?, vector(r.z_axis)?);
-                (format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})"))
-            } else {
-                (v, "ray.direction".into())
-            };
-            let leaving = format!("ray.last == {i}u");
-            match self.contacts.get(i).filter(|contact| contact.group != 0) {
-                None => {
-                    let _ = writeln!(
-                        text,
-                        "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);"
-                    );
-                }
-                Some(_) => {
-                    let holds = kind.holds();
-                    let stands = format!("({leaving}) | stands_on(here, contact_of({i}u))");
-                    let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
-                    let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
-                    let _ = writeln!(
-                        text,
-                        "    best = nearer_in_contact(best, ray, here, {i}u, {elsewhere}, {holds});"
-                    );
-                }
-            }
+            text.push_str(&self.try_primitive(i, frame, shape, &format!("ray.last == {i}u"))?);
         }
         text.push_str("    return best;\n}\n");
         Ok(text)
+    }
+
+    /// Makes a primitive's hit the `best` one if it is nearer; `leaving` tells whether the ray stands on it.
+    fn try_primitive(&self, i: usize, frame: &Frame, shape: &Shape, leaving: &str) -> Result<String> {
+        let real = |value: f64| literal(value, self.precision());
+        let vector = |v: DVec3| -> Result<String> {
+            Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
+        };
+        let kind = ShapeKind::of(shape);
+        let (function, _) = kind.name();
+        let farthest = if kind.is_searched() { ", best.distance" } else { "" };
+        let mut arguments = String::new();
+        for argument in lowered::shape_arguments(shape) {
+            let _ = write!(arguments, "{}, ", real(argument)?);
+        }
+        let v = format!("ray.position - {}", vector(frame.origin - self.centre)?);
+        let (o, d) = if lowered::is_rotated(frame.rotation) {
+            let r = frame.rotation;
+            let rotation =
+                format!("Rotation({}, {}, {})", vector(r.x_axis)?, vector(r.y_axis)?, vector(r.z_axis)?);
+            (format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})"))
+        } else {
+            (v, "ray.direction".into())
+        };
+        Ok(match self.contacts.get(i).filter(|contact| contact.group != 0) {
+            None => format!(
+                "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);\n"
+            ),
+            Some(_) => {
+                let holds = kind.holds();
+                let stands = format!("({leaving}) | stands_on(here, contact_of({i}u))");
+                let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
+                let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
+                format!("    best = nearer_in_contact(best, ray, here, {i}u, {elsewhere}, {holds});\n")
+            }
+        })
+    }
+
+    /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path.
+    fn walk(&self, nominal: &NominalPath) -> Result<String> {
+        let primitives = lowered::primitives(self.ir);
+        let mut text = String::new();
+        let mut walk = String::from("fn walk(ray: ptr<function, Ray>) -> bool {\n    var holds = true;\n");
+        let mut last = None;
+        for (step, event) in nominal.events.iter().enumerate() {
+            let _ =
+                writeln!(text, "fn nearest_at_{step}(ray: Ray) -> Hit {{\n    var best = Hit(MISS, NONE);");
+            if contact::any(self.contacts) {
+                text.push_str("    let here = standing(ray);\n");
+            }
+            for &i in &event.candidates {
+                let (frame, shape) = &primitives[i];
+                text.push_str(&self.try_primitive(i, frame, shape, &(last == Some(i)).to_string())?);
+            }
+            text.push_str("    return best;\n}\n");
+            let goes = if step + 1 < nominal.events.len() { "keeps_to" } else { "ends_on" };
+            let _ = writeln!(
+                walk,
+                "    holds = {goes}(ray, nearest_at_{step}(*ray), {}u) & holds;",
+                event.primitive
+            );
+            last = Some(event.primitive);
+        }
+        let _ = writeln!(walk, "    return holds;\n}}");
+        Ok(text + &walk)
     }
 
     fn nearest_primitive_table(&self) -> String {

@@ -11,6 +11,7 @@ pub mod features;
 pub mod library;
 pub mod lowered;
 pub mod mesh;
+pub mod nominal;
 pub mod records;
 pub mod rng;
 pub mod splitting;
@@ -23,6 +24,7 @@ use end_log::EndLog;
 pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
+use nominal::NominalPath;
 use records::{StructLayout, put_real};
 pub use rng::Sampler;
 pub use splitting::Splitting;
@@ -75,6 +77,8 @@ pub struct ProgramOptions {
     pub sampler: Sampler,
     /// What is summed so that results tell their errors.
     pub moments: SecondMoments,
+    /// The primitives that most rays meet, one after the other, for a stage of its own. The results are the same bits.
+    pub nominal: Option<Vec<usize>>,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.
@@ -125,6 +129,8 @@ pub struct Program {
     pub cells: Cells,
     /// The log of where rays end, if the host adds it up.
     pub end_log: Option<EndLog>,
+    /// The path that `trace_nominal` follows; the other stages then trace the rays that strayed from it.
+    pub nominal: Option<NominalPath>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
@@ -193,6 +199,17 @@ impl Program {
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
+        let nominal = NominalPath::of(
+            &nominal::Scene {
+                ir,
+                features: &features,
+                centre,
+                cells: &cells,
+                contacts: &contacts,
+                end_log: end_log.as_ref(),
+            },
+            &options,
+        );
         let composition = Composition {
             ir,
             features: &features,
@@ -203,6 +220,7 @@ impl Program {
             tree: tree.as_ref(),
             constant_weights,
             end_log: end_log.as_ref(),
+            nominal: nominal.as_ref(),
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -222,6 +240,7 @@ impl Program {
             splitting,
             cells,
             end_log,
+            nominal,
             centre,
             rng_table: Vec::new(),
             buffers: Vec::new(),

@@ -60,8 +60,7 @@ impl PrimitiveTree {
     /// # Errors
     /// [`Error::Usage`] if the primitives lie so unevenly that the tree gets too deep.
     pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], precision: Precision) -> Result<Self> {
-        // Faces in contact are met together, as far apart as the tolerance.
-        let touch = 4.0 * contact::widest_tolerance(ir, centre, precision);
+        let touch = touch(ir, centre, precision);
         let mut boxed = Vec::new();
         let mut boundless = Vec::new();
         for (i, (frame, shape)) in (0..).zip(lowered::primitives(ir)) {
@@ -146,8 +145,13 @@ fn row(corner: glam::Vec3A, link: f32) -> [f32; 4] {
     [corner.x, corner.y, corner.z, link]
 }
 
+/// The margin of faces in contact, which are met together: as far apart as the tolerance.
+pub fn touch(ir: &SceneIr, centre: DVec3, precision: Precision) -> f64 {
+    4.0 * contact::widest_tolerance(ir, centre, precision)
+}
+
 /// The box of a primitive, `margin` larger, or none if it has no end or its crossings are ill-conditioned.
-fn bounds(frame: &Frame, shape: &Shape, meshes: &[Mesh], margin: f64) -> Option<Aabb> {
+pub fn bounds(frame: &Frame, shape: &Shape, meshes: &[Mesh], margin: f64) -> Option<Aabb> {
     let extent = Extent::of(shape, meshes)?;
     let middle = frame.rotation * extent.middle + frame.origin;
     let reach = extent.reach_along(frame);

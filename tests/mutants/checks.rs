@@ -90,6 +90,11 @@ impl Scene {
                 (_, Some(precision)) => setting.options.precision = precision,
                 ("portable", _) => setting.native = false,
                 ("logged", _) => setting.options.host_sums = Some(true),
+                ("nominal", _) => {
+                    setting.options.host_sums = Some(true);
+                    setting.options.nominal_path = Some(true);
+                    setting.options.standard_error = StandardError::Off;
+                }
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
                     setting.options.baked = Some(false);

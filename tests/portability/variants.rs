@@ -45,6 +45,8 @@ pub struct Variant {
     pub moments: SecondMoments,
     /// The host adds up where rays end.
     pub host_sums: bool,
+    /// The path that has a stage of its own.
+    pub nominal: Option<Vec<usize>>,
 }
 
 /// One feature.
@@ -76,6 +78,7 @@ pub enum Choice {
     Sampler(Sampler),
     Moments,
     HostSums,
+    Nominal,
     Replicates,
 }
 
@@ -241,6 +244,7 @@ impl Choice {
             Choice::Rotated,
             Choice::Moments,
             Choice::HostSums,
+            Choice::Nominal,
             Choice::Replicates,
         ]);
         choices
@@ -298,6 +302,13 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::HostSums => variant.host_sums = true,
+            Choice::Nominal => {
+                variant.host_sums = true;
+                ir.surfaces.push(surface(ball(), Interaction::Refractive));
+                ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Hard)), true));
+                // Numbers of primitives shift as others come: the last detector is then some other, or a surface.
+                variant.nominal = Some(vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1]);
+            }
             // Replicates take the place of squares.
             Choice::Moments if variant.moments == SecondMoments::Replicates => {}
             Choice::Moments => variant.moments = SecondMoments::Squares,
@@ -341,6 +352,7 @@ impl Default for Variant {
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             host_sums: false,
+            nominal: None,
             moments: SecondMoments::None,
         }
     }
@@ -370,6 +382,7 @@ impl Variant {
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
+            nominal: self.nominal.clone(),
             host_sums: self.host_sums,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))

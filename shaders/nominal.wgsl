@@ -1,0 +1,42 @@
+// Stage trace_nominal: the path that most rays of a scene take, one event after the other and nothing else. `walk` is
+// composed: at each event it looks for the nearest of those primitives that can lie between the last one and the next.
+// A ray that does anything else has strayed: it leaves nothing but a mark in its log, and trace_new traces it anew from
+// its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes, and no
+// round of a loop that a few rays need.
+
+@compute @workgroup_size(WORKGROUP_SIZE)
+fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
+    if index >= range.count {
+        return;
+    }
+    var ray = new_ray(key_in_range(index), index);
+    if walk(&ray) {
+        settle(ray);
+        flush_bins();
+        flush_reached();
+    } else {
+        end_strayed();
+    }
+    log_end(index);
+}
+
+// One event of the path on a surface: true if the ray has met it and lives. One that has strayed goes through the same
+// motions, to no effect.
+fn keeps_to(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+    reach(ray, Hit(hit.distance, primitive));
+    interact(ray, primitive);
+    let lives = (*ray).fate == ALIVE;
+    go_on(ray);
+    return (hit.primitive == primitive) & lives & ((*ray).fate == ALIVE);
+}
+
+// The last event of the path: a detector or a surface that absorbs the ray.
+fn ends_on(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+    reach(ray, Hit(hit.distance, primitive));
+    (*ray).fate = DETECTED;
+    if primitive < NUM_SURFACES {
+        interact(ray, primitive);
+    }
+    return (hit.primitive == primitive) & ((*ray).fate != ALIVE) & has_place(*ray);
+}

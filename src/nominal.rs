@@ -1,0 +1,99 @@
+//! Which path most rays of a scene take, so that it can have a stage of its own (shaders/nominal.wgsl).
+
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::ir::{SceneIr, SensorKind};
+use crate::result::{PathEvent, PathEventKind};
+use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
+
+/// Rays whose paths are looked at.
+const PILOT_RAYS: u64 = 512;
+/// The stage pays where this share of the rays keeps to the path: it takes less than half the time, and rays that stray
+/// are traced again.
+const LEAST_SHARE: f64 = 0.6;
+/// Shorter traces are over before the pilot has paid.
+const LEAST_RAYS: u64 = 1 << 23;
+
+/// The primitives that most rays meet, or none: where there is no such path, where a trace has too few rays for the
+/// search to pay, and where no log tells which rays have strayed.
+///
+/// # Errors
+/// [`crate::Error::Device`] if the device fails.
+pub fn find(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Option<Vec<usize>>> {
+    let pays = options.nominal_path.unwrap_or(options.num_rays >= LEAST_RAYS);
+    let is_logged = options.host_sums.unwrap_or(gpu.prefers_host_sums());
+    // Two forms of one scene must give the same bits.
+    let is_alike = options.strict.holds(&gpu.info);
+    let records_rays = ir.sensors.iter().any(|sensor| matches!(sensor.kind, SensorKind::RayDatabase { .. }));
+    if !(pays && is_logged && is_alike) || options.paths != RecordPaths::None || records_rays {
+        return Ok(None);
+    }
+    let pilot = TraceOptions {
+        num_rays: options.num_rays.min(PILOT_RAYS),
+        of_rays: None,
+        paths: RecordPaths::All,
+        standard_error: StandardError::Off,
+        nominal_path: Some(false),
+        ..options.clone()
+    };
+    let tally = Tracer::new(gpu, ir, &pilot)?.trace(|_| true)?;
+    Ok(most_frequent(ir, &tally.paths, tally.launched.count))
+}
+
+/// The path that the least share of the launched rays take, if there is one.
+fn most_frequent(ir: &SceneIr, paths: &[PathEvent], num_rays: u64) -> Option<Vec<usize>> {
+    let mut sorted: Vec<&PathEvent> = paths.iter().collect();
+    sorted.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce));
+    let primitive = |event: &&PathEvent| match event.kind {
+        PathEventKind::Surface(index) => Some(index),
+        PathEventKind::Sensor(index) => Some(ir.surfaces.len() + index),
+        PathEventKind::Birth(_)
+        | PathEventKind::Escaped
+        | PathEventKind::DepthKilled
+        | PathEventKind::FluxKilled => None,
+    };
+    let rays = sorted.chunk_by(|a, b| a.ray.ray_id == b.ray.ray_id);
+    let mut met: Vec<Vec<usize>> = rays.map(|ray| ray.iter().filter_map(primitive).collect()).collect();
+    met.sort();
+    let most = met.chunk_by(|a, b| a == b).max_by_key(|same| same.len())?;
+    (most.len() as f64 >= LEAST_SHARE * num_rays as f64).then(|| most[0].clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::result::RayRow;
+
+    fn event(ray_id: u64, bounce: u32, kind: PathEventKind) -> PathEvent {
+        let row = RayRow {
+            ray_id,
+            bounce,
+            wavelength: 0,
+            position: [0.0; 3],
+            direction: [0.0, 0.0, 1.0],
+            weight: 1.0,
+        };
+        PathEvent { ray: row, kind }
+    }
+
+    fn scene() -> SceneIr {
+        let text = include_str!("../scenes/cooke_triplet.json");
+        crate::Scene::from_json(text).unwrap().lower().unwrap()
+    }
+
+    #[test]
+    fn the_path_of_most_rays_is_found_in_any_order_of_events() {
+        let ir = scene();
+        let surfaces = ir.surfaces.len();
+        let mut paths = Vec::new();
+        for ray_id in 0..10 {
+            let second = if ray_id < 6 { 1 } else { 3 };
+            paths.push(event(ray_id, 2, PathEventKind::Sensor(0)));
+            paths.push(event(ray_id, 0, PathEventKind::Surface(0)));
+            paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
+            paths.push(event(ray_id, 0, PathEventKind::Birth(0)));
+        }
+        assert_eq!(most_frequent(&ir, &paths, 10), Some(vec![0, 1, surfaces]));
+        assert_eq!(most_frequent(&ir, &paths, 11), None, "too few of the launched rays");
+    }
+}

@@ -1,0 +1,148 @@
+//! A stage for the path that most rays take changes no bit of any result.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy's exemption of tests does not reach their helpers"
+)]
+
+mod zoo;
+
+use glam::{DMat3, DQuat, DVec3};
+use nsq_gpu::ir::{Frame, Interaction, Outline, SceneIr, Shape, Surface};
+use nsq_gpu::program::Precision;
+use nsq_gpu::program::nominal::NominalPath;
+use nsq_gpu::program::rng::Sampler;
+use nsq_gpu::result::Tally;
+use nsq_gpu::{StandardError, TraceOptions, Tracer};
+use proptest::prelude::*;
+
+fn options(precision: Precision) -> TraceOptions {
+    TraceOptions {
+        num_rays: 4000,
+        seed: 5,
+        precision,
+        standard_error: StandardError::Off,
+        nominal_path: Some(false),
+        ..TraceOptions::default()
+    }
+}
+
+/// The tally, with the path that had a stage of its own.
+fn trace(ir: &SceneIr, options: &TraceOptions) -> (Tally, Option<NominalPath>) {
+    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+    let tally = tracer.trace(|_| true).unwrap();
+    (tally, tracer.program().nominal.clone())
+}
+
+fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
+    TraceOptions { nominal_path: Some(true), ..options.clone() }
+}
+
+/// Asserts that every scene has the same bits with the stage; gives the scenes that had one.
+fn assert_same_bits(change: fn(&mut TraceOptions)) -> Vec<String> {
+    let mut found = Vec::new();
+    for name in zoo::scenes() {
+        let ir = zoo::load(&name);
+        for precision in [Precision::F32, Precision::F64] {
+            let mut options = options(precision);
+            change(&mut options);
+            let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+            if nominal.is_none() {
+                continue;
+            }
+            let (plain, _) = trace(&ir, &options);
+            assert!(tally == plain, "{name} in {precision:?}: other bits");
+            if !found.contains(&name) {
+                found.push(name.clone());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
+    let found = assert_same_bits(|_| ());
+    println!("{found:?}");
+    assert!(found.len() >= 6, "few scenes have a nominal path: {found:?}");
+}
+
+#[test]
+fn so_do_small_batches_and_strays_that_go_through_queues() {
+    let found = assert_same_bits(|options| {
+        options.batch_size = Some(300);
+        options.events_per_dispatch = 2;
+    });
+    assert!(found.len() >= 6, "few scenes have a nominal path: {found:?}");
+}
+
+#[test]
+fn so_do_sobol_points() {
+    let found = assert_same_bits(|options| options.sampler = Sampler::Sobol);
+    assert!(found.len() >= 6, "few scenes have a nominal path: {found:?}");
+}
+
+/// Of a lens, the caps and the rim between them touch; the detector stands apart.
+#[test]
+fn what_can_be_met_on_the_way_is_asked_and_nothing_else() {
+    let ir = zoo::load("bench_lens");
+    let (_, nominal) = trace(&ir, &with_nominal_path(&options(Precision::F64)));
+    let (front, back, rim, detector) = (0, 1, 2, 3);
+    let asked: Vec<(usize, Vec<usize>)> =
+        nominal.unwrap().events.into_iter().map(|event| (event.primitive, event.candidates)).collect();
+    assert_eq!(
+        asked,
+        [(front, vec![front, rim]), (back, vec![front, back, rim]), (detector, vec![back, rim, detector])]
+    );
+}
+
+/// A speck anywhere in a lens's beam, turned anyhow.
+fn speck(place: DVec3, radius: f64, turn: DQuat) -> Surface {
+    Surface {
+        name: "speck".into(),
+        frame: Frame { origin: place, rotation: DMat3::from_quat(turn) },
+        shape: Shape::Plane(Outline::Disk { radius }),
+        front: 0,
+        back: 0,
+        interaction: Interaction::Absorbing,
+        ..zoo::load("bench_lens").surfaces.remove(0)
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn specks_in_the_way_are_met_by_the_same_rays(
+        place in [-8.0..8.0f64, -8.0..8.0f64, -24.0..149.0f64],
+        radius in 0.5..5.0f64,
+        axis in [-1.0..1.0f64, -1.0..1.0f64, 0.1..1.0f64],
+        angle in 0.0..std::f64::consts::TAU,
+    ) {
+        let mut ir = zoo::load("bench_lens");
+        let turn = DQuat::from_axis_angle(DVec3::from_array(axis).normalize(), angle);
+        ir.surfaces.push(speck(DVec3::from_array(place), radius, turn));
+        for precision in [Precision::F32, Precision::F64] {
+            let options = options(precision);
+            let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+            prop_assert!(nominal.is_some(), "most rays miss the speck");
+            prop_assert!(tally == trace(&ir, &options).0, "other bits");
+        }
+    }
+}
+
+#[test]
+fn short_traces_and_those_that_record_rays_have_none() {
+    let ir = zoo::load("bench_lens");
+    let nominal = |change: fn(&mut TraceOptions)| {
+        let mut options = TraceOptions { nominal_path: Some(true), ..options(Precision::F64) };
+        change(&mut options);
+        trace(&ir, &options).1
+    };
+    assert!(nominal(|_| ()).is_some());
+    assert!(nominal(|options| options.nominal_path = None).is_none());
+    assert!(nominal(|options| options.host_sums = Some(false)).is_none());
+    assert!(nominal(|options| options.strict = nsq_gpu::trace::Strict::Off).is_none());
+    assert!(nominal(|options| options.standard_error = StandardError::On).is_none());
+    assert!(nominal(|options| options.paths = nsq_gpu::trace::RecordPaths::All).is_none());
+}
