@@ -593,7 +593,6 @@ impl<'a> Tracer<'a> {
 
     /// Ranges of at most one batch, each of one emitter.
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
-        let log_stride = self.end_logs.as_ref().map_or(0, EndLogs::stride);
         let reached = self.reached;
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
@@ -601,7 +600,7 @@ impl<'a> Tracer<'a> {
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
-                ranges.push(RayRange { first: next, count, emitter, log_stride, reached });
+                ranges.push(RayRange { first: next, count, emitter, reached });
                 next += u64::from(count);
             }
         }
@@ -975,7 +974,7 @@ impl DeviceState {
         scene.extend(tops.as_ref().map(|tops| (3, tops)));
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
-        let logs = end_logs.map_or(vec![Vec::new()], |logs| logs.buffers().into());
+        let logs = end_logs.map_or(vec![None], |logs| logs.buffers().map(Some).into());
         let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log));
         let scenes = logs.into_iter().map(group).collect();
 
