@@ -58,7 +58,7 @@ fn hit_pixel(p: vec3<real>, sensor: Sensor) -> u32 {
 fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32, ends: bool) {
     let pixel = hit_pixel(p, sensor);
     if HAS_BILINEAR && sensor.splat == SPLAT_BILINEAR {
-        let taps = bilinear_taps(ray.weight, sensor, p, base, stride, base + pixel * stride);
+        let taps = bilinear_taps(sensor, p, base, stride, base + pixel * stride);
         if ends {
             end_in_taps(taps, ray.weight);
         } else {
@@ -92,20 +92,19 @@ fn tap_cell(ix: i32, iy: i32, sensor: Sensor, base: u32, stride: u32) -> u32 {
     return base + (y * sensor.num_x + x) * stride;
 }
 
-// Four taps: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1), and the shares of the weight that the first three take.
+// Four taps: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1), and how far between them the position is.
 struct FourTaps {
     // The pixel that was hit: one of them.
     hit: u32,
     cells: vec4<u32>,
-    shares: vec3<real>,
+    fractions: vec2<real>,
 }
 
-fn bilinear_taps(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32) -> FourTaps {
+fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32) -> FourTaps {
     let position = pixel_position(p, sensor);
     let corner_x = floor(position.x);
     let corner_y = floor(position.y);
-    let fx = position.x - corner_x;
-    let fy = position.y - corner_y;
+    let fractions = vec2<real>(position.x - corner_x, position.y - corner_y);
     let ix = i32(corner_x);
     let iy = i32(corner_y);
     let cells = vec4<u32>(
@@ -114,19 +113,24 @@ fn bilinear_taps(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride:
         tap_cell(ix, iy + 1, sensor, base, stride),
         tap_cell(ix + 1, iy + 1, sensor, base, stride),
     );
-    let shares = vec3<real>(
-        weight * ((1.0 - fx) * (1.0 - fy)), weight * (fx * (1.0 - fy)), weight * ((1.0 - fx) * fy),
+    return FourTaps(hit, cells, fractions);
+}
+
+// What the first three taps take of the weight. Its twin on the host is `first_shares` in gpu::end_log.
+fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
+    return vec3<real>(
+        weight * ((1.0 - f.x) * (1.0 - f.y)), weight * (f.x * (1.0 - f.y)), weight * ((1.0 - f.x) * f.y),
     );
-    return FourTaps(hit, cells, shares);
 }
 
 // The last tap takes what the others left, so that the taps add up to the weight exactly.
 fn book_taps(taps: FourTaps, weight: real) {
     count(taps.hit);
+    let shares = first_shares(weight, taps.fractions);
     var rest = quantize_counted(weight);
-    deposit_tap(taps.cells.x, taps.shares.x, &rest);
-    deposit_tap(taps.cells.y, taps.shares.y, &rest);
-    deposit_tap(taps.cells.z, taps.shares.z, &rest);
+    deposit_tap(taps.cells.x, shares.x, &rest);
+    deposit_tap(taps.cells.y, shares.y, &rest);
+    deposit_tap(taps.cells.z, shares.z, &rest);
     deposit(taps.cells.w, rest);
 }
 

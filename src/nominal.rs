@@ -10,12 +10,12 @@ use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 const PILOT_RAYS: u64 = 512;
 /// The stage pays where this share of the rays keeps to the path: it takes less than half the time, and rays that stray
 /// are traced again.
-const LEAST_SHARE: f64 = 0.6;
+const LEAST_SHARE: f64 = 0.5;
 /// Shorter traces are over before the pilot has paid.
 const LEAST_RAYS: u64 = 1 << 23;
 
 /// The primitives that most rays meet, or none: where there is no such path, where a trace has too few rays for the
-/// search to pay, and where no log tells which rays have strayed.
+/// search to pay, and where no log tells which rays have strayed. On demand, any path that ends somewhere will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
@@ -37,11 +37,12 @@ pub fn find(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Option<Ve
         ..options.clone()
     };
     let tally = Tracer::new(gpu, ir, &pilot)?.trace(|_| true)?;
-    Ok(most_frequent(ir, &tally.paths, tally.launched.count))
+    let least = if options.nominal_path == Some(true) { 0.0 } else { LEAST_SHARE };
+    Ok(most_frequent(ir, &tally.paths, least * tally.launched.count as f64))
 }
 
-/// The path that the least share of the launched rays take, if there is one.
-fn most_frequent(ir: &SceneIr, paths: &[PathEvent], num_rays: u64) -> Option<Vec<usize>> {
+/// The path that most rays take to where they are detected or absorbed, if at least so many do.
+fn most_frequent(ir: &SceneIr, paths: &[PathEvent], least: f64) -> Option<Vec<usize>> {
     let mut sorted: Vec<&PathEvent> = paths.iter().collect();
     sorted.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce));
     let primitive = |event: &&PathEvent| match event.kind {
@@ -52,11 +53,15 @@ fn most_frequent(ir: &SceneIr, paths: &[PathEvent], num_rays: u64) -> Option<Vec
         | PathEventKind::DepthKilled
         | PathEventKind::FluxKilled => None,
     };
+    let is_lost = |event: &&PathEvent| {
+        matches!(event.kind, PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled)
+    };
     let rays = sorted.chunk_by(|a, b| a.ray.ray_id == b.ray.ray_id);
-    let mut met: Vec<Vec<usize>> = rays.map(|ray| ray.iter().filter_map(primitive).collect()).collect();
+    let ended = rays.filter(|ray| !ray.iter().any(is_lost));
+    let mut met: Vec<Vec<usize>> = ended.map(|ray| ray.iter().filter_map(primitive).collect()).collect();
     met.sort();
     let most = met.chunk_by(|a, b| a == b).max_by_key(|same| same.len())?;
-    (most.len() as f64 >= LEAST_SHARE * num_rays as f64).then(|| most[0].clone())
+    (most.len() as f64 >= least).then(|| most[0].clone())
 }
 
 #[cfg(test)]
@@ -93,7 +98,11 @@ mod tests {
             paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
             paths.push(event(ray_id, 0, PathEventKind::Birth(0)));
         }
-        assert_eq!(most_frequent(&ir, &paths, 10), Some(vec![0, 1, surfaces]));
-        assert_eq!(most_frequent(&ir, &paths, 11), None, "too few of the launched rays");
+        assert_eq!(most_frequent(&ir, &paths, 6.0), Some(vec![0, 1, surfaces]));
+        assert_eq!(most_frequent(&ir, &paths, 7.0), None, "too few of the launched rays");
+        for ray_id in 0..3 {
+            paths.push(event(ray_id, 3, PathEventKind::Escaped));
+        }
+        assert_eq!(most_frequent(&ir, &paths, 0.0), Some(vec![0, 3, surfaces]), "an escape is no end");
     }
 }

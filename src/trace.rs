@@ -591,8 +591,7 @@ impl<'a> Tracer<'a> {
             if let Some(buffer) = &self.device.strays {
                 self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&strays));
             }
-            let (log_stride, reached) = (logs.stride(), self.reached);
-            let range = RayRange { first: 0, count: strays.len() as u32, emitter, log_stride, reached };
+            let range = RayRange { first: 0, count: strays.len() as u32, emitter, reached: self.reached };
             self.dispatch(&range, Rays::Strayed)?;
         }
         Ok(())
@@ -625,7 +624,6 @@ impl<'a> Tracer<'a> {
 
     /// Ranges of at most one batch, each of one emitter.
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
-        let log_stride = self.end_logs.as_ref().map_or(0, EndLogs::stride);
         let reached = self.reached;
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
@@ -633,7 +631,7 @@ impl<'a> Tracer<'a> {
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
-                ranges.push(RayRange { first: next, count, emitter, log_stride, reached });
+                ranges.push(RayRange { first: next, count, emitter, reached });
                 next += u64::from(count);
             }
         }
@@ -1023,7 +1021,7 @@ impl DeviceState {
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
-        let logs = end_logs.map_or(vec![Vec::new()], |logs| logs.buffers().into());
+        let logs = end_logs.map_or(vec![None], |logs| logs.buffers().map(Some).into());
         let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log));
         let scenes = logs.into_iter().map(group).collect();
 

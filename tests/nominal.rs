@@ -38,48 +38,52 @@ fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
     TraceOptions { nominal_path: Some(true), ..options.clone() }
 }
 
-/// Asserts that every scene has the same bits with the stage; gives the scenes that had one.
-fn assert_same_bits(change: fn(&mut TraceOptions)) -> Vec<String> {
-    let mut found = Vec::new();
-    for name in zoo::scenes() {
-        let ir = zoo::load(&name);
-        for precision in [Precision::F32, Precision::F64] {
-            let mut options = options(precision);
-            change(&mut options);
-            let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
-            if nominal.is_none() {
-                continue;
-            }
-            let (plain, _) = trace(&ir, &options);
-            assert!(tally == plain, "{name} in {precision:?}: other bits");
-            if !found.contains(&name) {
-                found.push(name.clone());
-            }
-        }
+/// Scenes of every kind that have a path to give a stage to.
+const SOME: [&str; 6] = [
+    "bench_lens",
+    "tessar_gaussian_beams",
+    "cooke_triplet",
+    "mangin_catadioptric",
+    "coated_projector",
+    "light_pipe",
+];
+
+/// Asserts that a scene has the same bits with the stage; false if it cannot have one.
+fn has_same_bits(name: &str, options: &TraceOptions) -> bool {
+    let ir = zoo::load(name);
+    let (tally, nominal) = trace(&ir, &with_nominal_path(options));
+    if nominal.is_some() {
+        assert!(tally == trace(&ir, options).0, "{name} with {options:?}: other bits");
     }
-    found
+    nominal.is_some()
 }
 
 #[test]
 fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
-    let found = assert_same_bits(|_| ());
+    let has = |name: &String| {
+        let precisions = [Precision::F32, Precision::F64];
+        precisions.into_iter().filter(|precision| has_same_bits(name, &options(*precision))).count() == 2
+    };
+    let found: Vec<String> = zoo::scenes().into_iter().filter(has).collect();
     println!("{found:?}");
-    assert!(found.len() >= 6, "few scenes have a nominal path: {found:?}");
+    let missing: Vec<&&str> = SOME.iter().filter(|name| !found.iter().any(|found| found == *name)).collect();
+    assert!(missing.is_empty(), "no nominal path in {missing:?}");
 }
 
 #[test]
 fn so_do_small_batches_and_strays_that_go_through_queues() {
-    let found = assert_same_bits(|options| {
-        options.batch_size = Some(300);
-        options.events_per_dispatch = 2;
-    });
-    assert!(found.len() >= 6, "few scenes have a nominal path: {found:?}");
+    for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
+        let options = TraceOptions { batch_size: Some(300), events_per_dispatch: 2, ..options(precision) };
+        assert!(has_same_bits(name, &options), "{name} has no nominal path");
+    }
 }
 
 #[test]
 fn so_do_sobol_points() {
-    let found = assert_same_bits(|options| options.sampler = Sampler::Sobol);
-    assert!(found.len() >= 6, "few scenes have a nominal path: {found:?}");
+    for (name, precision) in SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle()) {
+        let options = TraceOptions { sampler: Sampler::Sobol, ..options(precision) };
+        assert!(has_same_bits(name, &options), "{name} has no nominal path");
+    }
 }
 
 /// Of a lens, the caps and the rim between them touch; the detector stands apart.
@@ -110,7 +114,7 @@ fn speck(place: DVec3, radius: f64, turn: DQuat) -> Surface {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 16, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn specks_in_the_way_are_met_by_the_same_rays(
@@ -125,7 +129,7 @@ proptest! {
         for precision in [Precision::F32, Precision::F64] {
             let options = options(precision);
             let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
-            prop_assert!(nominal.is_some(), "most rays miss the speck");
+            prop_assert!(nominal.is_some());
             prop_assert!(tally == trace(&ir, &options).0, "other bits");
         }
     }

@@ -1,10 +1,8 @@
 // Where rays end, written down for the host to add up (gpu::end_log). On a processor every lane of an atomic is a locked
 // instruction of its own, and a store costs a tenth of it. Twin of ends_booked.wgsl: the sums are the same bits.
 
-// Rows of range.log_stride words. An end: the cell in the low bits, then what it is.
-@group(0) @binding(20) var<storage, read_write> end_cells: array<u32>;
-// The weight, unless sums follow from counts, and the shares of the first three taps.
-@group(0) @binding(21) var<storage, read_write> end_weights: array<real>;
+// An entry: the cell in the low bits, then what it is; with it go the weight and the fractions of its taps (`write_entry`
+// in lib/log_*.wgsl).
 
 // The pixels of the taps beside the first are the same column, or the next; the same row, or the next.
 const END_NEXT_COLUMN: u32 = 0x00400000u;
@@ -19,7 +17,7 @@ const END_STRAYED: u32 = 0x20000000u;
 // 0: the ray goes on, or what it ended on adds it up itself.
 var<private> end: u32 = 0u;
 var<private> end_weight: real = 0.0;
-var<private> end_shares: vec3<real> = vec3<real>(0.0, 0.0, 0.0);
+var<private> end_fractions: vec2<real> = vec2<real>(0.0, 0.0);
 
 fn end_in(cell: u32, weight: real) {
     end |= END_IN_CELL | cell;
@@ -27,13 +25,17 @@ fn end_in(cell: u32, weight: real) {
 }
 
 fn end_in_taps(taps: FourTaps, weight: real) {
+    end |= entry_of_taps(taps);
+    end_weight = weight;
+    end_fractions = taps.fractions;
+}
+
+fn entry_of_taps(taps: FourTaps) -> u32 {
     let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
     let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
     let right = select(0u, 1u, taps.hit == taps.cells.y || taps.hit == taps.cells.w);
     let below = select(0u, 2u, taps.hit == taps.cells.z || taps.hit == taps.cells.w);
-    end |= END_IN_TAPS | taps.cells.x | columns | rows | ((right | below) << END_HIT_TAP_SHIFT);
-    end_weight = weight;
-    end_shares = taps.shares;
+    return END_IN_TAPS | taps.cells.x | columns | rows | ((right | below) << END_HIT_TAP_SHIFT);
 }
 
 fn end_without_place() {
@@ -45,13 +47,5 @@ fn end_strayed() {
 }
 
 fn log_end(index: u32) {
-    end_cells[index] = end;
-    if LOG_WEIGHTS {
-        end_weights[index] = end_weight;
-    }
-    if HAS_BILINEAR {
-        end_weights[range.log_stride + index] = end_shares.x;
-        end_weights[2u * range.log_stride + index] = end_shares.y;
-        end_weights[3u * range.log_stride + index] = end_shares.z;
-    }
+    write_entry(index, end, end_weight, end_fractions);
 }

@@ -63,8 +63,6 @@ struct Range {
     // The seed's words in the row of step 0 (program::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
-    // Words of a row of the log of ends (lib/ends_logged.wgsl).
-    log_stride: u32,
     // The primitives that earlier passes reached, a bit each (lib/reached_mask.wgsl).
     reached: u32,
 }

@@ -3,7 +3,7 @@
 
 use super::bsdf::BsdfKind;
 use super::contact::{self, Contact};
-use super::end_log::EndLog;
+use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
@@ -155,7 +155,7 @@ impl Composition<'_> {
             let _ = writeln!(text, "const {name}: bool = {value};");
         }
         if let Some(log) = self.end_log {
-            let _ = writeln!(text, "const LOG_WEIGHTS: bool = {};", !log.counts_alone);
+            let _ = writeln!(text, "const LOG_WORDS: u32 = {}u;", log.num_words());
         }
         if let Some(tree) = self.tree {
             let _ = writeln!(text, "const TREE_ROOT: f32 = {:?};", tree.root);
@@ -235,6 +235,7 @@ impl Composition<'_> {
                 ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Mesh => {}
             }
         }
+        files.extend(self.end_log.map(|log| log_file(log.form)));
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
@@ -604,6 +605,15 @@ fn emitter_file(kind: super::features::EmitterName) -> &'static str {
         E::CollimatedGaussian => shader!("emitters/collimated_gaussian.wgsl"),
         E::ExtendedRectangle => shader!("emitters/extended_rectangle.wgsl"),
         E::ExtendedDisk => shader!("emitters/extended_disk.wgsl"),
+    }
+}
+
+fn log_file(form: Form) -> &'static str {
+    match form {
+        Form::Counts => shader!("lib/log_counts.wgsl"),
+        Form::Packed => shader!("lib/log_packed.wgsl"),
+        Form::Words => shader!("lib/log_words.wgsl"),
+        Form::Reals => shader!("lib/log_reals.wgsl"),
     }
 }
 

@@ -5,34 +5,34 @@ use super::lowered::{self, Cells};
 use super::{Precision, ProgramOptions, SecondMoments};
 use crate::ir::SceneIr;
 
-/// Binding of the ends' cells.
-pub const CELLS: u32 = 20;
-/// Binding of their weights and shares.
-pub const WEIGHTS: u32 = 21;
+/// Binding of the log.
+pub const LOG: u32 = 20;
 
-/// The bits of an end that name its cell.
+/// The bits of an entry that name its cell.
 pub const CELL_BITS: u32 = 22;
 
 /// What the log of a program holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EndLog {
-    /// Rows of weights and shares.
-    pub num_rows: u32,
-    /// What weights and shares are.
-    pub real: Real,
-    /// Ends have no weight, and the host need only count: sums follow from the counts.
-    pub counts_alone: bool,
+    /// How an entry is written.
+    pub form: Form,
+    /// Entries have the fractions of their taps.
+    pub has_fractions: bool,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
 }
 
-/// What weights and shares are in the log.
+/// How an entry is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Real {
-    /// 32-bit floats.
-    F32,
-    /// 64-bit floats.
-    F64,
+pub enum Form {
+    /// What it is alone, in 32 bits: sums follow from counts (log_counts.wgsl).
+    Counts,
+    /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (log_packed.wgsl).
+    Packed,
+    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (log_words.wgsl).
+    Words,
+    /// f64: what it is, its weight, the fractions (log_reals.wgsl).
+    Reals,
 }
 
 /// How the cells of a detector lie.
@@ -57,21 +57,39 @@ impl EndLog {
         counts_alone: bool,
     ) -> Option<Self> {
         let has_replicates = options.moments == SecondMoments::Replicates;
-        let real = match options.precision {
-            Precision::F32 => Real::F32,
-            Precision::F64 => Real::F64,
-            Precision::Df64 => return None,
+        let form = match (options.precision, options.native) {
+            (Precision::Df64, _) => return None,
+            _ if counts_alone => Form::Counts,
+            (Precision::F32, true) => Form::Packed,
+            (Precision::F32, false) => Form::Words,
+            (Precision::F64, _) => Form::Reals,
         };
         let is_large = cells.num_cells > 1 << CELL_BITS;
         if !options.host_sums || has_replicates || features.splits || is_large {
             return None;
         }
-        let num_rows = if features.splats[1] { 4 } else { u32::from(!counts_alone) };
         let grids = cells.sensors.iter().zip(&ir.sensors).map(|(&first, sensor)| {
             let column = lowered::num_bins(&sensor.kind) as usize;
             let row = column * sensor.kind.grid().map_or(1, |grid| grid.num_pixels_x as usize);
             Grid { first: first as usize, column, row }
         });
-        Some(EndLog { num_rows, real, counts_alone, grids: grids.collect() })
+        Some(EndLog { form, has_fractions: features.splats[1], grids: grids.collect() })
+    }
+
+    /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.
+    pub fn num_words(&self) -> u32 {
+        match self.form {
+            Form::Counts => 1,
+            Form::Packed => 1 + u32::from(self.has_fractions),
+            Form::Words | Form::Reals => 2 + 2 * u32::from(self.has_fractions),
+        }
+    }
+
+    /// Bytes of a word.
+    pub fn word_bytes(&self) -> u32 {
+        match self.form {
+            Form::Counts | Form::Words => 4,
+            Form::Packed | Form::Reals => 8,
+        }
     }
 }

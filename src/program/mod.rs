@@ -381,7 +381,6 @@ impl Program {
             ("emitter", range.emitter as u32),
             ("seed_lo", seed_lo),
             ("seed_hi", seed_hi),
-            ("log_stride", range.log_stride),
             ("reached", range.reached),
         ];
         for (field, value) in fields {
@@ -401,8 +400,6 @@ pub struct RayRange {
     pub count: u32,
     /// The emitter they come from.
     pub emitter: usize,
-    /// Words of a row of the log of ends.
-    pub log_stride: u32,
     /// Primitives that earlier passes reached, a bit each, where they are marked so.
     pub reached: u32,
 }

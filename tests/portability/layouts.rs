@@ -166,7 +166,7 @@ fn host_writes_every_field_of_a_range() {
     for tier in tiers_in_tables() {
         let (ir, program) = range_scene(tier);
         let emitter = ir.emitters.len() - 1;
-        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, log_stride: 13, reached: 5 };
+        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, reached: 5 };
         let bytes = program.range_bytes(&range).unwrap();
         assert_eq!(written(&program, "Range", &bytes), expected_range(emitter), "{tier:?}");
         let written = written(&program, "Emitter", &program.emitters[emitter]);
@@ -205,7 +205,6 @@ fn expected_range(emitter: usize) -> Vec<(String, f64)> {
         ("emitter", emitter as f64),
         ("seed_lo", f64::from(seed_lo)),
         ("seed_hi", f64::from(seed_hi)),
-        ("log_stride", 13.0),
         ("reached", 5.0),
     ];
     expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
@@ -288,7 +287,7 @@ fn tables_hold_the_scene_where_the_shaders_look() {
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
     // Of the trace, not of the program: range, draws, sums, tops, counters, rows, emitter, and the log of ends.
-    let traced = [0, RNG_TABLE, 2, 3, 4, 12, lowered::EMITTER, end_log::CELLS, end_log::WEIGHTS];
+    let traced = [0, RNG_TABLE, 2, 3, 4, 12, lowered::EMITTER, end_log::LOG];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

@@ -1,0 +1,311 @@
+//! What the log of ends adds up to: the integers of the device's atomics (`shaders/lib/sums.wgsl`), on the host.
+
+use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
+use crate::program::Cells;
+use crate::program::end_log::{CELL_BITS, EndLog, Form, Grid};
+use bytemuck::Pod;
+
+/// What the logged ends add up to.
+#[derive(Debug, Default)]
+pub struct EndSums {
+    /// Ends per counter.
+    pub counts: Vec<u64>,
+    quanta: Quanta,
+    /// Rays of the dispatch that was added last which strayed from the nominal path, by their number in it.
+    strays: Vec<u32>,
+}
+
+/// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
+#[derive(Debug, Default)]
+struct Quanta {
+    low: Vec<u64>,
+    high: Vec<u32>,
+}
+
+/// The parts of an end (`END_*` in ends_logged.wgsl).
+const CELL_MASK: u32 = (1 << CELL_BITS) - 1;
+const NEXT_COLUMN: u32 = 1 << 22;
+const NEXT_ROW: u32 = 1 << 23;
+const HIT_NEXT_COLUMN: u32 = 1 << 24;
+const HIT_NEXT_ROW: u32 = 1 << 25;
+const IN_CELL: u32 = 1 << 26;
+const IN_TAPS: u32 = 1 << 27;
+const WITHOUT_PLACE: u32 = 1 << 28;
+const STRAYED: u32 = 1 << 29;
+
+impl EndSums {
+    /// No ends.
+    pub fn new(cells: &Cells, form: Form) -> Self {
+        let num_sums = if form == Form::Counts { 0 } else { cells.num_sums as usize };
+        let quanta = Quanta { low: vec![0; num_sums], high: vec![0; num_sums] };
+        EndSums { counts: vec![0; cells.num_counters as usize], quanta, strays: Vec::new() }
+    }
+
+    /// Quanta per cell; none where they follow from the counts.
+    pub fn quanta(&self) -> impl Iterator<Item = u128> {
+        let words = self.quanta.low.iter().zip(&self.quanta.high);
+        words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
+    }
+
+    /// The strays of the dispatch that was added last.
+    pub fn take_strays(&mut self) -> Vec<u32> {
+        std::mem::take(&mut self.strays)
+    }
+
+    /// Adds the ends of a dispatch of so many rays. None if an end makes no sense.
+    pub fn add(&mut self, bytes: &[u8], num_rays: usize, log: &EndLog) -> Option<()> {
+        let grids = &log.grids;
+        match (log.form, log.has_fractions) {
+            (Form::Counts, _) => {
+                let mut ends = (0..).zip(entries::<u32>(bytes, num_rays)?);
+                ends.try_for_each(|(ray, &end)| self.add_count(ray, end))
+            }
+            (Form::Packed, false) => self.add_ends::<[u64; 1]>(bytes, num_rays, grids),
+            (Form::Packed, true) => self.add_ends::<[u64; 2]>(bytes, num_rays, grids),
+            (Form::Words, false) => self.add_ends::<[u32; 2]>(bytes, num_rays, grids),
+            (Form::Words, true) => self.add_ends::<[u32; 4]>(bytes, num_rays, grids),
+            (Form::Reals, false) => self.add_ends::<[f64; 2]>(bytes, num_rays, grids),
+            (Form::Reals, true) => self.add_ends::<[f64; 4]>(bytes, num_rays, grids),
+        }
+    }
+
+    fn add_ends<E: Entry>(&mut self, bytes: &[u8], num_rays: usize, grids: &[Grid]) -> Option<()> {
+        let mut ends = (0..).zip(entries::<E>(bytes, num_rays)?);
+        ends.try_for_each(|(ray, entry)| self.add_end(ray, entry.read(), grids))
+    }
+
+    fn add_count(&mut self, ray: u32, end: u32) -> Option<()> {
+        if end & STRAYED != 0 {
+            self.strays.push(ray);
+        }
+        if end & WITHOUT_PLACE != 0 {
+            *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
+        }
+        if end & IN_CELL != 0 {
+            *self.counts.get_mut((end & CELL_MASK) as usize)? += 1;
+        }
+        Some(())
+    }
+
+    #[inline]
+    fn add_end<T: Real>(&mut self, ray: u32, end: End<T>, grids: &[Grid]) -> Option<()> {
+        if end.what & IN_TAPS != 0 {
+            return self.add_taps(end, grid_of(grids, end.what)?);
+        }
+        self.add_count(ray, end.what)?;
+        if end.what & IN_CELL == 0 {
+            return Some(());
+        }
+        let quanta = self.quanta_of(end.weight.into())?;
+        self.quanta.add((end.what & CELL_MASK) as usize, quanta)
+    }
+
+    /// The taps of an end: the last one takes what the others left (`book_taps` in splat.wgsl).
+    #[inline]
+    fn add_taps<T: Real>(&mut self, end: End<T>, grid: &Grid) -> Option<()> {
+        let first = (end.what & CELL_MASK) as usize;
+        let column = if end.what & NEXT_COLUMN != 0 { grid.column } else { 0 };
+        let row = if end.what & NEXT_ROW != 0 { grid.row } else { 0 };
+        let cells = [first, first + column, first + row, first + column + row];
+        let hit_column = if end.what & HIT_NEXT_COLUMN != 0 { column } else { 0 };
+        let hit_row = if end.what & HIT_NEXT_ROW != 0 { row } else { 0 };
+        *self.counts.get_mut(first + hit_column + hit_row)? += 1;
+        match T::small_quanta(end) {
+            Some(quanta) => {
+                let mut rest = quanta.whole;
+                for (&cell, share) in cells.iter().zip(quanta.first_taps) {
+                    let taken = share.min(rest);
+                    rest -= taken;
+                    self.quanta.add_low(cell, taken)?;
+                }
+                self.quanta.add_low(cells[3], rest)
+            }
+            None => {
+                let shares = T::first_shares(end.weight, end.fractions);
+                self.add_shares(cells, end.weight.into(), shares.map(Into::into))
+            }
+        }
+    }
+
+    /// Taps of any weight.
+    #[cold]
+    fn add_shares(&mut self, cells: [usize; 4], weight: f64, shares: [f64; 3]) -> Option<()> {
+        let mut rest = self.quanta_of(weight)?;
+        for (&cell, share) in cells.iter().zip(shares) {
+            let taken = quantize(share).unwrap_or(0).min(rest);
+            rest -= taken;
+            self.quanta.add(cell, taken)?;
+        }
+        self.quanta.add(cells[3], rest)
+    }
+
+    /// Quanta of a weight; what no sum can hold is counted, and is none.
+    fn quanta_of(&mut self, weight: f64) -> Option<u128> {
+        let quanta = quantize(weight);
+        if quanta.is_none() {
+            *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
+        }
+        Some(quanta.unwrap_or(0))
+    }
+}
+
+impl Quanta {
+    fn add(&mut self, cell: usize, quanta: u128) -> Option<()> {
+        *self.high.get_mut(cell)? += (quanta >> 64) as u32;
+        self.add_low(cell, quanta as u64)
+    }
+
+    #[inline]
+    fn add_low(&mut self, cell: usize, quanta: u64) -> Option<()> {
+        let low = self.low.get_mut(cell)?;
+        let (sum, carries) = low.overflowing_add(quanta);
+        *low = sum;
+        if carries {
+            *self.high.get_mut(cell)? += 1;
+        }
+        Some(())
+    }
+}
+
+/// The detector that has the end's cell.
+#[inline]
+fn grid_of(grids: &[Grid], end: u32) -> Option<&Grid> {
+    let cell = (end & CELL_MASK) as usize;
+    match grids {
+        [grid] => Some(grid),
+        _ => grids.get(grids.partition_point(|grid| grid.first <= cell).checked_sub(1)?),
+    }
+}
+
+/// `quantize` in sums.wgsl: floor(w 2^52), or none for what no sum can hold.
+fn quantize(weight: f64) -> Option<u128> {
+    const LIMIT: f64 = (1_u64 << 43) as f64;
+    (0.0..LIMIT).contains(&weight).then_some((weight * QUANTA_PER_UNIT as f64) as u128)
+}
+
+/// An entry of the log.
+#[derive(Debug, Clone, Copy)]
+struct End<T> {
+    what: u32,
+    weight: T,
+    /// How far the position is from the first tap to the next, by columns and by rows.
+    fractions: [T; 2],
+}
+
+/// Quanta of an end that fit a word.
+struct SmallQuanta {
+    whole: u64,
+    first_taps: [u64; 3],
+}
+
+/// An entry as it lies in the log (`write_entry` in shaders/lib/log_*.wgsl).
+trait Entry: Pod {
+    type Real: Real;
+
+    fn read(&self) -> End<Self::Real>;
+}
+
+/// The first entries of a log.
+fn entries<E: Pod>(bytes: &[u8], num: usize) -> Option<&[E]> {
+    bytemuck::try_cast_slice(bytes).ok()?.get(..num)
+}
+
+/// What the low and the high half of a word hold.
+fn halves(word: u64) -> [u32; 2] {
+    [word as u32, (word >> 32) as u32]
+}
+
+impl Entry for [u64; 1] {
+    type Real = f32;
+
+    fn read(&self) -> End<f32> {
+        let [what, weight] = halves(self[0]);
+        End { what, weight: f32::from_bits(weight), fractions: [0.0; 2] }
+    }
+}
+
+impl Entry for [u64; 2] {
+    type Real = f32;
+
+    fn read(&self) -> End<f32> {
+        let [what, weight] = halves(self[0]);
+        End { what, weight: f32::from_bits(weight), fractions: halves(self[1]).map(f32::from_bits) }
+    }
+}
+
+impl Entry for [u32; 2] {
+    type Real = f32;
+
+    fn read(&self) -> End<f32> {
+        End { what: self[0], weight: f32::from_bits(self[1]), fractions: [0.0; 2] }
+    }
+}
+
+impl Entry for [u32; 4] {
+    type Real = f32;
+
+    fn read(&self) -> End<f32> {
+        let [what, weight, x, y] = *self;
+        End { what, weight: f32::from_bits(weight), fractions: [x, y].map(f32::from_bits) }
+    }
+}
+
+impl Entry for [f64; 2] {
+    type Real = f64;
+
+    fn read(&self) -> End<f64> {
+        End { what: self[0] as u32, weight: self[1], fractions: [0.0; 2] }
+    }
+}
+
+impl Entry for [f64; 4] {
+    type Real = f64;
+
+    fn read(&self) -> End<f64> {
+        let [what, weight, x, y] = *self;
+        End { what: what as u32, weight, fractions: [x, y] }
+    }
+}
+
+/// The arithmetic of weights, in the precision of the trace.
+trait Real: Copy + Into<f64> {
+    /// `first_shares` in splat.wgsl, in its very operations.
+    fn first_shares(weight: Self, fractions: [Self; 2]) -> [Self; 3];
+
+    /// Quanta of an end whose weight is below 2048, so that they fit 63 bits.
+    fn small_quanta(end: End<Self>) -> Option<SmallQuanta>;
+}
+
+macro_rules! real {
+    ($real:ty) => {
+        impl Real for $real {
+            #[inline]
+            fn first_shares(weight: $real, [x, y]: [$real; 2]) -> [$real; 3] {
+                [weight * ((1.0 - x) * (1.0 - y)), weight * (x * (1.0 - y)), weight * ((1.0 - x) * y)]
+            }
+
+            #[inline]
+            fn small_quanta(end: End<$real>) -> Option<SmallQuanta> {
+                const LIMIT: $real = 2048.0;
+                const ONE: $real = 1.0;
+                let [x, y] = end.fractions.map(<$real>::to_bits);
+                // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
+                let is_small =
+                    (end.weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
+                // SAFETY: the weight lies in 0..2048 and the fractions in 0..=1, so that no share exceeds the weight,
+                // and none 2^63 quanta.
+                #[allow(unsafe_code)]
+                let quanta = |share: $real| unsafe {
+                    (share * QUANTA_PER_UNIT as $real).to_int_unchecked::<i64>() as u64
+                };
+                is_small.then(|| SmallQuanta {
+                    whole: quanta(end.weight),
+                    first_taps: <$real>::first_shares(end.weight, end.fractions).map(quanta),
+                })
+            }
+        }
+    };
+}
+
+real!(f32);
+real!(f64);
