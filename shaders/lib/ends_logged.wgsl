@@ -12,7 +12,7 @@ const END_HIT_TAP_SHIFT: u32 = 24u;
 const END_IN_CELL: u32 = 0x04000000u;
 const END_IN_TAPS: u32 = 0x08000000u;
 const END_WITHOUT_PLACE: u32 = 0x10000000u;
-const END_STRAYED: u32 = 0x20000000u;
+const END_STRAYED: u32 = 0x40000000u;
 
 // 0: the ray goes on, or what it ended on adds it up itself.
 var<private> end: u32 = 0u;

@@ -31,7 +31,7 @@ const HIT_NEXT_ROW: u32 = 1 << 25;
 const IN_CELL: u32 = 1 << 26;
 const IN_TAPS: u32 = 1 << 27;
 const WITHOUT_PLACE: u32 = 1 << 28;
-const STRAYED: u32 = 1 << 29;
+const STRAYED: u32 = 1 << 30;
 
 impl EndSums {
     /// No ends.

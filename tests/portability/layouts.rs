@@ -286,8 +286,8 @@ fn tables_hold_the_scene_where_the_shaders_look() {
 /// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
-    // Of the trace, not of the program: range, draws, sums, tops, counters, rows, emitter, and the log of ends.
-    let traced = [0, RNG_TABLE, 2, 3, 4, 12, lowered::EMITTER, end_log::LOG];
+    // Of the trace, not of the program: range, draws, sums, tops, counters, rows, emitter, the log of ends, and the rays that strayed.
+    let traced = [0, RNG_TABLE, 2, 3, 4, 12, lowered::EMITTER, end_log::LOG, nominal::STRAYS];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])
