@@ -11,11 +11,16 @@ use crate::program::end_log::{self, EndLog};
 pub struct EndLogs {
     shape: EndLog,
     sums: EndSums,
+    /// From an entry of a ray to its next.
+    stride: u32,
     logs: [wgpu::Buffer; 2],
     /// The one that the next dispatch writes.
     turn: usize,
     written: Option<Written>,
 }
+
+/// The entries of a ray lie a power of two apart no more than those of a matrix should: they would share cache lines' places.
+const OFF_POWERS_OF_TWO: u32 = 8;
 
 /// The log of a submitted dispatch.
 #[derive(Debug)]
@@ -31,10 +36,11 @@ impl EndLogs {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn new(gpu: &Gpu, shape: EndLog, cells: &Cells, rays: u32) -> Result<Self> {
-        let bytes = u64::from(rays) * u64::from(shape.num_words()) * u64::from(shape.word_bytes());
+        let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
+        let bytes = u64::from(stride) * shape.ray_bytes();
         let log = || gpu.mappable_buffer("the log of ends", bytes);
         let sums = EndSums::new(cells, shape.form);
-        Ok(EndLogs { logs: [log()?, log()?], shape, sums, turn: 0, written: None })
+        Ok(EndLogs { logs: [log()?, log()?], shape, sums, stride, turn: 0, written: None })
     }
 
     /// The buffer of either log, by binding.
@@ -45,6 +51,11 @@ impl EndLogs {
     /// The log that the next dispatch writes.
     pub fn turn(&self) -> usize {
         self.turn
+    }
+
+    /// From an entry of a ray to its next.
+    pub fn stride(&self) -> u32 {
+        self.stride
     }
 
     /// Takes note of a dispatch of so many rays, and adds up the one before it meanwhile.
@@ -77,7 +88,7 @@ impl EndLogs {
         let makes_sense = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
-            self.sums.add(&bytes, written.rays as usize, &self.shape)
+            self.sums.add(&bytes, written.rays as usize, self.stride as usize, &self.shape)
         };
         log.unmap();
         makes_sense.ok_or_else(|| Error::Internal("the log of ends names a cell that does not exist".into()))

@@ -20,7 +20,7 @@ struct Quanta {
     high: Vec<u32>,
 }
 
-/// The parts of an end (`END_*` in ends_logged.wgsl).
+/// The parts of an entry (`END_*` in ends_logged.wgsl and passes_logged.wgsl).
 const CELL_MASK: u32 = (1 << CELL_BITS) - 1;
 const NEXT_COLUMN: u32 = 1 << 22;
 const NEXT_ROW: u32 = 1 << 23;
@@ -29,6 +29,7 @@ const HIT_NEXT_ROW: u32 = 1 << 25;
 const IN_CELL: u32 = 1 << 26;
 const IN_TAPS: u32 = 1 << 27;
 const WITHOUT_PLACE: u32 = 1 << 28;
+const PASSES: u32 = 1 << 29;
 
 impl EndSums {
     /// No ends.
@@ -44,26 +45,22 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// Adds the ends of a dispatch of so many rays. None if an end makes no sense.
-    pub fn add(&mut self, bytes: &[u8], num_rays: usize, log: &EndLog) -> Option<()> {
+    /// Adds what the rays of a dispatch logged; `stride` lies between the entries of a ray. None if one makes no sense.
+    pub fn add(&mut self, bytes: &[u8], num_rays: usize, stride: usize, log: &EndLog) -> Option<()> {
+        let rays = LoggedRays { bytes, num_rays, stride, has_passes: log.max_passes > 0 };
         let grids = &log.grids;
         match (log.form, log.has_fractions) {
-            (Form::Counts, _) => {
-                entries::<u32>(bytes, num_rays)?.iter().try_for_each(|&end| self.add_count(end))
-            }
-            (Form::Packed, false) => self.add_ends::<[u64; 1]>(bytes, num_rays, grids),
-            (Form::Packed, true) => self.add_ends::<[u64; 2]>(bytes, num_rays, grids),
-            (Form::Words, false) => self.add_ends::<[u32; 2]>(bytes, num_rays, grids),
-            (Form::Words, true) => self.add_ends::<[u32; 4]>(bytes, num_rays, grids),
-            (Form::Reals, false) => self.add_ends::<[f64; 2]>(bytes, num_rays, grids),
-            (Form::Reals, true) => self.add_ends::<[f64; 4]>(bytes, num_rays, grids),
+            (Form::Counts, _) => rays.visit::<[u32; 1]>(|end| self.add_count(end.what)),
+            (Form::Packed, false) => rays.visit::<[u64; 1]>(|end| self.add_end(end, grids)),
+            (Form::Packed, true) => rays.visit::<[u64; 2]>(|end| self.add_end(end, grids)),
+            (Form::Words, false) => rays.visit::<[u32; 2]>(|end| self.add_end(end, grids)),
+            (Form::Words, true) => rays.visit::<[u32; 4]>(|end| self.add_end(end, grids)),
+            (Form::Reals, false) => rays.visit::<[f64; 2]>(|end| self.add_end(end, grids)),
+            (Form::Reals, true) => rays.visit::<[f64; 4]>(|end| self.add_end(end, grids)),
         }
     }
 
-    fn add_ends<E: Entry>(&mut self, bytes: &[u8], num_rays: usize, grids: &[Grid]) -> Option<()> {
-        entries::<E>(bytes, num_rays)?.iter().try_for_each(|entry| self.add_end(entry.read(), grids))
-    }
-
+    #[inline(always)]
     fn add_count(&mut self, end: u32) -> Option<()> {
         if end & WITHOUT_PLACE != 0 {
             *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
@@ -74,7 +71,7 @@ impl EndSums {
         Some(())
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_end<T: Real>(&mut self, end: End<T>, grids: &[Grid]) -> Option<()> {
         if end.what & IN_TAPS != 0 {
             return self.add_taps(end, grid_of(grids, end.what)?);
@@ -88,7 +85,7 @@ impl EndSums {
     }
 
     /// The taps of an end: the last one takes what the others left (`book_taps` in splat.wgsl).
-    #[inline]
+    #[inline(always)]
     fn add_taps<T: Real>(&mut self, end: End<T>, grid: &Grid) -> Option<()> {
         let first = (end.what & CELL_MASK) as usize;
         let column = if end.what & NEXT_COLUMN != 0 { grid.column } else { 0 };
@@ -192,14 +189,48 @@ trait Entry: Pod {
     fn read(&self) -> End<Self::Real>;
 }
 
-/// The first entries of a log.
-fn entries<E: Pod>(bytes: &[u8], num: usize) -> Option<&[E]> {
-    bytemuck::try_cast_slice(bytes).ok()?.get(..num)
+/// The log of a dispatch.
+struct LoggedRays<'a> {
+    bytes: &'a [u8],
+    num_rays: usize,
+    /// From an entry of a ray to its next.
+    stride: usize,
+    /// Before its end a ray may have entries of detectors that it passed.
+    has_passes: bool,
+}
+
+impl LoggedRays<'_> {
+    /// Visits every entry; none if the log ends before a ray does, or the visitor ends it.
+    #[inline(always)]
+    fn visit<E: Entry>(&self, mut visitor: impl FnMut(End<E::Real>) -> Option<()>) -> Option<()> {
+        let entries: &[E] = bytemuck::try_cast_slice(self.bytes).ok()?;
+        if !self.has_passes {
+            return entries.get(..self.num_rays)?.iter().try_for_each(|entry| visitor(entry.read()));
+        }
+        (0..self.num_rays).try_for_each(|ray| {
+            for number in (ray..).step_by(self.stride) {
+                let entry = entries.get(number)?.read();
+                visitor(entry)?;
+                if entry.what & PASSES == 0 {
+                    break;
+                }
+            }
+            Some(())
+        })
+    }
 }
 
 /// What the low and the high half of a word hold.
 fn halves(word: u64) -> [u32; 2] {
     [word as u32, (word >> 32) as u32]
+}
+
+impl Entry for [u32; 1] {
+    type Real = f32;
+
+    fn read(&self) -> End<f32> {
+        End { what: self[0], weight: 0.0, fractions: [0.0; 2] }
+    }
 }
 
 impl Entry for [u64; 1] {
