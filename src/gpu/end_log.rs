@@ -1,7 +1,7 @@
 //! Adds up the log of where rays end (`shaders/lib/ends_logged.wgsl`), on devices whose memory is the host's.
 
 use super::Gpu;
-use super::end_sums::EndSums;
+use super::end_sums::{EndSums, LoggedRays};
 use crate::error::{Error, Result};
 use crate::program::Cells;
 use crate::program::end_log::{self, EndLog};
@@ -19,7 +19,7 @@ pub struct EndLogs {
     written: Option<Written>,
 }
 
-/// The entries of a ray lie a power of two apart no more than those of a matrix should: they would share cache lines' places.
+/// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
 
 /// The log of a submitted dispatch.
@@ -88,7 +88,8 @@ impl EndLogs {
         let makes_sense = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
-            self.sums.add(&bytes, written.rays as usize, self.stride as usize, &self.shape)
+            let (num, stride) = (written.rays as usize, self.stride as usize);
+            self.sums.add(LoggedRays { bytes: &bytes, num, stride }, &self.shape)
         };
         log.unmap();
         makes_sense.ok_or_else(|| Error::Internal("the log of ends names a cell that does not exist".into()))

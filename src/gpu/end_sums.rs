@@ -13,6 +13,20 @@ pub struct EndSums {
     quanta: Quanta,
 }
 
+/// What the rays of a dispatch logged.
+#[derive(Debug, Clone, Copy)]
+pub struct LoggedRays<'a> {
+    /// The log's words.
+    pub bytes: &'a [u8],
+    /// Rays.
+    pub num: usize,
+    /// From an entry of a ray to its next.
+    pub stride: usize,
+}
+
+/// Rays whose entries are added row by row: as many as a word has bits.
+const BLOCK: usize = 64;
+
 /// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
 #[derive(Debug, Default)]
 struct Quanta {
@@ -45,19 +59,58 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// Adds what the rays of a dispatch logged; `stride` lies between the entries of a ray. None if one makes no sense.
-    pub fn add(&mut self, bytes: &[u8], num_rays: usize, stride: usize, log: &EndLog) -> Option<()> {
-        let rays = LoggedRays { bytes, num_rays, stride, has_passes: log.max_passes > 0 };
-        let grids = &log.grids;
+    /// Adds what the rays of a dispatch logged. None if an entry makes no sense.
+    pub fn add(&mut self, rays: LoggedRays, log: &EndLog) -> Option<()> {
         match (log.form, log.has_fractions) {
-            (Form::Counts, _) => rays.visit::<[u32; 1]>(|end| self.add_count(end.what)),
-            (Form::Packed, false) => rays.visit::<[u64; 1]>(|end| self.add_end(end, grids)),
-            (Form::Packed, true) => rays.visit::<[u64; 2]>(|end| self.add_end(end, grids)),
-            (Form::Words, false) => rays.visit::<[u32; 2]>(|end| self.add_end(end, grids)),
-            (Form::Words, true) => rays.visit::<[u32; 4]>(|end| self.add_end(end, grids)),
-            (Form::Reals, false) => rays.visit::<[f64; 2]>(|end| self.add_end(end, grids)),
-            (Form::Reals, true) => rays.visit::<[f64; 4]>(|end| self.add_end(end, grids)),
+            (Form::Counts, _) => self.add_rays::<[u32; 1]>(rays, log),
+            (Form::Packed, false) => self.add_rays::<[u64; 1]>(rays, log),
+            (Form::Packed, true) => self.add_rays::<[u64; 2]>(rays, log),
+            (Form::Words, false) => self.add_rays::<[u32; 2]>(rays, log),
+            (Form::Words, true) => self.add_rays::<[u32; 4]>(rays, log),
+            (Form::Reals, false) => self.add_rays::<[f64; 2]>(rays, log),
+            (Form::Reals, true) => self.add_rays::<[f64; 4]>(rays, log),
         }
+    }
+
+    fn add_rays<E: Entry>(&mut self, rays: LoggedRays, log: &EndLog) -> Option<()> {
+        let entries: &[E] = bytemuck::try_cast_slice(rays.bytes).ok()?;
+        if log.max_passes == 0 {
+            let mut ends = entries.get(..rays.num)?.iter();
+            return ends.try_for_each(|entry| self.add_entry::<E>(entry.read(), &log.grids));
+        }
+        (0..rays.num).step_by(BLOCK).try_for_each(|first| {
+            let num = BLOCK.min(rays.num - first);
+            self.add_block(entries.get(first..)?, num, rays.stride, &log.grids)
+        })
+    }
+
+    /// Adds the entries of the first `num` rays, row by row, as they lie in memory.
+    fn add_block<E: Entry>(
+        &mut self,
+        entries: &[E],
+        num: usize,
+        stride: usize,
+        grids: &[Grid],
+    ) -> Option<()> {
+        let mut rows = entries.chunks(stride);
+        let mut unended = u64::MAX >> (BLOCK - num);
+        while unended != 0 {
+            let row = rows.next()?;
+            let mut waiting = std::mem::take(&mut unended);
+            while waiting != 0 {
+                let ray = waiting.trailing_zeros();
+                waiting &= waiting - 1;
+                let end = row.get(ray as usize)?.read();
+                unended |= u64::from(end.what & PASSES != 0) << ray;
+                self.add_entry::<E>(end, grids)?;
+            }
+        }
+        Some(())
+    }
+
+    #[inline(always)]
+    fn add_entry<E: Entry>(&mut self, end: End<E::Real>, grids: &[Grid]) -> Option<()> {
+        if E::IS_COUNTED { self.add_count(end.what) } else { self.add_end(end, grids) }
     }
 
     #[inline(always)]
@@ -186,38 +239,10 @@ struct SmallQuanta {
 trait Entry: Pod {
     type Real: Real;
 
+    /// Sums follow from counts.
+    const IS_COUNTED: bool = false;
+
     fn read(&self) -> End<Self::Real>;
-}
-
-/// The log of a dispatch.
-struct LoggedRays<'a> {
-    bytes: &'a [u8],
-    num_rays: usize,
-    /// From an entry of a ray to its next.
-    stride: usize,
-    /// Before its end a ray may have entries of detectors that it passed.
-    has_passes: bool,
-}
-
-impl LoggedRays<'_> {
-    /// Visits every entry; none if the log ends before a ray does, or the visitor ends it.
-    #[inline(always)]
-    fn visit<E: Entry>(&self, mut visitor: impl FnMut(End<E::Real>) -> Option<()>) -> Option<()> {
-        let entries: &[E] = bytemuck::try_cast_slice(self.bytes).ok()?;
-        if !self.has_passes {
-            return entries.get(..self.num_rays)?.iter().try_for_each(|entry| visitor(entry.read()));
-        }
-        (0..self.num_rays).try_for_each(|ray| {
-            for number in (ray..).step_by(self.stride) {
-                let entry = entries.get(number)?.read();
-                visitor(entry)?;
-                if entry.what & PASSES == 0 {
-                    break;
-                }
-            }
-            Some(())
-        })
-    }
 }
 
 /// What the low and the high half of a word hold.
@@ -227,6 +252,8 @@ fn halves(word: u64) -> [u32; 2] {
 
 impl Entry for [u32; 1] {
     type Real = f32;
+
+    const IS_COUNTED: bool = true;
 
     fn read(&self) -> End<f32> {
         End { what: self[0], weight: 0.0, fractions: [0.0; 2] }
