@@ -354,3 +354,85 @@ macro_rules! real {
 
 real!(f32);
 real!(f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::cast_slice;
+
+    const UNIT: u128 = QUANTA_PER_UNIT;
+
+    fn log(form: Form, max_passes: u32) -> EndLog {
+        let grid = Grid { first: 1, column: 1, row: 3 };
+        EndLog { form, has_fractions: form != Form::Counts, max_passes, grids: vec![grid] }
+    }
+
+    /// A map of three columns and two rows behind the counter of invalid deposits.
+    fn sums() -> EndSums {
+        EndSums { counts: vec![0; 7], quanta: Quanta { low: vec![0; 7], high: vec![0; 7] } }
+    }
+
+    fn quanta(sums: &EndSums) -> Vec<u128> {
+        sums.quanta().collect()
+    }
+
+    #[test]
+    fn taps_share_the_weight_in_every_form() {
+        let what = IN_TAPS | NEXT_COLUMN | NEXT_ROW | HIT_NEXT_ROW | 2;
+        let (weight, x, y) = (1.0_f32, 0.25_f32, 0.5_f32);
+        let [weight_bits, x_bits, y_bits] = [weight, x, y].map(f32::to_bits);
+        let joined = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+        let packed = [joined(what, weight_bits), joined(x_bits, y_bits)];
+        let words = [what, weight_bits, x_bits, y_bits];
+        let reals = [f64::from(what), f64::from(weight), f64::from(x), f64::from(y)];
+        for (form, bytes) in [
+            (Form::Packed, cast_slice::<u64, u8>(&packed)),
+            (Form::Words, cast_slice(&words)),
+            (Form::Reals, cast_slice(&reals)),
+        ] {
+            let mut sums = sums();
+            let rays = LoggedRays { bytes, num: 1, stride: 1 };
+            assert_eq!(sums.add(rays, &log(form, 0)), Some(()), "{form:?}");
+            let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
+            assert_eq!(quanta(&sums), shares, "{form:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
+        }
+    }
+
+    #[test]
+    fn taps_of_large_weights_and_of_no_number_are_those_of_the_device() {
+        let what = f64::from(IN_TAPS | NEXT_COLUMN | 1);
+        let large = 2.0_f64.powi(20);
+        let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
+        let mut sums = sums();
+        let rays = LoggedRays { bytes: cast_slice(&entries), num: 3, stride: 3 };
+        assert_eq!(sums.add(rays, &log(Form::Reals, 0)), Some(()));
+        assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
+        assert_eq!(sums.counts, [2, 3, 0, 0, 0, 0, 0], "two deposits that no sum can hold");
+    }
+
+    /// Of 100 rays, ray r passes r % 4 times.
+    #[test]
+    fn a_ray_ends_with_the_first_entry_that_does_not_pass() {
+        let (num, stride) = (100, 104);
+        let mut entries = vec![IN_CELL | PASSES | 3; 5 * stride];
+        for ray in 0..num {
+            let passes = ray % 4;
+            (0..passes).for_each(|row| entries[row * stride + ray] = IN_CELL | PASSES | 1);
+            entries[passes * stride + ray] = IN_CELL | 2;
+        }
+        let mut whole = sums();
+        let rays = LoggedRays { bytes: cast_slice(&entries), num, stride };
+        assert_eq!(whole.add(rays, &log(Form::Counts, 4)), Some(()));
+        assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
+        let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..rays };
+        assert_eq!(sums().add(cut, &log(Form::Counts, 4)), None, "the log ends before the ray does");
+    }
+
+    #[test]
+    fn a_cell_that_does_not_exist_is_refused() {
+        let entries = [IN_CELL | 7];
+        let rays = LoggedRays { bytes: cast_slice(&entries), num: 1, stride: 1 };
+        assert_eq!(sums().add(rays, &log(Form::Counts, 0)), None);
+    }
+}
