@@ -9,6 +9,7 @@ struct PackedRay {
     direction_z: real,
     weight: real,
     index: u32,
+    // In the low 20 bits; above them, entries of the log so far (lib/passes_logged.wgsl).
     bounce: u32,
     last: u32,
     // Wavelength in the low 16 bits, medium in the next 14, then forward and entered_solid.
@@ -23,11 +24,13 @@ var<workgroup> queue_base: u32;
 
 fn unpack_ray(q: PackedRay) -> Ray {
     let key = key_of(q.index);
-    let jump = rng_table[q.bounce];
+    let bounce = q.bounce & 0xfffffu;
+    let jump = rng_table[bounce];
+    go_on_after_passes(q.bounce >> 20u);
     return Ray(
         vec3<real>(q.position_x, q.position_y, q.position_z),
         vec3<real>(q.direction_x, q.direction_y, q.direction_z),
-        q.weight, key, stream_at(key, FRESNEL_BRANCH, jump), stream_at(key, RR, jump), q.index, q.bounce, q.last,
+        q.weight, key, stream_at(key, FRESNEL_BRANCH, jump), stream_at(key, RR, jump), q.index, bounce, q.last,
         q.state & 0xffffu, (q.state >> 16u) & 0x3fffu, (q.state >> 31u) != 0u, ((q.state >> 30u) & 1u) != 0u, ALIVE,
     );
 }
@@ -35,9 +38,10 @@ fn unpack_ray(q: PackedRay) -> Ray {
 fn pack_ray(ray: Ray) -> PackedRay {
     let flags = (select(0u, 1u, ray.forward) << 30u) | (select(0u, 1u, ray.entered_solid) << 31u);
     let state = ray.wavelength | (ray.medium << 16u) | flags;
+    let bounce = ray.bounce | (passes_so_far() << 20u);
     return PackedRay(
         ray.position.x, ray.position.y, ray.position.z, ray.direction.x, ray.direction.y, ray.direction.z,
-        ray.weight, ray.index, ray.bounce, ray.last, state,
+        ray.weight, ray.index, bounce, ray.last, state,
     );
 }
 

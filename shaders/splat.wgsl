@@ -11,6 +11,7 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
         (*ray).fate = DETECTED;
     } else {
         splat(*ray, index, false);
+        log_pass((*ray).index);
     }
 }
 
@@ -22,7 +23,7 @@ fn splat(ray: Ray, index: u32, ends: bool) {
 }
 
 fn book_arrival(cell: u32, weight: real, ends: bool) {
-    if ends {
+    if ends || LOGS_PASSES {
         end_in(cell, weight);
     } else {
         book(cell, weight);
@@ -59,7 +60,7 @@ fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32,
     let pixel = hit_pixel(p, sensor);
     if HAS_BILINEAR && sensor.splat == SPLAT_BILINEAR {
         let taps = bilinear_taps(sensor, p, base, stride, base + pixel * stride);
-        if ends {
+        if ends || LOGS_PASSES {
             end_in_taps(taps, ray.weight);
         } else {
             book_taps(taps, ray.weight);

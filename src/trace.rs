@@ -14,6 +14,7 @@ use crate::gpu::tuning::Tuning;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::nominal;
+use crate::program::end_log::EndLog;
 use crate::program::{
     self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
     Splitting, df64, events,
@@ -591,7 +592,8 @@ impl<'a> Tracer<'a> {
             if let Some(buffer) = &self.device.strays {
                 self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&strays));
             }
-            let range = RayRange { first: 0, count: strays.len() as u32, emitter, reached: self.reached };
+            let (log_stride, reached) = (logs.stride(), self.reached);
+            let range = RayRange { first: 0, count: strays.len() as u32, emitter, log_stride, reached };
             self.dispatch(&range, Rays::Strayed)?;
         }
         Ok(())
@@ -624,6 +626,7 @@ impl<'a> Tracer<'a> {
 
     /// Ranges of at most one batch, each of one emitter.
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
+        let log_stride = self.end_logs.as_ref().map_or(0, EndLogs::stride);
         let reached = self.reached;
         let mut ranges = Vec::new();
         for (emitter, rays) in self.rays.iter().enumerate() {
@@ -631,7 +634,7 @@ impl<'a> Tracer<'a> {
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(self.batch)) as u32;
-                ranges.push(RayRange { first: next, count, emitter, reached });
+                ranges.push(RayRange { first: next, count, emitter, log_stride, reached });
                 next += u64::from(count);
             }
         }
@@ -663,7 +666,8 @@ impl<'a> Tracer<'a> {
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
         if let Some(logs) = &mut self.end_logs {
-            logs.submitted(self.gpu, *range, submission)?;
+            let may_stray = self.program.nominal.is_some() && rays == Rays::OfRange;
+            logs.submitted(self.gpu, *range, may_stray, submission)?;
         }
         if let Some(profile) = &mut self.profile {
             profile.collect(self.gpu)?;
@@ -1272,7 +1276,8 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
     let families = program.splitting.map_or(u32::MAX, |splitting| {
         (1 << splitting.index_bits()).min((MAX_COUNTS_PER_PASS / counts_per_ray(program)) as u32)
     });
-    wanted.min(events).min(queued).min(families).max(1)
+    let logged = program.end_log.as_ref().map_or(u32::MAX, EndLog::max_rays);
+    wanted.min(logged).min(events).min(queued).min(families).max(1)
 }
 
 /// Rays that the sources share.

@@ -12,12 +12,12 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
-    Surface,
+    Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
-use nsq_gpu::trace::RecordPaths;
+use nsq_gpu::trace::{RecordPaths, Strict};
 use nsq_gpu::{StandardError, TraceOptions};
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
@@ -119,6 +119,52 @@ fn the_host_and_the_device_add_up_the_same_bits() {
         ..TraceOptions::default()
     };
     assert_same_bits_from(&base, &[booked]);
+}
+
+/// What a ray leaves on detectors that it passes is logged with where it ends: cells, taps, spectral bins, directions,
+/// and Gaussian splats between them, which are not.
+#[test]
+fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
+    for name in DIVERSE.into_iter().chain(["bench_cavity", "newtonian_telescope", "bench_lens"]) {
+        let mut ir = zoo::load(name);
+        for sensor in &mut ir.sensors {
+            sensor.absorb = false;
+            // Sums of whole weights follow from counts.
+            if let (SensorKind::Irradiance(grid), "bench_lens") = (&mut sensor.kind, name) {
+                grid.splat = Splat::Hard;
+            }
+        }
+        for precision in PRECISIONS {
+            let options =
+                TraceOptions { standard_error: StandardError::Off, ..zoo::options(2000, 11, precision) };
+            let booked = zoo::trace(&ir, &TraceOptions { host_sums: Some(false), ..options.clone() });
+            let queued = TraceOptions { events_per_dispatch: 3, batch_size: Some(777), ..options.clone() };
+            for logged in [&options, &queued] {
+                assert!(zoo::trace(&ir, logged) == booked, "{name} in {precision:?}: other bits, {logged:?}");
+            }
+            let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &queued);
+            assert!(portable == booked, "{name} in {precision:?}: other bits with pairs");
+        }
+    }
+}
+
+/// So deep that a ray's passes would not fit the log, and just less deep; with second moments, and loosely rounded.
+#[test]
+fn a_cavity_of_any_depth_has_the_same_bits_on_host_and_device() {
+    let ir = zoo::load("bench_cavity");
+    for precision in PRECISIONS {
+        let plain = zoo::options(3000, 11, precision);
+        for options in [
+            TraceOptions { max_depth: 300, ..plain.clone() },
+            TraceOptions { max_depth: 255, ..plain.clone() },
+            TraceOptions { max_depth: 1, ..plain.clone() },
+            TraceOptions { standard_error: StandardError::On, ..plain.clone() },
+            TraceOptions { strict: Strict::Off, ..plain.clone() },
+        ] {
+            let booked = TraceOptions { host_sums: Some(false), ..options.clone() };
+            assert!(zoo::trace(&ir, &options) == zoo::trace(&ir, &booked), "other bits: {options:?}");
+        }
+    }
 }
 
 #[test]

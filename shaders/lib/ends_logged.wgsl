@@ -25,17 +25,13 @@ fn end_in(cell: u32, weight: real) {
 }
 
 fn end_in_taps(taps: FourTaps, weight: real) {
-    end |= entry_of_taps(taps);
-    end_weight = weight;
-    end_fractions = taps.fractions;
-}
-
-fn entry_of_taps(taps: FourTaps) -> u32 {
     let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
     let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
     let right = select(0u, 1u, taps.hit == taps.cells.y || taps.hit == taps.cells.w);
     let below = select(0u, 2u, taps.hit == taps.cells.z || taps.hit == taps.cells.w);
-    return END_IN_TAPS | taps.cells.x | columns | rows | ((right | below) << END_HIT_TAP_SHIFT);
+    end |= END_IN_TAPS | taps.cells.x | columns | rows | ((right | below) << END_HIT_TAP_SHIFT);
+    end_weight = weight;
+    end_fractions = taps.fractions;
 }
 
 fn end_without_place() {
@@ -47,5 +43,5 @@ fn end_strayed() {
 }
 
 fn log_end(index: u32) {
-    write_entry(index, end, end_weight, end_fractions);
+    write_entry(entry_number(index), end, end_weight, end_fractions);
 }

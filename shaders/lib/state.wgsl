@@ -63,6 +63,8 @@ struct Range {
     // The seed's words in the row of step 0 (program::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
+    // From an entry of a ray in the log to its next (lib/passes_logged.wgsl).
+    log_stride: u32,
     // The primitives that earlier passes reached, a bit each (lib/reached_mask.wgsl).
     reached: u32,
 }

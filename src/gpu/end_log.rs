@@ -1,7 +1,7 @@
 //! Adds up the log of where rays end (`shaders/lib/ends_logged.wgsl`), on devices whose memory is the host's.
 
 use super::Gpu;
-use super::end_sums::EndSums;
+use super::end_sums::{EndSums, LoggedRays};
 use crate::error::{Error, Result};
 use crate::program::Cells;
 use crate::program::RayRange;
@@ -12,6 +12,8 @@ use crate::program::end_log::{self, EndLog};
 pub struct EndLogs {
     shape: EndLog,
     sums: EndSums,
+    /// From an entry of a ray to its next.
+    stride: u32,
     logs: [wgpu::Buffer; 2],
     /// The one that the next dispatch writes.
     turn: usize,
@@ -20,11 +22,16 @@ pub struct EndLogs {
     strays: Vec<Vec<u64>>,
 }
 
+/// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
+const OFF_POWERS_OF_TWO: u32 = 8;
+
 /// The log of a submitted dispatch.
 #[derive(Debug)]
 struct Written {
     log: usize,
     range: RayRange,
+    /// Its rays follow the nominal path, as far as they do.
+    may_stray: bool,
     submission: wgpu::SubmissionIndex,
 }
 
@@ -34,10 +41,19 @@ impl EndLogs {
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn new(gpu: &Gpu, shape: EndLog, cells: &Cells, rays: u32) -> Result<Self> {
-        let bytes = u64::from(rays) * u64::from(shape.num_words()) * u64::from(shape.word_bytes());
+        let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
+        let bytes = u64::from(stride) * shape.ray_bytes();
         let log = || gpu.mappable_buffer("the log of ends", bytes);
         let sums = EndSums::new(cells, shape.form);
-        Ok(EndLogs { logs: [log()?, log()?], shape, sums, turn: 0, written: None, strays: Vec::new() })
+        Ok(EndLogs {
+            logs: [log()?, log()?],
+            shape,
+            sums,
+            stride,
+            turn: 0,
+            written: None,
+            strays: Vec::new(),
+        })
     }
 
     /// The buffer of either log, by binding.
@@ -50,13 +66,24 @@ impl EndLogs {
         self.turn
     }
 
-    /// Takes note of a dispatch, and adds up the one before it meanwhile.
+    /// From an entry of a ray to its next.
+    pub fn stride(&self) -> u32 {
+        self.stride
+    }
+
+    /// Takes note of a dispatch, whose rays may have strayed from the nominal path, and adds up the one before it meanwhile.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn submitted(&mut self, gpu: &Gpu, range: RayRange, submission: wgpu::SubmissionIndex) -> Result<()> {
+    pub fn submitted(
+        &mut self,
+        gpu: &Gpu,
+        range: RayRange,
+        may_stray: bool,
+        submission: wgpu::SubmissionIndex,
+    ) -> Result<()> {
         self.logs[self.turn].map_async(wgpu::MapMode::Read, .., |_| {});
-        let before = self.written.replace(Written { log: self.turn, range, submission });
+        let before = self.written.replace(Written { log: self.turn, range, may_stray, submission });
         self.turn = 1 - self.turn;
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
@@ -67,15 +94,6 @@ impl EndLogs {
     /// [`Error::Device`] if the device fails.
     pub fn finish(&mut self, gpu: &Gpu) -> Result<()> {
         self.written.take().map_or(Ok(()), |written| self.add_up(gpu, written))
-    }
-
-    fn note_strays(&mut self, range: &RayRange) {
-        let strays = self.sums.take_strays();
-        if !strays.is_empty() {
-            let num_emitters = self.strays.len().max(range.emitter + 1);
-            self.strays.resize(num_emitters, Vec::new());
-            self.strays[range.emitter].extend(strays.into_iter().map(|index| range.first + u64::from(index)));
-        }
     }
 
     /// How many strays of an emitter wait.
@@ -100,10 +118,20 @@ impl EndLogs {
         let makes_sense = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
-            self.sums.add(&bytes, written.range.count as usize, &self.shape)
+            let (num, stride) = (written.range.count as usize, self.stride as usize);
+            let rays = LoggedRays { bytes: &bytes, num, stride };
+            if written.may_stray {
+                note_strays(rays.strays(&self.shape), &written.range, &mut self.strays);
+            }
+            self.sums.add(rays, &self.shape)
         };
         log.unmap();
-        self.note_strays(&written.range);
         makes_sense.ok_or_else(|| Error::Internal("the log of ends names a cell that does not exist".into()))
     }
+}
+
+/// Notes the rays of a range that strayed, by their ids.
+fn note_strays(strays: impl Iterator<Item = u32>, range: &RayRange, noted: &mut Vec<Vec<u64>>) {
+    noted.resize(noted.len().max(range.emitter + 1), Vec::new());
+    noted[range.emitter].extend(strays.map(|ray| range.first + u64::from(ray)));
 }

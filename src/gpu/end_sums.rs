@@ -11,9 +11,35 @@ pub struct EndSums {
     /// Ends per counter.
     pub counts: Vec<u64>,
     quanta: Quanta,
-    /// Rays of the dispatch that was added last which strayed from the nominal path, by their number in it.
-    strays: Vec<u32>,
 }
+
+/// What the rays of a dispatch logged.
+#[derive(Debug, Clone, Copy)]
+pub struct LoggedRays<'a> {
+    /// The log's words.
+    pub bytes: &'a [u8],
+    /// Rays.
+    pub num: usize,
+    /// From an entry of a ray to its next.
+    pub stride: usize,
+}
+
+impl LoggedRays<'_> {
+    /// The rays that strayed from the nominal path, by their number: what the first entry of each says.
+    pub fn strays(self, log: &EndLog) -> impl Iterator<Item = u32> {
+        let entry_bytes = (log.num_words() * log.word_bytes()) as usize;
+        let is_real = log.form == Form::Reals;
+        let strayed = move |entry: &[u8]| match is_real {
+            true => entry.first_chunk().is_some_and(|word| f64::from_ne_bytes(*word) as u32 & STRAYED != 0),
+            false => entry.first_chunk().is_some_and(|word| u32::from_le_bytes(*word) & STRAYED != 0),
+        };
+        let entries = (0..).zip(self.bytes.chunks_exact(entry_bytes)).take(self.num);
+        entries.filter(move |(_, entry)| strayed(entry)).map(|(ray, _)| ray)
+    }
+}
+
+/// Rays whose entries are added row by row: as many as a word has bits.
+const BLOCK: usize = 64;
 
 /// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
 #[derive(Debug, Default)]
@@ -22,7 +48,7 @@ struct Quanta {
     high: Vec<u32>,
 }
 
-/// The parts of an end (`END_*` in ends_logged.wgsl).
+/// The parts of an entry (`END_*` in ends_logged.wgsl and passes_logged.wgsl).
 const CELL_MASK: u32 = (1 << CELL_BITS) - 1;
 const NEXT_COLUMN: u32 = 1 << 22;
 const NEXT_ROW: u32 = 1 << 23;
@@ -31,6 +57,7 @@ const HIT_NEXT_ROW: u32 = 1 << 25;
 const IN_CELL: u32 = 1 << 26;
 const IN_TAPS: u32 = 1 << 27;
 const WITHOUT_PLACE: u32 = 1 << 28;
+const PASSES: u32 = 1 << 29;
 const STRAYED: u32 = 1 << 30;
 
 impl EndSums {
@@ -38,7 +65,7 @@ impl EndSums {
     pub fn new(cells: &Cells, form: Form) -> Self {
         let num_sums = if form == Form::Counts { 0 } else { cells.num_sums as usize };
         let quanta = Quanta { low: vec![0; num_sums], high: vec![0; num_sums] };
-        EndSums { counts: vec![0; cells.num_counters as usize], quanta, strays: Vec::new() }
+        EndSums { counts: vec![0; cells.num_counters as usize], quanta }
     }
 
     /// Quanta per cell; none where they follow from the counts.
@@ -47,37 +74,62 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// The strays of the dispatch that was added last.
-    pub fn take_strays(&mut self) -> Vec<u32> {
-        std::mem::take(&mut self.strays)
-    }
-
-    /// Adds the ends of a dispatch of so many rays. None if an end makes no sense.
-    pub fn add(&mut self, bytes: &[u8], num_rays: usize, log: &EndLog) -> Option<()> {
-        let grids = &log.grids;
+    /// Adds what the rays of a dispatch logged. None if an entry makes no sense.
+    pub fn add(&mut self, rays: LoggedRays, log: &EndLog) -> Option<()> {
         match (log.form, log.has_fractions) {
-            (Form::Counts, _) => {
-                let mut ends = (0..).zip(entries::<u32>(bytes, num_rays)?);
-                ends.try_for_each(|(ray, &end)| self.add_count(ray, end))
+            (Form::Counts, _) => self.add_rays::<[u32; 1]>(rays, log),
+            (Form::Packed, false) => self.add_rays::<[u64; 1]>(rays, log),
+            (Form::Packed, true) => self.add_rays::<[u64; 2]>(rays, log),
+            (Form::Words, false) => self.add_rays::<[u32; 2]>(rays, log),
+            (Form::Words, true) => self.add_rays::<[u32; 4]>(rays, log),
+            (Form::Reals, false) => self.add_rays::<[f64; 2]>(rays, log),
+            (Form::Reals, true) => self.add_rays::<[f64; 4]>(rays, log),
+        }
+    }
+
+    fn add_rays<E: Entry>(&mut self, rays: LoggedRays, log: &EndLog) -> Option<()> {
+        let entries: &[E] = bytemuck::try_cast_slice(rays.bytes).ok()?;
+        if log.max_passes == 0 {
+            let mut ends = entries.get(..rays.num)?.iter();
+            return ends.try_for_each(|entry| self.add_entry::<E>(entry.read(), &log.grids));
+        }
+        (0..rays.num).step_by(BLOCK).try_for_each(|first| {
+            let num = BLOCK.min(rays.num - first);
+            self.add_block(entries.get(first..)?, num, rays.stride, &log.grids)
+        })
+    }
+
+    /// Adds the entries of the first `num` rays, row by row, as they lie in memory.
+    fn add_block<E: Entry>(
+        &mut self,
+        entries: &[E],
+        num: usize,
+        stride: usize,
+        grids: &[Grid],
+    ) -> Option<()> {
+        let mut rows = entries.chunks(stride);
+        let mut unended = u64::MAX >> (BLOCK - num);
+        while unended != 0 {
+            let row = rows.next()?;
+            let mut waiting = std::mem::take(&mut unended);
+            while waiting != 0 {
+                let ray = waiting.trailing_zeros();
+                waiting &= waiting - 1;
+                let end = row.get(ray as usize)?.read();
+                unended |= u64::from(end.what & PASSES != 0) << ray;
+                self.add_entry::<E>(end, grids)?;
             }
-            (Form::Packed, false) => self.add_ends::<[u64; 1]>(bytes, num_rays, grids),
-            (Form::Packed, true) => self.add_ends::<[u64; 2]>(bytes, num_rays, grids),
-            (Form::Words, false) => self.add_ends::<[u32; 2]>(bytes, num_rays, grids),
-            (Form::Words, true) => self.add_ends::<[u32; 4]>(bytes, num_rays, grids),
-            (Form::Reals, false) => self.add_ends::<[f64; 2]>(bytes, num_rays, grids),
-            (Form::Reals, true) => self.add_ends::<[f64; 4]>(bytes, num_rays, grids),
         }
+        Some(())
     }
 
-    fn add_ends<E: Entry>(&mut self, bytes: &[u8], num_rays: usize, grids: &[Grid]) -> Option<()> {
-        let mut ends = (0..).zip(entries::<E>(bytes, num_rays)?);
-        ends.try_for_each(|(ray, entry)| self.add_end(ray, entry.read(), grids))
+    #[inline(always)]
+    fn add_entry<E: Entry>(&mut self, end: End<E::Real>, grids: &[Grid]) -> Option<()> {
+        if E::IS_COUNTED { self.add_count(end.what) } else { self.add_end(end, grids) }
     }
 
-    fn add_count(&mut self, ray: u32, end: u32) -> Option<()> {
-        if end & STRAYED != 0 {
-            self.strays.push(ray);
-        }
+    #[inline(always)]
+    fn add_count(&mut self, end: u32) -> Option<()> {
         if end & WITHOUT_PLACE != 0 {
             *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
         }
@@ -87,12 +139,12 @@ impl EndSums {
         Some(())
     }
 
-    #[inline]
-    fn add_end<T: Real>(&mut self, ray: u32, end: End<T>, grids: &[Grid]) -> Option<()> {
+    #[inline(always)]
+    fn add_end<T: Real>(&mut self, end: End<T>, grids: &[Grid]) -> Option<()> {
         if end.what & IN_TAPS != 0 {
             return self.add_taps(end, grid_of(grids, end.what)?);
         }
-        self.add_count(ray, end.what)?;
+        self.add_count(end.what)?;
         if end.what & IN_CELL == 0 {
             return Some(());
         }
@@ -101,7 +153,7 @@ impl EndSums {
     }
 
     /// The taps of an end: the last one takes what the others left (`book_taps` in splat.wgsl).
-    #[inline]
+    #[inline(always)]
     fn add_taps<T: Real>(&mut self, end: End<T>, grid: &Grid) -> Option<()> {
         let first = (end.what & CELL_MASK) as usize;
         let column = if end.what & NEXT_COLUMN != 0 { grid.column } else { 0 };
@@ -202,17 +254,25 @@ struct SmallQuanta {
 trait Entry: Pod {
     type Real: Real;
 
-    fn read(&self) -> End<Self::Real>;
-}
+    /// Sums follow from counts.
+    const IS_COUNTED: bool = false;
 
-/// The first entries of a log.
-fn entries<E: Pod>(bytes: &[u8], num: usize) -> Option<&[E]> {
-    bytemuck::try_cast_slice(bytes).ok()?.get(..num)
+    fn read(&self) -> End<Self::Real>;
 }
 
 /// What the low and the high half of a word hold.
 fn halves(word: u64) -> [u32; 2] {
     [word as u32, (word >> 32) as u32]
+}
+
+impl Entry for [u32; 1] {
+    type Real = f32;
+
+    const IS_COUNTED: bool = true;
+
+    fn read(&self) -> End<f32> {
+        End { what: self[0], weight: 0.0, fractions: [0.0; 2] }
+    }
 }
 
 impl Entry for [u64; 1] {
@@ -309,3 +369,85 @@ macro_rules! real {
 
 real!(f32);
 real!(f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::cast_slice;
+
+    const UNIT: u128 = QUANTA_PER_UNIT;
+
+    fn log(form: Form, max_passes: u32) -> EndLog {
+        let grid = Grid { first: 1, column: 1, row: 3 };
+        EndLog { form, has_fractions: form != Form::Counts, max_passes, grids: vec![grid] }
+    }
+
+    /// A map of three columns and two rows behind the counter of invalid deposits.
+    fn sums() -> EndSums {
+        EndSums { counts: vec![0; 7], quanta: Quanta { low: vec![0; 7], high: vec![0; 7] } }
+    }
+
+    fn quanta(sums: &EndSums) -> Vec<u128> {
+        sums.quanta().collect()
+    }
+
+    #[test]
+    fn taps_share_the_weight_in_every_form() {
+        let what = IN_TAPS | NEXT_COLUMN | NEXT_ROW | HIT_NEXT_ROW | 2;
+        let (weight, x, y) = (1.0_f32, 0.25_f32, 0.5_f32);
+        let [weight_bits, x_bits, y_bits] = [weight, x, y].map(f32::to_bits);
+        let joined = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+        let packed = [joined(what, weight_bits), joined(x_bits, y_bits)];
+        let words = [what, weight_bits, x_bits, y_bits];
+        let reals = [f64::from(what), f64::from(weight), f64::from(x), f64::from(y)];
+        for (form, bytes) in [
+            (Form::Packed, cast_slice::<u64, u8>(&packed)),
+            (Form::Words, cast_slice(&words)),
+            (Form::Reals, cast_slice(&reals)),
+        ] {
+            let mut sums = sums();
+            let rays = LoggedRays { bytes, num: 1, stride: 1 };
+            assert_eq!(sums.add(rays, &log(form, 0)), Some(()), "{form:?}");
+            let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
+            assert_eq!(quanta(&sums), shares, "{form:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
+        }
+    }
+
+    #[test]
+    fn taps_of_large_weights_and_of_no_number_are_those_of_the_device() {
+        let what = f64::from(IN_TAPS | NEXT_COLUMN | 1);
+        let large = 2.0_f64.powi(20);
+        let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
+        let mut sums = sums();
+        let rays = LoggedRays { bytes: cast_slice(&entries), num: 3, stride: 3 };
+        assert_eq!(sums.add(rays, &log(Form::Reals, 0)), Some(()));
+        assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
+        assert_eq!(sums.counts, [2, 3, 0, 0, 0, 0, 0], "two deposits that no sum can hold");
+    }
+
+    /// Of 100 rays, ray r passes r % 4 times.
+    #[test]
+    fn a_ray_ends_with_the_first_entry_that_does_not_pass() {
+        let (num, stride) = (100, 104);
+        let mut entries = vec![IN_CELL | PASSES | 3; 5 * stride];
+        for ray in 0..num {
+            let passes = ray % 4;
+            (0..passes).for_each(|row| entries[row * stride + ray] = IN_CELL | PASSES | 1);
+            entries[passes * stride + ray] = IN_CELL | 2;
+        }
+        let mut whole = sums();
+        let rays = LoggedRays { bytes: cast_slice(&entries), num, stride };
+        assert_eq!(whole.add(rays, &log(Form::Counts, 4)), Some(()));
+        assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
+        let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..rays };
+        assert_eq!(sums().add(cut, &log(Form::Counts, 4)), None, "the log ends before the ray does");
+    }
+
+    #[test]
+    fn a_cell_that_does_not_exist_is_refused() {
+        let entries = [IN_CELL | 7];
+        let rays = LoggedRays { bytes: cast_slice(&entries), num: 1, stride: 1 };
+        assert_eq!(sums().add(rays, &log(Form::Counts, 0)), None);
+    }
+}

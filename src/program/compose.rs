@@ -147,6 +147,7 @@ impl Composition<'_> {
             ("HAS_TRANSMISSIVE", f.transmissive),
             ("HAS_TRANSMISSIVE_LOBES", f.transmissive_lobes),
             ("HAS_QUEUE", o.has_queue()),
+            ("LOGS_PASSES", self.logs_passes()),
             ("HAS_TOTALS", self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some())),
             ("UNIT_GRADIENTS", f.unit_gradients),
             ("RECORD_ALL_PATHS", o.paths == PathSampling::All),
@@ -206,6 +207,7 @@ impl Composition<'_> {
                 shader!("lib/weights_vary.wgsl"),
             ),
             pick(self.end_log.is_some(), shader!("lib/ends_logged.wgsl"), shader!("lib/ends_booked.wgsl")),
+            pick(self.logs_passes(), shader!("lib/passes_logged.wgsl"), shader!("lib/passes_booked.wgsl")),
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
@@ -303,6 +305,10 @@ impl Composition<'_> {
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
+    }
+
+    fn logs_passes(&self) -> bool {
+        self.end_log.is_some_and(|log| log.max_passes > 0)
     }
 
     fn branch_file(&self) -> &'static str {

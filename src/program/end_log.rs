@@ -3,13 +3,19 @@
 use super::features::Features;
 use super::lowered::{self, Cells};
 use super::{Precision, ProgramOptions, SecondMoments};
-use crate::ir::SceneIr;
+use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
 /// Binding of the log.
 pub const LOG: u32 = 20;
 
 /// The bits of an entry that name its cell.
 pub const CELL_BITS: u32 = 22;
+
+/// Deeper traces log no passes: a ray may make as many as it has events.
+const MAX_LOGGED_DEPTH: u32 = 255;
+
+/// Of one log; there are two.
+const MAX_BYTES: u64 = 16 << 20;
 
 /// What the log of a program holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +24,9 @@ pub struct EndLog {
     pub form: Form,
     /// Entries have the fractions of their taps.
     pub has_fractions: bool,
+    /// Most entries of a ray that passes detectors, beside that of its end; 0 where the device adds up what rays leave in
+    /// passing.
+    pub max_passes: u32,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
 }
@@ -44,6 +53,11 @@ pub struct Grid {
     pub column: usize,
     /// Cells from one row to the next.
     pub row: usize,
+}
+
+/// What spreads over many pixels the device adds up.
+fn is_gaussian(kind: &SensorKind) -> bool {
+    kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
 }
 
 impl EndLog {
@@ -73,7 +87,20 @@ impl EndLog {
             let row = column * sensor.kind.grid().map_or(1, |grid| grid.num_pixels_x as usize);
             Grid { first: first as usize, column, row }
         });
-        Some(EndLog { form, has_fractions: features.splats[1], grids: grids.collect() })
+        let is_logged = |sensor: &Sensor| !sensor.absorb && !is_gaussian(&sensor.kind);
+        let logs_passes = ir.sensors.iter().any(is_logged) && options.max_depth <= MAX_LOGGED_DEPTH;
+        let max_passes = if logs_passes { options.max_depth } else { 0 };
+        Some(EndLog { form, has_fractions: features.splats[1], max_passes, grids: grids.collect() })
+    }
+
+    /// Bytes of all that a ray may log.
+    pub fn ray_bytes(&self) -> u64 {
+        u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes())
+    }
+
+    /// Rays of a dispatch, so many at most that the log stays small.
+    pub fn max_rays(&self) -> u32 {
+        (MAX_BYTES / self.ray_bytes()) as u32
     }
 
     /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.

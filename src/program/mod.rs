@@ -381,6 +381,7 @@ impl Program {
             ("emitter", range.emitter as u32),
             ("seed_lo", seed_lo),
             ("seed_hi", seed_hi),
+            ("log_stride", range.log_stride),
             ("reached", range.reached),
         ];
         for (field, value) in fields {
@@ -400,6 +401,8 @@ pub struct RayRange {
     pub count: u32,
     /// The emitter they come from.
     pub emitter: usize,
+    /// From an entry of a ray in the log to its next.
+    pub log_stride: u32,
     /// Primitives that earlier passes reached, a bit each, where they are marked so.
     pub reached: u32,
 }

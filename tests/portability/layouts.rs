@@ -5,7 +5,9 @@ use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::ir::SceneIr;
 use nsq_gpu::program::records::StructLayout;
-use nsq_gpu::program::{PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler, end_log, lowered};
+use nsq_gpu::program::{
+    PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler, end_log, lowered, nominal,
+};
 
 /// A field of a struct of a module.
 #[derive(Debug, PartialEq)]
@@ -166,7 +168,7 @@ fn host_writes_every_field_of_a_range() {
     for tier in tiers_in_tables() {
         let (ir, program) = range_scene(tier);
         let emitter = ir.emitters.len() - 1;
-        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, reached: 5 };
+        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, log_stride: 13, reached: 5 };
         let bytes = program.range_bytes(&range).unwrap();
         assert_eq!(written(&program, "Range", &bytes), expected_range(emitter), "{tier:?}");
         let written = written(&program, "Emitter", &program.emitters[emitter]);
@@ -205,6 +207,7 @@ fn expected_range(emitter: usize) -> Vec<(String, f64)> {
         ("emitter", emitter as f64),
         ("seed_lo", f64::from(seed_lo)),
         ("seed_hi", f64::from(seed_hi)),
+        ("log_stride", 13.0),
         ("reached", 5.0),
     ];
     expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
