@@ -273,15 +273,15 @@ mod tests {
     #[test]
     fn intervals_hold_the_true_ratio() {
         // Three standard errors of the count are 0.5 %.
-        for groups in [[5, 5], [16, 16], [64, 64], [64, 256]] {
+        for groups in [[5, 5], [16, 16], [64, 64], [64, 256], [256, 16]] {
             for share in coverage(normal, groups) {
                 assert!((0.985..0.9955).contains(&share), "{groups:?}: {share}");
             }
         }
         // Fluxes of thousands of rays are not as far from normal as this.
-        for groups in [[5, 5], [64, 64]] {
+        for groups in [[5, 5], [64, 64], [256, 64]] {
             let shares = coverage(laplace, groups);
-            assert!(shares.iter().all(|share| *share > 0.98), "{groups:?}: {shares:?}");
+            assert!(shares.iter().all(|share| *share > 0.975), "{groups:?}: {shares:?}");
         }
     }
 }
