@@ -475,6 +475,26 @@ mod accuracy {
         }
     }
 
+    #[test]
+    fn claims_alone_write_their_files_and_no_ratio_where_nothing_errs() {
+        if !has_adapter("bench --accuracy --claims") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let scene = "bench_surface_count_50";
+        let output = bench_accuracy(&["--claims", "--scenes", scene, "-o", folder.path().to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let files = std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name());
+        let mut files: Vec<_> = files.collect();
+        files.sort();
+        assert_eq!(files, ["accuracy.txt", "sobol.csv"]);
+        let row = &rows(folder.path(), "sobol.csv", &CLAIM_COLUMNS)[0];
+        assert!(number(row, "map_ratio") > 1.0, "{row:?}");
+        // Every ray ends on the detector.
+        assert_eq!(row["flux_ratio"], "");
+        assert!(String::from_utf8_lossy(&output.stdout).contains("no error"));
+    }
+
     fn assert_curves(rows: &[BTreeMap<String, String>]) {
         for scene in ["bench_lens", "light_pipe"] {
             let f32 = errors(rows, scene, "f32");

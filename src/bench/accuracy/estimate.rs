@@ -1,6 +1,8 @@
 //! What a trace says of one detector, and how far that is from another answer.
 
-use crate::result::Tally;
+use crate::ir::SceneIr;
+use crate::result::uncertainty::Uncertainty;
+use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, Tally};
 
 /// A detector's cells and their sum, as shares of the launched flux.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,6 +19,16 @@ pub struct Errors {
     /// Root of the mean of the squares over the cells, in units of their mean.
     pub cells: f64,
     /// Of the sum, in units of the sum.
+    pub total: f64,
+}
+
+/// Squared deviations in shares of the launched flux: of a cell times the number of cells, in the mean over the cells, and
+/// of the sum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviations {
+    /// Of the cells.
+    pub cells: f64,
+    /// Of their sum.
     pub total: f64,
 }
 
@@ -50,14 +62,44 @@ impl Estimate {
         }
     }
 
+    /// Variance of the flux of so many random rays, as their second moments tell it; none where these were not summed.
+    pub fn flux_variance(ir: &SceneIr, tally: &Tally, sensor: usize) -> Option<f64> {
+        let quanta = FluxUnit::new(QUANTA_PER_WEIGHT, 1);
+        let error = Uncertainty::new(ir, tally, quanta).of_total(&tally.sensors[sensor])?;
+        Some((error / tally.launched.quanta as f64).powi(2))
+    }
+
+    /// Squared deviations from `answer`.
+    pub fn squares(&self, answer: &Estimate) -> Deviations {
+        let squares: f64 = self.cells.iter().zip(&answer.cells).map(|(a, b)| (a - b).powi(2)).sum();
+        Deviations { cells: squares * answer.cells.len() as f64, total: (self.total - answer.total).powi(2) }
+    }
+
     /// How far this is from `answer`.
     pub fn errors(&self, answer: &Estimate) -> Errors {
-        let squares: f64 = self.cells.iter().zip(&answer.cells).map(|(a, b)| (a - b).powi(2)).sum();
-        let num_cells = answer.cells.len() as f64;
-        let mean = answer.total / num_cells;
-        Errors {
-            cells: (squares / num_cells).sqrt() / mean,
-            total: (self.total - answer.total).abs() / answer.total,
-        }
+        let squares = self.squares(answer);
+        Errors { cells: squares.cells.sqrt() / answer.total, total: squares.total.sqrt() / answer.total }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::accuracy::CLAIMS;
+    use crate::result::{Booking, Moments, SensorTally};
+
+    #[test]
+    fn the_variance_of_a_flux_is_that_of_its_rays() {
+        let ir = CLAIMS.iter().map(|claim| claim.ir().unwrap()).find(|ir| ir.emitters.len() == 1).unwrap();
+        let quanta = |weight: f64| (weight * QUANTA_PER_WEIGHT) as u128;
+        // Five rays of weight 1, of which three leave 1, 1.5 and 1: sample variance 0.45 of each.
+        let totals = vec![Moments { quanta: quanta(3.5), squares: quanta(4.25) }];
+        let sensors = vec![SensorTally { quanta: vec![quanta(3.5)], totals, ..Default::default() }];
+        let launched = Booking { count: 5, quanta: quanta(5.0) };
+        let mut tally = Tally { sensors, launched, ..Default::default() };
+        let variance = Estimate::flux_variance(&ir, &tally, 0).unwrap();
+        approx::assert_relative_eq!(variance, 0.45 / 5.0, max_relative = 1e-14);
+        tally.sensors[0].totals.clear();
+        assert_eq!(Estimate::flux_variance(&ir, &tally, 0), None);
     }
 }

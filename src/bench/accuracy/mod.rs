@@ -6,6 +6,7 @@
 //! estimate    what a trace says of a detector, and its distance from the answer
 //! curves      error and time of a method as its rays grow, against the converged answer
 //! numerical   the error of arithmetic alone: the same draws along the same paths in two tiers
+//! variances   between independent traces, and the ratio of two of them with confidence
 //! claims      what Sobol points are worth in random numbers, with confidence
 //! report      table, CSV and charts
 //! ```
@@ -17,6 +18,7 @@ pub mod methods;
 pub mod numerical;
 pub mod report;
 pub mod scenes;
+pub mod variances;
 
 pub use claims::{CLAIMS, Claim, Verdict};
 pub use curves::{Curve, Point, SceneCurves};

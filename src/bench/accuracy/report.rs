@@ -1,13 +1,14 @@
 //! The files of `nsq-gpu bench --accuracy`.
 
-use super::claims::Verdict;
+use super::claims::{Verdict, at_least};
 use super::curves::{Curve, FIRST_RAYS, Point, SceneCurves};
 use super::numerical::Numerical;
+use super::variances::Ratio;
 use crate::bench::machine;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
 use crate::result::png::curves::{Curves, Panel, Quantity, write_curves};
-use std::fmt::Write;
+use std::fmt::{Display, Formatter, Write};
 use std::path::{Path, PathBuf};
 
 /// Everything that was measured.
@@ -59,12 +60,13 @@ pub const NUMERICAL_COLUMNS: [&str; 11] = [
 ];
 
 /// Columns of `sobol.csv`.
-pub const CLAIM_COLUMNS: [&str; 14] = [
+pub const CLAIM_COLUMNS: [&str; 15] = [
     "scene",
     "detector",
     "split_depth",
     "num_rays",
-    "traces",
+    "pcg_traces",
+    "sobol_traces",
     "map_pcg_error",
     "map_ratio",
     "map_ratio_low",
@@ -89,26 +91,28 @@ impl AccuracyReport {
         }
     }
 
-    /// Writes the files into `dir`, which is created if it does not exist, and returns their paths.
+    /// Writes the files of what was measured into `dir`, which is created if it does not exist, and returns their paths.
     ///
     /// # Errors
     /// [`Error::File`] with the file or folder that could not be written.
     pub fn write_all(&self, dir: &Path) -> Result<Vec<PathBuf>> {
         std::fs::create_dir_all(dir).map_err(|error| Error::file(dir, error))?;
-        let texts = [
-            ("accuracy.csv", self.curves_csv()),
-            ("numerical.csv", self.numerical_csv()),
-            ("sobol.csv", self.claims_csv()),
-            ("accuracy.txt", self.table()),
-        ];
+        let mut texts = vec![("accuracy.txt", self.table())];
+        let mut charts = Vec::new();
+        if !self.scenes.is_empty() {
+            texts.push(("accuracy.csv", self.curves_csv()));
+            charts.extend([("accuracy.png", self.map_chart()), ("accuracy_flux.png", self.flux_chart())]);
+        }
+        if !self.numerical.is_empty() {
+            texts.push(("numerical.csv", self.numerical_csv()));
+            charts.push(("numerical.png", self.numerical_chart()));
+        }
+        if !self.verdicts.is_empty() {
+            texts.push(("sobol.csv", self.claims_csv()));
+        }
         for (name, text) in &texts {
             std::fs::write(dir.join(name), text).map_err(|error| Error::file(dir.join(name), error))?;
         }
-        let charts = [
-            ("accuracy.png", self.map_chart()),
-            ("accuracy_flux.png", self.flux_chart()),
-            ("numerical.png", self.numerical_chart()),
-        ];
         for (name, chart) in &charts {
             write_curves(&dir.join(name), chart)?;
         }
@@ -149,22 +153,22 @@ impl AccuracyReport {
     fn claims_csv(&self) -> String {
         let mut text = CLAIM_COLUMNS.join(",") + "\n";
         for Verdict { claim, map, flux, map_error } in &self.verdicts {
+            let [pcg_traces, sobol_traces] = claim.num_traces();
+            let split = claim.split.map_or(0, |split| split.0);
+            let ratio = |ratio: &Option<Ratio>| match ratio {
+                Some(Ratio { low, value, high }) => format!("{value:.3},{low:.3},{high:.3}"),
+                None => ",,".into(),
+            };
             let least = |least: Option<f64>| least.map_or(String::new(), |least| least.to_string());
             let _ = writeln!(
                 text,
-                "{},{},{},{},{},{map_error:.4e},{:.3},{:.3},{:.3},{},{:.3},{:.3},{:.3},{}",
+                "{},{},{split},{},{pcg_traces},{sobol_traces},{map_error:.4e},{},{},{},{}",
                 claim.scene.name,
                 claim.scene.detector,
-                claim.split.map_or(0, |split| split.0),
                 claim.num_rays,
-                claim.num_traces(),
-                map.value,
-                map.low,
-                map.high,
+                ratio(map),
                 least(claim.map),
-                flux.value,
-                flux.low,
-                flux.high,
+                ratio(flux),
                 least(claim.flux)
             );
         }
@@ -180,7 +184,20 @@ impl AccuracyReport {
             self.adapter,
             self.date
         );
-        text += "\nError and time with the most rays of each method\n";
+        if !self.scenes.is_empty() {
+            self.curves_table(&mut text);
+        }
+        if !self.numerical.is_empty() {
+            self.numerical_table(&mut text);
+        }
+        if !self.verdicts.is_empty() {
+            self.claims_table(&mut text);
+        }
+        text
+    }
+
+    fn curves_table(&self, text: &mut String) {
+        *text += "\nError and time with the most rays of each method\n";
         let _ = writeln!(
             text,
             "{:<22}{:<16}{:<22}{:>10}{:>12}{:>12}{:>12}",
@@ -188,10 +205,13 @@ impl AccuracyReport {
         );
         for scene in &self.scenes {
             for curve in &scene.curves {
-                text += &table_line(scene, curve);
+                *text += &table_line(scene, curve);
             }
         }
-        text += "\nArithmetic alone: the same draws along the same paths\n";
+    }
+
+    fn numerical_table(&self, text: &mut String) {
+        *text += "\nArithmetic alone: the same draws along the same paths\n";
         let _ = writeln!(
             text,
             "{:<22}{:<16}{:<16}{:>10}{:>14}{:>14}{:>12}{:>12}",
@@ -211,22 +231,24 @@ impl AccuracyReport {
                 row.other_fate()
             );
         }
-        text += "\nRandom numbers that a Sobol point is worth, between its bounds at 99 %\n";
+    }
+
+    fn claims_table(&self, text: &mut String) {
+        *text += "\nRandom numbers that a Sobol point is worth, between its bounds at 99 %\n";
         let _ = writeln!(
             text,
-            "{:<22}{:<8}{:>9}{:>8}{:>30}{:>9}{:>30}{:>9}",
-            "scene", "split", "rays", "traces", "by the map", "claimed", "by the flux", "claimed"
+            "{:<26}{:<8}{:>9}{:>8}{:>30}{:>6}{:>30}{:>6}",
+            "scene", "split", "rays", "traces", "by the map", "least", "by the flux", "least"
         );
         for verdict in &self.verdicts {
-            text += &claim_line(verdict);
+            let _ = writeln!(text, "{verdict}");
         }
-        text
     }
 
     /// What was claimed and does not hold.
     pub fn faults(&self) -> Vec<String> {
         let broken = self.verdicts.iter().filter(|verdict| !verdict.holds());
-        broken.map(|verdict| claim_line(verdict).trim_end().to_string()).collect()
+        broken.map(Verdict::to_string).collect()
     }
 
     fn map_chart(&self) -> Curves {
@@ -364,21 +386,28 @@ fn table_line(scene: &SceneCurves, curve: &Curve) -> String {
     )
 }
 
-fn claim_line(Verdict { claim, map, flux, .. }: &Verdict) -> String {
-    let ratio = |r: &super::claims::Ratio| format!("{:.3} ({:.3} to {:.3})", r.value, r.low, r.high);
-    let least = |least: Option<f64>, holds: bool| match least {
-        Some(least) => format!("{least}{}", if holds { " " } else { "!" }),
-        None => "- ".into(),
-    };
-    let split = claim.split.map_or("-".into(), |split| split.0.to_string());
-    format!(
-        "{:<22}{split:<8}{:>9}{:>8}{:>30}{:>9}{:>30}{:>9}\n",
-        claim.scene.name,
-        claim.num_rays,
-        claim.num_traces(),
-        ratio(map),
-        least(claim.map, claim.map.is_none_or(|least| map.low >= least)),
-        ratio(flux),
-        least(claim.flux, claim.flux.is_none_or(|least| flux.low >= least)),
-    )
+impl Display for Verdict {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let Verdict { claim, map, flux, .. } = self;
+        let ratio = |ratio: &Option<Ratio>| match ratio {
+            Some(Ratio { low, value, high }) => format!("{value:.3} ({low:.3} to {high:.3})"),
+            None => "no error".into(),
+        };
+        let least = |ratio: Option<Ratio>, least: Option<f64>| match least {
+            Some(value) => format!("{value}{}", if at_least(ratio, least) { " " } else { "!" }),
+            None => "- ".into(),
+        };
+        let split = claim.split.map_or("-".into(), |split| split.0.to_string());
+        write!(
+            f,
+            "{:<26}{split:<8}{:>9}{:>8}{:>30}{:>6}{:>30}{:>6}",
+            claim.scene.name,
+            claim.num_rays,
+            claim.num_traces()[1],
+            ratio(map),
+            least(*map, claim.map),
+            ratio(flux),
+            least(*flux, claim.flux),
+        )
+    }
 }

@@ -1,0 +1,287 @@
+//! Variances between independent traces, and the ratio of two of them with confidence.
+//!
+//! A detector's flux by random numbers needs no repetition: its variance is known from the rays of each trace, whose
+//! contributions are independent. Whatever else is estimated is the variance within groups of traces with seeds of their
+//! own. Either way a group gives an estimate without bias, and how far the groups lie apart tells the error of their mean.
+
+use super::estimate::{Deviations, Estimate};
+use crate::error::{Error, Result};
+use crate::ir::SceneIr;
+use crate::trace::Tracer;
+
+/// Traces of a group: each has a seed of its own, so that scrambles are independent.
+pub const GROUP: u64 = 8;
+
+/// Which error a ratio is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// RMS over the cells.
+    Map,
+    /// That of the detector's flux.
+    Flux,
+}
+
+/// A ratio with its confidence interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ratio {
+    /// At least this, with a confidence of 99 %.
+    pub low: f64,
+    /// The estimate.
+    pub value: f64,
+    /// At most this, with a confidence of 99 %.
+    pub high: f64,
+}
+
+/// How the variance of a flux is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FluxVariance {
+    /// From the traces of a group.
+    BetweenTraces,
+    /// From the rays of each trace, whose second moments are summed.
+    BetweenRays,
+}
+
+/// Variances without bias, by group, and the mean they are about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variances {
+    groups: Vec<Deviations>,
+    /// Share of the launched flux that the detector takes.
+    flux: f64,
+}
+
+/// A mean over groups.
+#[derive(Debug, Clone, Copy)]
+struct Mean {
+    value: f64,
+    /// Square of its relative standard error.
+    spread: f64,
+    /// Groups but one.
+    freedom: f64,
+}
+
+/// A relative error below this is that of the sums, whose squares are rounded to 2^-52 a ray.
+const LEAST_ERROR: f64 = 1e-9;
+
+impl Variances {
+    /// Of traces of a tracer's scene by independent seeds.
+    ///
+    /// # Errors
+    /// Those of the trace; [`Error::Internal`] if the rays' second moments are needed and were not summed.
+    pub fn measure(
+        tracer: &mut Tracer,
+        (ir, sensor): (&SceneIr, usize),
+        num_groups: u64,
+        first_seed: u64,
+        flux: FluxVariance,
+    ) -> Result<Self> {
+        let mut sample = |seed| {
+            tracer.set_seed(seed);
+            let tally = tracer.trace(|_| true)?;
+            let flux_variance = match flux {
+                FluxVariance::BetweenTraces => None,
+                FluxVariance::BetweenRays => {
+                    let missing = || Error::Internal("second moments were not summed".into());
+                    Some(Estimate::flux_variance(ir, &tally, sensor).ok_or_else(missing)?)
+                }
+            };
+            Ok((Estimate::of(&tally, sensor), flux_variance))
+        };
+        let (mut groups, mut fluxes) = (Vec::new(), Vec::new());
+        for group in 0..num_groups {
+            let seeds = first_seed + group * GROUP..first_seed + (group + 1) * GROUP;
+            let samples: Vec<(Estimate, Option<f64>)> = seeds.map(&mut sample).collect::<Result<_>>()?;
+            let (estimates, flux_variances): (Vec<_>, Vec<_>) = samples.into_iter().unzip();
+            let mean = Estimate::mean(&estimates);
+            groups.push(of_group(&estimates, &mean, flux_variances.into_iter().sum()));
+            fluxes.push(mean.total);
+        }
+        Ok(Variances { groups, flux: fluxes.iter().sum::<f64>() / fluxes.len() as f64 })
+    }
+
+    fn mean(&self, quantity: Quantity) -> Mean {
+        let of = |deviations: &Deviations| match quantity {
+            Quantity::Map => deviations.cells,
+            Quantity::Flux => deviations.total,
+        };
+        let values: Vec<f64> = self.groups.iter().map(of).collect();
+        let count = values.len() as f64;
+        let freedom = (count - 1.0).max(1.0);
+        let value = values.iter().sum::<f64>() / count;
+        let squares: f64 = values.iter().map(|one| (one - value).powi(2)).sum();
+        Mean { value, spread: squares / freedom / count / (value * value), freedom }
+    }
+
+    /// The error that they stand for, in units of the mean cell or of the flux.
+    pub fn relative_error(&self, quantity: Quantity) -> f64 {
+        self.mean(quantity).value.sqrt() / self.flux
+    }
+
+    /// This over another; nothing where neither makes an error.
+    pub fn ratio_to(&self, other: &Variances, quantity: Quantity) -> Option<Ratio> {
+        let is_exact = |variances: &Variances| variances.relative_error(quantity) < LEAST_ERROR;
+        if is_exact(self) && is_exact(other) {
+            return None;
+        }
+        let (ours, theirs) = (self.mean(quantity), other.mean(quantity));
+        let (value, deviate) = (ours.value / theirs.value, deviate(ours, theirs));
+        let low = value / f_quantile(deviate, ours.spread, theirs.spread);
+        let high = value * f_quantile(deviate, theirs.spread, ours.spread);
+        Some(Ratio { low, value, high })
+    }
+}
+
+/// Standard errors beyond which the difference of two means of few lies on one side with a probability of 1 %, with as many
+/// degrees of freedom as the sum of their spreads has (Welch, The generalization of Student's problem when several
+/// different population variances are involved, Biometrika 34, 1947).
+fn deviate(a: Mean, b: Mean) -> f64 {
+    let spread = a.spread + b.spread;
+    students_t(spread.powi(2) / (a.spread.powi(2) / a.freedom + b.spread.powi(2) / b.freedom))
+}
+
+/// Quantile of the ratio of two estimated variances to their true ratio, at a normal deviate (Abramowitz and Stegun,
+/// 26.6.15). It is that of F with as many degrees of freedom as the estimates' spreads say: chi-squared over n has a relative
+/// variance of 2/n, of heavier tails more, so that n is less.
+fn f_quantile(deviate: f64, spread: f64, other_spread: f64) -> f64 {
+    // 1/(n - 1) of n = 2/spread.
+    let [ours, theirs] = [spread, other_spread].map(|spread| spread / (2.0 - spread.min(1.0)));
+    let h = 2.0 / (ours + theirs);
+    let lambda = (deviate * deviate - 3.0) / 6.0;
+    let skew = (ours - theirs) * (lambda + 5.0 / 6.0 - 2.0 / (3.0 * h));
+    (2.0 * (deviate * (h + lambda).sqrt() / h - skew)).exp()
+}
+
+/// Variances of a group about its mean; that of the flux is what the rays say, where they say it.
+fn of_group(estimates: &[Estimate], mean: &Estimate, by_rays: Option<f64>) -> Deviations {
+    let num = estimates.len() as f64;
+    let squares = || estimates.iter().map(|estimate| estimate.squares(mean));
+    let between = |of: fn(&Deviations) -> f64| squares().map(|one| of(&one)).sum::<f64>() / (num - 1.0);
+    Deviations {
+        cells: between(|squares| squares.cells),
+        total: by_rays.map_or_else(|| between(|squares| squares.total), |sum| sum / num),
+    }
+}
+
+/// Standard errors beyond which a mean of few lies on one side with a probability of 1 %: Student's t, by its expansion
+/// about the normal deviate (Abramowitz and Stegun, 26.7.5), within 2 % from 4 degrees of freedom on.
+fn students_t(freedom: f64) -> f64 {
+    const Z: f64 = 2.326_347_874;
+    let first = (Z.powi(3) + Z) / 4.0;
+    let second = (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / 96.0;
+    let third = (3.0 * Z.powi(7) + 19.0 * Z.powi(5) + 17.0 * Z.powi(3) - 15.0 * Z) / 384.0;
+    Z + first / freedom + second / freedom.powi(2) + third / freedom.powi(3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::program::rng::splitmix64;
+    use approx::assert_relative_eq;
+
+    fn variances(values: impl IntoIterator<Item = f64>) -> Variances {
+        let group = |cells| Deviations { cells, total: 2.0 * cells };
+        Variances { groups: values.into_iter().map(group).collect(), flux: 1.0 }
+    }
+
+    #[test]
+    fn ratios_are_of_means_and_their_intervals_shrink_with_groups() {
+        let few = variances([8.0, 12.0]);
+        let many = variances([8.0, 12.0].repeat(50));
+        let one = variances([1.0; 100]);
+        let [few, many] = [few, many].map(|v| v.ratio_to(&one, Quantity::Map).unwrap());
+        assert_eq!((few.value, many.value), (10.0, 10.0));
+        assert!(few.low < many.low && many.low < 10.0 && many.high < few.high);
+        // Standard deviation of a mean of 100: 2 %.
+        assert_relative_eq!((many.high / many.low).ln(), 2.0 * 2.365 * 0.0201, max_relative = 1e-2);
+    }
+
+    #[test]
+    fn what_makes_no_error_has_no_ratio() {
+        let (exact, noisy) = (variances([0.0; 8]), variances([1e-4, 2e-4]));
+        assert_eq!(exact.ratio_to(&exact, Quantity::Flux), None);
+        assert_eq!(exact.ratio_to(&noisy, Quantity::Flux).unwrap().value, 0.0);
+    }
+
+    #[test]
+    fn quantiles_are_those_of_students_t() {
+        for (freedom, t) in [(4.0, 3.747), (7.0, 2.998), (15.0, 2.602), (63.0, 2.387)] {
+            assert_relative_eq!(students_t(freedom), t, max_relative = 0.02);
+        }
+    }
+
+    #[test]
+    fn quantiles_are_those_of_f() {
+        // Tables of F at 99 %; the formula itself is within 1.1 % of them.
+        for (n, m, f) in
+            [(10.0, 10.0, 4.849), (10.0, 60.0, 2.632), (60.0, 10.0, 4.082), (120.0, 120.0, 1.533)]
+        {
+            assert_relative_eq!(f_quantile(2.326_348, 2.0 / n, 2.0 / m), f, max_relative = 0.011);
+        }
+    }
+
+    #[test]
+    fn the_variance_of_a_group_has_no_bias() {
+        let estimates = [1.0, 2.0, 3.0].map(|total| Estimate { cells: vec![total, 1.0], total });
+        let mean = Estimate::mean(&estimates);
+        // About their mean of 2 the values deviate by 1, 0 and 1, so that their variance is 1.
+        assert_eq!(of_group(&estimates, &mean, None), Deviations { cells: 2.0, total: 1.0 });
+        assert_eq!(of_group(&estimates, &mean, Some(1.5)), Deviations { cells: 2.0, total: 0.5 });
+    }
+
+    /// Deviates of one distribution, keyed by their number.
+    type Deviates = fn(u64) -> f64;
+
+    fn uniform(key: u64) -> f64 {
+        ((splitmix64(key) >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+    }
+
+    fn normal(key: u64) -> f64 {
+        let radius = (-2.0 * uniform(2 * key).ln()).sqrt();
+        radius * (std::f64::consts::TAU * uniform(2 * key + 1)).cos()
+    }
+
+    /// Kurtosis 6.
+    fn laplace(key: u64) -> f64 {
+        let u = uniform(key) - 0.5;
+        -u.signum() * (1.0 - 2.0 * u.abs()).ln()
+    }
+
+    /// Of so many groups of traces whose values are such deviates, from the first one on.
+    fn drawn(of: Deviates, first: u64, num_groups: u64) -> Variances {
+        let estimate = |key| Estimate { cells: vec![of(key)], total: of(key) };
+        let group = |group: u64| {
+            let first = first + group * GROUP;
+            let estimates: Vec<Estimate> = (first..first + GROUP).map(estimate).collect();
+            of_group(&estimates, &Estimate::mean(&estimates), None)
+        };
+        Variances { groups: (0..num_groups).map(group).collect(), flux: 1.0 }
+    }
+
+    /// Shares of experiments in which the true ratio of 1 is above the lower and below the upper end.
+    fn coverage(of: Deviates, [ours, theirs]: [u64; 2]) -> [f64; 2] {
+        const EXPERIMENTS: u64 = 4000;
+        let experiment = |number: u64| {
+            let first = number << 20;
+            let ratio =
+                drawn(of, first, ours).ratio_to(&drawn(of, first + (1 << 19), theirs), Quantity::Flux);
+            let Ratio { low, high, .. } = ratio.unwrap();
+            [low <= 1.0, high >= 1.0]
+        };
+        let covered: Vec<[bool; 2]> = (0..EXPERIMENTS).map(experiment).collect();
+        [0, 1].map(|end| covered.iter().filter(|ends| ends[end]).count() as f64 / EXPERIMENTS as f64)
+    }
+
+    #[test]
+    fn intervals_hold_the_true_ratio() {
+        // Three standard errors of the count are 0.5 %.
+        for groups in [[5, 5], [16, 16], [64, 64], [64, 256], [256, 16]] {
+            for share in coverage(normal, groups) {
+                assert!((0.985..0.9955).contains(&share), "{groups:?}: {share}");
+            }
+        }
+        // Fluxes of thousands of rays are not as far from normal as this.
+        for groups in [[5, 5], [64, 64], [256, 64]] {
+            let shares = coverage(laplace, groups);
+            assert!(shares.iter().all(|share| *share > 0.975), "{groups:?}: {shares:?}");
+        }
+    }
+}
