@@ -1,0 +1,29 @@
+//! How wide lavapipe computes.
+
+/// Mesa's variable for the bits of lavapipe's vectors.
+const WIDTH: &str = "LP_NATIVE_VECTOR_WIDTH";
+
+/// Lets lavapipe compute in vectors of 512 bits where the processor is made for them; by itself it takes 256. Whoever has
+/// set the variable is obeyed. To be called before any other thread runs.
+pub fn widen() {
+    if std::env::var_os(WIDTH).is_none() && computes_512_bits() {
+        // SAFETY: the command's main thread is the only one yet, so that nobody reads the environment meanwhile.
+        #[allow(unsafe_code)]
+        unsafe {
+            std::env::set_var(WIDTH, "512");
+        }
+    }
+}
+
+/// Processors with this extension (from Ice Lake and Zen 4 on) do not slow down when they compute in 512 bits, as older
+/// ones do.
+fn computes_512_bits() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    {
+        std::arch::is_x86_feature_detected!("avx512vbmi")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        false
+    }
+}
