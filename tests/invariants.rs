@@ -10,6 +10,7 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
+use nsq_gpu::gpu::Gpu;
 use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
     Surface,
@@ -18,7 +19,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::RecordPaths;
-use nsq_gpu::{StandardError, TraceOptions};
+use nsq_gpu::{StandardError, TraceOptions, Tracer};
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 
@@ -132,6 +133,117 @@ fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
             let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
             assert!(zoo::trace(&ir, &options) == portable, "{name} in {precision:?}: other bits");
         }
+    }
+}
+
+/// The options with sums in parts: at most `most` for the counters, and so about twice as many for sums of 64 bits.
+fn in_parts(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, most: u64) -> TraceOptions {
+    let whole = Tracer::new(gpu, ir, options).unwrap();
+    let sums = &whole.program().sums;
+    assert!(sums.all().all(|buffer| buffer.bindings.len() == 1), "what fits is not cut");
+    let counter_bytes = sums.counters.num_elements * sums.counters.words.element_bytes();
+    let options = TraceOptions { part_bytes: Some(counter_bytes.div_ceil(most)), ..options.clone() };
+    let cut = Tracer::new(gpu, ir, &options).unwrap();
+    assert!(cut.program().sums.all().all(|buffer| buffer.bindings.len() > 1 || buffer.num_elements == 0));
+    options
+}
+
+#[test]
+fn sums_in_parts_are_the_same_bits_as_in_one() {
+    let changes: [fn(&mut TraceOptions); 5] = [
+        |_| (),
+        |options| options.host_sums = Some(false),
+        |options| (options.baked, options.tree) = (Some(false), Some(false)),
+        |options| {
+            (options.events_per_dispatch, options.batch_size) = (2, Some(700));
+            options.standard_error = StandardError::Off;
+        },
+        |options| {
+            options.standard_error = StandardError::On;
+            options.host_sums = Some(false);
+        },
+    ];
+    for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
+        let ir = zoo::load(name);
+        for (j, change) in changes.iter().enumerate() {
+            // Each change meets each precision and both kinds of integers, in one scene or another.
+            let precision = [Precision::F32, Precision::Df64, Precision::F64][(i + j) % 3];
+            let gpu = if (i + 2 * j) % 4 < 2 { zoo::gpu() } else { zoo::portable_gpu() };
+            let mut options = zoo::options(1500, 11, precision);
+            change(&mut options);
+            let cut = in_parts(gpu, &ir, &options, 2);
+            let same = zoo::trace_on(gpu, &ir, &options) == zoo::trace_on(gpu, &ir, &cut);
+            assert!(same, "{name} in {precision:?}: other bits with {cut:?}");
+        }
+    }
+}
+
+#[test]
+fn split_rays_and_replicates_have_the_same_bits_in_parts() {
+    for which in SPLIT {
+        let ir = split(which);
+        let options =
+            TraceOptions { standard_error: StandardError::Off, ..zoo::options(1000, 11, Precision::F64) };
+        for gpu in [zoo::gpu(), zoo::portable_gpu()] {
+            let cut = in_parts(gpu, &ir, &options, 3);
+            assert!(zoo::trace_on(gpu, &ir, &options) == zoo::trace_on(gpu, &ir, &cut), "{which:?}");
+        }
+    }
+    let ir = zoo::load("bench_lens");
+    let sobol = TraceOptions {
+        sampler: Sampler::Sobol,
+        standard_error: StandardError::On,
+        ..zoo::options(2000, 11, Precision::F32)
+    };
+    let cut = in_parts(zoo::gpu(), &ir, &sobol, 4);
+    assert!(zoo::trace(&ir, &sobol) == zoo::trace(&ir, &cut));
+}
+
+/// Text of the shader in parts, and what stands there by mistake.
+const WRONG_PARTS: [(&str, &str); 8] = [
+    ("case 1u: { return atomicAdd(&sums_1[", "case 1u: { return atomicAdd(&sums_0["),
+    (
+        "default: { return atomicAdd(&sums_",
+        "default: { return atomicAdd(&sums_0[within], value); return atomicAdd(&sums_",
+    ),
+    ("case 0u: { return atomicAdd(&tops_0[", "case 0u: { return atomicAdd(&tops_1["),
+    ("case 0u: { return atomicAdd(&counters_0[", "case 0u: { return atomicAdd(&counters_1["),
+    ("case 1u: { return atomicAdd(&counters_1[", "case 1u: { return atomicAdd(&counters_0["),
+    ("{ atomicStore(&counters_", "{ return; atomicStore(&counters_"),
+    ("let within = at & ", "let within = (at ^ 1u) & "),
+    ("    switch at >> ", "    switch 1u + at >> "),
+];
+
+#[test]
+fn a_wrong_part_is_noticed() {
+    // In tables, so that what was reached is stored; one pixel takes more than 64 bits.
+    let ir = zoo::load("kaleidoscope");
+    let options = TraceOptions {
+        baked: Some(false),
+        host_sums: Some(false),
+        standard_error: StandardError::Off,
+        ..zoo::options(20_000, 11, Precision::F32)
+    };
+    let plain = zoo::trace(&ir, &options);
+    let cut = in_parts(zoo::gpu(), &ir, &options, 3);
+    for (right, wrong) in WRONG_PARTS {
+        let edit = |wgsl: String| {
+            assert!(wgsl.contains(right), "no `{right}`");
+            wgsl.replace(right, wrong)
+        };
+        let tally = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &cut, edit).unwrap().trace(|_| true).unwrap();
+        assert!(tally != plain, "`{wrong}` is not noticed");
+    }
+}
+
+#[test]
+fn sums_of_too_many_parts_are_refused_with_the_numbers() {
+    let ir = zoo::load("bench_lens");
+    let options = TraceOptions { part_bytes: Some(512), ..zoo::options(1, 0, Precision::F32) };
+    let error = Tracer::new(zoo::gpu(), &ir, &options).err().unwrap().to_string();
+    let most = zoo::gpu().device.limits().max_storage_buffers_per_shader_stage.to_string();
+    for words in ["storage buffers", " bytes of sums", "binds at most", "use fewer pixels", &most] {
+        assert!(error.contains(words), "{error}");
     }
 }
 

@@ -14,6 +14,7 @@ pub mod mesh;
 pub mod records;
 pub mod rng;
 pub mod splitting;
+pub mod sums;
 pub mod tree;
 
 use crate::error::{Error, Result};
@@ -26,6 +27,7 @@ pub use lowered::Cells;
 use records::{StructLayout, put_real};
 pub use rng::Sampler;
 pub use splitting::Splitting;
+use sums::SumBuffers;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
@@ -75,6 +77,8 @@ pub struct ProgramOptions {
     pub sampler: Sampler,
     /// What is summed so that results tell their errors.
     pub moments: SecondMoments,
+    /// Sums are bound in parts of at most so many bytes.
+    pub part_bytes: u64,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.
@@ -123,6 +127,8 @@ pub struct Program {
     pub splitting: Option<Splitting>,
     /// Its sums.
     pub cells: Cells,
+    /// Where they lie on the device.
+    pub sums: SumBuffers,
     /// The log of where rays end, if the host adds it up.
     pub end_log: Option<EndLog>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
@@ -179,7 +185,7 @@ impl Program {
         let centre = centre_of(ir);
         let cells = match options.moments {
             SecondMoments::None => Cells::of(ir),
-            SecondMoments::Squares => Cells::of(ir).with_moments(ir),
+            SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
             SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
         };
         let meshes = mesh::Forest::of(&ir.meshes)?;
@@ -193,11 +199,15 @@ impl Program {
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
+        // Sums that follow from counts are none of the device's.
+        let num_sums = if constant_weights { 0 } else { cells.num_sums };
+        let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
         let composition = Composition {
             ir,
             features: &features,
             centre,
             cells: &cells,
+            sums: &sums,
             mesh_depth: meshes.depth,
             contacts: &contacts,
             tree: tree.as_ref(),
@@ -221,6 +231,7 @@ impl Program {
             options,
             splitting,
             cells,
+            sums,
             end_log,
             centre,
             rng_table: Vec::new(),

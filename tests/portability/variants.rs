@@ -45,6 +45,8 @@ pub struct Variant {
     pub moments: SecondMoments,
     /// The host adds up where rays end.
     pub host_sums: bool,
+    /// Sums are bound in parts of at most so many bytes.
+    pub part_bytes: u64,
 }
 
 /// One feature.
@@ -77,6 +79,7 @@ pub enum Choice {
     Moments,
     HostSums,
     Replicates,
+    SumsInParts,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -242,6 +245,7 @@ impl Choice {
             Choice::Moments,
             Choice::HostSums,
             Choice::Replicates,
+            Choice::SumsInParts,
         ]);
         choices
     }
@@ -298,6 +302,11 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::HostSums => variant.host_sums = true,
+            Choice::SumsInParts => {
+                let map = sensor(SensorKind::Irradiance(grid(Splat::Hard)), true);
+                variant.part_bytes = map.num_cells() as u64;
+                ir.sensors.push(map);
+            }
             // Replicates take the place of squares.
             Choice::Moments if variant.moments == SecondMoments::Replicates => {}
             Choice::Moments => variant.moments = SecondMoments::Squares,
@@ -341,6 +350,7 @@ impl Default for Variant {
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             host_sums: false,
+            part_bytes: 1 << 27,
             moments: SecondMoments::None,
         }
     }
@@ -371,6 +381,7 @@ impl Variant {
             sampler: self.sampler,
             moments: self.moments,
             host_sums: self.host_sums,
+            part_bytes: self.part_bytes,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
