@@ -122,4 +122,14 @@ mod tests {
         assert!(checks.len() < 320, "{}", checks.len());
         assert!(next_check(FIRST_CHECK, u64::MAX - 1) > u64::MAX / 2);
     }
+    #[test]
+    fn a_large_map_is_looked_at_later() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/bench_lens.json");
+        let mut ir = crate::Scene::from_path(path.as_ref()).unwrap().lower().unwrap();
+        assert_eq!(Stopping::new(&ir, None, None).next_check(0), FIRST_CHECK);
+        if let crate::ir::SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+            (grid.num_pixels_x, grid.num_pixels_y) = (8192, 8192);
+        }
+        assert_eq!(Stopping::new(&ir, None, None).next_check(0), 1 << 22);
+    }
 }

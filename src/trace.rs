@@ -20,7 +20,7 @@ use crate::program::{
 };
 use crate::result::{
     Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded, Recording,
-    RunInfo, SensorTally, StageTime, SurfaceTally, Tally,
+    RunInfo, SensorTally, StageTime, SurfaceTally, Tally, check_shape,
 };
 use intake::{Counted, Intake};
 use std::time::{Duration, Instant};
@@ -471,6 +471,7 @@ impl<'a> Tracer<'a> {
             self.drain(&mut self.empty_tally())?;
         }
         let mut position = self.position_after(&begun)?;
+        check_shape(self.ir, &begun)?;
         let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
         let start = Instant::now();

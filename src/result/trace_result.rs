@@ -398,7 +398,8 @@ fn total_flux<'a>(detectors: impl Iterator<Item = &'a Detector>) -> f64 {
     detectors.fold(0.0, |sum, detector| sum + detector.total_flux)
 }
 
-fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {
+/// Refuses sums that are not of this scene.
+pub(crate) fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {
     let sensors_fit = ir.sensors.len() == tally.sensors.len()
         && ir.sensors.iter().zip(&tally.sensors).all(|(sensor, sums)| {
             sums.quanta.len() == sensor.num_cells() && sums.hits.len() == sensor.num_cells()

@@ -191,7 +191,7 @@ fn grow<T: Clone + Default>(table: &mut Vec<T>, length: usize) {
         // Memory that is zero from the start is not written to.
         *table = vec![T::default(); length];
     }
-    table.resize(length, T::default());
+    table.resize(length.max(table.len()), T::default());
 }
 
 #[cfg(test)]

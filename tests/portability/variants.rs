@@ -302,10 +302,11 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::HostSums => variant.host_sums = true,
+            // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
-                let map = sensor(SensorKind::Irradiance(grid(Splat::Hard)), true);
-                variant.part_bytes = map.num_cells() as u64;
-                ir.sensors.push(map);
+                let wide = PixelGrid { num_pixels_x: 64, num_pixels_y: 64, ..grid(Splat::Hard) };
+                ir.sensors.push(sensor(SensorKind::Irradiance(wide), true));
+                variant.part_bytes = 1 << 13;
             }
             // Replicates take the place of squares.
             Choice::Moments if variant.moments == SecondMoments::Replicates => {}
