@@ -28,17 +28,21 @@ pub enum StoppedBy {
 pub struct Stopping {
     target_error: Option<f64>,
     time_limit: Option<Duration>,
+    first_check: u64,
     /// Rays done when the error was last looked at, and the error.
     known: Option<(u64, f64)>,
 }
 
-/// The first place where the error is looked at: before, it is little more than chance.
+/// The least of the first places where the error is looked at: before, it is little more than chance.
 const FIRST_CHECK: u64 = 1 << 14;
 
-/// The first place after `position` where the error is looked at. The places lie 6 % apart, so that little is traced in
-/// vain, and looking costs no more than a small part of a long trace.
-fn next_check(position: u64) -> u64 {
-    std::iter::successors(Some(FIRST_CHECK), |check| check.checked_add(check / 16))
+/// Cells that are looked at in about the time of a ray.
+const CELLS_PER_RAY: u64 = 16;
+
+/// The first place after `position` where the error is looked at, and `first` is the first of all. The places lie 6 %
+/// apart, so that little is traced in vain, and looking costs no more than a small part of a long trace.
+fn next_check(first: u64, position: u64) -> u64 {
+    std::iter::successors(Some(first), |check| check.checked_add(check / 16))
         .find(|check| *check > position)
         .unwrap_or(u64::MAX)
 }
@@ -46,8 +50,14 @@ fn next_check(position: u64) -> u64 {
 impl Stopping {
     /// Stops when the largest relative error of [`worst_relative_error`] is at most `target_error`, or after
     /// `time_limit`.
-    pub fn new(target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
-        Stopping { target_error, time_limit, known: None }
+    pub fn new(ir: &SceneIr, target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
+        let num_cells: u64 = ir.sensors.iter().map(|sensor| sensor.num_cells() as u64).sum();
+        let first_check = FIRST_CHECK.max(num_cells / CELLS_PER_RAY);
+        Stopping { target_error, time_limit, first_check, known: None }
+    }
+
+    fn next_check(&self, position: u64) -> u64 {
+        next_check(self.first_check, position)
     }
 
     /// To be called before the trace goes on from where `begun` ends.
@@ -57,7 +67,7 @@ impl Stopping {
     pub fn prepare(&self, tracer: &mut Tracer, begun: &Tally) -> Result<()> {
         if self.target_error.is_some() {
             let position = tracer.position_after(begun)?;
-            tracer.pause_at(next_check(position));
+            tracer.pause_at(self.next_check(position));
         }
         Ok(())
     }
@@ -69,14 +79,14 @@ impl Stopping {
     pub fn after_pass(&mut self, ir: &SceneIr, progress: &mut Progress) -> Result<Option<StoppedBy>> {
         if let Some(target) = self.target_error {
             let position = progress.position();
-            if position > 0 && next_check(position - 1) == position {
+            if position > 0 && self.next_check(position - 1) == position {
                 let error = worst_relative_error(ir, progress.tally()?);
                 self.known = error.map(|error| (progress.done, error));
                 if error.is_some_and(|error| error <= target) {
                     return Ok(Some(StoppedBy::TargetError));
                 }
             }
-            progress.pause_at(next_check(position));
+            progress.pause_at(self.next_check(position));
         }
         Ok(self.time_limit.filter(|limit| progress.elapsed >= *limit).map(|_| StoppedBy::TimeLimit))
     }
@@ -102,14 +112,24 @@ mod tests {
     fn checks_lie_at_fixed_places_and_never_far_apart() {
         let (mut position, mut checks) = (0, Vec::new());
         while position < 1 << 40 {
-            position = next_check(position);
+            position = next_check(FIRST_CHECK, position);
             checks.push(position);
             // From any ray before it, the next check is the same.
-            assert_eq!(next_check(position - 1), position);
+            assert_eq!(next_check(FIRST_CHECK, position - 1), position);
         }
         assert_eq!(checks[0], FIRST_CHECK);
         assert!(checks.windows(2).all(|pair| pair[0] < pair[1] && pair[1] <= pair[0] + pair[0] / 16));
         assert!(checks.len() < 320, "{}", checks.len());
-        assert!(next_check(u64::MAX - 1) > u64::MAX / 2);
+        assert!(next_check(FIRST_CHECK, u64::MAX - 1) > u64::MAX / 2);
+    }
+    #[test]
+    fn a_large_map_is_looked_at_later() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/bench_lens.json");
+        let mut ir = crate::Scene::from_path(path.as_ref()).unwrap().lower().unwrap();
+        assert_eq!(Stopping::new(&ir, None, None).next_check(0), FIRST_CHECK);
+        if let crate::ir::SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+            (grid.num_pixels_x, grid.num_pixels_y) = (8192, 8192);
+        }
+        assert_eq!(Stopping::new(&ir, None, None).next_check(0), 1 << 22);
     }
 }

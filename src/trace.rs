@@ -10,6 +10,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::end_log::EndLogs;
 use crate::gpu::profile::Profile;
+use crate::gpu::sums::DeviceSums;
 use crate::gpu::tuning::Tuning;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
@@ -20,10 +21,13 @@ use crate::program::{
     Splitting, df64, events,
 };
 use crate::result::{
-    Booking, Moments, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded,
-    Recording, RunInfo, SensorTally, StageTime, SurfaceTally, Tally,
+    Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded, Recording,
+    RunInfo, SensorTally, StageTime, SurfaceTally, Tally, check_shape,
 };
+use intake::{Counted, Intake};
 use std::time::{Duration, Instant};
+
+mod intake;
 
 /// Options of a trace, with Optiland's defaults.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,6 +72,10 @@ pub struct TraceOptions {
     /// The path that most rays take has a stage of its own, and rays that stray from it are traced again; where not given,
     /// in long traces in which the host adds up. It never changes a result.
     pub nominal_path: Option<bool>,
+    /// Sums are bound in parts of at most so many bytes; in the largest that the adapter binds where not given. It never
+    /// changes a result.
+    #[doc(hidden)]
+    pub part_bytes: Option<u64>,
 }
 
 /// Whether no floating-point operations are fused or reordered by the driver.
@@ -138,6 +146,7 @@ impl Default for TraceOptions {
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
             nominal_path: None,
+            part_bytes: None,
         }
     }
 }
@@ -264,9 +273,9 @@ struct DeviceState {
     rng_table: wgpu::Buffer,
     /// The ids of rays that strayed from the nominal path, as a dispatch reads them.
     strays: Option<wgpu::Buffer>,
-    sums: wgpu::Buffer,
-    tops: Option<wgpu::Buffer>,
-    counters: wgpu::Buffer,
+    sums: DeviceSums,
+    tops: Option<DeviceSums>,
+    counters: DeviceSums,
     events: Option<wgpu::Buffer>,
 }
 
@@ -358,6 +367,7 @@ impl<'a> Tracer<'a> {
                 MomentSource::Replicates => SecondMoments::Replicates,
             },
             nominal: nominal::find(gpu, ir, options)?,
+            part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
         };
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
@@ -468,9 +478,10 @@ impl<'a> Tracer<'a> {
     ) -> Result<Tally> {
         if self.counts_undrained > 0 {
             // A trace before this one failed half-way.
-            self.drain()?;
+            self.drain(&mut self.empty_tally())?;
         }
         let mut position = self.position_after(&begun)?;
+        check_shape(self.ir, &begun)?;
         let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
         let start = Instant::now();
@@ -484,7 +495,7 @@ impl<'a> Tracer<'a> {
             pass_rays = self.next_pass_rays(end - position, pass_start.elapsed());
             position = end;
             if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
-                tally += &self.drain()?;
+                self.drain(&mut tally)?;
             }
             let mut progress = Progress {
                 done: self.done(position),
@@ -498,7 +509,7 @@ impl<'a> Tracer<'a> {
                 break;
             }
         }
-        tally += &self.drain()?;
+        self.drain(&mut tally)?;
         if self.rays.len() > 1 {
             tally.sort_rows();
         }
@@ -607,8 +618,7 @@ impl<'a> Tracer<'a> {
         if !is_mask || self.reached.count_ones() as usize == self.ir.surfaces.len() {
             return Ok(());
         }
-        let bytes = self.gpu.read_at(&self.device.counters, u64::from(cells.reached) * 4, 4)?;
-        self.reached = bytemuck::pod_read_unaligned(&bytes);
+        self.reached = self.device.counters.read_word(self.gpu, cells.reached)?;
         Ok(())
     }
 
@@ -755,112 +765,46 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Takes what the device has summed up since the last drain, and clears it.
-    ///
-    /// # Errors
-    /// [`Error::Device`] if the device fails.
-    pub fn drain(&mut self) -> Result<Tally> {
-        let (counters, sums) = self.read_sums()?;
+    /// Adds what the device has summed up since the last drain, and clears it.
+    fn drain(&mut self, tally: &mut Tally) -> Result<()> {
+        let cells = &self.program.cells;
+        let mut intake = Intake::new(cells, self.counted(), self.rays.len(), tally);
+        self.device.counters.read(self.gpu, |counter, count| intake.count(counter, count as u64))?;
+        for sums in [Some(&self.device.sums), self.device.tops.as_ref()].into_iter().flatten() {
+            sums.read(self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
+        }
+        if let Some(logs) = &mut self.end_logs {
+            let ends = logs.take(cells);
+            (0..)
+                .zip(ends.counts.iter().copied())
+                .filter(|(_, count)| *count > 0)
+                .for_each(|(i, count)| intake.count(i, count));
+            (0..)
+                .zip(ends.quanta())
+                .filter(|(_, sum)| *sum > 0)
+                .for_each(|(cell, sum)| intake.sum(cell, sum));
+        }
+        intake.finish(self.program.options.baked && cells.fit_reached_mask());
         self.device.clear(self.gpu);
         self.reached = 0;
         self.counts_undrained = 0;
-        let booking = |cell: usize| Booking { count: counters[cell], quanta: sums[cell] };
-        let mut tally = self.empty_tally();
-        tally.launched = std::mem::take(&mut self.launched);
-        tally.rays = std::mem::take(&mut self.launched_rays);
-        tally.invalid_deposits = counters[0];
-        tally.medium_stack_underflows = counters[1];
-        tally.roulette_gain = booking(2);
-        tally.bulk = booking(3);
-        tally.importance_loss = booking(4);
-        tally.importance_gain = booking(5);
-        tally.escaped = booking(6);
-        tally.depth_killed = booking(7);
-        tally.roulette_loss = booking(8);
-        tally.coating = booking(9);
-        tally.bsdf_loss = booking(10);
-        tally.bsdf_gain = booking(11);
-        let cells = &self.program.cells;
-        tally.split_budget_saturated = cells.saturated.is_some_and(|counter| counters[counter as usize] != 0);
-        for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached = match self.program.options.baked && cells.fit_reached_mask() {
-                true => counters[cells.reached as usize] >> i & 1 != 0,
-                false => counters[cells.reached as usize + i] != 0,
-            };
-            surface.absorbed = booking(cells.surfaces as usize + i);
-        }
-        for (i, sensor) in tally.sensors.iter_mut().enumerate() {
-            let first = cells.sensors[i] as usize;
-            let num_cells = sensor.quanta.len().max(1);
-            let (stride, copies) = cells.replicates.map_or((0, 1), |r| (r.stride as usize, r.num as usize));
-            for first in (0..copies).map(|copy| first + copy * stride) {
-                if sensor.quanta.is_empty() {
-                    sensor.recorded += booking(first);
-                }
-                sensor.quanta.iter_mut().zip(&sums[first..]).for_each(|(sum, quanta)| *sum += quanta);
-                sensor.hits.iter_mut().zip(&counters[first..]).for_each(|(sum, hits)| *sum += hits);
-                if cells.replicates.is_some() {
-                    sensor.replicates.extend_from_slice(&sums[first..first + num_cells]);
-                }
-            }
-        }
-        self.take_moments(&mut tally, &sums);
+        tally.launched += std::mem::take(&mut self.launched);
+        tally.rays += &std::mem::take(&mut self.launched_rays);
         for event in self.events.drain(..) {
             match event.path_event() {
                 Some(path_event) => tally.paths.push(path_event),
                 None => tally.sensors[event.subject as usize].rows.push(event.row),
             }
         }
-        Ok(tally)
+        Ok(())
     }
 
-    /// Counts of events and sums \[quanta\]: the device's, and those that the host added up.
-    fn read_sums(&mut self) -> Result<(Vec<u64>, Vec<u128>)> {
-        let counters = self.device.read_counters(self.gpu, &self.program)?;
-        let mut counters: Vec<u64> = counters.into_iter().map(u64::from).collect();
-        let ends = self.end_logs.as_mut().map(|logs| logs.take(&self.program.cells)).unwrap_or_default();
-        counters.iter_mut().zip(&ends.counts).for_each(|(sum, count)| *sum += count);
-        if self.program.constant_weights {
-            let quanta = self.birth_quanta(0);
-            let sums = counters.iter().map(|&count| quanta * u128::from(count)).collect();
-            return Ok((counters, sums));
-        }
-        let mut sums = self.device.read_sums(self.gpu, &self.program)?;
-        sums.iter_mut().zip(ends.quanta()).for_each(|(sum, quanta)| *sum += quanta);
-        Ok((counters, sums))
-    }
-
-    /// The second moments of a tally whose first ones are there.
-    fn take_moments(&self, tally: &mut Tally, sums: &[u128]) {
-        match (self.moments, &self.program.cells.moments) {
-            (MomentSource::Hits, _) => {
-                let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
-                for sensor in &mut tally.sensors {
-                    sensor.squares = sensor.hits.iter().map(|&hits| u128::from(hits) * square).collect();
-                    let Booking { count, quanta } = sensor.total();
-                    sensor.totals = vec![Moments { quanta, squares: u128::from(count) * square }];
-                }
-            }
-            (MomentSource::Device, Some(cells)) => {
-                tally.moments_overflowed = sums[cells.large_squares as usize] >= LARGE_SQUARES_LIMIT;
-                for (index, sensor) in tally.sensors.iter_mut().enumerate() {
-                    let first = (self.program.cells.sensors[index] + cells.squares_offset) as usize;
-                    let squares = &sums[first..first + sensor.quanta.len().max(1)];
-                    sensor.totals = match cells.totals {
-                        Some(totals) => {
-                            let num_emitters = self.rays.len();
-                            let first = totals as usize + 2 * index * num_emitters;
-                            let pairs = sums[first..first + 2 * num_emitters].chunks_exact(2);
-                            pairs.map(|pair| Moments { quanta: pair[0], squares: pair[1] }).collect()
-                        }
-                        None => {
-                            vec![Moments { quanta: sensor.total().quanta, squares: squares.iter().sum() }]
-                        }
-                    };
-                    sensor.squares = squares[..sensor.quanta.len()].to_vec();
-                }
-            }
-            (MomentSource::Nowhere | MomentSource::Device | MomentSource::Replicates, _) => {}
+    /// What counts tell beside themselves.
+    fn counted(&self) -> Counted {
+        let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
+        Counted {
+            quanta: self.program.constant_weights.then(|| self.birth_quanta(0)),
+            square: (self.moments == MomentSource::Hits).then_some(square),
         }
     }
 }
@@ -909,7 +853,7 @@ impl Progress<'_, '_> {
     /// [`Error::Device`] if the device fails.
     pub fn tally(&mut self) -> Result<&Tally> {
         if self.tracer.counts_undrained > 0 {
-            *self.tally += &self.tracer.drain()?;
+            self.tracer.drain(self.tally)?;
         }
         Ok(self.tally)
     }
@@ -977,6 +921,7 @@ impl DeviceState {
         end_logs: Option<&EndLogs>,
     ) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
+        check_bindings(gpu, program, &bindings)?;
         let shader = match strict {
             true => gpu.strict_shader("trace", &program.module, &bindings)?,
             false => gpu.shader("trace", program.source()),
@@ -990,13 +935,9 @@ impl DeviceState {
         let nominal = program.nominal.as_ref();
         let trace_nominal = nominal.map(|_| gpu.pipeline("trace_nominal", &shader, &layouts, &[]));
 
-        let num_sums = u64::from(program.cells.num_sums);
-        let sums = gpu.buffer("the sums", num_sums * cell_bytes(program))?;
-        let tops = match program.options.native {
-            true => Some(gpu.buffer("the sums' upper words", num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?),
-            false => None,
-        };
-        let counters = gpu.buffer("the counters", u64::from(program.cells.num_counters) * 4)?;
+        let sums = DeviceSums::new(gpu, &program.sums.sums)?;
+        let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
+        let counters = DeviceSums::new(gpu, &program.sums.counters)?;
         let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
         let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
@@ -1016,12 +957,16 @@ impl DeviceState {
             None => None,
         };
         let rng_table = gpu.constant_buffer("draws", &program.rng_table);
-        let mut scene: Vec<(u32, &wgpu::Buffer)> =
-            vec![(0, &range), (program::RNG_TABLE, &rng_table), (2, &sums), (4, &counters)];
+        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (program::RNG_TABLE, &rng_table)];
+        scene.extend(
+            [Some(&sums), tops.as_ref(), Some(&counters)]
+                .into_iter()
+                .flatten()
+                .flat_map(DeviceSums::bindings),
+        );
         if !program.emitters.is_empty() {
             scene.push((program::lowered::EMITTER, &emitter));
         }
-        scene.extend(tops.as_ref().map(|tops| (3, tops)));
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
@@ -1115,27 +1060,10 @@ impl DeviceState {
         std::iter::once(first).chain(rounds)
     }
 
-    fn read_sums(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u128>> {
-        let num_sums = u64::from(program.cells.num_sums);
-        let sums = gpu.read(&self.sums, num_sums * cell_bytes(program))?;
-        Ok(match &self.tops {
-            Some(tops) => {
-                let tops = gpu.read(tops, num_sums * gpu::sums::NATIVE_TOP_BYTES as u64)?;
-                gpu::sums::read_native(&sums, &tops)
-            }
-            None => gpu::sums::read_portable(&sums),
-        })
-    }
-
-    fn read_counters(&self, gpu: &Gpu, program: &Program) -> Result<Vec<u32>> {
-        let bytes = gpu.read(&self.counters, u64::from(program.cells.num_counters) * 4)?;
-        Ok(bytemuck::pod_collect_to_vec(&bytes))
-    }
-
     fn clear(&self, gpu: &Gpu) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        for buffer in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
-            encoder.clear_buffer(buffer, 0, None);
+        for sums in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
+            sums.clear(&mut encoder);
         }
         gpu.queue.submit([encoder.finish()]);
     }
@@ -1156,13 +1084,26 @@ fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
     (held(weight * weight, precision) * QUANTA_PER_WEIGHT).ceil() as u128
 }
 
-/// From here on some cell of squares may have overflowed (shaders/lib/moments.wgsl).
-const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
-
-fn cell_bytes(program: &Program) -> u64 {
-    let bytes =
-        if program.options.native { gpu::sums::NATIVE_CELL_BYTES } else { gpu::sums::PORTABLE_CELL_BYTES };
-    bytes as u64
+/// What a scene's shaders bind must be what the adapter can bind at once: more of the sums, more parts.
+fn check_bindings(gpu: &Gpu, program: &Program, bindings: &[gpu::compute::Binding]) -> Result<()> {
+    let most = gpu.device.limits().max_storage_buffers_per_shader_stage as usize;
+    let storage = bindings.iter().filter(|binding| binding.access != gpu::compute::Access::Uniform).count();
+    if storage <= most {
+        return Ok(());
+    }
+    let parts: Vec<u64> = program.sums.all().flat_map(|buffer| buffer.part_bytes()).collect();
+    let advice = match program.options.moments {
+        SecondMoments::None => "fewer pixels",
+        SecondMoments::Squares | SecondMoments::Replicates => "fewer pixels, --standard-error off",
+    };
+    Err(Error::Device(format!(
+        "the scene needs {storage} storage buffers, {} of them for {} bytes of sums, and the adapter `{}` binds at most \
+         {most}, each of at most {} bytes; use {advice} or another adapter",
+        parts.len(),
+        parts.iter().sum::<u64>(),
+        gpu.info.name,
+        gpu.largest_binding(),
+    )))
 }
 
 fn stride_of(program: &Program, name: &str) -> Result<u64> {

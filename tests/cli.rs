@@ -635,6 +635,7 @@ fn compose(text: &str) -> Result<(), Error> {
             host_sums: baked,
             moments: SecondMoments::None,
             nominal: None,
+            part_bytes: 1 << 27,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

@@ -10,6 +10,7 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
+use nsq_gpu::gpu::Gpu;
 use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
     Splat, Surface,
@@ -18,7 +19,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::{RecordPaths, Strict};
-use nsq_gpu::{StandardError, TraceOptions};
+use nsq_gpu::{StandardError, TraceOptions, Tracer};
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 
@@ -178,6 +179,117 @@ fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
             let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &options);
             assert!(zoo::trace(&ir, &options) == portable, "{name} in {precision:?}: other bits");
         }
+    }
+}
+
+/// The options with a tracer's sums in 10 to 23 parts, which with a scene's other buffers are fewer than lavapipe binds.
+fn in_parts(whole: &Tracer, options: &TraceOptions) -> TraceOptions {
+    let bytes = whole.program().sums.all().map(|sums| sums.num_elements * sums.words.element_bytes());
+    assert!(num_parts(whole) <= 3, "what fits is not cut");
+    TraceOptions { part_bytes: Some(bytes.sum::<u64>() / 10), ..options.clone() }
+}
+
+fn num_parts(tracer: &Tracer) -> usize {
+    tracer.program().sums.all().map(|sums| sums.bindings.len()).sum()
+}
+
+fn assert_same_bits_in_parts(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) {
+    let mut whole = Tracer::new(gpu, ir, options).unwrap();
+    let mut cut = Tracer::new(gpu, ir, &in_parts(&whole, options)).unwrap();
+    assert!(num_parts(&cut) >= 10);
+    let [whole, cut] = [&mut whole, &mut cut].map(|tracer| tracer.trace(|_| true).unwrap());
+    assert!(whole == cut, "other bits in parts with {options:?}");
+}
+
+#[test]
+fn sums_in_parts_are_the_same_bits_as_in_one() {
+    let changes: [fn(&mut TraceOptions); 5] = [
+        |_| (),
+        |options| {
+            options.standard_error = StandardError::On;
+            options.host_sums = Some(false);
+        },
+        |options| (options.baked, options.tree) = (Some(false), Some(false)),
+        |options| {
+            (options.events_per_dispatch, options.batch_size) = (2, Some(700));
+            options.standard_error = StandardError::Off;
+        },
+        |options| options.host_sums = Some(false),
+    ];
+    for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
+        let ir = zoo::load(name);
+        // Each scene in another precision, and with other integers, than the one before.
+        let gpu = if i % 2 == 0 { zoo::gpu() } else { zoo::portable_gpu() };
+        let precision = [Precision::F32, Precision::F64, Precision::Df64][i % 3];
+        let mut options = zoo::options(1000, 11, precision);
+        changes[i % 5](&mut options);
+        assert_same_bits_in_parts(gpu, &ir, &options);
+    }
+}
+
+#[test]
+fn split_rays_and_replicates_have_the_same_bits_in_parts() {
+    let ir = split(SPLIT[1]);
+    let off = TraceOptions { standard_error: StandardError::Off, ..zoo::options(1000, 11, Precision::F64) };
+    assert_same_bits_in_parts(zoo::gpu(), &ir, &off);
+    assert_same_bits_in_parts(zoo::portable_gpu(), &ir, &off);
+    let sobol = TraceOptions {
+        sampler: Sampler::Sobol,
+        standard_error: StandardError::On,
+        ..zoo::options(2000, 11, Precision::F32)
+    };
+    assert_same_bits_in_parts(zoo::gpu(), &zoo::load("bench_lens"), &sobol);
+}
+
+/// Text of the shader in parts, and what stands there by mistake.
+const WRONG_PARTS: [(&str, &str); 8] = [
+    ("case 1u: { return atomicAdd(&sums_1[", "case 1u: { return atomicAdd(&sums_0["),
+    (
+        "default: { return atomicAdd(&sums_",
+        "default: { return atomicAdd(&sums_0[within], value); return atomicAdd(&sums_",
+    ),
+    (
+        "fn add_to_tops(at: u32, value: u32) -> u32 {\n",
+        "fn add_to_tops(to: u32, value: u32) -> u32 {\n let at = to ^ 1u;\n",
+    ),
+    ("case 0u: { return atomicAdd(&counters_0[", "case 0u: { return atomicAdd(&counters_1["),
+    ("case 1u: { return atomicAdd(&counters_1[", "case 1u: { return atomicAdd(&counters_0["),
+    ("{ atomicStore(&counters_", "{ return; atomicStore(&counters_"),
+    ("let within = at & ", "let within = (at ^ 1u) & "),
+    ("    switch at >> ", "    switch 1u + at >> "),
+];
+
+#[test]
+fn a_wrong_part_is_noticed() {
+    // In tables, so that what was reached is stored; mirrors take more than 64 bits hold.
+    let ir = zoo::load("kaleidoscope");
+    let options = TraceOptions {
+        baked: Some(false),
+        host_sums: Some(false),
+        standard_error: StandardError::Off,
+        ..zoo::options(60_000, 11, Precision::F32)
+    };
+    let mut whole = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+    let cut = in_parts(&whole, &options);
+    let plain = whole.trace(|_| true).unwrap();
+    for (right, wrong) in WRONG_PARTS {
+        let edit = |wgsl: String| {
+            assert!(wgsl.contains(right), "no `{right}`");
+            wgsl.replace(right, wrong)
+        };
+        let tally = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &cut, edit).unwrap().trace(|_| true).unwrap();
+        assert!(tally != plain, "`{wrong}` is not noticed");
+    }
+}
+
+#[test]
+fn sums_of_too_many_parts_are_refused_with_the_numbers() {
+    let ir = zoo::load("bench_lens");
+    let options = TraceOptions { part_bytes: Some(512), ..zoo::options(1, 0, Precision::F32) };
+    let error = Tracer::new(zoo::gpu(), &ir, &options).err().unwrap().to_string();
+    let most = zoo::gpu().device.limits().max_storage_buffers_per_shader_stage.to_string();
+    for words in ["storage buffers", " bytes of sums", "binds at most", "use fewer pixels", &most] {
+        assert!(error.contains(words), "{error}");
     }
 }
 

@@ -10,7 +10,7 @@
 mod common;
 
 use common::{Gpu, Storage, TIERS};
-use nsq_gpu::gpu::sums;
+use nsq_gpu::gpu::sums::{self, Words};
 use nsq_gpu::program::df64;
 use nsq_gpu::program::library::{self, Integers, Real};
 use nsq_gpu::program::rng::{Sampler, splitmix64};
@@ -51,10 +51,16 @@ fn cells(integers: Integers, start: &[u128]) -> Vec<Storage> {
 
 /// What the buffers of [`cells`] hold in the end.
 fn read(integers: Integers, written: &[Vec<u8>]) -> Vec<u128> {
-    match integers {
-        Integers::Native => sums::read_native(&written[0], &written[1]),
-        Integers::Portable => sums::read_portable(&written[0]),
+    let buffers: &[(Words, &[u8])] = match integers {
+        Integers::Native => &[(Words::Low, &written[0]), (Words::Top, &written[1])],
+        Integers::Portable => &[(Words::All, &written[0])],
+    };
+    let bytes_of_cell = if integers == Integers::Native { 8 } else { 12 };
+    let mut cells = vec![0; written[0].len() / bytes_of_cell];
+    for (words, bytes) in buffers {
+        words.values(0, bytes).for_each(|(cell, value)| cells[cell] += value);
     }
+    cells
 }
 
 /// Quanta as words (lo, hi, top).
@@ -64,7 +70,10 @@ fn words_of(quanta: &[u128]) -> Vec<[u32; 3]> {
 
 /// Quanta from the vec4 that a shader wrote.
 fn quanta_of(bytes: &[u8]) -> Vec<u128> {
-    bytes.chunks_exact(16).map(|words| sums::read_portable(&words[..12])[0]).collect()
+    bytes
+        .chunks_exact(16)
+        .map(|words| Words::All.values(0, &words[..12]).map(|(_, value)| value).sum())
+        .collect()
 }
 
 /// A weight as the tier holds it.

@@ -384,7 +384,7 @@ fn trace(run: &Run<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
         identity,
         begun: begun.launched.count,
         stop: stop_on_interrupt()?,
-        stopping: Stopping::new(args.target_error, args.time_limit),
+        stopping: Stopping::new(ir, args.target_error, args.time_limit),
         progress: Progress::new(args.progress, tracer.num_rays()),
         last_checkpoint: Instant::now(),
         stopped_by: None,

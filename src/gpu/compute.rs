@@ -48,6 +48,9 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     bindings
 }
 
+/// Bytes that are read back at once: what lies in memory twice is small, and stays in a processor's caches.
+const READ_BLOCK: u64 = 16 << 20;
+
 /// What needs less of a buffer that grows with the detectors.
 const FEWER_PIXELS: &str = "fewer pixels";
 
@@ -180,10 +183,15 @@ impl Gpu {
         })
     }
 
+    /// Largest storage buffer that can be bound \[bytes\].
+    pub fn largest_binding(&self) -> u64 {
+        let limits = self.device.limits();
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+    }
+
     /// `advice`: what would need less.
     fn check_binding(&self, label: &str, size: u64, advice: &str) -> Result<()> {
-        let limits = self.device.limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let limit = self.largest_binding();
         if size > limit {
             return Err(Error::Device(format!(
                 "{label} needs {size} bytes, and the adapter `{}` binds at most {limit}; use {advice} or another adapter",
@@ -210,22 +218,42 @@ impl Gpu {
 
     /// Reads `size` bytes of a buffer from `offset` on, after everything submitted before.
     pub fn read_at(&self, buffer: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>> {
+        let mut all = Vec::with_capacity(size as usize);
+        self.read_blocks(buffer, offset, size.next_multiple_of(4), |_, bytes| all.extend_from_slice(bytes))?;
+        Ok(all)
+    }
+
+    /// Reads `size` bytes of a buffer from `offset` on, a multiple of 4, block by block, after everything submitted before:
+    /// `visit` is shown where in them each block begins, and the block.
+    pub fn read_blocks(
+        &self,
+        buffer: &wgpu::Buffer,
+        offset: u64,
+        size: u64,
+        mut visit: impl FnMut(u64, &[u8]),
+    ) -> Result<()> {
         if size == 0 {
-            return Ok(Vec::new());
+            return Ok(());
         }
-        let size = size.next_multiple_of(4);
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("read-back"),
-            size,
+            size: size.min(READ_BLOCK),
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, size);
-        self.queue.submit([encoder.finish()]);
-        staging.map_async(wgpu::MapMode::Read, .., |_| {});
-        self.wait()?;
-        let bytes = staging.get_mapped_range(..).map_err(|e| Error::Device(format!("reading back: {e}")))?;
-        Ok(bytes.to_vec())
+        for first in (0..size).step_by(READ_BLOCK as usize) {
+            let block = (size - first).min(READ_BLOCK);
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            encoder.copy_buffer_to_buffer(buffer, offset + first, &staging, 0, block);
+            self.queue.submit([encoder.finish()]);
+            staging.map_async(wgpu::MapMode::Read, ..block, |_| {});
+            self.wait()?;
+            let bytes =
+                staging.get_mapped_range(..block).map_err(|e| Error::Device(format!("reading back: {e}")))?;
+            visit(first, &bytes);
+            drop(bytes);
+            staging.unmap();
+        }
+        Ok(())
     }
 }

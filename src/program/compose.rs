@@ -10,6 +10,7 @@ use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::nominal::NominalPath;
 use super::records::literal;
 use super::splitting::Splitting;
+use super::sums::SumBuffers;
 use super::tree::{self, PrimitiveTree};
 use super::{PathSampling, ProgramOptions, SecondMoments};
 use crate::error::Result;
@@ -37,6 +38,8 @@ pub struct Composition<'a> {
     pub centre: DVec3,
     /// Its cells.
     pub cells: &'a Cells,
+    /// The buffers that they lie in.
+    pub sums: &'a SumBuffers,
     /// Depth of the deepest mesh.
     pub mesh_depth: u32,
     /// Which of its faces are in contact.
@@ -81,7 +84,7 @@ impl Composition<'_> {
         text.push_str(&self.emit());
         text.push_str(&self.sample_bsdf());
         text.push_str(&self.reflect_probability()?);
-        Ok(text)
+        self.sums.cut(text)
     }
 
     fn precision(&self) -> Precision {

@@ -139,15 +139,27 @@ impl Cells {
     }
 
     /// With cells for the second moments.
-    pub fn with_moments(self, ir: &SceneIr) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are too many to number.
+    pub fn with_moments(self, ir: &SceneIr) -> Result<Self> {
         let squares_offset = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
-        let mut next = self.num_cells + squares_offset;
-        let totals = (!cells_hold_totals(ir)).then_some(next);
-        if totals.is_some() {
-            next += 2 * (ir.sensors.len() * ir.emitters.len()) as u32;
-        }
-        let moments = Some(MomentCells { squares_offset, totals, large_squares: next });
-        Cells { moments, num_sums: next + 1, ..self }
+        let has_totals = !cells_hold_totals(ir);
+        let num_totals = if has_totals { 2 * ir.sensors.len() as u64 * ir.emitters.len() as u64 } else { 0 };
+        let totals = u64::from(self.num_cells) + u64::from(squares_offset);
+        let large_squares = totals + num_totals;
+        let num_sums = u32::try_from(large_squares + 1).map_err(|_| {
+            Error::Usage(format!(
+                "a square for each of {squares_offset} cells of the detectors, as standard errors need, are too many sums; use \
+                 fewer pixels or --standard-error off"
+            ))
+        })?;
+        let moments = Some(MomentCells {
+            squares_offset,
+            totals: has_totals.then_some(totals as u32),
+            large_squares: large_squares as u32,
+        });
+        Ok(Cells { moments, num_sums, ..self })
     }
 }
 

@@ -15,6 +15,7 @@ pub mod nominal;
 pub mod records;
 pub mod rng;
 pub mod splitting;
+pub mod sums;
 pub mod tree;
 
 use crate::error::{Error, Result};
@@ -28,6 +29,7 @@ use nominal::NominalPath;
 use records::{StructLayout, put_real};
 pub use rng::Sampler;
 pub use splitting::Splitting;
+use sums::SumBuffers;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
@@ -79,6 +81,8 @@ pub struct ProgramOptions {
     pub moments: SecondMoments,
     /// The primitives that most rays meet, one after the other, for a stage of its own. The results are the same bits.
     pub nominal: Option<Vec<usize>>,
+    /// Sums are bound in parts of at most so many bytes.
+    pub part_bytes: u64,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.
@@ -127,6 +131,8 @@ pub struct Program {
     pub splitting: Option<Splitting>,
     /// Its sums.
     pub cells: Cells,
+    /// Where they lie on the device.
+    pub sums: SumBuffers,
     /// The log of where rays end, if the host adds it up.
     pub end_log: Option<EndLog>,
     /// The path that `trace_nominal` follows; the other stages then trace the rays that strayed from it.
@@ -185,7 +191,7 @@ impl Program {
         let centre = centre_of(ir);
         let cells = match options.moments {
             SecondMoments::None => Cells::of(ir),
-            SecondMoments::Squares => Cells::of(ir).with_moments(ir),
+            SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
             SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
         };
         let meshes = mesh::Forest::of(&ir.meshes)?;
@@ -210,11 +216,15 @@ impl Program {
             },
             &options,
         );
+        // Sums that follow from counts are none of the device's.
+        let num_sums = if constant_weights { 0 } else { cells.num_sums };
+        let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
         let composition = Composition {
             ir,
             features: &features,
             centre,
             cells: &cells,
+            sums: &sums,
             mesh_depth: meshes.depth,
             contacts: &contacts,
             tree: tree.as_ref(),
@@ -239,6 +249,7 @@ impl Program {
             options,
             splitting,
             cells,
+            sums,
             end_log,
             nominal,
             centre,

@@ -3,8 +3,9 @@
 use ndarray::{Array1, Array2};
 
 use crate::error::Result;
-use crate::result::irradiance::{bin_centres, bin_edges};
+use crate::result::irradiance::{bin_centres, bin_edges, shaped};
 use crate::result::npz::NpzFile;
+use crate::result::tally::map_lit;
 use crate::result::{FluxUnit, SensorTally, Uncertainty};
 
 /// Largest polar angle \[deg\]: both hemispheres are folded into one.
@@ -34,26 +35,25 @@ impl FarFieldPattern {
         sums: &SensorTally,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
-    ) -> Self {
+    ) -> Result<Self> {
         let (rows, columns) = (num_theta as usize, num_phi as usize);
         let theta = bin_centres(0.0, THETA_MAX, rows);
         let width = |edges: Vec<f64>| (edges[1] - edges[0]).to_radians();
         let d_theta = width(bin_edges(0.0, THETA_MAX, rows));
         let d_phi = width(bin_edges(-180.0, 180.0, columns));
         let solid_angle = theta.mapv(|centre| centre.to_radians().sin() * d_theta * d_phi);
-        FarFieldPattern {
-            intensity: Array2::from_shape_fn((rows, columns), |(row, column)| {
-                unit.watts(sums.quanta[row * columns + column]) / solid_angle[row]
-            }),
+        let size = |cell: usize| solid_angle[cell / columns];
+        let intensity = map_lit(&sums.quanta, |cell, quanta| unit.watts(quanta) / size(cell));
+        Ok(FarFieldPattern {
+            intensity: shaped((rows, columns), intensity)?,
             theta,
             phi: bin_centres(-180.0, 180.0, columns),
-            hits: Array2::from_shape_fn((rows, columns), |(row, column)| sums.hits[row * columns + column]),
-            standard_error: uncertainty.of_cells(sums).map(|errors| {
-                Array2::from_shape_fn((rows, columns), |(row, column)| {
-                    errors[row * columns + column] / solid_angle[row]
-                })
-            }),
-        }
+            hits: shaped((rows, columns), map_lit(&sums.hits, |_, hits| hits))?,
+            standard_error: uncertainty
+                .of_cells(sums, size)
+                .map(|errors| shaped((rows, columns), errors))
+                .transpose()?,
+        })
     }
 
     pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {

@@ -1,10 +1,11 @@
 //! Flux per area over the pixels of a rectangle.
 
-use ndarray::{Array1, Array2};
+use ndarray::{Array, Array1, Array2, Dimension, StrideShape};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::ir::PixelGrid;
 use crate::result::npz::NpzFile;
+use crate::result::tally::map_lit;
 use crate::result::{FluxUnit, SensorTally, Uncertainty};
 
 /// Irradiance of a planar detector.
@@ -33,20 +34,21 @@ impl IrradianceMap {
         sums: &SensorTally,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
-    ) -> Self {
+    ) -> Result<Self> {
         let (nx, ny) = (grid.num_pixels_x as usize, grid.num_pixels_y as usize);
         let area = pixel_area(grid);
-        IrradianceMap {
-            irradiance: Array2::from_shape_fn((ny, nx), |(y, x)| unit.watts(sums.quanta[y * nx + x]) / area),
+        Ok(IrradianceMap {
+            irradiance: shaped((ny, nx), map_lit(&sums.quanta, |_, quanta| unit.watts(quanta) / area))?,
             x_coords: bin_centres(-grid.width / 2.0, grid.width / 2.0, nx),
             y_coords: bin_centres(-grid.height / 2.0, grid.height / 2.0, ny),
-            hits: Array2::from_shape_fn((ny, nx), |(y, x)| sums.hits[y * nx + x]),
+            hits: shaped((ny, nx), map_lit(&sums.hits, |_, hits| hits))?,
             standard_error: uncertainty
-                .of_cells(sums)
-                .map(|errors| Array2::from_shape_fn((ny, nx), |(y, x)| errors[y * nx + x] / area)),
+                .of_cells(sums, |_| area)
+                .map(|errors| shaped((ny, nx), errors))
+                .transpose()?,
             width: grid.width,
             height: grid.height,
-        }
+        })
     }
 
     pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
@@ -67,6 +69,15 @@ impl IrradianceMap {
         ("standard_error", "W/mm^2"),
         ("total_flux_standard_error", "W"),
     ];
+}
+
+/// Values as an array.
+pub(crate) fn shaped<D: Dimension, T>(
+    shape: impl Into<StrideShape<D>>,
+    values: Vec<T>,
+) -> Result<Array<T, D>> {
+    Array::from_shape_vec(shape, values)
+        .map_err(|error| Error::Internal(format!("cells of a detector: {error}")))
 }
 
 /// Area of one pixel \[mm^2\], rounded as Optiland rounds it.

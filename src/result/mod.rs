@@ -40,6 +40,7 @@ pub use report::Report;
 pub use rows::{Recorded, Recording, RowWriter, Rows};
 pub use spectral::SpectralMap;
 pub use tally::{Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
+pub(crate) use trace_result::check_shape;
 pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult};
 pub(crate) use uncertainty::Uncertainty;
 

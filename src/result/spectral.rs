@@ -4,8 +4,9 @@ use ndarray::{Array1, Array2, Array3, Axis};
 
 use crate::error::Result;
 use crate::ir::PixelGrid;
-use crate::result::irradiance::{bin_centres, centres, pixel_area};
+use crate::result::irradiance::{bin_centres, centres, pixel_area, shaped};
 use crate::result::npz::NpzFile;
+use crate::result::tally::map_lit;
 use crate::result::{FluxUnit, SensorTally, Uncertainty};
 
 /// Irradiance of a planar detector per wavelength bin.
@@ -41,25 +42,26 @@ impl SpectralMap {
         sums: &SensorTally,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
-    ) -> Self {
+    ) -> Result<Self> {
         let (nx, ny, bins) = (grid.num_pixels_x as usize, grid.num_pixels_y as usize, edges.len() - 1);
         let area = pixel_area(grid);
-        let cell = |(y, x, bin): (usize, usize, usize)| (y * nx + x) * bins + bin;
+        let shape = (ny, nx, bins);
         let flux_of_bin = |bin: usize| unit.watts(sums.quanta.iter().skip(bin).step_by(bins).sum());
-        SpectralMap {
-            irradiance: Array3::from_shape_fn((ny, nx, bins), |at| unit.watts(sums.quanta[cell(at)]) / area),
+        Ok(SpectralMap {
+            irradiance: shaped(shape, map_lit(&sums.quanta, |_, quanta| unit.watts(quanta) / area))?,
             x_coords: bin_centres(-grid.width / 2.0, grid.width / 2.0, nx),
             y_coords: bin_centres(-grid.height / 2.0, grid.height / 2.0, ny),
             wavelengths: centres(edges),
             wavelength_edges: edges.iter().copied().collect(),
-            hits: Array3::from_shape_fn((ny, nx, bins), |at| sums.hits[cell(at)]),
+            hits: shaped(shape, map_lit(&sums.hits, |_, hits| hits))?,
             standard_error: uncertainty
-                .of_cells(sums)
-                .map(|errors| Array3::from_shape_fn((ny, nx, bins), |at| errors[cell(at)] / area)),
+                .of_cells(sums, |_| area)
+                .map(|errors| shaped(shape, errors))
+                .transpose()?,
             width: grid.width,
             height: grid.height,
             spectrum: (0..bins).map(flux_of_bin).collect(),
-        }
+        })
     }
 
     /// Irradiance over all wavelengths \[W/mm^2\], shape (ny, nx).

@@ -151,13 +151,13 @@ impl AddAssign for Booking {
 
 impl AddAssign<&SensorTally> for SensorTally {
     fn add_assign(&mut self, other: &SensorTally) {
-        add_each(&mut self.quanta, &other.quanta, |sum, quanta| *sum += quanta);
-        add_each(&mut self.hits, &other.hits, |sum, hits| *sum += hits);
+        add_cells(&mut self.quanta, &other.quanta);
+        add_cells(&mut self.hits, &other.hits);
         self.recorded += other.recorded;
         self.rows.extend_from_slice(&other.rows);
-        add_each(&mut self.squares, &other.squares, |sum, squares| *sum += squares);
+        add_cells(&mut self.squares, &other.squares);
         add_each(&mut self.totals, &other.totals, |sum, moments| *sum += *moments);
-        add_each(&mut self.replicates, &other.replicates, |sum, quanta| *sum += quanta);
+        add_cells(&mut self.replicates, &other.replicates);
     }
 }
 
@@ -199,10 +199,33 @@ impl AddAssign<&Tally> for Tally {
     }
 }
 
-/// Adds cell by cell. A shorter sum grows first, so that nothing is dropped and the default is a zero of the addition.
+/// Adds one by one. A shorter sum grows first, so that nothing is dropped and the default is a zero of the addition.
 fn add_each<T: Clone + Default>(sums: &mut Vec<T>, others: &[T], add: impl Fn(&mut T, &T)) {
     sums.resize(sums.len().max(others.len()), T::default());
     sums.iter_mut().zip(others).for_each(|(sum, other)| add(sum, other));
+}
+
+/// The same of cells, of which many may be dark: those that add nothing are not written to, so that a large map that is
+/// mostly dark takes little memory.
+fn add_cells<T: Copy + Default + PartialEq + AddAssign>(sums: &mut Vec<T>, others: &[T]) {
+    if sums.is_empty() {
+        *sums = map_lit(others, |_, other| other);
+        return;
+    }
+    sums.resize(sums.len().max(others.len()), T::default());
+    let lit = sums.iter_mut().zip(others).filter(|(_, other)| **other != T::default());
+    lit.for_each(|(sum, other)| *sum += *other);
+}
+
+/// What `value` makes of each cell, by its number and contents; zero becomes zero, in memory that is not written to.
+pub(crate) fn map_lit<T: Copy + Default + PartialEq, V: Clone + Default>(
+    cells: &[T],
+    value: impl Fn(usize, T) -> V,
+) -> Vec<V> {
+    let mut values = vec![V::default(); cells.len()];
+    let lit = values.iter_mut().zip(cells).enumerate().filter(|(_, (_, cell))| **cell != T::default());
+    lit.for_each(|(number, (to, cell))| *to = value(number, *cell));
+    values
 }
 
 impl Tally {

@@ -321,13 +321,13 @@ impl Detector {
         let mut total_flux = unit.watts(quanta);
         let data = match &sensor.kind {
             SensorKind::Irradiance(grid) => {
-                DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit, uncertainty))
+                DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit, uncertainty)?)
             }
             SensorKind::Spectral { grid, wavelength_edges } => {
-                DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit, uncertainty))
+                DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit, uncertainty)?)
             }
             SensorKind::FarField { num_theta, num_phi } => {
-                DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit, uncertainty))
+                DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit, uncertainty)?)
             }
             SensorKind::RayDatabase { .. } => {
                 let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", sensor.name)))?;
@@ -398,7 +398,8 @@ fn total_flux<'a>(detectors: impl Iterator<Item = &'a Detector>) -> f64 {
     detectors.fold(0.0, |sum, detector| sum + detector.total_flux)
 }
 
-fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {
+/// Refuses sums that are not of this scene.
+pub(crate) fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {
     let sensors_fit = ir.sensors.len() == tally.sensors.len()
         && ir.sensors.iter().zip(&tally.sensors).all(|(sensor, sums)| {
             sums.quanta.len() == sensor.num_cells() && sums.hits.len() == sensor.num_cells()

@@ -71,17 +71,44 @@ impl Uncertainty {
     /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
     /// where they light a cell unequally, the error is too large, by a factor of at most 1/sqrt(1 - p) where p is the
     /// largest share of a source's rays that comes by the cell; it is never too small.
-    pub(crate) fn of_cells(&self, sums: &SensorTally) -> Option<Vec<f64>> {
-        let num_cells = sums.quanta.len();
-        if !sums.replicates.is_empty() {
-            let of_cell = |cell| sums.replicates.iter().skip(cell).step_by(num_cells.max(1)).copied();
-            return Some((0..num_cells).map(|cell| self.of_replicates(of_cell(cell))).collect());
-        }
-        if sums.squares.len() != sums.quanta.len() || sums.totals.is_empty() {
+    ///
+    /// Each is divided by the size of its cell: area, or solid angle.
+    pub(crate) fn of_cells(&self, sums: &SensorTally, size: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
+        if !Uncertainty::knows_cells(sums) {
             return None;
         }
-        let cells = sums.quanta.iter().zip(&sums.squares);
-        Some(cells.map(|(&quanta, &squares)| self.of_moments(Moments { quanta, squares })).collect())
+        let is_dark = |cell: usize| sums.quanta[cell] == 0 && sums.squares.get(cell).is_none_or(|&s| s == 0);
+        let num_cells = sums.quanta.len();
+        // Dark cells are alike, and mostly zero: then they take no memory.
+        let of_dark = (0..num_cells).find(|&cell| is_dark(cell)).map_or(0.0, |cell| self.of_cell(sums, cell));
+        let mut errors = vec![of_dark; num_cells];
+        let lit = errors.iter_mut().enumerate().filter(|(cell, _)| !is_dark(*cell));
+        lit.for_each(|(cell, error)| *error = self.of_cell(sums, cell) / size(cell));
+        Some(errors)
+    }
+
+    /// Mean of the relative standard errors of the cells that are not dark; none where all are, or second moments were not
+    /// summed.
+    fn mean_relative_of_cells(&self, sums: &SensorTally) -> Option<f64> {
+        if !Uncertainty::knows_cells(sums) {
+            return None;
+        }
+        let lit = sums.quanta.iter().enumerate().filter(|(_, quanta)| **quanta > 0);
+        mean(lit.map(|(cell, &quanta)| self.of_cell(sums, cell) / self.unit.watts(quanta)))
+    }
+
+    /// True if the tally tells errors of the cells.
+    fn knows_cells(sums: &SensorTally) -> bool {
+        let has_squares = sums.squares.len() == sums.quanta.len() && !sums.totals.is_empty();
+        has_squares || !sums.replicates.is_empty()
+    }
+
+    /// Standard error of the flux in a cell \[W\].
+    fn of_cell(&self, sums: &SensorTally, cell: usize) -> f64 {
+        if sums.replicates.is_empty() {
+            return self.of_moments(Moments { quanta: sums.quanta[cell], squares: sums.squares[cell] });
+        }
+        self.of_replicates(sums.replicates.iter().skip(cell).step_by(sums.quanta.len()).copied())
     }
 
     /// Standard error of a sum over pooled sources \[W\].
@@ -120,8 +147,12 @@ pub(crate) fn mean_relative<'a>(
     errors: impl IntoIterator<Item = &'a f64>,
 ) -> Option<f64> {
     let lit = values.into_iter().zip(errors).filter(|(value, _)| **value > 0.0);
-    let (count, sum) =
-        lit.fold((0_u64, 0.0), |(count, sum), (value, error)| (count + 1, sum + error / value));
+    mean(lit.map(|(value, error)| error / value))
+}
+
+/// None of nothing.
+fn mean(numbers: impl Iterator<Item = f64>) -> Option<f64> {
+    let (count, sum) = numbers.fold((0_u64, 0.0), |(count, sum), number| (count + 1, sum + number));
     (count > 0).then(|| sum / count as f64)
 }
 
@@ -131,8 +162,7 @@ pub fn worst_relative_error(ir: &SceneIr, tally: &Tally) -> Option<f64> {
     let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
     let watts = |quanta: u128| quanta as f64;
     let errors = tally.sensors.iter().flat_map(|sensor| {
-        let values: Vec<f64> = sensor.quanta.iter().map(|&quanta| watts(quanta)).collect();
-        let cells = uncertainty.of_cells(sensor).and_then(|errors| mean_relative(&values, &errors));
+        let cells = uncertainty.mean_relative_of_cells(sensor);
         let total = Some(watts(sensor.total().quanta)).filter(|total| *total > 0.0);
         let total = total.map(|total| uncertainty.of_total(sensor).map_or(f64::NAN, |error| error / total));
         [cells, total].into_iter().flatten()

@@ -250,7 +250,7 @@ fn trace(shared: &Arc<Shared>, device: &Device, scene: &LoadedScene, wanted: &Ru
         shared,
         scene,
         run: RunInfo { target_error: wanted.target_error, ..run_info(scene, &options, choice, &gpu) },
-        stopping: Stopping::new(wanted.target_error, wanted.time_limit),
+        stopping: Stopping::new(&scene.ir, wanted.target_error, wanted.time_limit),
         clock: Clock::start(),
         due: Instant::now(),
     };

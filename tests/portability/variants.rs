@@ -47,6 +47,8 @@ pub struct Variant {
     pub host_sums: bool,
     /// The path that has a stage of its own.
     pub nominal: Option<Vec<usize>>,
+    /// Sums are bound in parts of at most so many bytes.
+    pub part_bytes: u64,
 }
 
 /// One feature.
@@ -80,6 +82,7 @@ pub enum Choice {
     HostSums,
     Nominal,
     Replicates,
+    SumsInParts,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -246,6 +249,7 @@ impl Choice {
             Choice::HostSums,
             Choice::Nominal,
             Choice::Replicates,
+            Choice::SumsInParts,
         ]);
         choices
     }
@@ -309,6 +313,12 @@ impl Choice {
                 // Numbers of primitives shift as others come: the last detector is then some other, or a surface.
                 variant.nominal = Some(vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1]);
             }
+            // So many cells that those of all other choices add few parts.
+            Choice::SumsInParts => {
+                let wide = PixelGrid { num_pixels_x: 64, num_pixels_y: 64, ..grid(Splat::Hard) };
+                ir.sensors.push(sensor(SensorKind::Irradiance(wide), true));
+                variant.part_bytes = 1 << 13;
+            }
             // Replicates take the place of squares.
             Choice::Moments if variant.moments == SecondMoments::Replicates => {}
             Choice::Moments => variant.moments = SecondMoments::Squares,
@@ -353,6 +363,7 @@ impl Default for Variant {
             sampler: Sampler::Pcg,
             host_sums: false,
             nominal: None,
+            part_bytes: 1 << 27,
             moments: SecondMoments::None,
         }
     }
@@ -384,6 +395,7 @@ impl Variant {
             moments: self.moments,
             nominal: self.nominal.clone(),
             host_sums: self.host_sums,
+            part_bytes: self.part_bytes,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
