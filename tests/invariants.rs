@@ -10,7 +10,7 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::gpu::Gpu;
+use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
     Splat, Surface,
@@ -146,6 +146,21 @@ fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
             let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &queued);
             assert!(portable == booked, "{name} in {precision:?}: other bits with pairs");
         }
+    }
+}
+
+/// A processor without 64-bit integers writes words of 32 bits.
+#[test]
+fn logs_of_32_bit_words_add_up_to_the_same_bits() {
+    let choice = AdapterChoice { name: None, native: Native::Allowed, runtime_checks: true };
+    let mut gpu = Gpu::open(&choice).unwrap();
+    gpu.int64 = false;
+    for name in ["bench_lens", "bench_cavity", "kaleidoscope"] {
+        let ir = zoo::load(name);
+        let options = zoo::options(2000, 11, Precision::F32);
+        let [booked, logged] =
+            [false, true].map(|host| TraceOptions { host_sums: Some(host), ..options.clone() });
+        assert!(zoo::trace_on(&gpu, &ir, &logged) == zoo::trace(&ir, &booked), "{name}: other bits");
     }
 }
 

@@ -21,6 +21,8 @@ pub struct Bench {
 struct Gpus {
     native: Gpu,
     portable: Gpu,
+    /// Without 64-bit integers, but with the host's memory: logs where rays end.
+    portable_logged: Gpu,
 }
 
 /// How a check traces.
@@ -40,12 +42,23 @@ impl Default for Setting {
     }
 }
 
+impl Gpus {
+    fn of(&self, setting: &Setting) -> &Gpu {
+        match (setting.native, setting.options.host_sums) {
+            (true, _) => &self.native,
+            (false, Some(true)) => &self.portable_logged,
+            (false, _) => &self.portable,
+        }
+    }
+}
+
 impl Bench {
     /// Opens the devices, or says on stderr what is skipped for want of one.
     pub fn open(test: &str) -> Option<Self> {
         let open = |native| Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true });
-        let (native, portable) = match (open(Native::Allowed), open(Native::Off)) {
-            (Ok(native), Ok(portable)) if native.f64 && native.int64 => (native, portable),
+        let opened = (open(Native::Allowed), open(Native::Off), open(Native::Allowed));
+        let (native, portable, mut portable_logged) = match opened {
+            (Ok(native), Ok(portable), Ok(other)) if native.f64 && native.int64 => (native, portable, other),
             _ => {
                 // Straight to the stream: the test runner hides what a passing test prints.
                 let _ = writeln!(
@@ -55,7 +68,9 @@ impl Bench {
                 return None;
             }
         };
-        Some(Bench { gpus: Rc::new(Gpus { native, portable }), mutant: None, mutated: Cell::new(false) })
+        portable_logged.int64 = false;
+        let gpus = Gpus { native, portable, portable_logged };
+        Some(Bench { gpus: Rc::new(gpus), mutant: None, mutated: Cell::new(false) })
     }
 
     /// The same devices, their shaders changed.
@@ -70,7 +85,7 @@ impl Bench {
 
     /// The sums of a trace. A device may refuse a mutant for no other reason than that it is no valid shader.
     pub fn tally(&self, ir: &SceneIr, setting: &Setting) -> Tally {
-        let gpu = if setting.native { &self.gpus.native } else { &self.gpus.portable };
+        let gpu = self.gpus.of(setting);
         Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
             .and_then(|mut tracer| tracer.trace(|_| true))
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.mutant.map_or("original", |m| m.name)))
@@ -78,7 +93,7 @@ impl Bench {
 
     /// The sums before the first ray, and after each.
     pub fn ray_by_ray(&self, ir: &SceneIr, setting: &Setting) -> Vec<Tally> {
-        let gpu = if setting.native { &self.gpus.native } else { &self.gpus.portable };
+        let gpu = self.gpus.of(setting);
         let trace = |mut tracer: Tracer| {
             let mut snapshots = vec![tracer.empty_tally()];
             tracer.pause_at(1);
