@@ -37,6 +37,7 @@ const HAS_GAUSSIAN: bool = false;
 const HAS_TRANSMISSIVE: bool = false;
 const HAS_TRANSMISSIVE_LOBES: bool = false;
 const HAS_QUEUE: bool = false;
+const LOGS_PASSES: bool = false;
 const HAS_TOTALS: bool = false;
 const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
@@ -59,6 +60,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/weights_vary.wgsl
 
 // <- shaders/lib/ends_booked.wgsl
+
+// <- shaders/lib/passes_booked.wgsl
 
 // <- shaders/lib/spectrum_single.wgsl
 
