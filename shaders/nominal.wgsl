@@ -34,9 +34,10 @@ fn keeps_to(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
 // The last event of the path: a detector or a surface that absorbs the ray.
 fn ends_on(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
     reach(ray, Hit(hit.distance, primitive));
-    (*ray).fate = DETECTED;
     if primitive < NUM_SURFACES {
         interact(ray, primitive);
+    } else {
+        (*ray).fate = DETECTED;
     }
     return (hit.primitive == primitive) & ((*ray).fate != ALIVE) & has_place(*ray);
 }

@@ -117,7 +117,7 @@ fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32
     return FourTaps(hit, cells, fractions);
 }
 
-// What the first three taps take of the weight. Its twin on the host is `first_shares` in gpu::end_log.
+// What the first three taps take of the weight. Its twin on the host is `first_shares` in gpu::end_sums.
 fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
     return vec3<real>(
         weight * ((1.0 - f.x) * (1.0 - f.y)), weight * (f.x * (1.0 - f.y)), weight * ((1.0 - f.x) * f.y),

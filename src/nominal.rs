@@ -1,8 +1,10 @@
 //! Which path most rays of a scene take, so that it can have a stage of its own (shaders/nominal.wgsl).
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::ir::{SceneIr, SensorKind};
+use crate::ir::SceneIr;
+use crate::program::ProgramOptions;
+use crate::program::nominal::{MAX_EVENTS, is_possible};
 use crate::result::{PathEvent, PathEventKind};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 
@@ -15,28 +17,36 @@ const LEAST_SHARE: f64 = 0.5;
 const LEAST_RAYS: u64 = 1 << 23;
 
 /// The primitives that most rays meet, or none: where there is no such path, where a trace has too few rays for the
-/// search to pay, and where no log tells which rays have strayed. On demand, any path that ends somewhere will do.
+/// search to pay, and where no stage could follow it. On demand, any path that ends somewhere will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
-pub fn find(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Option<Vec<usize>>> {
+pub fn find(
+    gpu: &Gpu,
+    ir: &SceneIr,
+    options: &TraceOptions,
+    program_options: &ProgramOptions,
+) -> Result<Option<Vec<usize>>> {
     let pays = options.nominal_path.unwrap_or(options.num_rays >= LEAST_RAYS);
-    let is_logged = options.host_sums.unwrap_or(gpu.prefers_host_sums());
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
-    let records_rays = ir.sensors.iter().any(|sensor| matches!(sensor.kind, SensorKind::RayDatabase { .. }));
-    if !(pays && is_logged && is_alike) || options.paths != RecordPaths::None || records_rays {
+    if !(pays && is_alike && is_possible(ir, program_options)) {
         return Ok(None);
     }
     let pilot = TraceOptions {
         num_rays: options.num_rays.min(PILOT_RAYS),
         of_rays: None,
+        max_depth: options.max_depth.min(MAX_EVENTS),
         paths: RecordPaths::All,
         standard_error: StandardError::Off,
         nominal_path: Some(false),
         ..options.clone()
     };
-    let tally = Tracer::new(gpu, ir, &pilot)?.trace(|_| true)?;
+    let tally = match Tracer::new(gpu, ir, &pilot).and_then(|mut tracer| tracer.trace(|_| true)) {
+        // So few rays may be too few for the weakest source.
+        Err(Error::Usage(_)) => return Ok(None),
+        tally => tally?,
+    };
     let least = if options.nominal_path == Some(true) { 0.0 } else { LEAST_SHARE };
     Ok(most_frequent(ir, &tally.paths, least * tally.launched.count as f64))
 }

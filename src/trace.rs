@@ -347,7 +347,7 @@ impl<'a> Tracer<'a> {
             MomentSource::Device if ir.sensors.iter().any(|sensor| !sensor.absorb) => options.max_depth,
             _ => options.events_per_dispatch.min(options.max_depth),
         };
-        let program_options = ProgramOptions {
+        let mut program_options = ProgramOptions {
             precision: options.precision,
             native: gpu.int64,
             host_sums: options.host_sums.unwrap_or(gpu.prefers_host_sums()),
@@ -366,9 +366,10 @@ impl<'a> Tracer<'a> {
                 MomentSource::Device => SecondMoments::Squares,
                 MomentSource::Replicates => SecondMoments::Replicates,
             },
-            nominal: nominal::find(gpu, ir, options)?,
+            nominal: None,
             part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
         };
+        program_options.nominal = nominal::find(gpu, ir, options, &program_options)?;
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
         let batch = batch_size(gpu, &program, options);
@@ -476,8 +477,9 @@ impl<'a> Tracer<'a> {
         begun: Tally,
         mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
     ) -> Result<Tally> {
+        // What a trace before this one left that failed half-way.
+        self.end_logs.as_mut().into_iter().for_each(EndLogs::discard);
         if self.counts_undrained > 0 {
-            // A trace before this one failed half-way.
             self.drain(&mut self.empty_tally())?;
         }
         let mut position = self.position_after(&begun)?;

@@ -8,7 +8,7 @@
 mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
-use nsq_gpu::ir::{Frame, Interaction, Outline, SceneIr, Shape, Surface};
+use nsq_gpu::ir::{Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Surface};
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::nominal::NominalPath;
 use nsq_gpu::program::rng::Sampler;
@@ -132,6 +132,30 @@ proptest! {
             prop_assert!(nominal.is_some());
             prop_assert!(tally == trace(&ir, &options).0, "other bits");
         }
+    }
+}
+
+/// Faces closer than a long way's roundings, at the end of it: which of them a ray meets first is chance, and what the
+/// one that it missed does then is not.
+#[test]
+fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
+    const FAR: f64 = 5e4;
+    for gap in [1e-4, 1e-3, 3e-3, 1e-2] {
+        let mut ir = zoo::load("bench_lens");
+        let mut film = ir.surfaces[0].clone();
+        film.name = "film".into();
+        film.frame.origin.z -= gap;
+        film.back = film.front;
+        ir.surfaces.push(film);
+        ir.emitters[0].frame.origin.z = -FAR;
+        ir.sensors[0].frame.origin.z = FAR;
+        if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+            (grid.width, grid.height) = (FAR, FAR);
+        }
+        let options = options(Precision::F32);
+        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        assert!(nominal.is_some());
+        assert!(tally == trace(&ir, &options).0, "{gap} mm: other bits");
     }
 }
 

@@ -23,7 +23,7 @@ struct Ray {
     // than jumping to it from the key.
     fresnel: Stream,
     roulette: Stream,
-    // Position in the dispatch's range of ray ids.
+    // Position in the dispatch's range of ray ids, or in the list of them.
     index: u32,
     bounce: u32,
     // The primitive that the ray leaves; surfaces first, then sensors.
@@ -54,7 +54,7 @@ fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 
-// What one dispatch traces: rays first..first+count of one emitter.
+// What one dispatch traces: rays first..first+count of one emitter, or so many that are listed (lib/ids_listed.wgsl).
 struct Range {
     first_lo: u32,
     first_hi: u32,

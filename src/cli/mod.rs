@@ -14,7 +14,7 @@ mod progress;
 mod quantity;
 mod schema;
 mod trace;
-mod vectors;
+pub mod vectors;
 #[cfg(feature = "viewer")]
 mod view;
 
@@ -66,7 +66,6 @@ enum Command {
 
 /// Runs the command; the exit code is the error's.
 pub fn main() -> ExitCode {
-    vectors::widen();
     let cli = Cli::try_parse().unwrap_or_else(|error| without_misleading_tip(error).exit());
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args),

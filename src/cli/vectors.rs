@@ -4,14 +4,15 @@
 const WIDTH: &str = "LP_NATIVE_VECTOR_WIDTH";
 
 /// Lets lavapipe compute in vectors of 512 bits where the processor is made for them; by itself it takes 256. Whoever has
-/// set the variable is obeyed. To be called before any other thread runs.
-pub fn widen() {
+/// set the variable is obeyed.
+///
+/// # Safety
+/// No other thread runs yet: one could read the environment meanwhile.
+#[allow(unsafe_code)]
+pub unsafe fn widen() {
     if std::env::var_os(WIDTH).is_none() && computes_512_bits() {
-        // SAFETY: the command's main thread is the only one yet, so that nobody reads the environment meanwhile.
-        #[allow(unsafe_code)]
-        unsafe {
-            std::env::set_var(WIDTH, "512");
-        }
+        // SAFETY: nobody reads the environment meanwhile, as the caller promises.
+        unsafe { std::env::set_var(WIDTH, "512") };
     }
 }
 

@@ -88,6 +88,14 @@ impl EndLogs {
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
 
+    /// Forgets what is not added up, and the strays.
+    pub fn discard(&mut self) {
+        if let Some(written) = self.written.take() {
+            self.logs[written.log].unmap();
+        }
+        self.strays.clear();
+    }
+
     /// Adds up what is still to be.
     ///
     /// # Errors
@@ -121,7 +129,8 @@ impl EndLogs {
             let (num, stride) = (written.range.count as usize, self.stride as usize);
             let rays = LoggedRays { bytes: &bytes, num, stride };
             if written.may_stray {
-                note_strays(rays.strays(&self.shape), &written.range, &mut self.strays);
+                let strays = rays.strays(&self.shape).unwrap_or_default();
+                note_strays(&strays, &written.range, &mut self.strays);
             }
             self.sums.add(rays, &self.shape)
         };
@@ -131,7 +140,7 @@ impl EndLogs {
 }
 
 /// Notes the rays of a range that strayed, by their ids.
-fn note_strays(strays: impl Iterator<Item = u32>, range: &RayRange, noted: &mut Vec<Vec<u64>>) {
+fn note_strays(strays: &[u32], range: &RayRange, noted: &mut Vec<Vec<u64>>) {
     noted.resize(noted.len().max(range.emitter + 1), Vec::new());
-    noted[range.emitter].extend(strays.map(|ray| range.first + u64::from(ray)));
+    noted[range.emitter].extend(strays.iter().map(|&ray| range.first + u64::from(ray)));
 }

@@ -25,16 +25,24 @@ pub struct LoggedRays<'a> {
 }
 
 impl LoggedRays<'_> {
-    /// The rays that strayed from the nominal path, by their number: what the first entry of each says.
-    pub fn strays(self, log: &EndLog) -> impl Iterator<Item = u32> {
-        let entry_bytes = (log.num_words() * log.word_bytes()) as usize;
-        let is_real = log.form == Form::Reals;
-        let strayed = move |entry: &[u8]| match is_real {
-            true => entry.first_chunk().is_some_and(|word| f64::from_ne_bytes(*word) as u32 & STRAYED != 0),
-            false => entry.first_chunk().is_some_and(|word| u32::from_le_bytes(*word) & STRAYED != 0),
-        };
-        let entries = (0..).zip(self.bytes.chunks_exact(entry_bytes)).take(self.num);
-        entries.filter(move |(_, entry)| strayed(entry)).map(|(ray, _)| ray)
+    /// The rays that strayed from the nominal path, by their number: what the first entry of each says. None if the log
+    /// ends before a ray does.
+    pub fn strays(self, log: &EndLog) -> Option<Vec<u32>> {
+        match (log.form, log.has_fractions) {
+            (Form::Counts, _) => self.strays_of::<[u32; 1]>(),
+            (Form::Packed, false) => self.strays_of::<[u64; 1]>(),
+            (Form::Packed, true) => self.strays_of::<[u64; 2]>(),
+            (Form::Words, false) => self.strays_of::<[u32; 2]>(),
+            (Form::Words, true) => self.strays_of::<[u32; 4]>(),
+            (Form::Reals, false) => self.strays_of::<[f64; 2]>(),
+            (Form::Reals, true) => self.strays_of::<[f64; 4]>(),
+        }
+    }
+
+    fn strays_of<E: Entry>(self) -> Option<Vec<u32>> {
+        let entries: &[E] = bytemuck::try_cast_slice(self.bytes).ok()?;
+        let rays = (0..).zip(entries.get(..self.num)?);
+        Some(rays.filter(|(_, entry)| entry.read().what & STRAYED != 0).map(|(ray, _)| ray).collect())
     }
 }
 

@@ -205,17 +205,7 @@ impl Program {
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
-        let nominal = NominalPath::of(
-            &nominal::Scene {
-                ir,
-                features: &features,
-                centre,
-                cells: &cells,
-                contacts: &contacts,
-                end_log: end_log.as_ref(),
-            },
-            &options,
-        );
+        let nominal = NominalPath::of(ir, centre, &contacts, &options);
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;

@@ -7,7 +7,7 @@
 use super::contact::Contact;
 use super::end_log::EndLog;
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
-use crate::ir::{Emitter, EmitterKind, Frame, Outline, SceneIr, SensorKind, Shape};
+use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -15,7 +15,7 @@ use obvhs::aabb::Aabb;
 pub const STRAYS: u32 = 22;
 
 /// A longer path is not followed: its code would grow with it.
-const MAX_EVENTS: usize = 32;
+pub const MAX_EVENTS: u32 = 32;
 
 /// The path and what to look for on its way.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,44 +33,26 @@ pub struct NominalEvent {
     pub candidates: Vec<usize>,
 }
 
-/// What a path is looked for in.
-pub struct Scene<'a> {
-    /// The scene.
-    pub ir: &'a SceneIr,
-    /// Its features.
-    pub features: &'a Features,
-    /// The centre of the scene \[mm\].
-    pub centre: DVec3,
-    /// Its cells.
-    pub cells: &'a Cells,
-    /// Which of its faces are in contact.
-    pub contacts: &'a [Contact],
-    /// The log of where rays end.
-    pub end_log: Option<&'a EndLog>,
-}
-
 impl NominalPath {
-    /// The path over these primitives. None where a stage of its own cannot follow it without a trace: where what rays
-    /// meet on their way goes to memory at once, or they are told apart by more than where they end.
-    pub fn of(scene: &Scene, options: &ProgramOptions) -> Option<Self> {
+    /// The path over these primitives; none where no stage can follow it ([`is_possible`]), or where it is too long, or
+    /// ends nowhere.
+    pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], options: &ProgramOptions) -> Option<Self> {
         let primitives = options.nominal.as_ref()?;
-        let features = scene.features;
-        let is_silent = scene.end_log.is_some()
-            && options.baked
-            && scene.cells.fit_reached_mask()
-            && options.moments == SecondMoments::None
-            && !options.has_events(features)
-            && !features.has_meshes();
         let (&last, before) = primitives.split_last()?;
-        let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth as usize);
-        if !is_silent || !fits || !ends(scene.ir, last) || !before.iter().all(|&i| passes(scene.ir, i)) {
+        let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth) as usize;
+        let goes = ends(ir, last) && before.iter().all(|&i| passes(ir, i));
+        if !(fits && goes && is_possible(ir, options)) {
             return None;
         }
-        let boxes = boxes(scene, options);
-        let mut here = emitters_box(scene);
+        let boxes = boxes(ir, centre, contacts, options);
+        let mut here = emitters_box(ir, centre);
+        // The largest coordinate so far: a position keeps the rounding of the way that led to it.
+        let mut reach = here.map(|bounds| largest(&bounds));
         let events = primitives.iter().map(|&primitive| {
             let there = boxes.get(primitive).copied().flatten();
-            let way = here.zip(there).map(|(here, there)| widened(here.union(&there)));
+            reach = reach.zip(there).map(|(reach, there)| reach.max(largest(&there)));
+            let way = here.zip(there).zip(reach);
+            let way = way.map(|((here, there), reach)| widened(here.union(&there), reach));
             let can_be_met = |i: &usize| match (way, boxes[*i]) {
                 (Some(way), Some(bounds)) => overlap(&way, &bounds),
                 _ => true,
@@ -82,15 +64,29 @@ impl NominalPath {
     }
 }
 
+/// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell
+/// them, and nothing that rays meet on their way may go to memory at once.
+pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
+    let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
+    let features = Features::of(ir, lowest_weight, options.roulette_threshold);
+    let cells = Cells::of(ir);
+    options.baked
+        && options.moments == SecondMoments::None
+        && cells.fit_reached_mask()
+        && !features.has_meshes()
+        && !options.has_events(&features)
+        && EndLog::of(ir, &features, &cells, options, features.whole_weights).is_some()
+}
+
 /// Whether the path can go on from a primitive.
 fn passes(ir: &SceneIr, primitive: usize) -> bool {
     ir.surfaces.get(primitive).is_some_and(|surface| surface.scatter.is_none())
 }
 
-/// Whether the path can end on a primitive: an absorbing surface shows itself when rays end there.
+/// Whether the path can end on a primitive.
 fn ends(ir: &SceneIr, primitive: usize) -> bool {
     match primitive.checked_sub(ir.surfaces.len()) {
-        None => passes(ir, primitive),
+        None => ir.surfaces[primitive].interaction == Interaction::Absorbing,
         Some(sensor) => ir
             .sensors
             .get(sensor)
@@ -99,22 +95,22 @@ fn ends(ir: &SceneIr, primitive: usize) -> bool {
 }
 
 /// The boxes of all primitives; none for those without an end.
-fn boxes(scene: &Scene, options: &ProgramOptions) -> Vec<Option<Aabb>> {
-    let touch = tree::touch(scene.ir, scene.centre, options.precision);
-    let primitives = lowered::primitives(scene.ir).into_iter().enumerate();
+fn boxes(ir: &SceneIr, centre: DVec3, contacts: &[Contact], options: &ProgramOptions) -> Vec<Option<Aabb>> {
+    let touch = tree::touch(ir, centre, options.precision);
+    let primitives = lowered::primitives(ir).into_iter().enumerate();
     primitives
         .map(|(i, (frame, shape))| {
-            let touches = scene.contacts.get(i).is_some_and(|contact| contact.group != 0);
-            let frame = Frame { origin: frame.origin - scene.centre, ..frame };
-            tree::bounds(&frame, &shape, &scene.ir.meshes, if touches { touch } else { 0.0 })
+            let touches = contacts.get(i).is_some_and(|contact| contact.group != 0);
+            let frame = Frame { origin: frame.origin - centre, ..frame };
+            tree::bounds(&frame, &shape, &ir.meshes, if touches { touch } else { 0.0 })
         })
         .collect()
 }
 
 /// The box of where rays are born.
-fn emitters_box(scene: &Scene) -> Option<Aabb> {
+fn emitters_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
     let of = |emitter: &Emitter| {
-        let frame = Frame { origin: emitter.frame.origin - scene.centre, ..emitter.frame };
+        let frame = Frame { origin: emitter.frame.origin - centre, ..emitter.frame };
         let outline = match emitter.kind {
             EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
             EmitterKind::CollimatedTophat { aperture_radius }
@@ -125,15 +121,18 @@ fn emitters_box(scene: &Scene) -> Option<Aabb> {
         };
         tree::bounds(&frame, &Shape::Plane(outline), &[], 0.0)
     };
-    let boxes: Option<Vec<Aabb>> = scene.ir.emitters.iter().map(of).collect();
+    let boxes: Option<Vec<Aabb>> = ir.emitters.iter().map(of).collect();
     boxes?.into_iter().reduce(|a, b| a.union(&b))
 }
 
-/// With room for the roundings of a ray's position, as the tree's shader has it.
-fn widened(bounds: Aabb) -> Aabb {
-    let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
-    let room = glam::Vec3A::splat(tree::SLACK as f32 * largest);
+/// With room for the roundings of positions among coordinates so large, as the tree's shader has it.
+fn widened(bounds: Aabb, reach: f32) -> Aabb {
+    let room = glam::Vec3A::splat(tree::SLACK as f32 * reach);
     Aabb::new(bounds.min - room, bounds.max + room)
+}
+
+fn largest(bounds: &Aabb) -> f32 {
+    bounds.min.abs().max(bounds.max.abs()).max_element()
 }
 
 fn overlap(a: &Aabb, b: &Aabb) -> bool {
