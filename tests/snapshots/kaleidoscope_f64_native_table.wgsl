@@ -45,6 +45,8 @@ const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/lib/state.wgsl
 
+// <- shaders/lib/ids_range.wgsl
+
 // <- shaders/lib/replicates_none.wgsl
 
 // <- shaders/lib/transforms.wgsl
