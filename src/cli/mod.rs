@@ -14,7 +14,7 @@ mod progress;
 mod quantity;
 mod schema;
 mod trace;
-pub mod vectors;
+mod vectors;
 #[cfg(feature = "viewer")]
 mod view;
 
