@@ -14,7 +14,6 @@ mod progress;
 mod quantity;
 mod schema;
 mod trace;
-mod vectors;
 #[cfg(feature = "viewer")]
 mod view;
 

@@ -174,16 +174,11 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
-    let scene = read_scene(&args.scene)?;
-    let mut ir = scene.lower()?;
-    // SAFETY: no other thread runs yet.
-    #[allow(unsafe_code)]
-    unsafe {
-        super::vectors::widen(&ir);
-    }
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
     }
+    let scene = read_scene(&args.scene)?;
+    let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
