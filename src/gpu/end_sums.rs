@@ -53,7 +53,7 @@ const BLOCK: usize = 64;
 #[derive(Debug, Default)]
 struct Quanta {
     low: Vec<u64>,
-    high: Vec<u32>,
+    high: Vec<u64>,
 }
 
 /// The parts of an entry (`END_*` in ends_logged.wgsl and passes_logged.wgsl).
@@ -211,7 +211,7 @@ impl EndSums {
 
 impl Quanta {
     fn add(&mut self, cell: usize, quanta: u128) -> Option<()> {
-        *self.high.get_mut(cell)? += (quanta >> 64) as u32;
+        *self.high.get_mut(cell)? += (quanta >> 64) as u64;
         self.add_low(cell, quanta as u64)
     }
 

@@ -593,7 +593,7 @@ pub const MUTANTS: &[Mutant] = &[
         "parity bench_lens, nominal"),
     mutant("the nominal path ends anywhere", "nominal.wgsl",
         "(hit.primitive == primitive) & ((*ray).fate != ALIVE)",
-        "((*ray).fate != ALIVE)",
+        "(hit.primitive != NONE) & ((*ray).fate != ALIVE)",
         "parity bench_lens, nominal"),
     mutant("the nominal path's end not booked", "nominal.wgsl",
         "settle(ray);",
