@@ -123,24 +123,22 @@ impl EndLogs {
     fn add_up(&mut self, gpu: &Gpu, written: Written) -> Result<()> {
         gpu.wait_for(written.submission)?;
         let log = &self.logs[written.log];
+        let mut strays = Vec::new();
         let makes_sense = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
             let (num, stride) = (written.range.count as usize, self.stride as usize);
             let rays = LoggedRays { bytes: &bytes, num, stride };
-            if written.may_stray {
-                let strays = rays.strays(&self.shape).unwrap_or_default();
-                note_strays(&strays, &written.range, &mut self.strays);
-            }
-            self.sums.add(rays, &self.shape)
+            self.sums.add(rays, &self.shape, written.may_stray.then_some(&mut strays))
         };
         log.unmap();
+        self.note_strays(&strays, &written.range);
         makes_sense.ok_or_else(|| Error::Internal("the log of ends names a cell that does not exist".into()))
     }
-}
 
-/// Notes the rays of a range that strayed, by their ids.
-fn note_strays(strays: &[u32], range: &RayRange, noted: &mut Vec<Vec<u64>>) {
-    noted.resize(noted.len().max(range.emitter + 1), Vec::new());
-    noted[range.emitter].extend(strays.iter().map(|&ray| range.first + u64::from(ray)));
+    /// Notes the rays of a range that strayed, by their ids.
+    fn note_strays(&mut self, strays: &[u32], range: &RayRange) {
+        self.strays.resize(self.strays.len().max(range.emitter + 1), Vec::new());
+        self.strays[range.emitter].extend(strays.iter().map(|&ray| range.first + u64::from(ray)));
+    }
 }

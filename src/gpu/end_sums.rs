@@ -24,28 +24,6 @@ pub struct LoggedRays<'a> {
     pub stride: usize,
 }
 
-impl LoggedRays<'_> {
-    /// The rays that strayed from the nominal path, by their number: what the first entry of each says. None if the log
-    /// ends before a ray does.
-    pub fn strays(self, log: &EndLog) -> Option<Vec<u32>> {
-        match (log.form, log.has_fractions) {
-            (Form::Counts, _) => self.strays_of::<[u32; 1]>(),
-            (Form::Packed, false) => self.strays_of::<[u64; 1]>(),
-            (Form::Packed, true) => self.strays_of::<[u64; 2]>(),
-            (Form::Words, false) => self.strays_of::<[u32; 2]>(),
-            (Form::Words, true) => self.strays_of::<[u32; 4]>(),
-            (Form::Reals, false) => self.strays_of::<[f64; 2]>(),
-            (Form::Reals, true) => self.strays_of::<[f64; 4]>(),
-        }
-    }
-
-    fn strays_of<E: Entry>(self) -> Option<Vec<u32>> {
-        let entries: &[E] = bytemuck::try_cast_slice(self.bytes).ok()?;
-        let rays = (0..).zip(entries.get(..self.num)?);
-        Some(rays.filter(|(_, entry)| entry.read().what & STRAYED != 0).map(|(ray, _)| ray).collect())
-    }
-}
-
 /// Rays whose entries are added row by row: as many as a word has bits.
 const BLOCK: usize = 64;
 
@@ -82,21 +60,33 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// Adds what the rays of a dispatch logged. None if an entry makes no sense.
-    pub fn add(&mut self, rays: LoggedRays, log: &EndLog) -> Option<()> {
+    /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number, to
+    /// whoever asks for them. None if an entry makes no sense.
+    pub fn add(&mut self, rays: LoggedRays, log: &EndLog, strays: Option<&mut Vec<u32>>) -> Option<()> {
         match (log.form, log.has_fractions) {
-            (Form::Counts, _) => self.add_rays::<[u32; 1]>(rays, log),
-            (Form::Packed, false) => self.add_rays::<[u64; 1]>(rays, log),
-            (Form::Packed, true) => self.add_rays::<[u64; 2]>(rays, log),
-            (Form::Words, false) => self.add_rays::<[u32; 2]>(rays, log),
-            (Form::Words, true) => self.add_rays::<[u32; 4]>(rays, log),
-            (Form::Reals, false) => self.add_rays::<[f64; 2]>(rays, log),
-            (Form::Reals, true) => self.add_rays::<[f64; 4]>(rays, log),
+            (Form::Counts, _) => self.add_rays::<[u32; 1]>(rays, log, strays),
+            (Form::Packed, false) => self.add_rays::<[u64; 1]>(rays, log, strays),
+            (Form::Packed, true) => self.add_rays::<[u64; 2]>(rays, log, strays),
+            (Form::Words, false) => self.add_rays::<[u32; 2]>(rays, log, strays),
+            (Form::Words, true) => self.add_rays::<[u32; 4]>(rays, log, strays),
+            (Form::Reals, false) => self.add_rays::<[f64; 2]>(rays, log, strays),
+            (Form::Reals, true) => self.add_rays::<[f64; 4]>(rays, log, strays),
         }
     }
 
-    fn add_rays<E: Entry>(&mut self, rays: LoggedRays, log: &EndLog) -> Option<()> {
+    fn add_rays<E: Entry>(
+        &mut self,
+        rays: LoggedRays,
+        log: &EndLog,
+        strays: Option<&mut Vec<u32>>,
+    ) -> Option<()> {
         let entries: &[E] = bytemuck::try_cast_slice(rays.bytes).ok()?;
+        if let Some(strays) = strays {
+            // A ray that strayed has no entry but that.
+            let firsts = (0..).zip(entries.get(..rays.num)?);
+            let strayed = firsts.filter(|(_, entry)| entry.read().what & STRAYED != 0);
+            strays.extend(strayed.map(|(ray, _)| ray));
+        }
         if log.max_passes == 0 {
             let mut ends = entries.get(..rays.num)?.iter();
             return ends.try_for_each(|entry| self.add_entry::<E>(entry.read(), &log.grids));
@@ -415,10 +405,30 @@ mod tests {
         ] {
             let mut sums = sums();
             let rays = LoggedRays { bytes, num: 1, stride: 1 };
-            assert_eq!(sums.add(rays, &log(form, 0)), Some(()), "{form:?}");
+            assert_eq!(sums.add(rays, &log(form, 0), None), Some(()), "{form:?}");
             let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
             assert_eq!(quanta(&sums), shares, "{form:?}");
             assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
+        }
+    }
+
+    #[test]
+    fn strays_are_told_and_add_nothing_in_every_form() {
+        let whats = [STRAYED, IN_CELL | 2, STRAYED];
+        let words = |what: u32| [what, 0, 0, 0];
+        let counts = whats;
+        let packed = whats.map(|what| [u64::from(what), 0]);
+        let reals = whats.map(|what| [f64::from(what), 0.0, 0.0, 0.0]);
+        for (form, bytes) in [
+            (Form::Counts, cast_slice::<u32, u8>(&counts)),
+            (Form::Packed, cast_slice(&packed)),
+            (Form::Words, cast_slice(&whats.map(words))),
+            (Form::Reals, cast_slice(&reals)),
+        ] {
+            let (mut sums, mut strays) = (sums(), Vec::new());
+            let rays = LoggedRays { bytes, num: 3, stride: 3 };
+            assert_eq!(sums.add(rays, &log(form, 0), Some(&mut strays)), Some(()), "{form:?}");
+            assert_eq!((strays, sums.counts), (vec![0, 2], vec![0, 0, 1, 0, 0, 0, 0]), "{form:?}");
         }
     }
 
@@ -429,7 +439,7 @@ mod tests {
         let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
         let mut sums = sums();
         let rays = LoggedRays { bytes: cast_slice(&entries), num: 3, stride: 3 };
-        assert_eq!(sums.add(rays, &log(Form::Reals, 0)), Some(()));
+        assert_eq!(sums.add(rays, &log(Form::Reals, 0), None), Some(()));
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [2, 3, 0, 0, 0, 0, 0], "two deposits that no sum can hold");
     }
@@ -446,16 +456,16 @@ mod tests {
         }
         let mut whole = sums();
         let rays = LoggedRays { bytes: cast_slice(&entries), num, stride };
-        assert_eq!(whole.add(rays, &log(Form::Counts, 4)), Some(()));
+        assert_eq!(whole.add(rays, &log(Form::Counts, 4), None), Some(()));
         assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
         let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..rays };
-        assert_eq!(sums().add(cut, &log(Form::Counts, 4)), None, "the log ends before the ray does");
+        assert_eq!(sums().add(cut, &log(Form::Counts, 4), None), None, "the log ends before the ray does");
     }
 
     #[test]
     fn a_cell_that_does_not_exist_is_refused() {
         let entries = [IN_CELL | 7];
         let rays = LoggedRays { bytes: cast_slice(&entries), num: 1, stride: 1 };
-        assert_eq!(sums().add(rays, &log(Form::Counts, 0)), None);
+        assert_eq!(sums().add(rays, &log(Form::Counts, 0), None), None);
     }
 }

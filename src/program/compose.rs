@@ -381,13 +381,26 @@ impl Composition<'_> {
     }
 
     fn nearest_primitive_baked(&self) -> Result<String> {
-        let mut text =
-            String::from("fn nearest_primitive(ray: Ray, start: Hit) -> Hit {\n    var best = start;\n");
+        let all = (0..lowered::primitives(self.ir).len()).map(|i| (i, format!("ray.last == {i}u")));
+        self.nearest_of("nearest_primitive(ray: Ray, start: Hit)", "start", all)
+    }
+
+    /// A function that looks for the nearest of some primitives, one after the other; each with whether the ray stands on
+    /// it.
+    fn nearest_of(
+        &self,
+        head: &str,
+        start: &str,
+        candidates: impl Iterator<Item = (usize, String)>,
+    ) -> Result<String> {
+        let primitives = lowered::primitives(self.ir);
+        let mut text = format!("fn {head} -> Hit {{\n    var best = {start};\n");
         if contact::any(self.contacts) {
             text.push_str("    let here = standing(ray);\n");
         }
-        for (i, (frame, shape)) in lowered::primitives(self.ir).iter().enumerate() {
-            text.push_str(&self.try_primitive(i, frame, shape, &format!("ray.last == {i}u"))?);
+        for (i, leaving) in candidates {
+            let (frame, shape) = &primitives[i];
+            text.push_str(&self.try_primitive(i, frame, shape, &leaving)?);
         }
         text.push_str("    return best;\n}\n");
         Ok(text)
@@ -431,21 +444,13 @@ impl Composition<'_> {
 
     /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path.
     fn walk(&self, nominal: &NominalPath) -> Result<String> {
-        let primitives = lowered::primitives(self.ir);
         let mut text = String::new();
         let mut walk = String::from("fn walk(ray: ptr<function, Ray>) -> bool {\n    var holds = true;\n");
         let mut last = None;
         for (step, event) in nominal.events.iter().enumerate() {
-            let _ =
-                writeln!(text, "fn nearest_at_{step}(ray: Ray) -> Hit {{\n    var best = Hit(MISS, NONE);");
-            if contact::any(self.contacts) {
-                text.push_str("    let here = standing(ray);\n");
-            }
-            for &i in &event.candidates {
-                let (frame, shape) = &primitives[i];
-                text.push_str(&self.try_primitive(i, frame, shape, &(last == Some(i)).to_string())?);
-            }
-            text.push_str("    return best;\n}\n");
+            let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
+            let head = format!("nearest_at_{step}(ray: Ray)");
+            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", candidates)?);
             let goes = if step + 1 < nominal.events.len() { "keeps_to" } else { "ends_on" };
             let _ = writeln!(
                 walk,

@@ -144,9 +144,10 @@ impl EmitterName {
 }
 
 impl Features {
-    /// Derives the features of a scene whose lowest weight at birth is `lowest_weight`, with roulette below
+    /// Derives the features of a scene whose emitters' rays are born with these weights, with roulette below
     /// `roulette_threshold` (both in units of the mean weight of a new ray).
-    pub fn of(ir: &SceneIr, lowest_weight: f64, roulette_threshold: f64) -> Self {
+    pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64) -> Self {
+        let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let mut shapes: Vec<ShapeKind> = ir.surfaces.iter().map(|s| ShapeKind::of(&s.shape)).collect();
         shapes.extend(ir.sensors.iter().map(|s| ShapeKind::of(&Shape::Plane(s.outline()))));
         shapes.sort();

@@ -181,8 +181,7 @@ impl Program {
         seed: u64,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
-        let features = Features::of(ir, lowest_weight, options.roulette_threshold);
+        let features = Features::of(ir, &options.weights, options.roulette_threshold);
         let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
         if splitting.is_some() {
             // A family waits in registers, and so stays with its invocation to its end.

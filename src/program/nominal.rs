@@ -6,8 +6,8 @@
 
 use super::contact::Contact;
 use super::end_log::EndLog;
-use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
-use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape};
+use super::{Cells, Features, ProgramOptions, SecondMoments, tree};
+use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, Shape};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -44,7 +44,7 @@ impl NominalPath {
         if !(fits && goes && is_possible(ir, options)) {
             return None;
         }
-        let boxes = boxes(ir, centre, contacts, options);
+        let boxes = tree::boxes(ir, centre, contacts, options.precision);
         let mut here = emitters_box(ir, centre);
         // The largest coordinate so far: a position keeps the rounding of the way that led to it.
         let mut reach = here.map(|bounds| largest(&bounds));
@@ -67,8 +67,7 @@ impl NominalPath {
 /// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell
 /// them, and nothing that rays meet on their way may go to memory at once.
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
-    let lowest_weight = options.weights.iter().copied().fold(f64::INFINITY, f64::min);
-    let features = Features::of(ir, lowest_weight, options.roulette_threshold);
+    let features = Features::of(ir, &options.weights, options.roulette_threshold);
     let cells = Cells::of(ir);
     options.baked
         && options.moments == SecondMoments::None
@@ -87,30 +86,14 @@ fn passes(ir: &SceneIr, primitive: usize) -> bool {
 fn ends(ir: &SceneIr, primitive: usize) -> bool {
     match primitive.checked_sub(ir.surfaces.len()) {
         None => ir.surfaces[primitive].interaction == Interaction::Absorbing,
-        Some(sensor) => ir
-            .sensors
-            .get(sensor)
-            .is_some_and(|sensor| sensor.absorb && !matches!(sensor.kind, SensorKind::RayDatabase { .. })),
+        Some(sensor) => ir.sensors.get(sensor).is_some_and(|sensor| sensor.absorb),
     }
-}
-
-/// The boxes of all primitives; none for those without an end.
-fn boxes(ir: &SceneIr, centre: DVec3, contacts: &[Contact], options: &ProgramOptions) -> Vec<Option<Aabb>> {
-    let touch = tree::touch(ir, centre, options.precision);
-    let primitives = lowered::primitives(ir).into_iter().enumerate();
-    primitives
-        .map(|(i, (frame, shape))| {
-            let touches = contacts.get(i).is_some_and(|contact| contact.group != 0);
-            let frame = Frame { origin: frame.origin - centre, ..frame };
-            tree::bounds(&frame, &shape, &ir.meshes, if touches { touch } else { 0.0 })
-        })
-        .collect()
 }
 
 /// The box of where rays are born.
 fn emitters_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
     let of = |emitter: &Emitter| {
-        let frame = Frame { origin: emitter.frame.origin - centre, ..emitter.frame };
+        let frame = tree::relative(emitter.frame, centre);
         let outline = match emitter.kind {
             EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
             EmitterKind::CollimatedTophat { aperture_radius }

@@ -60,13 +60,10 @@ impl PrimitiveTree {
     /// # Errors
     /// [`Error::Usage`] if the primitives lie so unevenly that the tree gets too deep.
     pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], precision: Precision) -> Result<Self> {
-        let touch = touch(ir, centre, precision);
         let mut boxed = Vec::new();
         let mut boundless = Vec::new();
-        for (i, (frame, shape)) in (0..).zip(lowered::primitives(ir)) {
-            let touches = contacts.get(i as usize).is_some_and(|contact| contact.group != 0);
-            let frame = Frame { origin: frame.origin - centre, ..frame };
-            match bounds(&frame, &shape, &ir.meshes, if touches { touch } else { 0.0 }) {
+        for (i, bounds) in (0..).zip(boxes(ir, centre, contacts, precision)) {
+            match bounds {
                 Some(bounds) => boxed.push(Boxed { primitive: i, bounds }),
                 None => boundless.push(i),
             }
@@ -145,9 +142,21 @@ fn row(corner: glam::Vec3A, link: f32) -> [f32; 4] {
     [corner.x, corner.y, corner.z, link]
 }
 
-/// The margin of faces in contact, which are met together: as far apart as the tolerance.
-pub fn touch(ir: &SceneIr, centre: DVec3, precision: Precision) -> f64 {
-    4.0 * contact::widest_tolerance(ir, centre, precision)
+/// The boxes of all primitives, relative to `centre`; none for those without an end.
+pub fn boxes(ir: &SceneIr, centre: DVec3, contacts: &[Contact], precision: Precision) -> Vec<Option<Aabb>> {
+    // Faces in contact are met together, as far apart as the tolerance.
+    let touch = 4.0 * contact::widest_tolerance(ir, centre, precision);
+    let primitives = lowered::primitives(ir).into_iter().enumerate();
+    let of = |(i, (frame, shape)): (usize, (Frame, Shape))| {
+        let touches = contacts.get(i).is_some_and(|contact| contact.group != 0);
+        bounds(&relative(frame, centre), &shape, &ir.meshes, if touches { touch } else { 0.0 })
+    };
+    primitives.map(of).collect()
+}
+
+/// A frame as the device has it.
+pub fn relative(frame: Frame, centre: DVec3) -> Frame {
+    Frame { origin: frame.origin - centre, ..frame }
 }
 
 /// The box of a primitive, `margin` larger, or none if it has no end or its crossings are ill-conditioned.
