@@ -303,7 +303,7 @@ enum MomentSource {
 
 impl MomentSource {
     fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
-        let keeps_weight = || Features::of(ir, weights, roulette_threshold).keeps_weight;
+        let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
         let is_cheap =
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
         match options.standard_error {
