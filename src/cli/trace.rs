@@ -12,6 +12,7 @@ use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, r
 use crate::scene::Scene;
 use crate::stopping::{StoppedBy, Stopping};
 use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::vectors;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -174,11 +175,18 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
+    let scene = read_scene(&args.scene)?;
+    let mut ir = scene.lower()?;
+    if vectors::suit(&ir) {
+        // SAFETY: no other thread runs yet, and no adapter was asked for.
+        #[allow(unsafe_code)]
+        unsafe {
+            vectors::widen();
+        }
+    }
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
     }
-    let scene = read_scene(&args.scene)?;
-    let mut ir = scene.lower()?;
     override_sampling(&mut ir, args)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
