@@ -243,7 +243,7 @@ pub struct Tracer<'a> {
     batch: u32,
     device: DeviceState,
     end_logs: Option<EndLogs>,
-    /// Passes so far.
+    /// Passes since the sums were drained.
     num_passes: u64,
     /// Primitives that rays have reached since the sums were drained, a bit each.
     reached: u32,
@@ -804,6 +804,7 @@ impl<'a> Tracer<'a> {
         intake.finish(self.program.options.baked && cells.fit_reached_mask());
         self.device.clear(self.gpu);
         self.reached = 0;
+        self.num_passes = 0;
         self.counts_undrained = 0;
         tally.launched += std::mem::take(&mut self.launched);
         tally.rays += &std::mem::take(&mut self.launched_rays);
