@@ -1,6 +1,7 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
 pub mod bsdf;
+pub mod bvh;
 pub mod compose;
 pub mod contact;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
@@ -193,12 +194,16 @@ impl Program {
             SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
             SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
         };
-        let meshes = mesh::Forest::of(&ir.meshes)?;
+        let has_tree = options.has_tree(ir);
+        // Of meshes that no surface has nothing is searched.
+        let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
+        let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
+        let triangles = mesh::Triangles::of(meshes, &mut forest)?;
         let contacts = contact::contacts(ir, centre, options.precision);
-        let tree = match options.has_tree(ir) {
-            true => Some(tree::PrimitiveTree::of(ir, centre, &contacts, options.precision)?),
-            false => None,
-        };
+        let root = meshes.len();
+        let tree = has_tree
+            .then(|| tree::PrimitiveTree::of(ir, centre, &contacts, options.precision, &mut forest, root))
+            .transpose()?;
         // Squares are sums that no count tells.
         let constant_weights = features.whole_weights
             && options.moments != SecondMoments::Squares
@@ -214,7 +219,8 @@ impl Program {
             centre,
             cells: &cells,
             sums: &sums,
-            mesh_depth: meshes.depth,
+            forest: &forest,
+            triangles: &triangles,
             contacts: &contacts,
             tree: tree.as_ref(),
             constant_weights,
@@ -251,18 +257,13 @@ impl Program {
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &meshes, &contacts)?;
-        program.buffers.extend(tree.map(|tree| (tree::ROWS, tree.bytes())));
+        program.buffers = program.pack(ir, &contacts)?;
+        program.buffers.extend(program.trees(&forest, &triangles, tree.as_ref())?);
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
-    fn pack(
-        &self,
-        ir: &SceneIr,
-        meshes: &mesh::Forest,
-        contacts: &[contact::Contact],
-    ) -> Result<Vec<(u32, Vec<u8>)>> {
+    fn pack(&self, ir: &SceneIr, contacts: &[contact::Contact]) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
         if self.options.precision == Precision::Df64 {
             buffers.push((df64::ZERO, vec![0; 16]));
@@ -282,9 +283,6 @@ impl Program {
         if self.features.spectral {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
         }
-        if self.features.has_meshes() {
-            buffers.push((mesh::ROWS, self.reals(meshes.reals())?));
-        }
         if !self.options.baked {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
@@ -294,6 +292,29 @@ impl Program {
                 let bytes = records.bytes(&self.module, self.options.precision)?;
                 buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
             }
+        }
+        Ok(buffers)
+    }
+
+    /// Nodes, triangles and primitives in one buffer; but triangles in another where they are no f32.
+    fn trees(
+        &self,
+        forest: &bvh::Forest,
+        triangles: &mesh::Triangles,
+        tree: Option<&tree::PrimitiveTree>,
+    ) -> Result<Vec<(u32, Vec<u8>)>> {
+        let bytes =
+            |words: &mut dyn Iterator<Item = u32>| words.flat_map(u32::to_le_bytes).collect::<Vec<u8>>();
+        let (mut rows, mut buffers) = (bytes(&mut forest.words()?), Vec::new());
+        let mut of_triangles = self.reals(triangles.reals())?;
+        match self.options.precision {
+            Precision::F32 => rows.append(&mut of_triangles),
+            Precision::Df64 | Precision::F64 if of_triangles.is_empty() => {}
+            Precision::Df64 | Precision::F64 => buffers.push((mesh::ROWS, of_triangles)),
+        }
+        rows.extend(tree.map_or_else(Vec::new, |tree| bytes(&mut tree.words())));
+        if !rows.is_empty() {
+            buffers.push((bvh::ROWS, rows));
         }
         Ok(buffers)
     }
