@@ -218,7 +218,8 @@ fn the_smallest_trees_work() {
 /// A tree in storage, as GPUs read it, gives the bits of one in a uniform.
 #[test]
 fn a_tree_too_large_for_a_uniform_works() {
-    let ir = random_scene(5, 1_200, 150.0);
+    let mut ir = random_scene(5, 400, 100.0);
+    ir.meshes[1] = bumpy_ball(4, 4.0);
     let options = TraceOptions { tree: Some(true), ..zoo::options(2_000, 1, Precision::F32) };
     let storage = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
     assert!(storage.program().wgsl.contains("var<storage, read> tree_rows"));

@@ -1,16 +1,34 @@
-// Rays against axis-aligned boxes, in f32 in both tiers. The host pads boxes, or the ray its own slack, by more than
-// all rounding: of boxes, ray and slabs.
+// Trees of boxes, walked front to back: over all primitives (primitives_tree.wgsl), and over the triangles of each mesh
+// (shapes/mesh.wgsl). All is f32 in both tiers: the host pads boxes, or the ray its own slack, by more than all
+// rounding: of boxes, ray and slabs (program::tree, program::mesh).
+//
+// A node has the boxes of up to four children, in bytes that count cells of a grid of its own (Ylitie, Karras and Laine,
+// Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, HPG 2017, with eight): a walk takes as long as
+// its loads, and these are few, of four words each, from little memory. Its rows (program::bvh):
+//     the grid's origin,      exponents of its cells, 8 bits an axis; inner children, 4 bits; children, 4 bits
+//     lower corners: x, y, z, each a byte a child;    the first inner child, which the others follow
+//     upper corners: x, y, z, each a byte a child;    the item of the first other child, less inner children
+// A child is a node or, after all of those, an item: a primitive or a triangle.
 
-// A ray as boxes see it. The slack [mm] widens every box: its lower corner is compared with `above`, its upper one with
-// `below`.
+const NODE_ROWS: u32 = 3u;
+const NODE_CHILDREN: u32 = 4u;
+
+// A ray as boxes see it. The slack [mm] widens every box: the face where the ray enters is compared with `entry_base`,
+// the other with `exit_base`.
 struct BoxRay {
-    above: vec3<f32>,
-    below: vec3<f32>,
+    entry_base: vec3<f32>,
+    exit_base: vec3<f32>,
     inverse: vec3<f32>,
+    // Enters at the upper corner.
+    reversed: vec3<bool>,
 }
 
 fn box_ray(base: vec3<f32>, direction: vec3<f32>, slack: f32) -> BoxRay {
-    return BoxRay(base + slack, base - slack, box_inverse(direction));
+    let inverse = box_inverse(direction);
+    let reversed = inverse < vec3<f32>(0.0);
+    let ahead = base + slack;
+    let behind = base - slack;
+    return BoxRay(select(ahead, behind, reversed), select(behind, ahead, reversed), inverse, reversed);
 }
 
 // A component near zero is turned by less than a box is padded, so that no infinity occurs.
@@ -18,15 +36,113 @@ fn box_inverse(d: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(1.0) / select(d, vec3<f32>(1e-18), abs(d) < vec3<f32>(1e-18));
 }
 
-const BOX_MISS: f32 = 3e38;
+struct Walk {
+    // The next to visit, or NONE.
+    node: u32,
+    // The items whose boxes the ray enters in the node visited last: a bit each, from `first_item` on.
+    items: u32,
+    first_item: u32,
+    // Groups of siblings, one a level; at the bottom NONE, which ends the walk.
+    num_waiting: u32,
+    waiting: array<u32, TREE_DEPTH>,
+}
 
-// Where the ray enters a box between `start` and `end`, or BOX_MISS.
-fn box_entry(ray: BoxRay, lower: vec3<f32>, upper: vec3<f32>, start: f32, end: f32) -> f32 {
-    let at_lower = (lower - ray.above) * ray.inverse;
-    let at_upper = (upper - ray.below) * ray.inverse;
-    let entries = min(at_lower, at_upper);
-    let exits = max(at_lower, at_upper);
-    let entry = max(max(entries.x, entries.y), max(entries.z, start));
-    let exit = min(min(exits.x, exits.y), min(exits.z, end));
-    return select(BOX_MISS, entry, entry <= exit);
+fn walk_from(root: u32) -> Walk {
+    var walk: Walk;
+    walk.node = root;
+    walk.waiting[0] = NONE;
+    walk.num_waiting = 1u;
+    return walk;
+}
+
+// Siblings that wait: the first of all, how many wait (2 bits), and which, the nearest first (2 bits each).
+fn group_of(first_node: u32, keys: vec4<u32>) -> u32 {
+    let among = keys & vec4<u32>(3u);
+    let count = select(0u, 1u, keys.y != NONE) + select(0u, 1u, keys.z != NONE) + select(0u, 1u, keys.w != NONE);
+    return (first_node << 8u) | (count << 6u) | (among.w << 4u) | (among.z << 2u) | among.y;
+}
+
+fn nearest_of(group: u32) -> u32 {
+    return select((group >> 8u) + (group & 3u), NONE, group == NONE);
+}
+
+fn without_nearest(group: u32) -> u32 {
+    return (group & 0xFFFFFF00u) | ((group & 0xC0u) - 0x40u) | ((group & 0x3Fu) >> 2u);
+}
+
+fn is_empty(group: u32) -> bool {
+    return (group & 0xC0u) == 0u;
+}
+
+fn bytes_of(word: u32) -> vec4<f32> {
+    return vec4<f32>((vec4<u32>(word) >> vec4<u32>(0u, 8u, 16u, 24u)) & vec4<u32>(0xFFu));
+}
+
+// max and min would ask about NaN first: a comparison with one is false all the same.
+fn larger(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
+    return select(b, a, a > b);
+}
+
+fn smaller(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
+    return select(b, a, a < b);
+}
+
+// In ascending order.
+fn sorted(keys: vec4<u32>) -> vec4<u32> {
+    let low = min(keys.xz, keys.yw);
+    let high = max(keys.xz, keys.yw);
+    let a = max(low.x, low.y);
+    let b = min(high.x, high.y);
+    return vec4<u32>(min(low.x, low.y), min(a, b), max(a, b), max(high.x, high.y));
+}
+
+// Finds the children whose boxes the ray enters between `start` and `end`. The walk goes on to the nearest inner one and
+// the others wait, or to the nearest of those that have waited least. Whether it has fallen behind the nearest hit is
+// left to its own children: where a wide machine stores by index, an entry with every group costs more than it saves.
+fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
+    let row = NODE_ROWS * (*walk).node;
+    let grid = tree_rows[row];
+    let lower = tree_rows[row + 1u];
+    let upper = tree_rows[row + 2u];
+    let exponents = (vec3<u32>(grid.w) << vec3<u32>(23u, 15u, 7u)) & vec3<u32>(0x7F800000u);
+    let cell = bitcast<vec3<f32>>(exponents) * ray.inverse;
+    let origin = bitcast<vec3<f32>>(grid.xyz);
+    let entry_side = (origin - ray.entry_base) * ray.inverse;
+    let exit_side = (origin - ray.exit_base) * ray.inverse;
+    let near = select(lower.xyz, upper.xyz, ray.reversed);
+    let far = select(upper.xyz, lower.xyz, ray.reversed);
+    let entry = larger(
+        larger(bytes_of(near.x) * cell.x + entry_side.x, bytes_of(near.y) * cell.y + entry_side.y),
+        larger(bytes_of(near.z) * cell.z + entry_side.z, vec4<f32>(start)),
+    );
+    let exit = smaller(
+        smaller(bytes_of(far.x) * cell.x + exit_side.x, bytes_of(far.y) * cell.y + exit_side.y),
+        smaller(bytes_of(far.z) * cell.z + exit_side.z, vec4<f32>(end)),
+    );
+    let places = vec4<u32>(0u, 1u, 2u, 3u);
+    let is_hit = (entry <= exit) & (places < vec4<u32>(grid.w >> 28u));
+    let is_inner = places < vec4<u32>((grid.w >> 24u) & 0xFu);
+
+    let items = select(vec4<u32>(0u), vec4<u32>(1u, 2u, 4u, 8u), is_hit & !is_inner);
+    (*walk).items = items.x | items.y | items.z | items.w;
+    (*walk).first_item = upper.w;
+
+    // Positive floats are in the order of their bits; the last two make room for the place.
+    let distances = bitcast<vec4<u32>>(entry - vec4<f32>(start)) & vec4<u32>(0xFFFFFFFCu);
+    let keys = sorted(select(vec4<u32>(NONE), distances | places, is_hit & is_inner));
+    let descends = keys.x != NONE;
+    let last = (*walk).num_waiting - 1u;
+    let group = (*walk).waiting[last];
+    let rest = select(without_nearest(group), group_of(lower.w, keys), descends);
+    let place = select(last, last + 1u, descends);
+    (*walk).node = select(nearest_of(group), lower.w + (keys.x & 3u), descends);
+    (*walk).waiting[place] = rest;
+    (*walk).num_waiting = place + select(1u, 0u, is_empty(rest));
+}
+
+// The first of the items that are left.
+fn take_item(walk: ptr<function, Walk>) -> u32 {
+    let items = (*walk).items;
+    (*walk).items = items & (items - 1u);
+    return (*walk).first_item + firstTrailingBit(items);
 }

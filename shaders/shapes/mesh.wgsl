@@ -1,19 +1,13 @@
-// Triangle mesh: a tree of boxes over triangles, walked front to back.
+// Triangle mesh: a tree of boxes over triangles (lib/boxes.wgsl).
 //
 // A ray through an edge or a vertex hits at least one of the triangles around it (Woop, Benthin and Wald, Watertight
 // Ray/Triangle Intersection, JCGT 2013): every vertex is projected along the ray on its own, and the sign of an edge is
 // the same number seen from both of its triangles. The projection is onto an orthonormal basis about the ray (Duff et
 // al., Building an Orthonormal Basis, Revisited, JCGT 2017) rather than a shear along the largest axis, which saves
 // choosing components by index.
-// The boxes are f32 in both tiers: the host pads them by more than all of their rounding (program::mesh).
 
-// Trees and triangles in one buffer, which leaves room for the others. A node has two rows, (lower corner, first) and
-// (upper corner, count): `first` is the row of its first child, which the second follows, or of the first of `count`
-// triangles. A triangle has three, each a corner and a component of its normal, which points to where the corners run
-// counter-clockwise. The host keeps row numbers to what f32 holds.
-@group(0) @binding(17) var<storage, read> mesh_rows: array<vec4<real>>;
-
-const NODE_ROWS: u32 = 2u;
+// A triangle has three rows (`mesh_row`), each a corner and a component of its normal, which points to where the corners
+// run counter-clockwise. They stand in the order of the trees.
 const TRIANGLE_ROWS: u32 = 3u;
 
 // The triangle, by its first row, of the nearest hit so far, and the one that the ray has arrived on: it tells nothing
@@ -38,7 +32,7 @@ fn geometric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
         return quadric_normal(surface, position);
     }
     let row = arrived_triangle;
-    return from_surface(surface, vec3<real>(mesh_rows[row].w, mesh_rows[row + 1u].w, mesh_rows[row + 2u].w));
+    return from_surface(surface, vec3<real>(mesh_row(row).w, mesh_row(row + 1u).w, mesh_row(row + 2u).w));
 }
 
 // A ray in the mesh's frame. Distances along it are measured from its point of closest approach to the frame's origin,
@@ -69,13 +63,6 @@ fn mesh_ray(o: vec3<real>, d: vec3<real>, leaving: bool) -> MeshRay {
     );
 }
 
-// Where the ray enters a node's box between its start and `nearest`, or BOX_MISS.
-fn node_entry(ray: MeshRay, node: u32, nearest: real) -> f32 {
-    let lower = vec3<f32>(mesh_rows[node].xyz);
-    let upper = vec3<f32>(mesh_rows[node + 1u].xyz);
-    return box_entry(ray.boxes, lower, upper, f32(ray.start), f32(nearest));
-}
-
 // A corner as the ray sees it: across it, and along it.
 fn seen(ray: MeshRay, corner: vec3<real>) -> vec3<real> {
     let v = corner - ray.base;
@@ -94,9 +81,9 @@ fn edge(p: vec3<real>, q: vec3<real>) -> real {
 
 // Where the ray crosses a triangle, or MISS. Edges belong to the triangle.
 fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
-    let a = seen(ray, mesh_rows[triangle].xyz);
-    let b = seen(ray, mesh_rows[triangle + 1u].xyz);
-    let c = seen(ray, mesh_rows[triangle + 2u].xyz);
+    let a = seen(ray, mesh_row(triangle).xyz);
+    let b = seen(ray, mesh_row(triangle + 1u).xyz);
+    let c = seen(ray, mesh_row(triangle + 2u).xyz);
     let u = edge(b, c);
     let v = edge(c, a);
     let w = edge(a, b);
@@ -105,47 +92,27 @@ fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
     return select((u * a.z + v * b.z + w * c.z) / area, MISS, outside || area == 0.0);
 }
 
-// `root` is the first row of the mesh's tree. Only hits nearer than `farthest` count; from a tree over primitives, so
-// does a tie, which `nearer` settles.
+// `root` is that of the mesh's tree. Only hits nearer than `farthest` count; from a tree over primitives, so does a tie,
+// which `nearer` settles.
 fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthest: real) -> real {
     let ray = mesh_ray(o, d, leaving);
     // Beyond the rounding of the sum.
     var nearest = farthest + ray.start + 1e-6 * (farthest + abs(ray.start));
     var found = NONE;
-    var waiting: array<u32, MESH_DEPTH>;
-    var num_waiting = 0u;
-    var node = u32(root);
-    // Every node is met at most once.
-    let most_visits = select(arrayLength(&mesh_rows) / NODE_ROWS, 0u, node_entry(ray, node, nearest) == BOX_MISS);
-    for (var visit = 0u; visit < most_visits; visit++) {
-        let first = u32(mesh_rows[node].w);
-        let end = first + u32(mesh_rows[node + 1u].w) * TRIANGLE_ROWS;
-        for (var i = first; i < end; i += TRIANGLE_ROWS) {
-            let t = triangle_crossing(ray, i);
-            if t > ray.start && t < nearest && i != ray.leaves {
+    var walk = walk_from(u32(root));
+    // Every node is visited at most once.
+    for (var round = 0u; round < TREE_ROWS && walk.node != NONE; round++) {
+        for (var level = 0u; level < TREE_ROWS && walk.node != NONE && walk.items == 0u; level++) {
+            visit(&walk, ray.boxes, f32(ray.start), f32(nearest));
+        }
+        for (var i = 0u; i < NODE_CHILDREN && walk.items != 0u; i++) {
+            let triangle = TRIANGLE_ROWS * take_item(&walk);
+            let t = triangle_crossing(ray, triangle);
+            if t > ray.start && t < nearest && triangle != ray.leaves {
                 nearest = t;
-                found = i;
+                found = triangle;
             }
         }
-        if first == end {
-            let one = node_entry(ray, first, nearest);
-            let second = first + NODE_ROWS;
-            let other = node_entry(ray, second, nearest);
-            let in_order = one <= other;
-            if max(one, other) < BOX_MISS {
-                waiting[num_waiting] = select(first, second, in_order);
-                num_waiting += 1u;
-            }
-            if min(one, other) < BOX_MISS {
-                node = select(second, first, in_order);
-                continue;
-            }
-        }
-        if num_waiting == 0u {
-            break;
-        }
-        num_waiting -= 1u;
-        node = waiting[num_waiting];
     }
     let distance = nearest - ray.start;
     let is_behind = distance > farthest || (!HAS_TREE && distance == farthest);

@@ -2,11 +2,13 @@
 //! calls. No formula is written here.
 
 use super::bsdf::BsdfKind;
+use super::bvh::Forest;
 use super::contact::{self, Contact};
 use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
+use super::mesh::Triangles;
 use super::nominal::NominalPath;
 use super::records::literal;
 use super::splitting::Splitting;
@@ -40,8 +42,10 @@ pub struct Composition<'a> {
     pub cells: &'a Cells,
     /// The buffers that they lie in.
     pub sums: &'a SumBuffers,
-    /// Depth of the deepest mesh.
-    pub mesh_depth: u32,
+    /// The trees over its meshes and its primitives.
+    pub forest: &'a Forest,
+    /// The triangles of its meshes.
+    pub triangles: &'a Triangles,
     /// Which of its faces are in contact.
     pub contacts: &'a [Contact],
     /// The tree over its primitives, if they are searched by one.
@@ -104,13 +108,19 @@ impl Composition<'_> {
         uint("NUM_SURFACES", self.ir.surfaces.len() as u32);
         uint("NUM_PRIMITIVES", (self.ir.surfaces.len() + self.ir.sensors.len()) as u32);
         uint("NUM_WAVELENGTHS", self.ir.wavelengths.len() as u32);
-        if f.has_meshes() {
-            uint("MESH_DEPTH", self.mesh_depth);
+        if self.has_trees() {
+            uint("TREE_DEPTH", self.forest.depth);
+            uint("TREE_ROWS", self.num_tree_rows() as u32);
+        }
+        let first_triangle = self.forest.num_rows();
+        if self.has_triangles_among_trees() {
+            uint("FIRST_TRIANGLE", first_triangle as u32);
         }
         if let Some(tree) = self.tree {
-            uint("TREE_DEPTH", tree.depth);
-            uint("TREE_ROWS", tree.num_rows() as u32);
-            uint("FIRST_BOUNDLESS", tree.first_boundless() as u32);
+            let first = first_triangle + self.num_triangle_rows();
+            uint("TREE_ROOT", tree.root);
+            uint("FIRST_PRIMITIVE", first as u32);
+            uint("FIRST_BOUNDLESS", (first + tree.num_boxed()) as u32);
         }
         for (i, name) in (0..).zip(LEDGER_CELLS) {
             uint(name, i);
@@ -161,8 +171,7 @@ impl Composition<'_> {
         if let Some(log) = self.end_log {
             let _ = writeln!(text, "const LOG_WORDS: u32 = {}u;", log.num_words());
         }
-        if let Some(tree) = self.tree {
-            let _ = writeln!(text, "const TREE_ROOT: f32 = {:?};", tree.root);
+        if self.tree.is_some() {
             let _ = writeln!(text, "const TREE_SLACK: f32 = {:?};", tree::SLACK);
         }
         if contact::any(self.contacts) {
@@ -268,14 +277,22 @@ impl Composition<'_> {
                 ),
             ),
             (f.has_bsdf_table(), shader!("lib/bsdf_table.wgsl")),
-            (f.has_meshes() || self.tree.is_some(), shader!("lib/boxes.wgsl")),
+            (self.has_trees(), shader!("lib/boxes.wgsl")),
             (
-                self.tree.is_some_and(|tree| tree.num_rows() * 16 <= o.uniform_bytes as usize),
-                shader!("lib/tree_uniform.wgsl"),
+                f.has_meshes(),
+                pick(
+                    self.has_triangles_among_trees(),
+                    shader!("lib/mesh_rows_f32.wgsl"),
+                    shader!("lib/mesh_rows_f64.wgsl"),
+                ),
             ),
             (
-                self.tree.is_some_and(|tree| tree.num_rows() * 16 > o.uniform_bytes as usize),
-                shader!("lib/tree_storage.wgsl"),
+                self.has_trees(),
+                pick(
+                    16 * self.num_tree_rows() <= o.uniform_bytes as usize,
+                    shader!("lib/tree_uniform.wgsl"),
+                    shader!("lib/tree_storage.wgsl"),
+                ),
             ),
             (self.tree.is_some(), shader!("lib/primitives_tree.wgsl")),
             (!o.baked && self.tree.is_none(), shader!("lib/primitives_table.wgsl")),
@@ -308,6 +325,24 @@ impl Composition<'_> {
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
+    }
+
+    fn has_trees(&self) -> bool {
+        self.num_tree_rows() > 0
+    }
+
+    fn has_triangles_among_trees(&self) -> bool {
+        self.features.has_meshes() && self.precision() == Precision::F32
+    }
+
+    /// Rows of triangles among those of trees.
+    fn num_triangle_rows(&self) -> usize {
+        if self.has_triangles_among_trees() { self.triangles.num_rows() } else { 0 }
+    }
+
+    /// Nodes, triangles, primitives.
+    fn num_tree_rows(&self) -> usize {
+        self.forest.num_rows() + self.num_triangle_rows() + self.tree.map_or(0, PrimitiveTree::num_rows)
     }
 
     fn logs_passes(&self) -> bool {

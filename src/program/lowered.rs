@@ -329,7 +329,7 @@ pub fn shape_arguments(shape: &Shape) -> Vec<f64> {
         Shape::Sphere { radius, aperture_radius } => {
             vec![radius, aperture_radius.map_or(UNLIMITED, |a| a * a)]
         }
-        Shape::Mesh(mesh) => vec![f64::from(super::mesh::root_row(mesh))],
+        Shape::Mesh(mesh) => vec![f64::from(super::mesh::root(mesh))],
     }
 }
 

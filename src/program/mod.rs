@@ -1,6 +1,7 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
 pub mod bsdf;
+pub mod bvh;
 pub mod compose;
 pub mod contact;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
@@ -198,14 +199,19 @@ impl Program {
             SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
             SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
         };
-        let meshes = mesh::Forest::of(&ir.meshes)?;
+        let in_tree = options.tree_primitives(ir);
+        let has_tree = !in_tree.is_empty();
+        // Of meshes that no surface has nothing is searched.
+        let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
+        let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
+        let triangles = mesh::Triangles::of(meshes, &mut forest)?;
         let contacts = contact::contacts(ir, centre, options.precision);
-        let tree = match options.tree_primitives(ir) {
-            none if none.is_empty() => None,
-            primitives => {
+        let tree = match has_tree {
+            true => {
                 let boxes = tree::boxes(ir, centre, &contacts, options.precision);
-                Some(tree::PrimitiveTree::of(&boxes[primitives])?)
+                Some(tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len())?)
             }
+            false => None,
         };
         // Squares are sums that no count tells.
         let constant_weights = features.whole_weights
@@ -222,7 +228,8 @@ impl Program {
             centre,
             cells: &cells,
             sums: &sums,
-            mesh_depth: meshes.depth,
+            forest: &forest,
+            triangles: &triangles,
             contacts: &contacts,
             tree: tree.as_ref(),
             constant_weights,
@@ -259,18 +266,13 @@ impl Program {
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &meshes, &contacts)?;
-        program.buffers.extend(tree.map(|tree| (tree::ROWS, tree.bytes())));
+        program.buffers = program.pack(ir, &contacts)?;
+        program.buffers.extend(program.trees(&forest, &triangles, tree.as_ref())?);
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
-    fn pack(
-        &self,
-        ir: &SceneIr,
-        meshes: &mesh::Forest,
-        contacts: &[contact::Contact],
-    ) -> Result<Vec<(u32, Vec<u8>)>> {
+    fn pack(&self, ir: &SceneIr, contacts: &[contact::Contact]) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
         if self.options.precision == Precision::Df64 {
             buffers.push((df64::ZERO, vec![0; 16]));
@@ -290,9 +292,6 @@ impl Program {
         if self.features.spectral {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
         }
-        if self.features.has_meshes() {
-            buffers.push((mesh::ROWS, self.reals(meshes.reals())?));
-        }
         if !self.options.baked {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
@@ -302,6 +301,29 @@ impl Program {
                 let bytes = records.bytes(&self.module, self.options.precision)?;
                 buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
             }
+        }
+        Ok(buffers)
+    }
+
+    /// Nodes, triangles and primitives in one buffer; but triangles in another where they are no f32.
+    fn trees(
+        &self,
+        forest: &bvh::Forest,
+        triangles: &mesh::Triangles,
+        tree: Option<&tree::PrimitiveTree>,
+    ) -> Result<Vec<(u32, Vec<u8>)>> {
+        let bytes =
+            |words: &mut dyn Iterator<Item = u32>| words.flat_map(u32::to_le_bytes).collect::<Vec<u8>>();
+        let (mut rows, mut buffers) = (bytes(&mut forest.words()?), Vec::new());
+        let mut of_triangles = self.reals(triangles.reals())?;
+        match self.options.precision {
+            Precision::F32 => rows.append(&mut of_triangles),
+            Precision::Df64 | Precision::F64 if of_triangles.is_empty() => {}
+            Precision::Df64 | Precision::F64 => buffers.push((mesh::ROWS, of_triangles)),
+        }
+        rows.extend(tree.map_or_else(Vec::new, |tree| bytes(&mut tree.words())));
+        if !rows.is_empty() {
+            buffers.push((bvh::ROWS, rows));
         }
         Ok(buffers)
     }

@@ -4,80 +4,52 @@
 //! come from rounding coordinates: of the ray's position o, of the primitive's place and size s, and of points on the
 //! way between, none larger than |o| + s. With u = 2^-24, in units of u times those: the box and its corners 1 each,
 //! the position 1, the direction and the frame's rotation 3 each over the way, place, subtraction and the point that is
-//! tested against the aperture 2 each, the slabs (subtraction, an inverse good to 2.5 ulp, product) 5, the crossing of
-//! a quadric 10. That is less than 32; a box is larger by 64 times s, and the shader widens it by 64 times |o|. Along
-//! the ray the same margin keeps the entry into a box before any hit within.
+//! tested against the aperture 2 each, the slabs (two differences and three products, over a box and its grid, with an
+//! inverse good to 2.5 ulp) 16, the crossing of a quadric 10. That is less than 48; a box is larger by 64 times s, and
+//! the shader widens it by 64 times |o|. Along the ray the same margin keeps the entry into a box before any hit within.
 
 use super::Precision;
+use super::bvh::{Forest, MAX_DEPTH};
 use super::contact::{self, Contact};
 use super::lowered;
 use crate::error::{Error, Result};
 use crate::ir::{Frame, Mesh, Outline, SceneIr, Shape};
 use glam::{DVec2, DVec3};
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::builder::build_bvh2;
-use obvhs::bvh2::node::Bvh2Node;
-use obvhs::{Boundable, BvhBuildParams};
 
-/// Binding of the rows in group 0.
-pub const ROWS: u32 = 19;
 /// A box is larger than what it holds by this share of its coordinates and its size; a ray's slack is this share of its
 /// own coordinates.
 pub const SLACK: f64 = 1.0 / (1 << 18) as f64;
-/// Rows of two siblings.
-const PAIR_ROWS: usize = 4;
-/// Deepest tree: a ray keeps one box a level waiting.
-const MAX_DEPTH: u32 = 64;
 /// A cone whose apex is so many times farther than its ends are wide is left without a box: its quadric cancels.
 const FARTHEST_APEX: f64 = 8.0;
 
 /// The tree over the primitives that have a box, and the list of those that have none.
 #[derive(Debug)]
 pub struct PrimitiveTree {
-    /// Four rows a pair of siblings: (lower corner, link) and (upper corner, 0) of either.
-    pairs: Vec<[[f32; 4]; PAIR_ROWS]>,
-    boundless: Vec<u32>,
-    /// The link to begin with.
-    pub root: f32,
-    /// Boxes that can wait at once, with the end of the walk.
-    pub depth: u32,
-}
-
-struct Boxed {
-    primitive: u32,
-    bounds: Aabb,
-}
-
-impl Boundable for Boxed {
-    fn aabb(&self) -> Aabb {
-        self.bounds
-    }
+    /// The tree's place among the roots.
+    pub root: u32,
+    /// In the order of the tree, then those without a box.
+    primitives: Vec<u32>,
+    num_boxed: usize,
 }
 
 impl PrimitiveTree {
-    /// Builds the tree over primitives with these boxes, or none.
+    /// Builds the tree from a root, over primitives with these boxes, or none.
     ///
     /// # Errors
     /// [`Error::Usage`] if the primitives lie so unevenly that the tree gets too deep.
-    pub fn of(boxes: &[Option<Aabb>]) -> Result<Self> {
-        let mut boxed = Vec::new();
-        let mut boundless = Vec::new();
-        for (i, bounds) in (0..).zip(boxes) {
-            match *bounds {
-                Some(bounds) => boxed.push(Boxed { primitive: i, bounds }),
+    pub fn of(boxes: &[Option<Aabb>], forest: &mut Forest, root: usize) -> Result<Self> {
+        let (mut boxed, mut bounds, mut boundless) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, of_primitive) in (0..).zip(boxes) {
+            match *of_primitive {
+                Some(of_primitive) => {
+                    boxed.push(i);
+                    bounds.push(of_primitive);
+                }
                 None => boundless.push(i),
             }
         }
-        let mut tree = PrimitiveTree { pairs: Vec::new(), boundless, root: 0.0, depth: 1 };
-        if let [only] = &boxed[..] {
-            tree.root = leaf(only.primitive);
-        } else if !boxed.is_empty() {
-            let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
-            let bvh = build_bvh2(&boxed, params, &mut std::time::Duration::default());
-            tree.add_pairs(&bvh.nodes, |place| {
-                boxed[bvh.primitive_indices[place as usize] as usize].primitive
-            });
-        }
+        let tree = forest.plant(root, &bounds, 0);
         if tree.depth > MAX_DEPTH {
             return Err(Error::Usage(format!(
                 "the tree over the surfaces is {} levels deep, and at most {MAX_DEPTH} can be searched; \
@@ -85,61 +57,25 @@ impl PrimitiveTree {
                 tree.depth
             )));
         }
-        Ok(tree)
+        let in_order = tree.order.iter().map(|&place| boxed[place as usize]);
+        let primitives = in_order.chain(boundless).collect();
+        Ok(PrimitiveTree { root: root as u32, primitives, num_boxed: boxed.len() })
     }
 
-    /// Two siblings a row group, each pair after its parents; the root itself has no box.
-    fn add_pairs(&mut self, nodes: &[Bvh2Node], primitive_at: impl Fn(u32) -> u32) {
-        let mut waiting = vec![(nodes[0].first_index, 1)];
-        let mut next = 0;
-        self.root = inner(0);
-        while let Some(&(first, level)) = waiting.get(next) {
-            let mut rows = [[0.0; 4]; PAIR_ROWS];
-            for (node, rows) in nodes[first as usize..].iter().zip(rows.chunks_exact_mut(2)) {
-                let link = if node.prim_count == 0 {
-                    waiting.push((node.first_index, level + 1));
-                    inner(waiting.len() - 1)
-                } else {
-                    leaf(primitive_at(node.first_index))
-                };
-                rows[0] = row(node.aabb.min, link);
-                rows[1] = row(node.aabb.max, 0.0);
-            }
-            self.pairs.push(rows);
-            self.depth = level + 1;
-            next += 1;
-        }
+    /// Rows of primitives that have a box.
+    pub fn num_boxed(&self) -> usize {
+        self.num_boxed
     }
 
-    /// The first row of the primitives without a box.
-    pub fn first_boundless(&self) -> usize {
-        PAIR_ROWS * self.pairs.len()
-    }
-
-    /// Rows of the buffer: at least one, because a buffer is never empty.
+    /// Rows of all primitives.
     pub fn num_rows(&self) -> usize {
-        self.first_boundless() + self.boundless.len()
+        self.primitives.len()
     }
 
-    /// The contents of the buffer.
-    pub fn bytes(&self) -> Vec<u8> {
-        let boundless = self.boundless.iter().map(|&i| [i as f32, 0.0, 0.0, 0.0]);
-        self.pairs.iter().flatten().copied().chain(boundless).flatten().flat_map(f32::to_le_bytes).collect()
+    /// The rows that follow the nodes: one a primitive.
+    pub fn words(&self) -> impl Iterator<Item = u32> + '_ {
+        self.primitives.iter().flat_map(|&i| [i, 0, 0, 0])
     }
-}
-
-/// A link to two boxes within.
-fn inner(pair: usize) -> f32 {
-    (1 + PAIR_ROWS * pair) as f32
-}
-
-/// A link to a primitive.
-fn leaf(primitive: u32) -> f32 {
-    -(1.0 + primitive as f32)
-}
-
-fn row(corner: glam::Vec3A, link: f32) -> [f32; 4] {
-    [corner.x, corner.y, corner.z, link]
 }
 
 /// The boxes of all primitives, relative to `centre`; none for those without an end.

@@ -92,31 +92,73 @@ fn reals(program: &Program, variable: &str) -> Vec<f64> {
     (0..bytes.len()).step_by(size).map(|offset| read(bytes, &field(offset))).collect()
 }
 
+/// The words of a buffer.
+fn words(program: &Program, variable: &str) -> Vec<u32> {
+    let number = binding(program, variable);
+    let (_, bytes) = program.buffers.iter().find(|(of, _)| *of == number).unwrap();
+    bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
+}
+
+/// A node of a tree as lib/boxes.wgsl reads it: the boxes of its children, and the children.
+struct Node {
+    boxes: Vec<[[f64; 3]; 2]>,
+    inner: Vec<usize>,
+    items: Vec<usize>,
+}
+
+fn node(rows: &[u32], i: usize) -> Node {
+    let row = |k: usize| <[u32; 4]>::try_from(&rows[12 * i + 4 * k..12 * i + 4 * k + 4]).unwrap();
+    let [grid, lower, upper] = [0, 1, 2].map(row);
+    let [num_inner, num] = [24, 28].map(|shift| (grid[3] >> shift & 0xF) as usize);
+    let cell = |axis: usize| f64::from(f32::from_bits((grid[3] >> (8 * axis) & 0xFF) << 23));
+    let corner = |bytes: [u32; 4], k: usize| {
+        [0, 1, 2].map(|axis| {
+            let cells = bytes[axis] >> (8 * k) & 0xFF;
+            f64::from(f32::from_bits(grid[axis])) + f64::from(cells) * cell(axis)
+        })
+    };
+    Node {
+        boxes: (0..num).map(|k| [corner(lower, k), corner(upper, k)]).collect(),
+        inner: (0..num_inner).map(|k| lower[3] as usize + k).collect(),
+        items: (num_inner..num).map(|k| upper[3].wrapping_add(k as u32) as usize).collect(),
+    }
+}
+
+/// The numbers of triangles: after the trees, or in a buffer of their own.
+fn triangle_rows(program: &Program, trees: &[u32]) -> Vec<f64> {
+    let Some((_, after)) = program.wgsl.split_once("const FIRST_TRIANGLE: u32 = ") else {
+        return reals(program, "mesh_rows");
+    };
+    let first: usize = after.split_once('u').unwrap().0.parse().unwrap();
+    trees[4 * first..].iter().map(|&bits| f64::from(f32::from_bits(bits))).collect()
+}
+
 /// From the root of the one mesh: every triangle lies in one leaf, strictly within its boxes, beside its unit normal.
 #[test]
 fn rows_of_a_mesh_are_where_the_shader_looks() {
     for tier in tiers_in_tables() {
         let variant = everything();
-        let rows = reals(&variant.program(tier), "mesh_rows");
+        let program = variant.program(tier);
+        let nodes = words(&program, "tree_rows");
+        let rows = triangle_rows(&program, &nodes);
         let row = |i: usize| <[f64; 4]>::try_from(&rows[4 * i..4 * i + 4]).unwrap();
         let mut corners = Vec::new();
-        let mut waiting = vec![0];
-        while let Some(node) = waiting.pop() {
-            let ([.., first], [.., count]) = (row(node), row(node + 1));
-            if count == 0.0 {
-                waiting.extend([first as usize, first as usize + 2]);
-            }
-            for triangle in (0..count as usize).map(|i| first as usize + 3 * i) {
+        let mut waiting = vec![(0, [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]])];
+        while let Some((i, within)) = waiting.pop() {
+            let node = node(&nodes, i);
+            let holds = |[low, high]: [[f64; 3]; 2], corner: [f64; 4]| {
+                (0..3).all(|axis| low[axis] < corner[axis] && corner[axis] < high[axis])
+            };
+            waiting.extend(node.inner.iter().copied().zip(node.boxes.iter().copied()));
+            for (&item, &of_item) in node.items.iter().zip(&node.boxes[node.inner.len()..]) {
+                let triangle = 3 * item;
                 let normal = [0, 1, 2].map(|i| row(triangle + i)[3]);
                 assert!(
                     (normal.map(|x| x * x).iter().sum::<f64>() - 1.0).abs() < 1e-6,
                     "{tier:?}: {normal:?}"
                 );
                 for corner in [0, 1, 2].map(|i| row(triangle + i)) {
-                    assert!(
-                        (0..3).all(|i| row(node)[i] < corner[i] && corner[i] < row(node + 1)[i]),
-                        "{tier:?}"
-                    );
+                    assert!(holds(of_item, corner) && holds(within, corner), "{tier:?}");
                     corners.push([corner[0], corner[1], corner[2]]);
                 }
             }
