@@ -157,21 +157,21 @@ fn random_lens(number: u64) -> String {
     }))
 }
 
-/// A fly's-eye condenser: a lamp, its collimator, 5 x 5 lenslets side by side, and a field lens that lays their pictures
+/// A fly's-eye condenser: a lamp, its collimator, 3 x 3 lenslets side by side, and a field lens that lays their pictures
 /// of the lamp over one another.
 fn condenser_array() -> String {
-    const PITCH: f64 = 4.0;
+    const PITCH: f64 = 6.0;
     let lens = |name: &str, cs: Value, (r1, r2): (f64, f64), thickness: f64, radius: f64| {
         let config = json!({"r1": r1, "r2": r2, "thickness": thickness, "front_aperture_radius": radius,
             "material": {"type": "catalog", "name": "N-BK7"}});
         component("lens", name, cs, config)
     };
     let lenslet = |i: i32| {
-        let (x, y) = (PITCH * f64::from(i % 5 - 2), PITCH * f64::from(i / 5 - 2));
-        lens(&format!("lenslet_{i}"), json!({"x": x, "y": y, "z": 34.0}), (12.0, -12.0), 1.5, 0.49 * PITCH)
+        let (x, y) = (PITCH * f64::from(i % 3 - 1), PITCH * f64::from(i / 3 - 1));
+        lens(&format!("lenslet_{i}"), json!({"x": x, "y": y, "z": 34.0}), (12.0, -12.0), 2.5, 0.49 * PITCH)
     };
     let mut components = vec![lens("collimator", at_z(20.0), (60.0, -18.0), 10.0, 13.0)];
-    components.extend((0..25).map(lenslet));
+    components.extend((0..9).map(lenslet));
     components.push(lens("field", at_z(50.0), (50.0, -50.0), 8.0, 16.0));
     scene(json!({
         "components": components,
