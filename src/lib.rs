@@ -39,6 +39,7 @@ pub mod result;
 pub mod scene;
 pub mod stopping;
 pub mod trace;
+pub mod vectors;
 #[cfg(feature = "viewer")]
 pub mod viewer;
 

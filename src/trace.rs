@@ -219,8 +219,8 @@ fn share(count: u64, position: u64, length: u64) -> u64 {
 
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
-/// Where they log their ends: the log stays in a processor's caches.
-const DEFAULT_LOGGED_BATCH: u32 = 1 << 16;
+/// Where they log their ends: the log stays in a processor's caches, and dispatches are long against what each costs.
+const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
 /// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
 const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
@@ -243,6 +243,8 @@ pub struct Tracer<'a> {
     batch: u32,
     device: DeviceState,
     end_logs: Option<EndLogs>,
+    /// Passes since the sums were drained.
+    num_passes: u64,
     /// Primitives that rays have reached since the sums were drained, a bit each.
     reached: u32,
     counts_undrained: u64,
@@ -301,7 +303,7 @@ enum MomentSource {
 
 impl MomentSource {
     fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
-        let keeps_weight = || Features::of(ir, weights, roulette_threshold).keeps_weight;
+        let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
         let is_cheap =
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
         match options.standard_error {
@@ -391,6 +393,7 @@ impl<'a> Tracer<'a> {
             end_logs,
             reached: 0,
             counts_undrained: 0,
+            num_passes: 0,
             launched: Booking::default(),
             launched_rays: RaySet::default(),
             pause: None,
@@ -582,13 +585,25 @@ impl<'a> Tracer<'a> {
                 self.fetch_events(&range)?;
             }
         }
+        if self.end_logs.is_none() {
+            self.gpu.wait()?;
+        }
+        self.num_passes += 1;
+        // Asking waits for the device, which logs keep busy from one pass to the next.
+        if self.num_passes.is_power_of_two() {
+            self.learn_reached()?;
+        }
+        Ok(())
+    }
+
+    /// Ends what passes have left under way, so that the device never waits between them: logs that are not added up,
+    /// rays that strayed and wait.
+    fn settle(&mut self) -> Result<()> {
         self.finish_logs()?;
         for emitter in 0..self.rays.len() {
             self.retrace_strays(emitter, 1)?;
         }
-        self.finish_logs()?;
-        self.gpu.wait()?;
-        self.learn_reached()
+        self.finish_logs()
     }
 
     fn finish_logs(&mut self) -> Result<()> {
@@ -768,6 +783,7 @@ impl<'a> Tracer<'a> {
 
     /// Adds what the device has summed up since the last drain, and clears it.
     fn drain(&mut self, tally: &mut Tally) -> Result<()> {
+        self.settle()?;
         let cells = &self.program.cells;
         let mut intake = Intake::new(cells, self.counted(), self.rays.len(), tally);
         self.device.counters.read(self.gpu, |counter, count| intake.count(counter, count as u64))?;
@@ -788,6 +804,7 @@ impl<'a> Tracer<'a> {
         intake.finish(self.program.options.baked && cells.fit_reached_mask());
         self.device.clear(self.gpu);
         self.reached = 0;
+        self.num_passes = 0;
         self.counts_undrained = 0;
         tally.launched += std::mem::take(&mut self.launched);
         tally.rays += &std::mem::take(&mut self.launched_rays);

@@ -253,7 +253,7 @@ fn counts_are_those_of_ledger_and_report() {
 fn planted(precision: &'static str, runs_sec: &[f64]) -> Measurement {
     let rays_per_sec = Summary::of_rates(1000.0, runs_sec).unwrap();
     Measurement {
-        precision,
+        precision: precision.into(),
         counts: counts(),
         runs_sec: runs_sec.to_vec(),
         rays_per_sec,
@@ -273,8 +273,8 @@ fn ratios_are_of_medians_in_the_same_precision_where_the_peer_has_it() {
     let peer = |name, precision, runs: &[PeerRun]| PeerMeasurement::of(name, precision, runs);
     let mut case = CaseResult {
         name: "planted".into(),
-        axis: "rays",
-        kind: "trace",
+        axis: "rays".into(),
+        kind: "trace".into(),
         num_rays: 1000,
         max_depth: 16,
         num_primitives: 3,

@@ -431,6 +431,30 @@ fn portable_traces_give_the_same_files() {
 }
 
 #[test]
+fn the_width_of_vectors_changes_no_bit() {
+    if !has_adapter("the_width_of_vectors_changes_no_bit") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let trace = |name: &str, width: Option<&str>| {
+        let out = folder.path().join(name);
+        let scene = scene_path("cooke_triplet");
+        let mut command =
+            command(&["trace", scene.to_str().unwrap(), "-n", "2e4", "--precision", "f32", "-o"]);
+        // A shader that the driver has kept would have the width that it was kept with.
+        command.arg(&out).env("MESA_SHADER_CACHE_DISABLE", "true").env_remove("LP_NATIVE_VECTOR_WIDTH");
+        command.envs(width.map(|width| ("LP_NATIVE_VECTOR_WIDTH", width)));
+        Said::of(&command.output().unwrap()).succeeds();
+        files_in(&out)
+    };
+    let [chosen, wide, narrow] = [("chosen", None), ("wide", Some("512")), ("narrow", Some("128"))]
+        .map(|(name, width)| trace(name, width));
+    for name in ["tally.bin", "image.npz"] {
+        assert!(chosen[name] == wide[name] && chosen[name] == narrow[name], "{name}");
+    }
+}
+
+#[test]
 fn overrides_of_the_sampling_act() {
     if !has_adapter("overrides") {
         return;

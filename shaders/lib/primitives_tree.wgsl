@@ -3,6 +3,7 @@
 //
 // Two siblings have four rows: (lower corner, link) and (upper corner, 0) of either. A link is 1 + the first row of the
 // two boxes within, or -1 - the primitive within; 0 ends the walk. After them stand the primitives that have no box.
+// A few detectors stand apart (`nearest_apart` is composed).
 
 struct Walk {
     // The next to visit.
@@ -13,7 +14,7 @@ struct Walk {
 
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     let here = standing(ray);
-    var best = start;
+    var best = nearest_apart(ray, start);
     for (var row = FIRST_BOUNDLESS; row < TREE_ROWS; row++) {
         best = try_in_any_order(best, ray, here, u32(tree_rows[row].x));
     }

@@ -246,9 +246,10 @@ impl BenchReport {
     fn series(&self) -> Vec<Series> {
         let mut all: Vec<Series> = Vec::new();
         let ours = self.cases.iter().flat_map(|case| &case.measurements);
-        let ours = ours.map(|m| Series { engine: env!("CARGO_PKG_NAME").into(), precision: m.precision });
+        let ours =
+            ours.map(|m| Series { engine: env!("CARGO_PKG_NAME").into(), precision: m.precision.clone() });
         let peers = self.cases.iter().flat_map(|case| &case.peers);
-        let peers = peers.map(|m| Series { engine: m.name.clone(), precision: m.precision });
+        let peers = peers.map(|m| Series { engine: m.name.clone(), precision: m.precision.clone() });
         for series in ours.chain(peers) {
             if !all.contains(&series) {
                 all.push(series);
@@ -262,7 +263,7 @@ impl BenchReport {
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Series {
     engine: String,
-    precision: &'static str,
+    precision: String,
 }
 
 impl Series {
@@ -273,10 +274,11 @@ impl Series {
 
 impl CaseResult {
     fn rate_of(&self, series: &Series) -> Option<Summary> {
-        let ours = self.measurements.iter().map(|m| (env!("CARGO_PKG_NAME"), m.precision, m.rays_per_sec));
-        let peers = self.peers.iter().map(|m| (m.name.as_str(), m.precision, m.rays_per_sec));
+        let ours = self.measurements.iter().map(|m| (env!("CARGO_PKG_NAME"), &m.precision, m.rays_per_sec));
+        let peers = self.peers.iter().map(|m| (m.name.as_str(), &m.precision, m.rays_per_sec));
         let mut all = ours.chain(peers);
-        all.find(|(name, precision, _)| *name == series.engine && *precision == series.precision).map(|m| m.2)
+        all.find(|(name, precision, _)| *name == series.engine && **precision == series.precision)
+            .map(|m| m.2)
     }
 }
 
@@ -312,7 +314,7 @@ pub const CSV_COLUMNS: [&str; 18] = [
 ];
 
 fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
-    let engine = [env!("CARGO_PKG_NAME"), ours.precision];
+    let engine = [env!("CARGO_PKG_NAME"), &ours.precision];
     let ratio = |peer: &str| cell(ours.ratios.get(peer).copied());
     let last = [
         cell(Some(ours.casts_per_sec.median)),
@@ -327,7 +329,7 @@ fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
 }
 
 fn csv_peer_line(case: &CaseResult, peer: &PeerMeasurement) -> String {
-    let engine = [peer.name.as_str(), peer.precision];
+    let engine = [peer.name.as_str(), &peer.precision];
     let first = csv_start(case, engine, peer.num_rays, &peer.runs_sec, peer.rays_per_sec);
     format!("{first},,,,{},,\n", cell(case.load_average))
 }

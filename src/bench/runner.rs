@@ -11,7 +11,8 @@ use crate::program::Precision;
 use crate::result::{FluxUnit, Ledger, PathEventKind, Tally, output};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
-use serde::Serialize;
+use crate::vectors;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -32,14 +33,14 @@ pub struct Session<'a> {
 }
 
 /// Everything measured of one case.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseResult {
     /// Name of the case.
     pub name: String,
     /// What the case is one point of.
-    pub axis: &'static str,
+    pub axis: String,
     /// What was timed: `trace`, `command` or `cold_command`.
-    pub kind: &'static str,
+    pub kind: String,
     /// Rays launched in each run of this program.
     pub num_rays: u64,
     /// Largest number of events of a ray.
@@ -55,10 +56,10 @@ pub struct CaseResult {
 }
 
 /// This program in one precision.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
     /// `f32` or `f64`.
-    pub precision: &'static str,
+    pub precision: String,
     /// Rays launched and counted; the same in every run, and equal.
     pub counts: Counts,
     /// Wall-clock times of the runs, in their order \[s\].
@@ -78,12 +79,12 @@ pub struct Measurement {
 }
 
 /// A peer in one precision.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PeerMeasurement {
     /// Its name.
     pub name: String,
     /// `f32` or `f64`.
-    pub precision: &'static str,
+    pub precision: String,
     /// Rays launched in each run.
     pub num_rays: u64,
     /// Wall-clock times of the runs, in their order \[s\].
@@ -93,7 +94,7 @@ pub struct PeerMeasurement {
 }
 
 /// Where rays went, by number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     /// Rays asked for.
     pub requested: u64,
@@ -106,7 +107,7 @@ pub struct Counts {
 }
 
 /// Means over some hundreds of recorded paths.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PerRay {
     /// Searches for the nearest surface: interactions, and the one that finds nothing.
     pub casts: f64,
@@ -181,8 +182,8 @@ pub fn measure(case: &Case, session: &Session, peers: &mut [Box<dyn Peer>]) -> R
     }
     let mut result = CaseResult {
         name: case.name.clone(),
-        axis: case.axis,
-        kind: case.kind.name(),
+        axis: case.axis.into(),
+        kind: case.kind.name().into(),
         num_rays: case.num_rays,
         max_depth: case.max_depth,
         num_primitives: ir.surfaces.len() + ir.sensors.len(),
@@ -287,7 +288,7 @@ impl<'a> Subject<'a> {
         let rays_per_sec = Summary::of_rates(self.case.num_rays as f64, &self.runs_sec)
             .ok_or_else(|| Error::Usage("the number of runs is 0; at least one is needed".into()))?;
         Ok(Measurement {
-            precision: self.precision.name(),
+            precision: self.precision.name().into(),
             counts: self.counts,
             rays_per_sec,
             casts_per_sec: rays_per_sec.times(self.per_ray.casts),
@@ -349,6 +350,7 @@ impl WholeCommand {
         command.args(["-n", &case.num_rays.to_string(), "--max-depth", &case.max_depth.to_string()]);
         command.args(["--precision", precision.name(), "--adapter", &session.gpu.info.name]);
         command.args(["--progress", "never"]).stdout(Stdio::null()).stderr(Stdio::piped());
+        vectors::leave_to(&mut command);
         if case.kind == Kind::ColdCommand {
             // Mesa's and NVIDIA's switches.
             command.env("MESA_SHADER_CACHE_DISABLE", "true").env("__GL_SHADER_DISK_CACHE", "0");
@@ -397,11 +399,17 @@ const PRECISIONS: [&str; 2] = ["f32", "f64"];
 
 impl PeerMeasurement {
     /// The runs of a peer in one precision; none if there are none. All launch the same number of rays.
-    pub fn of(name: &str, precision: &'static str, runs: &[PeerRun]) -> Option<Self> {
+    pub fn of(name: &str, precision: &str, runs: &[PeerRun]) -> Option<Self> {
         let runs: Vec<&PeerRun> = runs.iter().filter(|run| run.precision == precision).collect();
         let num_rays = runs.first()?.num_rays;
         let runs_sec: Vec<f64> = runs.iter().map(|run| run.seconds).collect();
         let rays_per_sec = Summary::of_rates(num_rays as f64, &runs_sec)?;
-        Some(PeerMeasurement { name: name.into(), precision, num_rays, runs_sec, rays_per_sec })
+        Some(PeerMeasurement {
+            name: name.into(),
+            precision: precision.into(),
+            num_rays,
+            runs_sec,
+            rays_per_sec,
+        })
     }
 }

@@ -9,7 +9,15 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::result::output;
+use crate::scene::Scene;
+use crate::vectors;
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use serde_json::Value;
+use std::ffi::OsStr;
+use std::fmt;
 use std::path::PathBuf;
+use std::process::Command;
 
 /// Arguments of `nsq-gpu bench`.
 #[derive(clap::Args)]
@@ -94,6 +102,18 @@ enum PeerArg {
     Drjit,
 }
 
+impl fmt::Display for PrecisionsArg {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.to_possible_value().as_ref().map_or("", PossibleValue::get_name))
+    }
+}
+
+impl fmt::Display for PeerArg {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.to_possible_value().as_ref().map_or("", PossibleValue::get_name))
+    }
+}
+
 /// What the viewer's frames are called among the cases.
 const VIEWER: &str = "viewer";
 
@@ -115,6 +135,10 @@ pub fn run(args: &Args) -> Result<String> {
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
+    let is_wide: Vec<bool> = cases.iter().map(suits_wide_vectors).collect::<Result<_>>()?;
+    if is_wide.contains(&true) {
+        widen();
+    }
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
@@ -125,8 +149,11 @@ pub fn run(args: &Args) -> Result<String> {
     let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
-    for case in &cases {
-        let result = measure(case, &session, &mut peers)?;
+    for (case, is_wide) in cases.iter().zip(is_wide) {
+        let result = match is_wide || !vectors::are_wide() {
+            true => measure(case, &session, &mut peers)?,
+            false => measure_apart(case, &session, args)?,
+        };
         say(&progress(&result));
         report.cases.push(result);
     }
@@ -146,6 +173,37 @@ pub fn run(args: &Args) -> Result<String> {
         files.iter().for_each(|file| say(&format!("written: {}", file.display())));
     }
     Ok(if args.json { report.to_json() } else { report.table() })
+}
+
+fn widen() {
+    // SAFETY: no other thread runs yet, and no adapter was asked for.
+    #[allow(unsafe_code)]
+    unsafe {
+        vectors::widen();
+    }
+}
+
+fn suits_wide_vectors(case: &Case) -> Result<bool> {
+    Ok(vectors::suit(&Scene::from_json(&case.scene)?.lower()?))
+}
+
+/// Measures a case in a process of its own: the width of vectors is a process's.
+fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResult> {
+    let mut command = Command::new(&session.program);
+    vectors::leave_to(&mut command);
+    command.args(["bench", "--json", "--scenes", &case.name, "--runs", &session.num_runs.to_string()]);
+    command.args(["--max-rays", &case.num_rays.to_string(), "--peer-rays", &args.peer_rays.to_string()]);
+    command.args(["--precision", &args.precision.unwrap_or(PrecisionsArg::Both).to_string()]);
+    command.args(["--adapter", &session.gpu.info.name]).arg("--python").arg(&args.python);
+    command.args(args.against.iter().flat_map(|peer| ["--against".to_string(), peer.to_string()]));
+    command.args(args.drjit_script.iter().flat_map(|script| [OsStr::new("--drjit-script"), script.as_ref()]));
+    let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
+    if !output.status.success() {
+        return Err(Error::Internal(String::from_utf8_lossy(&output.stderr).trim().to_string()));
+    }
+    let report: Value =
+        serde_json::from_slice(&output.stdout).map_err(|error| Error::Internal(error.to_string()))?;
+    serde_json::from_value(report["cases"][0].clone()).map_err(|error| Error::Internal(error.to_string()))
 }
 
 fn open(args: &Args) -> Result<Gpu> {
@@ -173,6 +231,7 @@ fn run_stability(args: &Args) -> Result<String> {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
+    widen();
     let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);
@@ -301,9 +360,11 @@ fn start(peer: PeerArg, args: &Args) -> Result<Box<dyn Peer>> {
 }
 
 fn progress(result: &CaseResult) -> String {
-    let ours =
-        result.measurements.iter().map(|m| (env!("CARGO_PKG_NAME"), m.precision, m.rays_per_sec.median));
-    let peers = result.peers.iter().map(|m| (m.name.as_str(), m.precision, m.rays_per_sec.median));
+    let ours = result
+        .measurements
+        .iter()
+        .map(|m| (env!("CARGO_PKG_NAME"), m.precision.as_str(), m.rays_per_sec.median));
+    let peers = result.peers.iter().map(|m| (m.name.as_str(), m.precision.as_str(), m.rays_per_sec.median));
     let rate = |(name, precision, rate): (&str, &str, f64)| format!("{name} {precision} {:.3}", 1e-6 * rate);
     let rates: Vec<String> = ours.chain(peers).map(rate).collect();
     format!("{}: {} M rays/s", result.name, rates.join(", "))

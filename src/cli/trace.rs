@@ -12,6 +12,7 @@ use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, r
 use crate::scene::Scene;
 use crate::stopping::{StoppedBy, Stopping};
 use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::vectors;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -175,15 +176,24 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
 pub fn run(args: &Args) -> Result<String> {
+    let scene = read_scene(&args.scene)?;
+    let mut ir = scene.lower()?;
+    if vectors::suit(&ir) {
+        // SAFETY: no other thread runs yet, and no adapter was asked for.
+        #[allow(unsafe_code)]
+        unsafe {
+            vectors::widen();
+        }
+    }
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
     }
-    let (files, gpu) = std::thread::scope(|scope| {
-        // Drivers take their time to load.
-        let gpu = scope.spawn(|| Gpu::open(&adapter_choice(args)));
-        (Files::read(args), joined(gpu))
-    });
-    let (Files { scene, ir, resumed }, gpu) = (files?, gpu?);
+    override_sampling(&mut ir, args)?;
+    if let Some(dir) = &args.output {
+        output::check_writable(dir)?;
+    }
+    let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
+    let gpu = Gpu::open(&adapter_choice(args))?;
     let options = options(args)?.tuned(&gpu.info);
     let (result, tally, identity) = std::thread::scope(|scope| {
         let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
@@ -202,27 +212,6 @@ pub fn run(args: &Args) -> Result<String> {
             super::print(&printed)?;
             Err(failure)
         }
-    }
-}
-
-/// What a trace reads.
-struct Files {
-    scene: Scene,
-    ir: SceneIr,
-    resumed: Option<Checkpoint>,
-}
-
-impl Files {
-    /// Reads them, and finds out whether the results can be written.
-    fn read(args: &Args) -> Result<Self> {
-        let scene = read_scene(&args.scene)?;
-        let mut ir = scene.lower()?;
-        override_sampling(&mut ir, args)?;
-        if let Some(dir) = &args.output {
-            output::check_writable(dir)?;
-        }
-        let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
-        Ok(Files { scene, ir, resumed })
     }
 }
 
@@ -258,14 +247,11 @@ impl<'scope> Choosing<'scope> {
     fn choice(self) -> Result<Choice> {
         match self {
             Choosing::Chosen(choice) => Ok(choice),
-            Choosing::Predicting(thread) => joined(thread),
+            Choosing::Predicting(thread) => {
+                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            }
         }
     }
-}
-
-/// What a thread gave; its panic goes on here.
-fn joined<T>(thread: ScopedJoinHandle<'_, T>) -> T {
-    thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// What a trace that gave a result did not do of what it should.

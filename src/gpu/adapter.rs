@@ -1,6 +1,7 @@
 //! Adapters and devices.
 
 use crate::error::{Error, Result};
+use crate::vectors::without_width;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// How to choose an adapter.
@@ -88,7 +89,7 @@ fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
     let takes_shaders = features.contains(wgpu::Features::PASSTHROUGH_SHADERS);
     AdapterInfo {
         strict: info.backend == wgpu::Backend::Vulkan && takes_shaders,
-        name: info.name,
+        name: without_width(&info.name),
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
         backend: info.backend.to_string(),
         kind: format!("{:?}", info.device_type),
@@ -146,12 +147,16 @@ impl Gpu {
         if adapters.is_empty() {
             return Err(Error::NoAdapter(format!("no GPU adapter was found; {HOW_TO_GET_AN_ADAPTER}")));
         }
-        let wanted = choice.name.as_deref().unwrap_or("").to_lowercase();
-        let fits = |a: &&wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted);
-        let adapter = adapters.iter().find(fits).ok_or_else(|| {
-            let names: Vec<String> = adapters.iter().map(|a| format!("`{}`", a.get_info().name)).collect();
-            Error::NoAdapter(format!("no adapter is named like `{wanted}`; there are {}", names.join(", ")))
-        })?;
+        let wanted = without_width(choice.name.as_deref().unwrap_or("")).to_lowercase();
+        let name = |a: &wgpu::Adapter| without_width(&a.get_info().name);
+        let adapter =
+            adapters.iter().find(|a| name(a).to_lowercase().contains(&wanted)).ok_or_else(|| {
+                let names: Vec<String> = adapters.iter().map(|a| format!("`{}`", name(a))).collect();
+                Error::NoAdapter(format!(
+                    "no adapter is named like `{wanted}`; there are {}",
+                    names.join(", ")
+                ))
+            })?;
         Self::from_adapter(adapter, instance, choice)
     }
 

@@ -375,14 +375,24 @@ impl Composition<'_> {
         Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n"))
     }
 
-    /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records.
+    /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records, or a tree and what stands
+    /// apart from it.
     fn nearest_primitive(&self) -> Result<String> {
-        if self.options.baked { self.nearest_primitive_baked() } else { Ok(self.nearest_primitive_table()) }
+        let num = self.ir.surfaces.len() + self.ir.sensors.len();
+        if self.options.baked {
+            return self.nearest_in_turn("nearest_primitive", 0..num);
+        }
+        let mut text = self.nearest_primitive_table();
+        if self.tree.is_some() {
+            let apart = self.options.tree_primitives(self.ir).end..num;
+            text.push_str(&self.nearest_in_turn("nearest_apart", apart)?);
+        }
+        Ok(text)
     }
 
-    fn nearest_primitive_baked(&self) -> Result<String> {
-        let all = (0..lowered::primitives(self.ir).len()).map(|i| (i, format!("ray.last == {i}u")));
-        self.nearest_of("nearest_primitive(ray: Ray, start: Hit)", "start", all)
+    fn nearest_in_turn(&self, name: &str, primitives: std::ops::Range<usize>) -> Result<String> {
+        let candidates = primitives.map(|i| (i, format!("ray.last == {i}u")));
+        self.nearest_of(&format!("{name}(ray: Ray, start: Hit)"), "start", candidates)
     }
 
     /// A function that looks for the nearest of some primitives, one after the other; each with whether the ray stands on

@@ -1,7 +1,8 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
 use super::bsdf::{self, BsdfKind};
-use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat};
+use super::lowered::{coating_pass, reflectance};
+use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface};
 
 /// Precision of the physics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -145,9 +146,9 @@ impl EmitterName {
 
 impl Features {
     /// Derives the features of a scene whose emitters' rays are born with these weights, with roulette below
-    /// `roulette_threshold` (both in units of the mean weight of a new ray).
-    pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64) -> Self {
-        let lowest_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
+    /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
+    pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64, max_depth: u32) -> Self {
+        let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let mut shapes: Vec<ShapeKind> = ir.surfaces.iter().map(|s| ShapeKind::of(&s.shape)).collect();
         shapes.extend(ir.sensors.iter().map(|s| ShapeKind::of(&Shape::Plane(s.outline()))));
         shapes.sort();
@@ -167,15 +168,15 @@ impl Features {
         let splits = splits(ir);
         let bsdfs = bsdf::kinds(ir);
         let coatings = || ir.surfaces.iter().filter_map(|s| s.coating.as_ref());
-        let loses_weight = bulk_absorption
-            || importance
-            || splits
-            || reflectances().flatten().any(|&r| r != 1.0)
-            || coatings().next().is_some()
-            || !bsdfs.is_empty();
+        let is_unbounded = bulk_absorption || importance || splits || !bsdfs.is_empty();
+        let least_share = if is_unbounded { 0.0 } else { least_share(ir) };
+        let loses_weight =
+            is_unbounded || reflectances().flatten().any(|&r| r != 1.0) || coatings().next().is_some();
+        let lowest_weight = lowest_birth_weight * (ROUNDED_DOWN * least_share).powf(max_depth.into());
         let is_spectral = |values: &Vec<f64>| values.iter().any(|&value| value != values[0]);
         let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
-        let roulette = loses_weight && roulette_threshold > 0.0 || lowest_weight < roulette_threshold;
+        let roulette =
+            lowest_birth_weight < roulette_threshold || loses_weight && lowest_weight < roulette_threshold;
         let keeps_weight = !loses_weight && !roulette;
         Features {
             shapes,
@@ -256,6 +257,21 @@ impl ShapeKind {
     }
 }
 
+/// More than f32 takes from a share and from its product with a weight by rounding.
+const ROUNDED_DOWN: f64 = 1.0 - 1.0 / (1 << 20) as f64;
+
+/// The least share of its weight, above none, that a ray keeps at a mirror or a coating: roulette leaves a weight of none
+/// alone.
+fn least_share(ir: &SceneIr) -> f64 {
+    let at = |surface: &Surface, wavelength: usize| match &surface.interaction {
+        Interaction::Reflective { .. } => reflectance(surface, wavelength),
+        Interaction::Refractive | Interaction::Absorbing => coating_pass(surface, wavelength),
+    };
+    let wavelengths = 0..ir.wavelengths.len();
+    let shares = ir.surfaces.iter().flat_map(|surface| wavelengths.clone().map(move |w| at(surface, w)));
+    shares.filter(|&share| share > 0.0).fold(1.0, f64::min)
+}
+
 /// True if rays are split at refractive surfaces.
 pub fn splits(ir: &SceneIr) -> bool {
     ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
@@ -299,5 +315,53 @@ impl ShapeKind {
     /// True if the shape's function takes the distance of the nearest hit so far, beyond which it need not search.
     pub fn is_searched(self) -> bool {
         self == ShapeKind::Mesh
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MIRRORS: &str = r#"{
+        "nsq_schema_version": 1,
+        "components": [
+            {"type": "mirror", "name": "M", "cs": {"z": 50.0}, "config": {"radius": Infinity, "reflectance": 0.98, "aperture_radius": 20.0}},
+            {"type": "mirror", "name": "N", "cs": {"z": -50.0}, "config": {"radius": Infinity, "reflectance": 0.0, "aperture_radius": 20.0}}
+        ],
+        "sources": [{"type": "collimated", "name": "S", "cs": {}, "spectrum": {"wavelengths": [0.55], "weights": [1.0]},
+            "total_flux": 1.0, "aperture_radius": 3.0}],
+        "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": 25.0}, "width": 12.0, "height": 12.0,
+            "num_pixels_x": 4, "num_pixels_y": 4, "absorb": false}]
+    }"#;
+
+    fn has_roulette(ir: &SceneIr, weight: f64, threshold: f64, max_depth: u32) -> bool {
+        Features::of(ir, &[1.0, weight], threshold, max_depth).roulette
+    }
+
+    #[test]
+    fn roulette_is_left_out_where_no_ray_can_fall_below_its_threshold() {
+        let mut ir = crate::Scene::from_json(MIRRORS).unwrap().lower().unwrap();
+        // 0.98^341 > 1e-3 > 0.98^342; what the other mirror leaves is nothing, and so none of roulette's.
+        for (weight, threshold, max_depth, expected) in [
+            (1.0, 1e-3, 341, false),
+            (1.0, 1e-3, 342, true),
+            (0.5, 1e-3, 341, true),
+            (0.5, 1e-3, 16, false),
+            (1e-4, 1e-3, 16, true),
+            (1.0, 0.0, 1 << 20, false),
+        ] {
+            let found = has_roulette(&ir, weight, threshold, max_depth);
+            assert_eq!(found, expected, "weight {weight}, threshold {threshold}, {max_depth} events");
+        }
+        ir.media[0].k[0] = 1e-9;
+        assert!(has_roulette(&ir, 1.0, 1e-3, 16), "a way through a medium has no least share");
+    }
+
+    #[test]
+    fn weights_that_are_all_born_below_the_threshold_keep_it() {
+        let mut ir = crate::Scene::from_json(MIRRORS).unwrap().lower().unwrap();
+        ir.surfaces.clear();
+        assert!(has_roulette(&ir, 1e-4, 1e-3, 16));
+        assert!(!has_roulette(&ir, 1e-3, 1e-3, 16), "only below the threshold");
     }
 }

@@ -33,6 +33,8 @@ use sums::SumBuffers;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
+/// Up to so many detectors stand apart from the tree.
+const MAX_SENSORS_APART: usize = 8;
 
 /// Which rays have their paths recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,9 +105,12 @@ impl ProgramOptions {
         self.events_per_dispatch < self.max_depth
     }
 
-    /// True if the primitives, more than one, are searched by a tree.
-    pub fn has_tree(&self, ir: &SceneIr) -> bool {
-        self.tree && !self.baked && ir.surfaces.len() + ir.sensors.len() > 1
+    /// The primitives, more than one, that are searched by a tree; none if it is none. Few detectors stand apart and are
+    /// compiled in: most rays end on one of them.
+    pub fn tree_primitives(&self, ir: &SceneIr) -> std::ops::Range<usize> {
+        let (surfaces, sensors) = (ir.surfaces.len(), ir.sensors.len());
+        let num = if sensors <= MAX_SENSORS_APART { surfaces } else { surfaces + sensors };
+        if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
     /// True if rows go to the host: rays of a database, or events of paths.
@@ -181,7 +186,7 @@ impl Program {
         seed: u64,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let features = Features::of(ir, &options.weights, options.roulette_threshold);
+        let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
         let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
         if splitting.is_some() {
             // A family waits in registers, and so stays with its invocation to its end.
@@ -195,9 +200,12 @@ impl Program {
         };
         let meshes = mesh::Forest::of(&ir.meshes)?;
         let contacts = contact::contacts(ir, centre, options.precision);
-        let tree = match options.has_tree(ir) {
-            true => Some(tree::PrimitiveTree::of(ir, centre, &contacts, options.precision)?),
-            false => None,
+        let tree = match options.tree_primitives(ir) {
+            none if none.is_empty() => None,
+            primitives => {
+                let boxes = tree::boxes(ir, centre, &contacts, options.precision);
+                Some(tree::PrimitiveTree::of(&boxes[primitives])?)
+            }
         };
         // Squares are sums that no count tells.
         let constant_weights = features.whole_weights

@@ -67,7 +67,7 @@ impl NominalPath {
 /// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell
 /// them, and nothing that rays meet on their way may go to memory at once.
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
-    let features = Features::of(ir, &options.weights, options.roulette_threshold);
+    let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
     let cells = Cells::of(ir);
     options.baked
         && options.moments == SecondMoments::None

@@ -55,15 +55,15 @@ impl Boundable for Boxed {
 }
 
 impl PrimitiveTree {
-    /// Builds the tree; positions are relative to `centre`.
+    /// Builds the tree over primitives with these boxes, or none.
     ///
     /// # Errors
     /// [`Error::Usage`] if the primitives lie so unevenly that the tree gets too deep.
-    pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], precision: Precision) -> Result<Self> {
+    pub fn of(boxes: &[Option<Aabb>]) -> Result<Self> {
         let mut boxed = Vec::new();
         let mut boundless = Vec::new();
-        for (i, bounds) in (0..).zip(boxes(ir, centre, contacts, precision)) {
-            match bounds {
+        for (i, bounds) in (0..).zip(boxes) {
+            match *bounds {
                 Some(bounds) => boxed.push(Boxed { primitive: i, bounds }),
                 None => boundless.push(i),
             }
