@@ -136,8 +136,8 @@ fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
         thread::scope(|scope| {
             let start = |(detector, path)| scope.spawn(move || png::write_detector(path, detector));
             let threads: Vec<_> = some.iter().map(|(detector, path)| start((*detector, path))).collect();
-            let ended = threads.into_iter().map(thread::ScopedJoinHandle::join);
-            ended.map(|drawn| drawn.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+            let mut ended = threads.into_iter().map(thread::ScopedJoinHandle::join);
+            ended.try_for_each(|drawn| drawn.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         })
     })
 }
