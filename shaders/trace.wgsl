@@ -57,11 +57,10 @@ fn next_event(ray: ptr<function, Ray>) {
         return;
     }
     reach(ray, hit);
+    record_hit(*ray, hit.primitive);
     if hit.primitive < NUM_SURFACES {
-        record_surface(*ray, hit.primitive);
         interact(ray, hit.primitive);
     } else {
-        record_sensor(*ray, hit.primitive - NUM_SURFACES);
         arrive(ray, hit.primitive - NUM_SURFACES);
     }
     if (*ray).fate == ALIVE {

@@ -14,7 +14,7 @@ use crate::ir::{
 use crate::program::lowered::gradient;
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow};
-use crate::trace::{RecordPaths, TraceOptions, Tracer};
+use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -195,6 +195,8 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
         max_depth: options.max_depth.min(PILOT_DEPTH),
         precision: Precision::F32,
         paths: RecordPaths::All,
+        standard_error: StandardError::Off,
+        nominal_path: Some(false),
         ..options.clone()
     };
     // The path of a split ray's child begins at the split, with errors that are its parent's: so branches are drawn.

@@ -11,15 +11,12 @@ fn record_birth(ray: Ray) {
     }
 }
 
-fn record_surface(ray: Ray, primitive: u32) {
+// One place for either: every append is a dozen scattered stores to compile.
+fn record_hit(ray: Ray, primitive: u32) {
     if is_sampled(ray) {
-        append_event(ray, EVENT_SURFACE, primitive);
-    }
-}
-
-fn record_sensor(ray: Ray, sensor: u32) {
-    if is_sampled(ray) {
-        append_event(ray, EVENT_SENSOR, sensor);
+        let is_surface = primitive < NUM_SURFACES;
+        let subject = select(primitive - NUM_SURFACES, primitive, is_surface);
+        append_event(ray, select(EVENT_SENSOR, EVENT_SURFACE, is_surface), subject);
     }
 }
 

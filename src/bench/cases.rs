@@ -91,6 +91,7 @@ fn commands() -> Vec<Case> {
     vec![
         command("cooke_triplet", include_str!("../../scenes/cooke_triplet.json")),
         command("double_gauss", include_str!("../../scenes/double_gauss.json")),
+        command("condenser_array", &condenser_array()),
         Case { num_rays: 10_000, kind: Kind::ColdCommand, ..trace("cold_start", "cold_start", lens_scene()) },
     ]
 }
@@ -153,6 +154,30 @@ fn random_lens(number: u64) -> String {
         "components": [component("lens", "L", at_z(0.0), lens)],
         "sources": [collimated(source_cs, draws.between(5.0, 10.0))],
         "detectors": [detector(at_z(draws.between(60.0, 150.0)), 50.0, pixels, true)],
+    }))
+}
+
+/// A fly's-eye condenser: a lamp, its collimator, 3 x 3 lenslets side by side, and a field lens that lays their pictures
+/// of the lamp over one another.
+fn condenser_array() -> String {
+    const PITCH: f64 = 6.0;
+    let lens = |name: &str, cs: Value, (r1, r2): (f64, f64), thickness: f64, radius: f64| {
+        let config = json!({"r1": r1, "r2": r2, "thickness": thickness, "front_aperture_radius": radius,
+            "material": {"type": "catalog", "name": "N-BK7"}});
+        component("lens", name, cs, config)
+    };
+    let lenslet = |i: i32| {
+        let (x, y) = (PITCH * f64::from(i % 3 - 1), PITCH * f64::from(i / 3 - 1));
+        lens(&format!("lenslet_{i}"), json!({"x": x, "y": y, "z": 34.0}), (12.0, -12.0), 2.5, 0.49 * PITCH)
+    };
+    let mut components = vec![lens("collimator", at_z(20.0), (60.0, -18.0), 10.0, 13.0)];
+    components.extend((0..9).map(lenslet));
+    components.push(lens("field", at_z(50.0), (50.0, -50.0), 8.0, 16.0));
+    scene(json!({
+        "components": components,
+        "sources": [{"type": "extended", "name": "lamp", "cs": at_z(0.0), "spectrum": spectrum(), "total_flux": 1.0,
+            "width": 2.0, "height": 2.0, "half_angle_deg": 28.0}],
+        "detectors": [detector(at_z(100.0), 30.0, 128, true)],
     }))
 }
 

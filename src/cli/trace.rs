@@ -16,6 +16,7 @@ use crate::vectors;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 /// Arguments of `nsq-gpu trace`.
@@ -193,13 +194,16 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
-    let mut options = options(args)?.tuned(&gpu.info);
-    let choice = precision::choose(&gpu, &ir, &options, wanted(args.precision))?;
-    options.precision = choice.precision;
-    let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
-    let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
-    let run = Run { args, scene: &scene, ir: &ir, gpu: &gpu, options: &options, choice, identity: &identity };
-    let (result, tally) = trace(&run, begun)?;
+    let options = options(args)?.tuned(&gpu.info);
+    let (result, tally, identity) = std::thread::scope(|scope| {
+        let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
+        let options = TraceOptions { precision: choosing.precision(), ..options.clone() };
+        let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
+        let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
+        let run = Run { args, scene: &scene, ir: &ir, gpu: &gpu, options: &options, identity: &identity };
+        let (result, tally) = trace(&run, choosing, begun)?;
+        Ok::<_, Error>((result, tally, identity))
+    })?;
     let extras = Printed { json: args.json, pictures: !args.no_pictures };
     let printed = deliver(&result, &Checkpoint { identity, tally }, args.output.as_deref(), extras)?;
     match failure(&result) {
@@ -207,6 +211,45 @@ pub fn run(args: &Args) -> Result<String> {
         Some(failure) => {
             super::print(&printed)?;
             Err(failure)
+        }
+    }
+}
+
+/// A choice of precision, or one whose reasons are still being found out.
+enum Choosing<'scope> {
+    Chosen(Choice),
+    /// f32 was asked for: what is predicted of it is only told, and so is predicted while the rays are traced.
+    Predicting(ScopedJoinHandle<'scope, Result<Choice>>),
+}
+
+impl<'scope> Choosing<'scope> {
+    fn start<'env>(
+        scope: &'scope Scope<'scope, 'env>,
+        gpu: &'env Gpu,
+        ir: &'env SceneIr,
+        options: &'env TraceOptions,
+        wanted: Wanted,
+    ) -> Result<Self> {
+        if wanted != Wanted::Exactly(Precision::F32) {
+            return precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
+        }
+        let predict = move || precision::choose(&gpu.open_again()?, ir, options, wanted);
+        Ok(Choosing::Predicting(scope.spawn(predict)))
+    }
+
+    fn precision(&self) -> Precision {
+        match self {
+            Choosing::Chosen(choice) => choice.precision,
+            Choosing::Predicting(_) => Precision::F32,
+        }
+    }
+
+    fn choice(self) -> Result<Choice> {
+        match self {
+            Choosing::Chosen(choice) => Ok(choice),
+            Choosing::Predicting(thread) => {
+                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            }
         }
     }
 }
@@ -358,7 +401,6 @@ struct Run<'a> {
     ir: &'a SceneIr,
     gpu: &'a Gpu,
     options: &'a TraceOptions,
-    choice: Choice,
     identity: &'a Identity,
 }
 
@@ -376,8 +418,8 @@ fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Rec
     }))
 }
 
-fn trace(run: &Run<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
-    let Run { args, scene, ir, gpu, options, choice, identity } = run;
+fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
+    let Run { args, scene, ir, gpu, options, identity } = run;
     let mut tracer = Tracer::new(gpu, ir, options)?;
     if let Some(recording) = recording(args, ir)? {
         tracer.record_to(recording);
@@ -408,11 +450,12 @@ fn trace(run: &Run<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
     let stage_times = tracer.stage_times();
     stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
     let partial = tally.launched.count < tracer.num_rays();
+    let choice = choosing.choice()?;
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
         num_rays: tracer.num_rays(),
-        precision_reason: choice.reason.clone(),
-        precision_warning: choice.warning.clone(),
+        precision_reason: choice.reason,
+        precision_warning: choice.warning,
         trace_time_sec,
         stage_times,
         scene_warnings: scene.warnings.clone(),

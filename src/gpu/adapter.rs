@@ -68,6 +68,9 @@ pub struct Gpu {
     pub int64: bool,
     /// Bounds checks in shaders.
     pub runtime_checks: bool,
+    /// What it was opened with.
+    instance: wgpu::Instance,
+    choice: AdapterChoice,
     failure: Arc<Mutex<Option<String>>>,
     /// What the test of double-word arithmetic said, once it was asked.
     pub(super) df64: OnceLock<Result<()>>,
@@ -128,7 +131,19 @@ impl Gpu {
     /// # Errors
     /// [`Error::NoAdapter`] if there is none, with what is there and how to get one.
     pub fn open(choice: &AdapterChoice) -> Result<Self> {
-        let adapters = adapters(&instance());
+        Self::open_with(instance(), choice)
+    }
+
+    /// The same adapter once more, as a device of its own: what one compiles and runs does not wait for the other.
+    ///
+    /// # Errors
+    /// Those of [`Gpu::open`].
+    pub fn open_again(&self) -> Result<Self> {
+        Self::open_with(self.instance.clone(), &self.choice)
+    }
+
+    fn open_with(instance: wgpu::Instance, choice: &AdapterChoice) -> Result<Self> {
+        let adapters = adapters(&instance);
         if adapters.is_empty() {
             return Err(Error::NoAdapter(format!("no GPU adapter was found; {HOW_TO_GET_AN_ADAPTER}")));
         }
@@ -142,10 +157,14 @@ impl Gpu {
                     names.join(", ")
                 ))
             })?;
-        Self::from_adapter(adapter, choice)
+        Self::from_adapter(adapter, instance, choice)
     }
 
-    fn from_adapter(adapter: &wgpu::Adapter, choice: &AdapterChoice) -> Result<Self> {
+    fn from_adapter(
+        adapter: &wgpu::Adapter,
+        instance: wgpu::Instance,
+        choice: &AdapterChoice,
+    ) -> Result<Self> {
         let info = describe(adapter);
         let native = choice.native == Native::Allowed;
         let mut features = wgpu::Features::empty();
@@ -192,7 +211,8 @@ impl Gpu {
         }));
         let (f64, int64) = (info.f64, native && info.int64);
         let (runtime_checks, df64) = (choice.runtime_checks, OnceLock::new());
-        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, failure, df64 })
+        let choice = choice.clone();
+        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, instance, choice, failure, df64 })
     }
 
     /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms

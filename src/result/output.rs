@@ -7,10 +7,11 @@
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::thread;
 
 use crate::error::{Error, Result};
 use crate::result::report::Files;
-use crate::result::{Report, TraceResult, npz, png};
+use crate::result::{Detector, Report, TraceResult, npz, png};
 
 /// Name of the document in the folder.
 pub const REPORT: &str = "report.json";
@@ -98,16 +99,19 @@ fn split_existing(dir: &Path) -> Result<(PathBuf, PathBuf)> {
 fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Vec<String>> {
     let mut names = Vec::new();
     let mut files = Files::default();
+    let mut pictures = Vec::new();
     for (detector, stem) in result.detectors.iter().zip(file_stems(result)) {
-        let (data, picture) = (format!("{stem}.npz"), format!("{stem}.png"));
+        let data = format!("{stem}.npz");
         npz::write_detector(&folder.join(&data), result, detector)?;
         files.detectors.insert(detector.name.clone(), data.clone());
         names.push(data);
         if extras.pictures {
-            png::write_detector(&folder.join(&picture), detector)?;
+            let picture = format!("{stem}.png");
+            pictures.push((detector, folder.join(&picture)));
             names.push(picture);
         }
     }
+    draw(&pictures)?;
     if let Some(paths) = &result.ray_paths {
         npz::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
         files.ray_paths = Some(RAY_PATHS.into());
@@ -123,6 +127,19 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         sync_file(&folder.join(name))?;
     }
     Ok(names)
+}
+
+/// Draws pictures of detectors, as many at a time as there are processors.
+fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
+    let at_a_time = thread::available_parallelism().map_or(1, usize::from);
+    pictures.chunks(at_a_time).try_for_each(|some| {
+        thread::scope(|scope| {
+            let start = |(detector, path)| scope.spawn(move || png::write_detector(path, detector));
+            let threads: Vec<_> = some.iter().map(|(detector, path)| start((*detector, path))).collect();
+            let mut ended = threads.into_iter().map(thread::ScopedJoinHandle::join);
+            ended.try_for_each(|drawn| drawn.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+        })
+    })
 }
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {

@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::error::{Error, Result};
 use crate::result::format::si_prefix;
-use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, text_width, with_unit};
+use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, picture, text_width, with_unit};
 
 /// Groups of bars.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,19 +73,19 @@ fn draw(path: &Path, bars: &Bars) -> Drawn {
     let labels = bars.groups.iter().map(|group| text_width(&group.label, TEXT)).max().unwrap_or(0);
     let height = bars.groups.iter().map(group_height).sum::<i32>() + GROUP_GAP;
     let place = Place { left: PAD + labels + 14, top: HEAD, width: WIDTH, height };
-    let canvas = Canvas::new(path, (place.right() + 2 * PAD, place.bottom() + FOOT), TEXT)?;
-    let axis = decades(bars);
-    canvas.title((PAD, PAD), &bars.title, &bars.numbers)?;
-    key(&canvas, (PAD, HEAD - 30), &bars.series)?;
-    canvas.grid(place, &axis, &Axis { label: String::new(), range: (0.0, 1.0), ticks: Vec::new() })?;
-    let mut top = place.top;
-    for group in &bars.groups {
-        draw_group(&canvas, place, &axis, group, top)?;
-        top += group_height(group);
-    }
-    canvas.x_axis(place, &axis)?;
-    canvas.frame(place)?;
-    canvas.finish()
+    picture(path, (place.right() + 2 * PAD, place.bottom() + FOOT), TEXT, |canvas| {
+        let axis = decades(bars);
+        canvas.title((PAD, PAD), &bars.title, &bars.numbers)?;
+        key(canvas, (PAD, HEAD - 30), &bars.series)?;
+        canvas.grid(place, &axis, &Axis { label: String::new(), range: (0.0, 1.0), ticks: Vec::new() })?;
+        let mut top = place.top;
+        for group in &bars.groups {
+            draw_group(canvas, place, &axis, group, top)?;
+            top += group_height(group);
+        }
+        canvas.x_axis(place, &axis)?;
+        canvas.frame(place)
+    })
 }
 
 fn num_bars(group: &Group) -> i32 {

@@ -1,5 +1,7 @@
 //! The parts that every figure is made of: text, frame, axes, colour bar.
 
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::Path;
 use std::sync::Once;
 
@@ -139,19 +141,34 @@ pub(super) fn with_unit(name: &str, unit: &str) -> String {
     format!("{name} [{unit}]")
 }
 
-impl<'a> Canvas<'a> {
-    /// A white picture, to be written to `path`.
-    pub fn new(path: &'a Path, (width, height): (i32, i32), text: f64) -> Result<Self, String> {
-        let root = BitMapBackend::new(path, (width as u32, height as u32)).into_drawing_area();
-        root.fill(&WHITE).map_err(reason)?;
-        Ok(Canvas { root, text })
-    }
+/// Draws on a white picture, and writes it to `path`.
+pub(super) fn picture(
+    path: &Path,
+    (width, height): (i32, i32),
+    text: f64,
+    draw: impl FnOnce(&Canvas) -> Drawn,
+) -> Drawn {
+    let size = (width as u32, height as u32);
+    let mut rgb = vec![255; 3 * width as usize * height as usize];
+    let root = BitMapBackend::with_buffer(&mut rgb, size).into_drawing_area();
+    draw(&Canvas { root, text })?;
+    write(path, size, &rgb).map_err(reason)
+}
 
-    /// Writes the file.
-    pub fn finish(self) -> Drawn {
-        self.root.present().map_err(reason)
-    }
+/// Of all filters, Paeth's alone makes as small a file as a search for the best one row by row, in a sixth of the time: it
+/// sees both rows like the ones before and steps along a row.
+fn write(path: &Path, (width, height): (u32, u32), rgb: &[u8]) -> Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    encoder.set_filter(png::FilterType::Paeth);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(rgb)?;
+    writer.finish()
+}
 
+impl Canvas<'_> {
     fn line(&self, from: (i32, i32), to: (i32, i32), color: RGBColor, width: f64) -> Drawn {
         let style = ShapeStyle::from(&color).stroke_width(width.round().max(1.0) as u32);
         self.root.draw(&PathElement::new(vec![from, to], style)).map_err(reason)

@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::error::{Error, Result};
 use crate::result::format::{si_prefix, significant};
-use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, text_width};
+use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, picture, text_width};
 
 /// Panels of curves.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,26 +88,27 @@ fn draw(path: &Path, curves: &Curves) -> Drawn {
     let key_rows = key.last().map_or(0, |(_, row)| row + 1);
     let top = HEAD + KEY_ROW * key_rows;
     let height = top + rows * (GAP.1 + PANEL.1) + PAD;
-    let canvas = Canvas::new(path, (width, height), TEXT)?;
-    canvas.title((PAD, PAD), &curves.title, &curves.numbers)?;
-    for ((name, color), (left, row)) in curves.series.iter().zip(COLORS).zip(&key) {
-        let middle = HEAD + KEY_ROW * row + KEY_ROW / 2;
-        let place = Place { left: *left, top: middle - 2, width: 34, height: 4 };
-        canvas.fill(place, color)?;
-        canvas.dot((left + 17, middle), color)?;
-        canvas.label(name, (place.right() + 10, middle), HPos::Left, VPos::Center)?;
-    }
-    for (i, panel) in (0..).zip(&curves.panels) {
-        let (column, row) = (i % columns, i / columns);
-        let place = Place {
-            left: PAD + GAP.0 - 40 + column * (GAP.0 + PANEL.0),
-            top: top + 60 + row * (GAP.1 + PANEL.1),
-            width: PANEL.0,
-            height: PANEL.1,
-        };
-        draw_panel(&canvas, place, curves, panel)?;
-    }
-    canvas.finish()
+    picture(path, (width, height), TEXT, |canvas| {
+        canvas.title((PAD, PAD), &curves.title, &curves.numbers)?;
+        for ((name, color), (left, row)) in curves.series.iter().zip(COLORS).zip(&key) {
+            let middle = HEAD + KEY_ROW * row + KEY_ROW / 2;
+            let place = Place { left: *left, top: middle - 2, width: 34, height: 4 };
+            canvas.fill(place, color)?;
+            canvas.dot((left + 17, middle), color)?;
+            canvas.label(name, (place.right() + 10, middle), HPos::Left, VPos::Center)?;
+        }
+        for (i, panel) in (0..).zip(&curves.panels) {
+            let (column, row) = (i % columns, i / columns);
+            let place = Place {
+                left: PAD + GAP.0 - 40 + column * (GAP.0 + PANEL.0),
+                top: top + 60 + row * (GAP.1 + PANEL.1),
+                width: PANEL.0,
+                height: PANEL.1,
+            };
+            draw_panel(canvas, place, curves, panel)?;
+        }
+        Ok(())
+    })
 }
 
 /// Left ends and rows of the key's entries.

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::result::format::{si_prefix, significant, thousands, with_prefix};
-use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, text_width, with_unit};
+use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, picture, text_width, with_unit};
 use crate::result::png::raster::{self, Raster};
 use crate::result::{Detector, FarFieldPattern, IrradianceMap, RayDatabase, SpectralMap};
 
@@ -76,10 +76,10 @@ pub(super) fn irradiance(path: &Path, detector: &Detector, map: &IrradianceMap) 
     let numbers = numbers(detector, Some((raster::maximum(&map.irradiance), "W/mm²")));
     let panel = MapPanel::new((map.width, map.height), &map.irradiance);
     let layout = panel.layout(detector, &numbers, 0);
-    let canvas = Canvas::new(path, layout.size, panel.text)?;
-    canvas.title(layout.head, &detector.name, &numbers)?;
-    panel.draw(&canvas, &layout)?;
-    canvas.finish()
+    picture(path, layout.size, panel.text, |canvas| {
+        canvas.title(layout.head, &detector.name, &numbers)?;
+        panel.draw(canvas, &layout)
+    })
 }
 
 /// Irradiance over all wavelengths, and below it the spectrum.
@@ -90,13 +90,13 @@ pub(super) fn spectral(path: &Path, detector: &Detector, map: &SpectralMap) -> D
     let text = panel.text;
     let px = |times: f64| (times * text).round() as i32;
     let layout = panel.layout(detector, &numbers, px(9.0 + FOOT));
-    let canvas = Canvas::new(path, layout.size, text)?;
-    canvas.title(layout.head, &detector.name, &numbers)?;
-    panel.draw(&canvas, &layout)?;
-    let width = layout.data.width.max(px(16.0)).min(layout.size.0 - layout.data.left - px(PAD));
-    let place = Place { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
-    spectrum(&canvas, place, text, map)?;
-    canvas.finish()
+    picture(path, layout.size, text, |canvas| {
+        canvas.title(layout.head, &detector.name, &numbers)?;
+        panel.draw(canvas, &layout)?;
+        let width = layout.data.width.max(px(16.0)).min(layout.size.0 - layout.data.left - px(PAD));
+        let place = Place { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
+        spectrum(canvas, place, text, map)
+    })
 }
 
 fn spectrum(canvas: &Canvas, place: Place, text: f64, map: &SpectralMap) -> Drawn {
@@ -202,18 +202,18 @@ pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPatt
     layout.data.top += px(1.3);
     layout.bar.top += px(1.3);
     layout.bar.left += rim;
-    let canvas = Canvas::new(path, layout.size, text)?;
-    canvas.title(layout.head, &detector.name, &numbers)?;
-    canvas.raster(layout.data, shown.raster)?;
-    if shown.top == 0.0 {
-        canvas.note(layout.data, "no rays")?;
-    }
-    azimuth_labels(&canvas, layout.data, px(0.5))?;
-    let below = Place { height: layout.data.height + px(1.5), ..layout.data };
-    canvas.base_line(below)?;
-    canvas.x_axis(below, &axis)?;
-    canvas.color_bar(layout.bar, &bar)?;
-    canvas.finish()
+    picture(path, layout.size, text, |canvas| {
+        canvas.title(layout.head, &detector.name, &numbers)?;
+        canvas.raster(layout.data, shown.raster)?;
+        if shown.top == 0.0 {
+            canvas.note(layout.data, "no rays")?;
+        }
+        azimuth_labels(canvas, layout.data, px(0.5))?;
+        let below = Place { height: layout.data.height + px(1.5), ..layout.data };
+        canvas.base_line(below)?;
+        canvas.x_axis(below, &axis)?;
+        canvas.color_bar(layout.bar, &bar)
+    })
 }
 
 /// The polar angle, counted from the middle to either side.
@@ -289,30 +289,30 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
         title: &detector.name,
         numbers: &numbers,
     });
-    let canvas = Canvas::new(path, layout.size, text)?;
-    canvas.title(layout.head, &detector.name, &numbers)?;
+    picture(path, layout.size, text, |canvas| {
+        canvas.title(layout.head, &detector.name, &numbers)?;
 
-    let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
-    let inner = Place { left: 0, top: 0, ..layout.data };
-    raster.lines(
-        x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
-        y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
-    );
-    let (radius, alpha) = spot_style(points.len());
-    for &((px, py), wavelength) in &points {
-        let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
-        let color = raster::wavelength_color(wavelength, key.range);
-        raster.disc((at.0 * SIZE as f64, at.1 * SIZE as f64), radius, color, alpha);
-    }
-    canvas.raster(layout.data, raster)?;
-    if points.is_empty() {
-        canvas.note(layout.data, "no rays")?;
-    }
-    canvas.frame(layout.data)?;
-    canvas.x_axis(layout.data, &x)?;
-    canvas.y_axis(layout.data, &y)?;
-    key.draw(&canvas, layout.bar, text)?;
-    canvas.finish()
+        let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
+        let inner = Place { left: 0, top: 0, ..layout.data };
+        raster.lines(
+            x.ticks.iter().map(|tick| inner.x(tick.0, x.range)),
+            y.ticks.iter().map(|tick| inner.y(tick.0, y.range)),
+        );
+        let (radius, alpha) = spot_style(points.len());
+        for &((px, py), wavelength) in &points {
+            let at = ((px - x_low) / (x_high - x_low), (y_high - py) / (y_high - y_low));
+            let color = raster::wavelength_color(wavelength, key.range);
+            raster.disc((at.0 * SIZE as f64, at.1 * SIZE as f64), radius, color, alpha);
+        }
+        canvas.raster(layout.data, raster)?;
+        if points.is_empty() {
+            canvas.note(layout.data, "no rays")?;
+        }
+        canvas.frame(layout.data)?;
+        canvas.x_axis(layout.data, &x)?;
+        canvas.y_axis(layout.data, &y)?;
+        key.draw(canvas, layout.bar, text)
+    })
 }
 
 /// Radius and opacity of a spot: the more there are, the smaller and fainter, so that density shows.

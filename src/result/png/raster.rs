@@ -2,6 +2,7 @@
 
 use colorous::{Color, Gradient};
 use ndarray::Array2;
+use std::ops::Range;
 use std::sync::LazyLock;
 
 /// Colours of maps: zero is black, and brightness rises with the value.
@@ -121,23 +122,39 @@ pub(super) fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) ->
 /// of those it covers, so that the flux per area stays true.
 pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize)) -> Shown {
     let (ny, nx) = values.dim();
-    let shown = Array2::from_shape_fn((height, width), |(y, x)| {
-        let rows = covered(height - 1 - y, ny, height);
-        let columns = covered(x, nx, width);
-        let count = rows.len() * columns.len();
-        rows.flat_map(|row| columns.clone().map(move |column| values[[row, column]])).sum::<f64>()
-            / count as f64
-    });
+    let (rows, columns) = (runs(ny, height), runs(nx, width));
+    let mean = |rows: &Range<usize>, columns: &Range<usize>| {
+        let cells = rows.clone().flat_map(|row| columns.clone().map(move |column| values[[row, column]]));
+        cells.sum::<f64>() / (rows.len() * columns.len()) as f64
+    };
+    let shown = Array2::from_shape_fn((rows.len(), columns.len()), |(y, x)| mean(&rows[y].0, &columns[x].0));
     let top = maximum(&shown);
-    let mut raster = Raster::filled(width, height, [0, 0, 0]);
-    for ((y, x), &value) in shown.indexed_iter() {
-        raster.set(x, y, map_color(if top > 0.0 { value / top } else { 0.0 }));
+    let mut rgb = Vec::with_capacity(3 * width * height);
+    for ((_, height), means) in rows.iter().zip(shown.rows()).rev() {
+        let colors = means.iter().map(|mean| map_color(if top > 0.0 { mean / top } else { 0.0 }));
+        let row: Vec<u8> = colors
+            .zip(&columns)
+            .flat_map(|(color, (_, width))| [color.r, color.g, color.b].repeat(*width))
+            .collect();
+        (0..*height).for_each(|_| rgb.extend_from_slice(&row));
     }
-    Shown { raster, top }
+    Shown { raster: Raster { width, height, rgb }, top }
+}
+
+/// The cells that pixels along an axis show, with how many pixels side by side show the same.
+fn runs(cells: usize, pixels: usize) -> Vec<(Range<usize>, usize)> {
+    let mut runs: Vec<(Range<usize>, usize)> = Vec::new();
+    for shown in (0..pixels).map(|pixel| covered(pixel, cells, pixels)) {
+        match runs.last_mut() {
+            Some((last, count)) if *last == shown => *count += 1,
+            _ => runs.push((shown, 1)),
+        }
+    }
+    runs
 }
 
 /// The cells, of `cells` along an axis, that pixel `index` of `pixels` shows: the one at its middle, or all it covers.
-fn covered(index: usize, cells: usize, pixels: usize) -> std::ops::Range<usize> {
+fn covered(index: usize, cells: usize, pixels: usize) -> Range<usize> {
     if cells <= pixels {
         let middle = (2 * index + 1) * cells / (2 * pixels);
         middle..middle + 1
@@ -150,30 +167,83 @@ fn covered(index: usize, cells: usize, pixels: usize) -> std::ops::Range<usize> 
 /// A far-field pattern as a disc of directions out to `limit` \[deg\]: the polar angle grows from the middle, the azimuth
 /// turns counter-clockwise from the right. The rim is smoothed on white.
 pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
-    const SAMPLES: usize = 3;
     let top = maximum(intensity);
-    let colors = intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 }));
-    let mut directions = Directions::new(intensity.dim(), limit);
-    let mut raster = Raster::filled(size, size, [255; 3]);
-    for y in 0..size {
-        for x in 0..size {
-            let mut sum = [0; 3];
-            for sample in 0..SAMPLES * SAMPLES {
-                let at = |pixel: usize, part: usize| {
-                    (pixel as f64 + (part as f64 + 0.5) / SAMPLES as f64) / size as f64 * 2.0 - 1.0
-                };
-                let bin = directions.bin_at(at(x, sample % SAMPLES), -at(y, sample / SAMPLES));
-                let color = bin.map_or(Color { r: 255, g: 255, b: 255 }, |bin| colors[bin]);
-                sum.iter_mut()
-                    .zip([color.r, color.g, color.b])
-                    .for_each(|(sum, part)| *sum += u32::from(part));
-            }
-            let count = (SAMPLES * SAMPLES) as u32;
-            let [r, g, b] = sum.map(|part| ((part + count / 2) / count) as u8);
-            raster.set(x, y, Color { r, g, b });
+    let mut disc = Disc {
+        colors: intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 })),
+        directions: Directions::new(intensity.dim(), limit),
+        raster: Raster::filled(size, size, [255; 3]),
+    };
+    disc.draw(0..size, 0..size);
+    Shown { raster: disc.raster, top }
+}
+
+/// A disc of directions in the making.
+struct Disc {
+    colors: Array2<Color>,
+    directions: Directions,
+    raster: Raster,
+}
+
+impl Disc {
+    /// Samples of a pixel along each axis.
+    const SAMPLES: usize = 3;
+    const OUTSIDE: Color = Color { r: 255, g: 255, b: 255 };
+
+    /// A coordinate of a pixel's sample, from -1 to 1 across the picture.
+    fn at(&self, pixel: usize, sample: usize) -> f64 {
+        (pixel as f64 + (sample as f64 + 0.5) / Self::SAMPLES as f64) / self.raster.width as f64 * 2.0 - 1.0
+    }
+
+    fn color(&mut self, x: f64, y: f64) -> Color {
+        self.directions.bin_at(x, y).map_or(Self::OUTSIDE, |bin| self.colors[bin])
+    }
+
+    /// Draws a part of the picture: in one colour, or its halves, down to single pixels.
+    fn draw(&mut self, columns: Range<usize>, rows: Range<usize>) {
+        if let Some(color) = self.only_color(&columns, &rows) {
+            rows.for_each(|y| columns.clone().for_each(|x| self.raster.set(x, y, color)));
+        } else if columns.len().max(rows.len()) <= 1 {
+            let color = self.mean_color(columns.start, rows.start);
+            self.raster.set(columns.start, rows.start, color);
+        } else if columns.len() >= rows.len() {
+            let middle = columns.start + columns.len() / 2;
+            self.draw(columns.start..middle, rows.clone());
+            self.draw(middle..columns.end, rows);
+        } else {
+            let middle = rows.start + rows.len() / 2;
+            self.draw(columns.clone(), rows.start..middle);
+            self.draw(columns, middle..rows.end);
         }
     }
-    Shown { raster, top }
+
+    /// The colour of every sample in a part, where one can tell from its corners: within a quadrant the radius is
+    /// greatest and least there, and so is the azimuth.
+    fn only_color(&mut self, columns: &Range<usize>, rows: &Range<usize>) -> Option<Color> {
+        let ends = |range: &Range<usize>| {
+            let (a, b) = (self.at(range.start, 0), self.at(range.end - 1, Self::SAMPLES - 1));
+            let nearer_first = if a.abs() < b.abs() { (a, b) } else { (b, a) };
+            (a.signum() == b.signum()).then_some(nearer_first)
+        };
+        let ((near_x, far_x), (near_y, far_y)) = (ends(columns)?, ends(rows)?);
+        let corners = [(near_x, near_y), (far_x, far_y), (near_x, far_y), (far_x, near_y)];
+        let [near, far, side, other_side] = corners.map(|(x, y)| self.directions.bin_at(x, -y));
+        match near {
+            None => Some(Self::OUTSIDE),
+            Some(bin) => (far == near && side == near && other_side == near).then(|| self.colors[bin]),
+        }
+    }
+
+    fn mean_color(&mut self, x: usize, y: usize) -> Color {
+        let mut sum = [0; 3];
+        for sample in 0..Self::SAMPLES * Self::SAMPLES {
+            let (column, row) = (sample % Self::SAMPLES, sample / Self::SAMPLES);
+            let color = self.color(self.at(x, column), -self.at(y, row));
+            sum.iter_mut().zip([color.r, color.g, color.b]).for_each(|(sum, part)| *sum += u32::from(part));
+        }
+        let count = (Self::SAMPLES * Self::SAMPLES) as u32;
+        let [r, g, b] = sum.map(|part| ((part + count / 2) / count) as u8);
+        Color { r, g, b }
+    }
 }
 
 /// The bins of a far field, for points of its disc in turn: neighbours lie in the same bin or the next, so that a few
