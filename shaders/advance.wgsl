@@ -4,6 +4,7 @@ struct QueueCounts {
     incoming: u32,
     outgoing: u32,
     events: u32,
+    cut: u32,
 }
 
 @group(0) @binding(0) var<storage, read_write> queue_counts: QueueCounts;

@@ -72,5 +72,6 @@ fn trace_queued(
         ray = unqueued(queue_in[id.x]);
         follow(&ray);
     }
+    notice_cut_loops();
     compact(ray, ray.fate == ALIVE, local_index);
 }

@@ -40,6 +40,7 @@ fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
         transmits = true;
         follow(&ray);
     }
+    notice_cut_loops();
 }
 
 // A ray that has waited stands where it was split.

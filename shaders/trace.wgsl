@@ -14,6 +14,7 @@ fn trace_new(
         record_birth(ray);
         follow(&ray);
     }
+    notice_cut_loops();
     if HAS_QUEUE {
         compact(ray, ray.fate == ALIVE, local_index);
     }

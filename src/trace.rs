@@ -784,6 +784,7 @@ impl<'a> Tracer<'a> {
     /// Adds what the device has summed up since the last drain, and clears it.
     fn drain(&mut self, tally: &mut Tally) -> Result<()> {
         self.settle()?;
+        self.check_loops()?;
         let cells = &self.program.cells;
         let mut intake = Intake::new(cells, self.counted(), self.rays.len(), tally);
         self.device.counters.read(self.gpu, |counter, count| intake.count(counter, count as u64))?;
@@ -815,6 +816,27 @@ impl<'a> Tracer<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Fails if the driver has left loops before their end (shaders/lib/rounds.wgsl).
+    fn check_loops(&self) -> Result<()> {
+        let counts = self.gpu.read(&self.device.counts, 16)?;
+        if counts[12..].iter().all(|&byte| byte == 0) {
+            return Ok(());
+        }
+        let sampling = &self.ir.sampling;
+        let advice = match self.program.splitting {
+            Some(_) => {
+                let (depth, budget) = (sampling.split_depth, sampling.split_budget);
+                format!("a split_depth below {depth} or a split_budget below {budget}")
+            }
+            None => format!("a max_depth below {}, or --standard-error off", self.options.max_depth),
+        };
+        Err(Error::Device(format!(
+            "the driver of `{}` cut the shader's loops short, as lavapipe does after 65,535 rounds for one launched ray, and \
+             lost rays by it; use {advice}, or another adapter",
+            self.gpu.info.name
+        )))
     }
 
     /// What counts tell beside themselves.
@@ -992,7 +1014,7 @@ impl DeviceState {
         let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log));
         let scenes = logs.into_iter().map(group).collect();
 
-        let counts = gpu.buffer("queue counts", 12)?;
+        let counts = gpu.buffer("queue counts", 16)?;
         let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
         let queue =
             [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];

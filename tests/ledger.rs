@@ -9,6 +9,8 @@ mod zoo;
 
 use nsq_gpu::ir::{Interaction, ReflectProb, Sampling, SceneIr};
 use nsq_gpu::program::Precision;
+use nsq_gpu::result::Tally;
+use nsq_gpu::{Error, TraceOptions, Tracer};
 
 const POLICIES: [ReflectProb; 4] =
     [ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.3), ReflectProb::Constant(0.02)];
@@ -75,6 +77,33 @@ fn every_ledger_closes_where_rays_are_split() {
         let tally = zoo::trace(&ir, &options);
         let ledger = zoo::result_of(&ir, &options, &tally).ledger;
         assert_eq!((ledger.imbalance_quanta, ledger.invalid_deposits), (0, 0), "{name}, {precision:?}");
+    }
+}
+
+/// A family of some thousand rays, which lavapipe does not follow to its end.
+#[test]
+fn loops_that_the_driver_cuts_are_refused() {
+    let mut ir = zoo::load("stacked_plates_ghosts");
+    ir.sampling = Sampling {
+        reflect_prob: ReflectProb::Fresnel,
+        rr_start_flux: 0.0,
+        split_depth: 14,
+        split_budget: 15.0,
+    };
+    let options =
+        TraceOptions { max_depth: 60, min_flux_fraction: 0.0, ..zoo::options(8, 0, Precision::F64) };
+    let trace = |edit: fn(String) -> String| {
+        Tracer::with_wgsl_edit(zoo::gpu(), &ir, &options, edit).unwrap().trace(|_| true)
+    };
+    let closes = |tally: &Tally| zoo::result_of(&ir, &options, tally).ledger.closes();
+    match trace(|wgsl| wgsl) {
+        Ok(tally) => assert!(closes(&tally), "a driver that cuts nothing"),
+        Err(Error::Device(message)) => {
+            assert!(message.contains("a split_depth below 14 or a split_budget below 15"), "{message}");
+            let unnoticed = trace(|wgsl| wgsl.replace("rounds < wanted", "rounds > wanted")).unwrap();
+            assert!(!closes(&unnoticed), "the loops were cut");
+        }
+        Err(other) => panic!("{other}"),
     }
 }
 

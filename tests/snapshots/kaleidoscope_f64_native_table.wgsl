@@ -71,6 +71,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/roulette_none.wgsl
 
+// <- shaders/lib/rounds.wgsl
+
 // <- shaders/lib/branch_fresnel.wgsl
 
 // <- shaders/lib/coating_none.wgsl

@@ -1,0 +1,2 @@
+// So few rounds of loops that no driver cuts them.
+fn notice_cut_loops() {}
