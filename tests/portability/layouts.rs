@@ -186,9 +186,9 @@ fn both_shaders_have_the_same_queue_counts() {
     let advance = naga::front::wgsl::parse_str(nsq_gpu::program::compose::ADVANCE).unwrap();
     let trace = everything().program(tiers_in_tables()[0]).module;
     assert_eq!(fields(&advance, "QueueCounts"), fields(&trace, "QueueCounts"));
-    // The host reads 12 bytes, the number of rows in the last 4.
-    assert_eq!(names(&trace, "QueueCounts"), ["incoming", "outgoing", "events"]);
-    assert_eq!(StructLayout::of(&trace, "QueueCounts").unwrap().stride, 12);
+    // The host reads the number of rows from byte 8 on, whether loops were cut from byte 12 on.
+    assert_eq!(names(&trace, "QueueCounts"), ["incoming", "outgoing", "events", "cut"]);
+    assert_eq!(StructLayout::of(&trace, "QueueCounts").unwrap().stride, 16);
 }
 
 /// A number of the bytes of a struct.
