@@ -19,6 +19,7 @@ fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_work
         end_strayed();
     }
     log_end(index);
+    notice_cut_loops();
 }
 
 // One event of the path on a surface: true if the ray has met it and lives. One that has strayed goes through the same

@@ -824,18 +824,22 @@ impl<'a> Tracer<'a> {
         if counts[12..].iter().all(|&byte| byte == 0) {
             return Ok(());
         }
-        let sampling = &self.ir.sampling;
-        let advice = match self.program.splitting {
-            Some(_) => {
-                let (depth, budget) = (sampling.split_depth, sampling.split_budget);
-                format!("a split_depth below {depth} or a split_budget below {budget}")
-            }
-            None => format!("a max_depth below {}, or --standard-error off", self.options.max_depth),
-        };
+        self.gpu.queue.write_buffer(&self.device.counts, 12, &[0; 4]);
+        let (depth, budget) = (self.ir.sampling.split_depth, self.ir.sampling.split_budget);
+        let has_splitting = self.program.splitting.is_some();
+        let [.., has_gaussian] = self.program.features.splats;
+        let advice = [
+            (has_splitting, format!("a split_depth below {depth} or a split_budget below {budget}")),
+            (has_gaussian, "a smaller splat_sigma".to_string()),
+            (true, format!("a max_depth below {}, --standard-error off", self.options.max_depth)),
+        ];
+        let advice: Vec<String> =
+            advice.into_iter().filter(|(helps, _)| *helps).map(|(_, text)| text).collect();
         Err(Error::Device(format!(
-            "the driver of `{}` cut the shader's loops short, as lavapipe does after 65,535 rounds for one launched ray, and \
-             lost rays by it; use {advice}, or another adapter",
-            self.gpu.info.name
+            "the driver of `{}` cut the shader's loops short, as lavapipe does after 65,535 rounds for the rays of one \
+             vector, and lost what they had still to do; use {} or another adapter",
+            self.gpu.info.name,
+            advice.join(", ")
         )))
     }
 

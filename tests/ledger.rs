@@ -7,7 +7,7 @@
 
 mod zoo;
 
-use nsq_gpu::ir::{Interaction, ReflectProb, Sampling, SceneIr};
+use nsq_gpu::ir::{Interaction, ReflectProb, Sampling, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use nsq_gpu::{Error, TraceOptions, Tracer};
@@ -80,9 +80,30 @@ fn every_ledger_closes_where_rays_are_split() {
     }
 }
 
-/// A family of some thousand rays, which lavapipe does not follow to its end.
+/// Traces what makes more rounds of loops than lavapipe allows: where they are cut, the trace is refused with this advice.
+/// Unnoticed, `is_wrong` tells.
+fn assert_cut_loops_are_refused(
+    ir: &SceneIr,
+    options: &TraceOptions,
+    advice: &str,
+    is_wrong: impl Fn(&Tally) -> bool,
+) {
+    let trace = |edit: fn(String) -> String| {
+        Tracer::with_wgsl_edit(zoo::gpu(), ir, options, edit).unwrap().trace(|_| true)
+    };
+    match trace(|wgsl| wgsl) {
+        Ok(tally) => assert!(!is_wrong(&tally), "a driver that cuts nothing"),
+        Err(Error::Device(message)) => {
+            assert!(message.contains(advice), "{message}");
+            let unnoticed = trace(|wgsl| wgsl.replace("rounds < wanted", "rounds > wanted")).unwrap();
+            assert!(is_wrong(&unnoticed), "the loops were cut");
+        }
+        Err(other) => panic!("{other}"),
+    }
+}
+
 #[test]
-fn loops_that_the_driver_cuts_are_refused() {
+fn a_family_beyond_the_drivers_loops_is_refused() {
     let mut ir = zoo::load("stacked_plates_ghosts");
     ir.sampling = Sampling {
         reflect_prob: ReflectProb::Fresnel,
@@ -92,19 +113,21 @@ fn loops_that_the_driver_cuts_are_refused() {
     };
     let options =
         TraceOptions { max_depth: 60, min_flux_fraction: 0.0, ..zoo::options(8, 0, Precision::F64) };
-    let trace = |edit: fn(String) -> String| {
-        Tracer::with_wgsl_edit(zoo::gpu(), &ir, &options, edit).unwrap().trace(|_| true)
-    };
-    let closes = |tally: &Tally| zoo::result_of(&ir, &options, tally).ledger.closes();
-    match trace(|wgsl| wgsl) {
-        Ok(tally) => assert!(closes(&tally), "a driver that cuts nothing"),
-        Err(Error::Device(message)) => {
-            assert!(message.contains("a split_depth below 14 or a split_budget below 15"), "{message}");
-            let unnoticed = trace(|wgsl| wgsl.replace("rounds < wanted", "rounds > wanted")).unwrap();
-            assert!(!closes(&unnoticed), "the loops were cut");
-        }
-        Err(other) => panic!("{other}"),
-    }
+    let is_open = |tally: &Tally| !zoo::result_of(&ir, &options, tally).ledger.closes();
+    assert_cut_loops_are_refused(&ir, &options, "a split_depth below 14 or a split_budget below 15", is_open);
+}
+
+/// The rows that are never reached leave their share to the pixel in the middle, and the ledger closes.
+#[test]
+fn a_splat_beyond_the_drivers_loops_is_refused() {
+    let mut ir = zoo::load("bench_lens");
+    let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("the scene has changed") };
+    grid.splat = Splat::Gaussian { sigma: 50.0 };
+    let options = zoo::options(8, 0, Precision::F64);
+    let most = |tally: &Tally| *tally.sensors[0].quanta.iter().max().unwrap();
+    let all = |tally: &Tally| tally.sensors[0].quanta.iter().sum::<u128>();
+    let has_peak = |tally: &Tally| 100 * most(tally) > all(tally);
+    assert_cut_loops_are_refused(&ir, &options, "a smaller splat_sigma", has_peak);
 }
 
 #[test]

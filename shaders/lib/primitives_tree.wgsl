@@ -1,7 +1,6 @@
 // Primitives of the table by a tree of boxes (program::tree). It finds what every primitive in turn would find: `nearer`
 // settles ties by the list, whatever the order of the visits. The last rows are primitives, one each: those of the tree
-// in its order, then those that have no box. A few detectors stand apart (`nearest_apart` is
-// composed).
+// in its order, then those that have no box. A few detectors stand apart (`nearest_apart` is composed).
 
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     let here = standing(ray);

@@ -150,9 +150,10 @@ pub fn run(args: &Args) -> Result<String> {
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
     for (case, is_wide) in cases.iter().zip(is_wide) {
-        let result = match is_wide || !vectors::are_wide() {
-            true => measure(case, &session, &mut peers)?,
-            false => measure_apart(case, &session, args)?,
+        let result = if is_wide || !vectors::are_wide() || !gpu.info.is_cpu() {
+            measure(case, &session, &mut peers)?
+        } else {
+            measure_apart(case, &session, args)?
         };
         say(&progress(&result));
         report.cases.push(result);
@@ -199,7 +200,8 @@ fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResu
     command.args(args.drjit_script.iter().flat_map(|script| [OsStr::new("--drjit-script"), script.as_ref()]));
     let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
     if !output.status.success() {
-        return Err(Error::Internal(String::from_utf8_lossy(&output.stderr).trim().to_string()));
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(Error::Internal(format!("{} by itself: {}", case.name, said.trim())));
     }
     let report: Value =
         serde_json::from_slice(&output.stdout).map_err(|error| Error::Internal(error.to_string()))?;

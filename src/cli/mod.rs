@@ -63,7 +63,8 @@ enum Command {
     Completions(completions::Args),
 }
 
-/// Runs the command; the exit code is the error's.
+/// Runs the command; the exit code is the error's. To be called before other threads run: it may set a variable of the
+/// environment ([`crate::vectors`]).
 pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| without_misleading_tip(error).exit());
     let printed = match cli.command {

@@ -5,7 +5,7 @@ use super::{count, quantity, read_scene, say};
 use crate::checkpoint::{self, Checkpoint, Identity};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::ir::{ReflectProb, Sampling, SceneIr};
+use crate::ir::{ReflectProb, Sampling, SceneIr, Sensor};
 use crate::precision::{self, Choice, Wanted};
 use crate::program::{Precision, Sampler};
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
@@ -215,6 +215,9 @@ pub fn run(args: &Args) -> Result<String> {
     }
 }
 
+/// Of larger detectors the pilot is traced before the rays.
+const MOST_CELLS_TWICE: usize = 1 << 20;
+
 /// A choice of precision, or one whose reasons are still being found out.
 enum Choosing<'scope> {
     Chosen(Choice),
@@ -230,7 +233,9 @@ impl<'scope> Choosing<'scope> {
         options: &'env TraceOptions,
         wanted: Wanted,
     ) -> Result<Self> {
-        if wanted != Wanted::Exactly(Precision::F32) {
+        // Both traces hold the detectors' sums.
+        let num_cells: usize = ir.sensors.iter().map(Sensor::num_cells).sum();
+        if wanted != Wanted::Exactly(Precision::F32) || num_cells > MOST_CELLS_TWICE {
             return precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
         }
         let predict = move || precision::choose(&gpu.open_again()?, ir, options, wanted);
@@ -244,11 +249,17 @@ impl<'scope> Choosing<'scope> {
         }
     }
 
-    fn choice(self) -> Result<Choice> {
+    /// A prediction that fails is no reason to lose the result.
+    fn choice(self) -> Choice {
         match self {
-            Choosing::Chosen(choice) => Ok(choice),
+            Choosing::Chosen(choice) => choice,
             Choosing::Predicting(thread) => {
-                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+                let predicted = thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+                predicted.unwrap_or_else(|error| Choice {
+                    precision: Precision::F32,
+                    reason: "asked for".into(),
+                    warning: Some(format!("the error of f32 could not be predicted: {error}")),
+                })
             }
         }
     }
@@ -450,7 +461,7 @@ fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<
     let stage_times = tracer.stage_times();
     stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
     let partial = tally.launched.count < tracer.num_rays();
-    let choice = choosing.choice()?;
+    let choice = choosing.choice();
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
         num_rays: tracer.num_rays(),

@@ -3,6 +3,7 @@
 use super::AdapterInfo;
 use crate::error::{Error, Result};
 use crate::folders::Folder;
+use crate::vectors::without_width;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -68,7 +69,7 @@ impl Tuning {
 
 impl Found {
     fn is_of(&self, adapter: &AdapterInfo) -> bool {
-        self.adapter == adapter.name && self.driver == adapter.driver
+        without_width(&self.adapter) == adapter.name && self.driver == adapter.driver
     }
 }
 

@@ -1,5 +1,5 @@
 //! Trees of boxes whose nodes have up to four children, as shaders/lib/boxes.wgsl walks them: those over the triangles
-//! of each mesh ([`super::mesh`]), and the one over all primitives ([`super::tree`]).
+//! of each mesh ([`super::mesh`]), and the one over primitives ([`super::tree`]).
 
 use crate::error::{Error, Result};
 use obvhs::BvhBuildParams;
@@ -13,8 +13,10 @@ pub const ROWS: u32 = 19;
 const NODE_ROWS: usize = 3;
 /// Most children of a node.
 const NODE_CHILDREN: usize = 4;
-/// Largest number of cells along a box's side.
-const MOST_CELLS: f64 = 255.0;
+/// Largest number of cells along a box's side, but for what the last one is rounded up by.
+const MOST_CELLS: f64 = 254.0;
+/// More cells than the shader's arithmetic in a grid is in error by: 4 units of 2^-24 of its side.
+const GRID_SLACK: f64 = 1.0 / (1 << 12) as f64;
 /// A ray keeps what waits at a node in one word, of which 24 bits tell the first sibling.
 const MOST_NODES: usize = (1 << 24) - 1;
 
@@ -130,8 +132,8 @@ fn packed(boxes: &[Aabb], num_inner: usize, first_node: u32, first_item: u32) ->
         node[0][axis] = origin.to_bits();
         node[0][3] |= ((exponent + 127) as u32) << (8 * axis);
         for (k, bounds) in boxes.iter().enumerate() {
-            node[1][axis] |= ((along(bounds.min[axis]) / cell).floor() as u32) << (8 * k);
-            node[2][axis] |= ((along(bounds.max[axis]) / cell).ceil() as u32) << (8 * k);
+            node[1][axis] |= ((along(bounds.min[axis]) / cell - GRID_SLACK).floor() as u32) << (8 * k);
+            node[2][axis] |= ((along(bounds.max[axis]) / cell + GRID_SLACK).ceil() as u32) << (8 * k);
         }
     }
     node[0][3] |= (num_inner as u32) << 24 | (boxes.len() as u32) << 28;

@@ -347,12 +347,15 @@ impl Composition<'_> {
     }
 
     /// Whether the loops of an invocation may make more rounds than some driver allows: not if there are those over its
-    /// events alone.
+    /// events alone, and few of these.
     fn has_many_rounds(&self) -> bool {
-        const FEW_EVENTS: u32 = 1 << 12;
+        const FEW_EVENTS: u32 = 1 << 8;
+        let [.., gaussian] = self.features.splats;
         self.features.splits
             || !self.options.baked
             || self.features.has_meshes()
+            || gaussian
+            || self.features.transmissive && self.options.moments == SecondMoments::Squares
             || self.options.events_per_dispatch > FEW_EVENTS
     }
 
