@@ -11,7 +11,7 @@ use std::thread;
 
 use crate::error::{Error, Result};
 use crate::result::report::Files;
-use crate::result::{Detector, Report, TraceResult, npz, png};
+use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
 
 /// Name of the document in the folder.
 pub const REPORT: &str = "report.json";
@@ -107,8 +107,15 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         names.push(data);
         if extras.pictures {
             let picture = format!("{stem}.png");
-            pictures.push((detector, folder.join(&picture)));
+            let path = folder.join(&picture);
             names.push(picture);
+            match &detector.data {
+                // One at a time: it holds as many points as a picture shows.
+                DetectorData::RayDatabase(_) => png::write_detector(&path, detector)?,
+                DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
+                    pictures.push((detector, path));
+                }
+            }
         }
     }
     draw(&pictures)?;
