@@ -42,7 +42,9 @@ pub fn find(
         nominal_path: Some(false),
         ..options.clone()
     };
-    let tally = match Tracer::new(gpu, ir, &pilot).and_then(|mut tracer| tracer.trace(|_| true)) {
+    let tally = match Tracer::new(gpu, &ir.with_single_cells(), &pilot)
+        .and_then(|mut tracer| tracer.trace(|_| true))
+    {
         // So few rays may be too few for the weakest source.
         Err(Error::Usage(_)) => return Ok(None),
         tally => tally?,

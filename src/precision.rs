@@ -201,7 +201,7 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
     };
     // The path of a split ray's child begins at the split, with errors that are its parent's: so branches are drawn.
     let sampling = Sampling { split_depth: 0, ..ir.sampling };
-    let drawn = SceneIr { sampling, ..ir.clone() };
+    let drawn = SceneIr { sampling, ..ir.with_single_cells() };
     let tally = Tracer::new(gpu, &drawn, &pilot)?.trace(|_| true)?;
     let arrivals = arrivals(ir, &tally.paths);
     let of_sensor = |sensor| arrivals.iter().filter(|a| a.sensor == sensor).copied().collect::<Vec<_>>();

@@ -12,10 +12,8 @@ use crate::result::output;
 use crate::scene::Scene;
 use crate::vectors;
 use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use serde_json::Value;
 use std::ffi::OsStr;
-use std::fmt;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -102,16 +100,9 @@ enum PeerArg {
     Drjit,
 }
 
-impl fmt::Display for PrecisionsArg {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.to_possible_value().as_ref().map_or("", PossibleValue::get_name))
-    }
-}
-
-impl fmt::Display for PeerArg {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.to_possible_value().as_ref().map_or("", PossibleValue::get_name))
-    }
+/// An argument as the command line has it.
+fn name_of(argument: &impl ValueEnum) -> String {
+    argument.to_possible_value().map_or(String::new(), |value| value.get_name().into())
 }
 
 /// What the viewer's frames are called among the cases.
@@ -137,7 +128,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let is_wide: Vec<bool> = cases.iter().map(suits_wide_vectors).collect::<Result<_>>()?;
     if is_wide.contains(&true) {
-        widen();
+        super::widen_vectors();
     }
     let gpu = open(args)?;
     let session = Session {
@@ -176,14 +167,6 @@ pub fn run(args: &Args) -> Result<String> {
     Ok(if args.json { report.to_json() } else { report.table() })
 }
 
-fn widen() {
-    // SAFETY: no other thread runs yet, and no adapter was asked for.
-    #[allow(unsafe_code)]
-    unsafe {
-        vectors::widen();
-    }
-}
-
 fn suits_wide_vectors(case: &Case) -> Result<bool> {
     Ok(vectors::suit(&Scene::from_json(&case.scene)?.lower()?))
 }
@@ -194,9 +177,9 @@ fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResu
     vectors::leave_to(&mut command);
     command.args(["bench", "--json", "--scenes", &case.name, "--runs", &session.num_runs.to_string()]);
     command.args(["--max-rays", &case.num_rays.to_string(), "--peer-rays", &args.peer_rays.to_string()]);
-    command.args(["--precision", &args.precision.unwrap_or(PrecisionsArg::Both).to_string()]);
+    command.args(["--precision", &name_of(&args.precision.unwrap_or(PrecisionsArg::Both))]);
     command.args(["--adapter", &session.gpu.info.name]).arg("--python").arg(&args.python);
-    command.args(args.against.iter().flat_map(|peer| ["--against".to_string(), peer.to_string()]));
+    command.args(args.against.iter().flat_map(|peer| ["--against".to_string(), name_of(peer)]));
     command.args(args.drjit_script.iter().flat_map(|script| [OsStr::new("--drjit-script"), script.as_ref()]));
     let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
     if !output.status.success() {
@@ -233,7 +216,7 @@ fn run_stability(args: &Args) -> Result<String> {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    widen();
+    super::widen_vectors();
     let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);

@@ -90,6 +90,16 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Lets lavapipe use the widest vectors. Before other threads and adapters: [`main`] demands the one, and commands see to
+/// the other.
+fn widen_vectors() {
+    // SAFETY: no other thread runs yet, and no adapter was asked for.
+    #[allow(unsafe_code)]
+    unsafe {
+        crate::vectors::widen();
+    }
+}
+
 /// An option that is unknown was misspelt, and hardly meant as a value: clap's tip to write `-- --option` leads astray.
 fn without_misleading_tip(mut error: clap::Error) -> clap::Error {
     let invalid = error.get(ContextKind::InvalidArg).map(ToString::to_string);

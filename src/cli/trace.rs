@@ -5,7 +5,7 @@ use super::{count, quantity, read_scene, say};
 use crate::checkpoint::{self, Checkpoint, Identity};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::ir::{ReflectProb, Sampling, SceneIr, Sensor};
+use crate::ir::{ReflectProb, Sampling, SceneIr};
 use crate::precision::{self, Choice, Wanted};
 use crate::program::{Precision, Sampler};
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
@@ -179,11 +179,7 @@ pub fn run(args: &Args) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     if vectors::suit(&ir) {
-        // SAFETY: no other thread runs yet, and no adapter was asked for.
-        #[allow(unsafe_code)]
-        unsafe {
-            vectors::widen();
-        }
+        super::widen_vectors();
     }
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
@@ -215,9 +211,6 @@ pub fn run(args: &Args) -> Result<String> {
     }
 }
 
-/// Of larger detectors the pilot is traced before the rays.
-const MOST_CELLS_TWICE: usize = 1 << 20;
-
 /// A choice of precision, or one whose reasons are still being found out.
 enum Choosing<'scope> {
     Chosen(Choice),
@@ -233,9 +226,7 @@ impl<'scope> Choosing<'scope> {
         options: &'env TraceOptions,
         wanted: Wanted,
     ) -> Result<Self> {
-        // Both traces hold the detectors' sums.
-        let num_cells: usize = ir.sensors.iter().map(Sensor::num_cells).sum();
-        if wanted != Wanted::Exactly(Precision::F32) || num_cells > MOST_CELLS_TWICE {
+        if wanted != Wanted::Exactly(Precision::F32) {
             return precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
         }
         let predict = move || precision::choose(&gpu.open_again()?, ir, options, wanted);

@@ -69,7 +69,7 @@ pub struct Gpu {
     /// Bounds checks in shaders.
     pub runtime_checks: bool,
     /// What it was opened with.
-    instance: wgpu::Instance,
+    adapter: wgpu::Adapter,
     choice: AdapterChoice,
     failure: Arc<Mutex<Option<String>>>,
     /// What the test of double-word arithmetic said, once it was asked.
@@ -131,40 +131,29 @@ impl Gpu {
     /// # Errors
     /// [`Error::NoAdapter`] if there is none, with what is there and how to get one.
     pub fn open(choice: &AdapterChoice) -> Result<Self> {
-        Self::open_with(instance(), choice)
-    }
-
-    /// The same adapter once more, as a device of its own: what one compiles and runs does not wait for the other.
-    ///
-    /// # Errors
-    /// Those of [`Gpu::open`].
-    pub fn open_again(&self) -> Result<Self> {
-        Self::open_with(self.instance.clone(), &self.choice)
-    }
-
-    fn open_with(instance: wgpu::Instance, choice: &AdapterChoice) -> Result<Self> {
-        let adapters = adapters(&instance);
+        let adapters = adapters(&instance());
         if adapters.is_empty() {
             return Err(Error::NoAdapter(format!("no GPU adapter was found; {HOW_TO_GET_AN_ADAPTER}")));
         }
         let wanted = without_width(choice.name.as_deref().unwrap_or("")).to_lowercase();
         let name = |a: &wgpu::Adapter| without_width(&a.get_info().name);
-        let adapter =
-            adapters.iter().find(|a| name(a).to_lowercase().contains(&wanted)).ok_or_else(|| {
-                let names: Vec<String> = adapters.iter().map(|a| format!("`{}`", name(a))).collect();
-                Error::NoAdapter(format!(
-                    "no adapter is named like `{wanted}`; there are {}",
-                    names.join(", ")
-                ))
-            })?;
-        Self::from_adapter(adapter, instance, choice)
+        let fits = |a: &&wgpu::Adapter| name(a).to_lowercase().contains(&wanted);
+        let adapter = adapters.iter().find(fits).ok_or_else(|| {
+            let names: Vec<String> = adapters.iter().map(|a| format!("`{}`", name(a))).collect();
+            Error::NoAdapter(format!("no adapter is named like `{wanted}`; there are {}", names.join(", ")))
+        })?;
+        Self::from_adapter(adapter, choice)
     }
 
-    fn from_adapter(
-        adapter: &wgpu::Adapter,
-        instance: wgpu::Instance,
-        choice: &AdapterChoice,
-    ) -> Result<Self> {
+    /// The same adapter once more, as a device of its own: what one compiles and runs does not wait for the other.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`] if the adapter gives no more devices.
+    pub fn open_again(&self) -> Result<Self> {
+        Self::from_adapter(&self.adapter, &self.choice)
+    }
+
+    fn from_adapter(adapter: &wgpu::Adapter, choice: &AdapterChoice) -> Result<Self> {
         let info = describe(adapter);
         let native = choice.native == Native::Allowed;
         let mut features = wgpu::Features::empty();
@@ -211,8 +200,8 @@ impl Gpu {
         }));
         let (f64, int64) = (info.f64, native && info.int64);
         let (runtime_checks, df64) = (choice.runtime_checks, OnceLock::new());
-        let choice = choice.clone();
-        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, instance, choice, failure, df64 })
+        let (adapter, choice) = (adapter.clone(), choice.clone());
+        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, adapter, choice, failure, df64 })
     }
 
     /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms

@@ -367,7 +367,26 @@ impl Sensor {
     }
 }
 
+impl SceneIr {
+    /// The scene with detectors of one cell: a pilot trace, whose paths are all that is looked at, has the same ones.
+    pub fn with_single_cells(&self) -> Self {
+        let mut ir = self.clone();
+        ir.sensors.iter_mut().for_each(|sensor| sensor.kind.keep_one_cell());
+        ir
+    }
+}
+
 impl SensorKind {
+    fn keep_one_cell(&mut self) {
+        match self {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+                (grid.num_pixels_x, grid.num_pixels_y, grid.splat) = (1, 1, Splat::Hard);
+            }
+            SensorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (1, 1),
+            SensorKind::RayDatabase { .. } => {}
+        }
+    }
+
     /// The pixels of a detector that has pixels.
     pub fn grid(&self) -> Option<&PixelGrid> {
         match self {

@@ -223,7 +223,7 @@ impl Composition<'_> {
             pick(f.polychromatic, shader!("lib/spectrum_discrete.wgsl"), shader!("lib/spectrum_single.wgsl")),
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
-            pick(self.has_many_rounds(), shader!("lib/rounds.wgsl"), shader!("lib/rounds_none.wgsl")),
+            pick(o.has_many_rounds(f), shader!("lib/rounds.wgsl"), shader!("lib/rounds_none.wgsl")),
             pick(f.splits, shader!("split.wgsl"), self.branch_file()),
             pick(f.coated, shader!("lib/coating.wgsl"), shader!("lib/coating_none.wgsl")),
             pick(f.bsdfs.is_empty(), shader!("lib/scatter_none.wgsl"), shader!("scatter.wgsl")),
@@ -344,19 +344,6 @@ impl Composition<'_> {
     /// Nodes, triangles, primitives.
     fn num_tree_rows(&self) -> usize {
         self.forest.num_rows() + self.num_triangle_rows() + self.tree.map_or(0, PrimitiveTree::num_rows)
-    }
-
-    /// Whether the loops of an invocation may make more rounds than some driver allows: not if there are those over its
-    /// events alone, and few of these.
-    fn has_many_rounds(&self) -> bool {
-        const FEW_EVENTS: u32 = 1 << 8;
-        let [.., gaussian] = self.features.splats;
-        self.features.splits
-            || !self.options.baked
-            || self.features.has_meshes()
-            || gaussian
-            || self.features.transmissive && self.options.moments == SecondMoments::Squares
-            || self.options.events_per_dispatch > FEW_EVENTS
     }
 
     fn logs_passes(&self) -> bool {

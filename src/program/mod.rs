@@ -114,6 +114,19 @@ impl ProgramOptions {
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/lib/rounds.wgsl): not if
+    /// there are those over its events alone, and few of these.
+    pub fn has_many_rounds(&self, features: &Features) -> bool {
+        const FEW_EVENTS: u32 = 1 << 8;
+        let [.., gaussian] = features.splats;
+        features.splits
+            || !self.baked
+            || features.has_meshes()
+            || gaussian
+            || features.transmissive && self.moments == SecondMoments::Squares
+            || self.events_per_dispatch > FEW_EVENTS
+    }
+
     /// True if rows go to the host: rays of a database, or events of paths.
     pub fn has_events(&self, features: &Features) -> bool {
         features.ray_database || self.paths != PathSampling::None
@@ -312,20 +325,15 @@ impl Program {
         triangles: &mesh::Triangles,
         tree: Option<&tree::PrimitiveTree>,
     ) -> Result<Vec<(u32, Vec<u8>)>> {
-        let bytes =
-            |words: &mut dyn Iterator<Item = u32>| words.flat_map(u32::to_le_bytes).collect::<Vec<u8>>();
-        let (mut rows, mut buffers) = (bytes(&mut forest.words()?), Vec::new());
+        let mut rows: Vec<u8> = forest.words()?.flat_map(u32::to_le_bytes).collect();
         let mut of_triangles = self.reals(triangles.reals())?;
-        match self.options.precision {
-            Precision::F32 => rows.append(&mut of_triangles),
-            Precision::Df64 | Precision::F64 if of_triangles.is_empty() => {}
-            Precision::Df64 | Precision::F64 => buffers.push((mesh::ROWS, of_triangles)),
+        if self.options.precision == Precision::F32 {
+            rows.append(&mut of_triangles);
         }
-        rows.extend(tree.map_or_else(Vec::new, |tree| bytes(&mut tree.words())));
-        if !rows.is_empty() {
-            buffers.push((bvh::ROWS, rows));
-        }
-        Ok(buffers)
+        let primitives = tree.into_iter().flat_map(tree::PrimitiveTree::words);
+        rows.extend(primitives.flat_map(u32::to_le_bytes));
+        let buffers = [(mesh::ROWS, of_triangles), (bvh::ROWS, rows)];
+        Ok(buffers.into_iter().filter(|(_, bytes)| !bytes.is_empty()).collect())
     }
 
     /// Other draws, of the same shader: sets the random generator's table.
