@@ -66,6 +66,7 @@ fn trace_queued(
     @builtin(global_invocation_id) id: vec3<u32>,
     @builtin(local_invocation_index) local_index: u32,
 ) {
+    begin();
     var ray: Ray;
     ray.fate = DETECTED;
     if id.x < atomicLoad(&queue_counts.incoming) {

@@ -66,7 +66,8 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     // 1 - eta^2 (1 - cos_i^2), in a form that keeps its digits at grazing incidence, whatever the indices.
     let cos_t_squared = (1.0 - eta) * (1.0 + eta) + (eta * cos_i) * (eta * cos_i);
     let total_reflection = cos_t_squared < 0.0;
-    let cos_t = sqrt(max(cos_t_squared, 0.0));
+    // Where it is negative, there is no transmitted wave, and nothing below is used.
+    let cos_t = sqrt(abs(cos_t_squared));
     let sum_s = n1 * cos_i + n2 * cos_t;
     let sum_p = n2 * cos_i + n1 * cos_t;
     let r_s = (n1 * cos_i - n2 * cos_t) / sum_s;

@@ -6,6 +6,7 @@
 
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    begin();
     let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
     if index >= range.count {
         return;

@@ -24,6 +24,7 @@ const SPLIT_BUDGET: u32 = 12u;
 
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    begin();
     let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
     if index >= range.count {
         return;

@@ -6,6 +6,7 @@ fn trace_new(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local_index: u32,
 ) {
+    begin();
     let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
     var ray: Ray;
     ray.fate = DETECTED;

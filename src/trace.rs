@@ -692,8 +692,7 @@ impl<'a> Tracer<'a> {
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
         if let Some(logs) = &mut self.end_logs {
-            let may_stray = self.program.nominal.is_some() && rays == Rays::OfRange;
-            logs.submitted(self.gpu, *range, may_stray, submission)?;
+            logs.submitted(self.gpu, *range, submission)?;
         }
         if let Some(profile) = &mut self.profile {
             profile.collect(self.gpu)?;
@@ -792,7 +791,7 @@ impl<'a> Tracer<'a> {
             sums.read(self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
         }
         if let Some(logs) = &mut self.end_logs {
-            let ends = logs.take(cells);
+            let ends = logs.take(cells)?;
             (0..)
                 .zip(ends.counts.iter().copied())
                 .filter(|(_, count)| *count > 0)

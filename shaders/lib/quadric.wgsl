@@ -29,15 +29,21 @@ fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossin
     let f_outside = s.radial * (p.x * p.x + p.y * p.y) + (s.axial * p.z + 2.0 * s.offset) * p.z + s.constant;
     let f = select(f_outside, 0.0, leaving);
     let discriminant = g * g - a * f;
-    let root = sqrt(max(discriminant, 0.0));
+    // Where it is negative, both are MISS. (Mesa computes max and min of wide vectors by halves.)
+    let root = sqrt(abs(discriminant));
     let q = -(g + select(root, -root, g < 0.0));
     let first = select(q / a, MISS, (a == 0.0) | (discriminant < 0.0));
     let second = select(f / q, MISS, (q == 0.0) | (discriminant < 0.0) | leaving);
     return Crossings(p, shift, first, second);
 }
 
-// The distance from the ray's origin, or MISS where the crossing is behind it or not on the shape.
-fn ahead(distance: real, shift: real, on_shape: bool) -> real {
-    let t = distance + shift;
-    return select(MISS, t, on_shape & (t > 0.0) & (t < MISS));
+// The distance from the ray's origin to the crossing that comes first, of those that are on the shape and ahead of the
+// ray; or MISS.
+fn first_ahead(c: Crossings, first_on_shape: bool, second_on_shape: bool) -> real {
+    let first = c.first + c.shift;
+    let second = c.second + c.shift;
+    let meets_first = first_on_shape & (first > 0.0) & (first < MISS);
+    let meets_second = second_on_shape & (second > 0.0) & (second < MISS);
+    let second_comes_first = meets_second & (!meets_first | (second < first));
+    return select(select(MISS, first, meets_first), second, second_comes_first);
 }

@@ -69,8 +69,11 @@ struct Range {
     reached: u32,
 }
 
-// Uniform, because every invocation reads the same values.
-@group(0) @binding(0) var<uniform> range: Range;
+// Uniform, because every invocation reads the same values. Every entry point copies it before its first branch (`begin`):
+// behind one, lavapipe reads even these lane by lane.
+@group(0) @binding(0) var<uniform> range_uniform: Range;
+
+var<private> range: Range;
 
 // The row of rng_table for step 0.
 fn first_jump() -> vec4<u32> {

@@ -5,7 +5,7 @@
 fn sphere_distance(o: vec3<real>, d: vec3<real>, radius: real, aperture: real, leaving: bool) -> real {
     let curvature = 1.0 / radius;
     let c = crossings(o, d, Quadric(-curvature, -curvature, 0.0, radius), leaving);
-    let t = min(ahead(c.first, c.shift, true), ahead(c.second, c.shift, true));
+    let t = first_ahead(c, true, true);
     let p = o + t * d;
     return select(MISS, t, p.x * p.x + p.y * p.y <= aperture);
 }

@@ -11,7 +11,8 @@ use crate::program::end_log::{self, EndLog};
 #[derive(Debug)]
 pub struct EndLogs {
     shape: EndLog,
-    sums: EndSums,
+    /// One for each thread that adds up.
+    sums: Vec<EndSums>,
     /// From an entry of a ray to its next.
     stride: u32,
     logs: [wgpu::Buffer; 2],
@@ -25,13 +26,18 @@ pub struct EndLogs {
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
 
+/// More threads would wait for memory.
+const MOST_THREADS: usize = 8;
+/// Cells of all threads: what they add to stays in the caches.
+const MOST_CELLS: usize = 1 << 20;
+/// A thread is not worth its start for fewer rays.
+const LEAST_RAYS: usize = 1 << 12;
+
 /// The log of a submitted dispatch.
 #[derive(Debug)]
 struct Written {
     log: usize,
     range: RayRange,
-    /// Its rays follow the nominal path, as far as they do.
-    may_stray: bool,
     submission: wgpu::SubmissionIndex,
 }
 
@@ -44,11 +50,10 @@ impl EndLogs {
         let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
         let bytes = u64::from(stride) * shape.ray_bytes();
         let log = || gpu.mappable_buffer("the log of ends", bytes);
-        let sums = EndSums::new(cells, shape.form);
         Ok(EndLogs {
             logs: [log()?, log()?],
+            sums: no_sums(cells, &shape),
             shape,
-            sums,
             stride,
             turn: 0,
             written: None,
@@ -71,19 +76,13 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch, whose rays may have strayed from the nominal path, and adds up the one before it meanwhile.
+    /// Takes note of a dispatch, and adds up the one before it meanwhile.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn submitted(
-        &mut self,
-        gpu: &Gpu,
-        range: RayRange,
-        may_stray: bool,
-        submission: wgpu::SubmissionIndex,
-    ) -> Result<()> {
+    pub fn submitted(&mut self, gpu: &Gpu, range: RayRange, submission: wgpu::SubmissionIndex) -> Result<()> {
         self.logs[self.turn].map_async(wgpu::MapMode::Read, .., |_| {});
-        let before = self.written.replace(Written { log: self.turn, range, may_stray, submission });
+        let before = self.written.replace(Written { log: self.turn, range, submission });
         self.turn = 1 - self.turn;
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
@@ -116,29 +115,135 @@ impl EndLogs {
     }
 
     /// The sums since the last time.
-    pub fn take(&mut self, cells: &Cells) -> EndSums {
-        std::mem::replace(&mut self.sums, EndSums::new(cells, self.shape.form))
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if those of the threads do not fit together.
+    pub fn take(&mut self, cells: &Cells) -> Result<EndSums> {
+        let parts = std::mem::replace(&mut self.sums, no_sums(cells, &self.shape));
+        let mut sums = EndSums::new(cells, self.shape.form);
+        parts.iter().try_for_each(|part| sums.merge(part)).ok_or_else(no_such_cell)?;
+        Ok(sums)
     }
 
     fn add_up(&mut self, gpu: &Gpu, written: Written) -> Result<()> {
         gpu.wait_for(written.submission)?;
         let log = &self.logs[written.log];
-        let mut strays = Vec::new();
-        let makes_sense = {
+        let strays = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
             let (num, stride) = (written.range.count as usize, self.stride as usize);
-            let rays = LoggedRays { bytes: &bytes, num, stride };
-            self.sums.add(rays, &self.shape, written.may_stray.then_some(&mut strays))
+            add_side_by_side(&mut self.sums, LoggedRays { bytes: &bytes, first: 0, num, stride }, &self.shape)
         };
         log.unmap();
-        self.note_strays(&strays, &written.range);
-        makes_sense.ok_or_else(|| Error::Internal("the log of ends names a cell that does not exist".into()))
+        self.note_strays(&strays?, &written.range);
+        Ok(())
     }
 
     /// Notes the rays of a range that strayed, by their ids.
     fn note_strays(&mut self, strays: &[u32], range: &RayRange) {
         self.strays.resize(self.strays.len().max(range.emitter + 1), Vec::new());
         self.strays[range.emitter].extend(strays.iter().map(|&ray| range.first + u64::from(ray)));
+    }
+}
+
+/// Empty sums, one for each thread that adds up. Lavapipe deals a dispatch out to all processors in equal parts and waits
+/// for each: a lone thread would keep one of them from its part, and then the others wait.
+fn no_sums(cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    let num_threads = processors.min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1);
+    (0..num_threads).map(|_| EndSums::new(cells, shape.form)).collect()
+}
+
+/// Adds up what rays logged, a part of them in each thread, and tells which rays have strayed.
+fn add_side_by_side(sums: &mut [EndSums], rays: LoggedRays, shape: &EndLog) -> Result<Vec<u32>> {
+    let num_parts = sums.len().min(rays.num / LEAST_RAYS).max(1);
+    let part_rays = rays.num.div_ceil(num_parts);
+    let parts = (0..rays.num).step_by(part_rays.max(1)).map(|first| LoggedRays {
+        first,
+        num: part_rays.min(rays.num - first),
+        ..rays
+    });
+    let add = |(sums, part): (&mut EndSums, LoggedRays)| {
+        let mut strays = Vec::new();
+        sums.add(part, shape, &mut strays).map(|()| strays).ok_or_else(no_such_cell)
+    };
+    std::thread::scope(|scope| {
+        let mut parts = sums.iter_mut().zip(parts);
+        let own = parts.next();
+        let others: Vec<_> = parts.map(|part| scope.spawn(move || add(part))).collect();
+        let mut strays = own.map_or_else(|| Ok(Vec::new()), add)?;
+        for other in others {
+            let failed = |_| Error::Internal("a thread that adds up the log of ends failed".into());
+            strays.append(&mut other.join().map_err(failed)??);
+        }
+        Ok(strays)
+    })
+}
+
+fn no_such_cell() -> Error {
+    Error::Internal("the log of ends names a cell that does not exist".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ir::SceneIr;
+    use crate::program::end_log::Form;
+
+    fn scene() -> SceneIr {
+        let text = include_str!("../../scenes/cooke_triplet.json");
+        crate::Scene::from_json(text).unwrap().lower().unwrap()
+    }
+
+    /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or have strayed.
+    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<u32>) {
+        let [in_cell, passes, strayed]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
+        let cells = Cells::of(&scene());
+        let shape = EndLog { form: Form::Packed, has_fractions: false, max_passes: 1, grids: Vec::new() };
+        let stride = num + 3;
+        let weight = |ray: usize| u64::from((1.0 + ray as f32).to_bits()) << 32;
+        let cell = |ray: usize| ray as u64 % u64::from(cells.num_cells);
+        let first = |ray| match ray % 7 {
+            0 => strayed,
+            1 => in_cell | passes | cell(ray) | weight(ray),
+            _ => in_cell | cell(ray) | weight(ray),
+        };
+        let mut entries: Vec<u64> = (0..stride).map(first).collect();
+        entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
+        let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
+        let rays = LoggedRays { bytes: bytemuck::cast_slice(&entries), first: 0, num, stride };
+        let strays = add_side_by_side(&mut sums, rays, &shape).unwrap();
+        let mut all = EndSums::new(&cells, shape.form);
+        sums.iter().for_each(|part| all.merge(part).unwrap());
+        (all, strays)
+    }
+
+    #[test]
+    fn any_number_of_threads_adds_up_the_same() {
+        for num in [1, LEAST_RAYS, 3 * LEAST_RAYS + 1, 4 * LEAST_RAYS + 63] {
+            let (alone, strays) = added(1, num);
+            assert!(strays.iter().copied().eq((0..num as u32).step_by(7)));
+            assert_eq!(alone.counts.iter().sum::<u64>(), (num - strays.len() + (num + 5) / 7) as u64);
+            for num_threads in [2, 3, 8] {
+                let (sums, strays_of_threads) = added(num_threads, num);
+                assert!(
+                    sums.counts == alone.counts && sums.quanta().eq(alone.quanta()),
+                    "{num_threads}, {num}"
+                );
+                assert_eq!(strays_of_threads, strays);
+            }
+        }
+    }
+
+    #[test]
+    fn a_cell_that_does_not_exist_is_refused_in_any_thread() {
+        let cells = Cells::of(&scene());
+        let shape = EndLog { form: Form::Counts, has_fractions: false, max_passes: 0, grids: Vec::new() };
+        let mut entries = vec![0_u32; 3 * LEAST_RAYS];
+        entries[3 * LEAST_RAYS - 1] = 1 << 26 | cells.num_counters;
+        let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
+        let rays =
+            LoggedRays { bytes: bytemuck::cast_slice(&entries), first: 0, num: entries.len(), stride: 1 };
+        assert!(matches!(add_side_by_side(&mut sums, rays, &shape), Err(Error::Internal(_))));
     }
 }

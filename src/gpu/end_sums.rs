@@ -4,6 +4,7 @@ use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
 use crate::program::end_log::{CELL_BITS, EndLog, Form, Grid};
 use bytemuck::Pod;
+use std::ops::Range;
 
 /// What the logged ends add up to.
 #[derive(Debug, Default)]
@@ -18,6 +19,8 @@ pub struct EndSums {
 pub struct LoggedRays<'a> {
     /// The log's words.
     pub bytes: &'a [u8],
+    /// The first ray.
+    pub first: usize,
     /// Rays.
     pub num: usize,
     /// From an entry of a ray to its next.
@@ -60,9 +63,9 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number, to
-    /// whoever asks for them. None if an entry makes no sense.
-    pub fn add(&mut self, rays: LoggedRays, log: &EndLog, strays: Option<&mut Vec<u32>>) -> Option<()> {
+    /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number. None
+    /// if an entry makes no sense.
+    pub fn add(&mut self, rays: LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
         match (log.form, log.has_fractions) {
             (Form::Counts, _) => self.add_rays::<[u32; 1]>(rays, log, strays),
             (Form::Packed, false) => self.add_rays::<[u64; 1]>(rays, log, strays),
@@ -74,39 +77,42 @@ impl EndSums {
         }
     }
 
-    fn add_rays<E: Entry>(
-        &mut self,
-        rays: LoggedRays,
-        log: &EndLog,
-        strays: Option<&mut Vec<u32>>,
-    ) -> Option<()> {
-        let entries: &[E] = bytemuck::try_cast_slice(rays.bytes).ok()?;
-        if let Some(strays) = strays {
-            // A ray that strayed has no entry but that.
-            let firsts = (0..).zip(entries.get(..rays.num)?);
-            let strayed = firsts.filter(|(_, entry)| entry.read().what & STRAYED != 0);
-            strays.extend(strayed.map(|(ray, _)| ray));
+    /// Adds what others have summed up.
+    pub fn merge(&mut self, other: &EndSums) -> Option<()> {
+        for (count, more) in self.counts.iter_mut().zip(&other.counts) {
+            *count += more;
         }
+        (0..)
+            .zip(other.quanta())
+            .filter(|(_, quanta)| *quanta > 0)
+            .try_for_each(|(cell, quanta)| self.quanta.add(cell, quanta))
+    }
+
+    fn add_rays<E: Entry>(&mut self, rays: LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
+        let LoggedRays { bytes, first, num, stride } = rays;
+        let entries: &[E] = bytemuck::try_cast_slice(bytes).ok()?;
         if log.max_passes == 0 {
-            let mut ends = entries.get(..rays.num)?.iter();
-            return ends.try_for_each(|entry| self.add_entry::<E>(entry.read(), &log.grids));
+            let mut ends = (first..).zip(entries.get(first..first + num)?);
+            return ends
+                .try_for_each(|(ray, entry)| self.add_entry::<E>(entry.read(), ray, &log.grids, strays));
         }
-        (0..rays.num).step_by(BLOCK).try_for_each(|first| {
-            let num = BLOCK.min(rays.num - first);
-            self.add_block(entries.get(first..)?, num, rays.stride, &log.grids)
+        (first..first + num).step_by(BLOCK).try_for_each(|start| {
+            let rays = start..(start + BLOCK).min(first + num);
+            self.add_block(entries, rays, stride, &log.grids, strays)
         })
     }
 
-    /// Adds the entries of the first `num` rays, row by row, as they lie in memory.
+    /// Adds the entries of some rays, row by row, as they lie in memory.
     fn add_block<E: Entry>(
         &mut self,
         entries: &[E],
-        num: usize,
+        rays: Range<usize>,
         stride: usize,
         grids: &[Grid],
+        strays: &mut Vec<u32>,
     ) -> Option<()> {
-        let mut rows = entries.chunks(stride);
-        let mut unended = u64::MAX >> (BLOCK - num);
+        let mut rows = entries.get(rays.start..)?.chunks(stride);
+        let mut unended = u64::MAX >> (BLOCK - rays.len());
         while unended != 0 {
             let row = rows.next()?;
             let mut waiting = std::mem::take(&mut unended);
@@ -115,15 +121,32 @@ impl EndSums {
                 waiting &= waiting - 1;
                 let end = row.get(ray as usize)?.read();
                 unended |= u64::from(end.what & PASSES != 0) << ray;
-                self.add_entry::<E>(end, grids)?;
+                self.add_entry::<E>(end, rays.start + ray as usize, grids, strays)?;
             }
         }
         Some(())
     }
 
     #[inline(always)]
-    fn add_entry<E: Entry>(&mut self, end: End<E::Real>, grids: &[Grid]) -> Option<()> {
-        if E::IS_COUNTED { self.add_count(end.what) } else { self.add_end(end, grids) }
+    fn add_entry<E: Entry>(
+        &mut self,
+        end: End<E::Real>,
+        ray: usize,
+        grids: &[Grid],
+        strays: &mut Vec<u32>,
+    ) -> Option<()> {
+        if end.what & IN_TAPS != 0 {
+            return self.add_taps(end, grid_of(grids, end.what)?);
+        }
+        if end.what & STRAYED != 0 {
+            strays.push(ray as u32);
+        }
+        self.add_count(end.what)?;
+        if E::IS_COUNTED || end.what & IN_CELL == 0 {
+            return Some(());
+        }
+        let quanta = self.quanta_of(end.weight.into())?;
+        self.quanta.add((end.what & CELL_MASK) as usize, quanta)
     }
 
     #[inline(always)]
@@ -135,19 +158,6 @@ impl EndSums {
             *self.counts.get_mut((end & CELL_MASK) as usize)? += 1;
         }
         Some(())
-    }
-
-    #[inline(always)]
-    fn add_end<T: Real>(&mut self, end: End<T>, grids: &[Grid]) -> Option<()> {
-        if end.what & IN_TAPS != 0 {
-            return self.add_taps(end, grid_of(grids, end.what)?);
-        }
-        self.add_count(end.what)?;
-        if end.what & IN_CELL == 0 {
-            return Some(());
-        }
-        let quanta = self.quanta_of(end.weight.into())?;
-        self.quanta.add((end.what & CELL_MASK) as usize, quanta)
     }
 
     /// The taps of an end: the last one takes what the others left (`book_taps` in splat.wgsl).
@@ -404,8 +414,8 @@ mod tests {
             (Form::Reals, cast_slice(&reals)),
         ] {
             let mut sums = sums();
-            let rays = LoggedRays { bytes, num: 1, stride: 1 };
-            assert_eq!(sums.add(rays, &log(form, 0), None), Some(()), "{form:?}");
+            let rays = LoggedRays { bytes, first: 0, num: 1, stride: 1 };
+            assert_eq!(sums.add(rays, &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
             let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
             assert_eq!(quanta(&sums), shares, "{form:?}");
             assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
@@ -426,8 +436,8 @@ mod tests {
             (Form::Reals, cast_slice(&reals)),
         ] {
             let (mut sums, mut strays) = (sums(), Vec::new());
-            let rays = LoggedRays { bytes, num: 3, stride: 3 };
-            assert_eq!(sums.add(rays, &log(form, 0), Some(&mut strays)), Some(()), "{form:?}");
+            let rays = LoggedRays { bytes, first: 0, num: 3, stride: 3 };
+            assert_eq!(sums.add(rays, &log(form, 0), &mut strays), Some(()), "{form:?}");
             assert_eq!((strays, sums.counts), (vec![0, 2], vec![0, 0, 1, 0, 0, 0, 0]), "{form:?}");
         }
     }
@@ -438,8 +448,8 @@ mod tests {
         let large = 2.0_f64.powi(20);
         let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
         let mut sums = sums();
-        let rays = LoggedRays { bytes: cast_slice(&entries), num: 3, stride: 3 };
-        assert_eq!(sums.add(rays, &log(Form::Reals, 0), None), Some(()));
+        let rays = LoggedRays { bytes: cast_slice(&entries), first: 0, num: 3, stride: 3 };
+        assert_eq!(sums.add(rays, &log(Form::Reals, 0), &mut Vec::new()), Some(()));
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [2, 3, 0, 0, 0, 0, 0], "two deposits that no sum can hold");
     }
@@ -455,17 +465,21 @@ mod tests {
             entries[passes * stride + ray] = IN_CELL | 2;
         }
         let mut whole = sums();
-        let rays = LoggedRays { bytes: cast_slice(&entries), num, stride };
-        assert_eq!(whole.add(rays, &log(Form::Counts, 4), None), Some(()));
+        let rays = LoggedRays { bytes: cast_slice(&entries), first: 0, num, stride };
+        assert_eq!(whole.add(rays, &log(Form::Counts, 4), &mut Vec::new()), Some(()));
         assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
         let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..rays };
-        assert_eq!(sums().add(cut, &log(Form::Counts, 4), None), None, "the log ends before the ray does");
+        assert_eq!(
+            sums().add(cut, &log(Form::Counts, 4), &mut Vec::new()),
+            None,
+            "the log ends before the ray does"
+        );
     }
 
     #[test]
     fn a_cell_that_does_not_exist_is_refused() {
         let entries = [IN_CELL | 7];
-        let rays = LoggedRays { bytes: cast_slice(&entries), num: 1, stride: 1 };
-        assert_eq!(sums().add(rays, &log(Form::Counts, 0), None), None);
+        let rays = LoggedRays { bytes: cast_slice(&entries), first: 0, num: 1, stride: 1 };
+        assert_eq!(sums().add(rays, &log(Form::Counts, 0), &mut Vec::new()), None);
     }
 }

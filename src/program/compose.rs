@@ -403,12 +403,17 @@ impl Composition<'_> {
     fn emitter(&self) -> Result<String> {
         let emitters = lowered::emitter_records(self.ir, self.centre, &self.options.weights);
         let rotated = lowered::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));
-        let (row, source) = match self.ir.emitters.len() {
-            1 => (emitters.baked(self.precision())?, "emitter_of(0u)"),
-            _ => (emitters.uniform(), "emitter_uniform"),
+        let (row, source, copy) = match self.ir.emitters.len() {
+            1 => (emitters.baked(self.precision())?, "emitter_of(0u)", ""),
+            _ => (
+                format!("{}var<private> emitter_copy: Emitter;\n", emitters.uniform()),
+                "emitter_copy",
+                "    emitter_copy = emitter_uniform;\n",
+            ),
         };
         let functions = frame_functions("Emitter", "emitter", rotated);
-        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n"))
+        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}}}\n");
+        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n{begin}"))
     }
 
     /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records, or a tree and what stands

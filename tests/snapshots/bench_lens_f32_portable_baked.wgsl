@@ -218,6 +218,9 @@ fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
 fn emitter() -> Emitter {
     return emitter_of(0u);
 }
+fn begin() {
+    range = range_uniform;
+}
 fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
     return v;
 }

@@ -251,6 +251,7 @@ struct Emitter {
     p2: real,
 }
 @group(0) @binding(13) var<uniform> emitter_uniform: Emitter;
+var<private> emitter_copy: Emitter;
 fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
     return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
@@ -258,7 +259,11 @@ fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
     return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
 fn emitter() -> Emitter {
-    return emitter_uniform;
+    return emitter_copy;
+}
+fn begin() {
+    range = range_uniform;
+    emitter_copy = emitter_uniform;
 }
 fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
     return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
