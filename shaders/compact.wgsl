@@ -73,6 +73,8 @@ fn trace_queued(
         ray = unqueued(queue_in[id.x]);
         follow(&ray);
     }
+    flush_bins();
+    flush_reached();
     notice_cut_loops();
     compact(ray, ray.fate == ALIVE, local_index);
 }

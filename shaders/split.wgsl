@@ -41,6 +41,8 @@ fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
         transmits = true;
         follow(&ray);
     }
+    flush_bins();
+    flush_reached();
     notice_cut_loops();
 }
 

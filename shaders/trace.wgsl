@@ -7,22 +7,34 @@ fn trace_new(
     @builtin(local_invocation_index) local_index: u32,
 ) {
     begin();
-    let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
+    let invocation = id.y * groups.x * WORKGROUP_SIZE + id.x;
     var ray: Ray;
     ray.fate = DETECTED;
-    if index < range.count {
-        ray = generate(index);
-        record_birth(ray);
-        follow(&ray);
+    for (var turn = 0u; turn < RAYS_PER_INVOCATION; turn++) {
+        let index = ray_of(invocation, turn);
+        if index < range.count {
+            go_on_after_passes(0u);
+            ray = generate(index);
+            record_birth(ray);
+            follow(&ray);
+        }
     }
+    flush_bins();
+    flush_reached();
     notice_cut_loops();
     if HAS_QUEUE {
         compact(ray, ray.fate == ALIVE, local_index);
     }
 }
 
-// Up to EVENTS_PER_DISPATCH events; then what the ray left behind goes to memory. A ray ends at most once, so where it
-// ends is dealt with after the loop: on wide machines every lane pays for what any lane does inside.
+// The rays of an invocation are as far apart as its workgroup is large: what neighbours write lies side by side.
+fn ray_of(invocation: u32, turn: u32) -> u32 {
+    let local = invocation % WORKGROUP_SIZE;
+    return (invocation - local) * RAYS_PER_INVOCATION + turn * WORKGROUP_SIZE + local;
+}
+
+// Up to EVENTS_PER_DISPATCH events; then where the ray ended goes to memory. A ray ends at most once, so this is dealt with
+// after the loop: on wide machines every lane pays for what any lane does inside.
 fn follow(ray: ptr<function, Ray>) {
     for (var step = 0u; step < EVENTS_PER_DISPATCH && (*ray).fate == ALIVE; step++) {
         next_event(ray);
@@ -33,8 +45,6 @@ fn follow(ray: ptr<function, Ray>) {
     }
     settle(*ray);
     log_end((*ray).index);
-    flush_bins();
-    flush_reached();
 }
 
 fn settle(ray: Ray) {

@@ -677,7 +677,12 @@ impl<'a> Tracer<'a> {
             self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let (x, y) = grid(range.count.div_ceil(self.options.workgroup_size), self.gpu);
+        let rays_per_invocation = match (&device.trace_nominal, rays) {
+            (Some(_), Rays::OfRange) => 1,
+            _ => self.program.options.rays_per_invocation(&self.program.features),
+        };
+        let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;
+        let (x, y) = grid(range.count.div_ceil(rays_per_workgroup), self.gpu);
         let stages = device.stages([x, y, 1], num_rounds, log, rays);
         match &mut self.profile {
             Some(profile) => {

@@ -1,7 +1,7 @@
 // The ledger: every event books what it took, weight before minus weight after in quanta. Differences of quantised
 // weights telescope, so the bins add up to what was launched to the last bit.
-// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`) and go to memory once a
-// dispatch; where a ray ends, it books once.
+// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`) and go to memory once an
+// invocation; where a ray ends, it books once.
 
 fn book(cell: u32, weight: real) {
     count(cell);

@@ -44,4 +44,5 @@ fn end_strayed() {
 
 fn log_end(index: u32) {
     write_entry(entry_number(index), end, end_weight, end_fractions);
+    end = 0u;
 }

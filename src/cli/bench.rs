@@ -6,6 +6,7 @@ use crate::bench::peers::{Backend, DrJit, Optiland};
 use crate::bench::runner::measure;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
 use crate::error::{Error, Result};
+use crate::gpu::tuning::Tuning;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::result::output;
@@ -222,7 +223,7 @@ fn run_tuning(args: &Args) -> Result<String> {
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);
     let precision = wanted.first().copied().unwrap_or(Precision::F32);
     let trials = tuning::measure(&gpu, precision)?;
-    let best = tuning::best(&trials);
+    let best = tuning::best(&trials, Tuning::untuned(&gpu.info));
     let path = best.keep(&gpu.info)?;
     Ok(format!(
         "{}`{}` traces in workgroups of {}, {} events a dispatch; kept in {}\n",

@@ -360,15 +360,15 @@ macro_rules! real {
                 // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
                 let is_small =
                     (end.weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
+                // A power of two: shares of the scaled weight are the scaled shares, but for those far below a quantum.
+                let scaled = end.weight * QUANTA_PER_UNIT as $real;
                 // SAFETY: the weight lies in 0..2048 and the fractions in 0..=1, so that no share exceeds the weight,
                 // and none 2^63 quanta.
                 #[allow(unsafe_code)]
-                let quanta = |share: $real| unsafe {
-                    (share * QUANTA_PER_UNIT as $real).to_int_unchecked::<i64>() as u64
-                };
+                let quanta = |share: $real| unsafe { share.to_int_unchecked::<i64>() as u64 };
                 is_small.then(|| SmallQuanta {
-                    whole: quanta(end.weight),
-                    first_taps: <$real>::first_shares(end.weight, end.fractions).map(quanta),
+                    whole: quanta(scaled),
+                    first_taps: <$real>::first_shares(scaled, end.fractions).map(quanta),
                 })
             }
         }

@@ -36,7 +36,14 @@ struct Found {
 }
 
 impl Tuning {
-    /// What was found out about an adapter; the default if nothing was, or the file cannot be read.
+    /// What is taken for an adapter about which nothing was found out: lavapipe allocates memory for each workgroup, so
+    /// processors do better with fewer of them.
+    pub fn untuned(adapter: &AdapterInfo) -> Self {
+        let default = Self::default();
+        if adapter.is_cpu() { Tuning { workgroup_size: 128, ..default } } else { default }
+    }
+
+    /// What was found out about an adapter; [`Tuning::untuned`] if nothing was, or the file cannot be read.
     pub fn of(adapter: &AdapterInfo) -> Self {
         let found = known().into_iter().find(|found| found.is_of(adapter)).map(|found| found.tuning);
         // A file may have been edited.
@@ -44,7 +51,7 @@ impl Tuning {
             WORKGROUP_SIZES.contains(&tuning.workgroup_size)
                 && EVENTS_PER_DISPATCH.contains(&tuning.events_per_dispatch)
         };
-        found.filter(is_offered).unwrap_or_default()
+        found.filter(is_offered).unwrap_or_else(|| Self::untuned(adapter))
     }
 
     /// Keeps it for an adapter, and tells where.

@@ -103,6 +103,7 @@ impl Composition<'_> {
             let _ = writeln!(text, "const {name}: u32 = {value}u;");
         };
         uint("WORKGROUP_SIZE", o.workgroup_size);
+        uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         uint("EVENTS_PER_DISPATCH", o.events_per_dispatch);
         uint("MAX_DEPTH", o.max_depth);
         uint("NUM_SURFACES", self.ir.surfaces.len() as u32);
@@ -590,8 +591,6 @@ impl Composition<'_> {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
         let mut flush = String::from("fn flush_bins() {\n");
-        // A family's rays flush one after another.
-        let clears = self.features.splits;
         for (i, (cell, has_quanta)) in bins.iter().enumerate() {
             let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
@@ -601,12 +600,6 @@ impl Composition<'_> {
                 let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, bin_{i});");
             } else {
                 let _ = writeln!(flush, "    flush_count({cell}, bin_{i}_events);");
-            }
-            if clears {
-                let _ = writeln!(flush, "    bin_{i}_events = 0u;");
-                if *has_quanta {
-                    let _ = writeln!(flush, "    bin_{i} = NO_QUANTA;");
-                }
             }
             let _ = writeln!(add, "        return;\n    }}");
         }

@@ -36,6 +36,8 @@ use sums::SumBuffers;
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
 /// Up to so many detectors stand apart from the tree.
 const MAX_SENSORS_APART: usize = 8;
+/// See [`ProgramOptions::rays_per_invocation`]; more gain nothing.
+const RAYS_OF_A_PROCESSOR: u32 = 8;
 
 /// Which rays have their paths recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,6 +127,13 @@ impl ProgramOptions {
             || gaussian
             || features.transmissive && self.moments == SecondMoments::Squares
             || self.events_per_dispatch > FEW_EVENTS
+    }
+
+    /// Rays that an invocation of trace_new follows, one after the other: on a processor several, so that the atomics of
+    /// its bins cost little; elsewhere more invocations are better. (trace_nominal has no loop, and gains nothing by one.)
+    pub fn rays_per_invocation(&self, features: &Features) -> u32 {
+        let few_rounds = !self.has_queue() && !self.has_many_rounds(features);
+        if self.host_sums && few_rounds { RAYS_OF_A_PROCESSOR } else { 1 }
     }
 
     /// True if rows go to the host: rays of a database, or events of paths.
