@@ -65,6 +65,9 @@ pub struct TraceOptions {
     pub host_sums: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
+    /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
+    /// adapters that are processors, as long as each of these has workgroups enough.
+    pub rays_per_invocation: Option<u32>,
     /// Events a ray goes through in registers before the survivors are compacted.
     pub events_per_dispatch: u32,
     /// Whether arithmetic is strict: then a scene compiled in and the same in tables give the same bits.
@@ -143,6 +146,7 @@ impl Default for TraceOptions {
             tree: None,
             host_sums: None,
             workgroup_size: Tuning::default().workgroup_size,
+            rays_per_invocation: None,
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
             nominal_path: None,
@@ -359,6 +363,9 @@ impl<'a> Tracer<'a> {
             roulette_threshold,
             events_per_dispatch,
             workgroup_size: options.workgroup_size,
+            most_rays_per_invocation: options
+                .rays_per_invocation
+                .unwrap_or(most_rays_per_invocation(gpu, options)),
             paths: options.paths.sampling(budget(options)),
             weights,
             sampler: options.sampler,
@@ -1270,6 +1277,19 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
     });
     let logged = program.end_log.as_ref().map_or(u32::MAX, EndLog::max_rays);
     wanted.min(logged).min(events).min(queued).min(families).max(1)
+}
+
+/// So few rays an invocation that a dispatch has several workgroups for each processor.
+fn most_rays_per_invocation(gpu: &Gpu, options: &TraceOptions) -> u32 {
+    const MOST: u64 = 8;
+    const WORKGROUPS: u64 = 4;
+    if !gpu.info.is_cpu() {
+        return 1;
+    }
+    let processors = std::thread::available_parallelism().map_or(1, usize::from) as u64;
+    let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
+    (dispatch_rays / (WORKGROUPS * processors * u64::from(options.workgroup_size.max(1)))).clamp(1, MOST)
+        as u32
 }
 
 /// Rays that the sources share.

@@ -657,6 +657,7 @@ fn compose(text: &str) -> Result<(), Error> {
             weights: vec![1.0; ir.emitters.len()],
             sampler: Sampler::Pcg,
             host_sums: baked,
+            most_rays_per_invocation: 1,
             moments: SecondMoments::None,
             nominal: None,
             part_bytes: 1 << 27,

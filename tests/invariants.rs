@@ -122,6 +122,42 @@ fn the_host_and_the_device_add_up_the_same_bits() {
     assert_same_bits_from(&base, &[booked]);
 }
 
+#[test]
+fn any_number_of_rays_an_invocation_gives_the_same_bits() {
+    let off = TraceOptions { num_rays: 3000, standard_error: StandardError::Off, ..TraceOptions::default() };
+    for host_sums in [true, false] {
+        let base = TraceOptions { rays_per_invocation: Some(1), host_sums: Some(host_sums), ..off.clone() };
+        assert_same_bits_from(
+            &base,
+            &[
+                |options| options.rays_per_invocation = Some(3),
+                |options| options.rays_per_invocation = Some(8),
+                |options| (options.rays_per_invocation, options.batch_size) = (Some(8), Some(700)),
+            ],
+        );
+    }
+}
+
+#[test]
+fn an_invocation_follows_several_rays_where_none_outlives_it_and_loops_are_short() {
+    let ir = zoo::load("bench_cavity");
+    let rays = |change: fn(&mut TraceOptions)| {
+        let mut options = zoo::options(3000, 1, Precision::F32);
+        (options.rays_per_invocation, options.standard_error) = (Some(8), StandardError::Off);
+        (options.max_depth, options.events_per_dispatch) = (16, 16);
+        change(&mut options);
+        let tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        tracer.program().options.rays_per_invocation(&tracer.program().features)
+    };
+    assert_eq!(rays(|_| ()), 8);
+    assert_eq!(rays(|options| (options.max_depth, options.events_per_dispatch) = (64, 64)), 4, "256 events");
+    assert_eq!(rays(|options| options.rays_per_invocation = Some(0)), 1);
+    assert_eq!(rays(|options| options.events_per_dispatch = 3), 1, "rays wait in a queue");
+    assert_eq!(rays(|options| options.baked = Some(false)), 1, "loops over tables");
+    assert_eq!(rays(|options| options.standard_error = StandardError::On), 1, "visits are remembered");
+    assert_eq!(rays(|options| (options.num_rays, options.rays_per_invocation) = (255, None)), 1, "few rays");
+}
+
 /// What a ray leaves on detectors that it passes is logged with where it ends: cells, taps, spectral bins, directions,
 /// and Gaussian splats between them, which are not.
 #[test]
@@ -229,7 +265,7 @@ fn sums_in_parts_are_the_same_bits_as_in_one() {
             (options.events_per_dispatch, options.batch_size) = (2, Some(700));
             options.standard_error = StandardError::Off;
         },
-        |options| options.host_sums = Some(false),
+        |options| (options.host_sums, options.rays_per_invocation) = (Some(false), Some(7)),
     ];
     for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
         let ir = zoo::load(name);

@@ -30,8 +30,8 @@ const OFF_POWERS_OF_TWO: u32 = 8;
 const MOST_THREADS: usize = 8;
 /// Cells of all threads: what they add to stays in the caches.
 const MOST_CELLS: usize = 1 << 20;
-/// A thread is not worth its start for fewer rays.
-const LEAST_RAYS: usize = 1 << 12;
+/// A thread is not worth its start for fewer entries.
+const LEAST_ENTRIES: usize = 1 << 12;
 
 /// The log of a submitted dispatch.
 #[derive(Debug)]
@@ -119,9 +119,10 @@ impl EndLogs {
     /// # Errors
     /// [`Error::Internal`] if those of the threads do not fit together.
     pub fn take(&mut self, cells: &Cells) -> Result<EndSums> {
-        let parts = std::mem::replace(&mut self.sums, no_sums(cells, &self.shape));
-        let mut sums = EndSums::new(cells, self.shape.form);
-        parts.iter().try_for_each(|part| sums.merge(part)).ok_or_else(no_such_cell)?;
+        let mut parts = std::mem::replace(&mut self.sums, no_sums(cells, &self.shape)).into_iter();
+        let mut sums = parts.next().unwrap_or_default();
+        let misfit = || Error::Internal("the threads that add up the log of ends have unlike sums".into());
+        parts.try_for_each(|part| sums.merge(&part)).ok_or_else(misfit)?;
         Ok(sums)
     }
 
@@ -156,7 +157,8 @@ fn no_sums(cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
 
 /// Adds up what rays logged, a part of them in each thread, and tells which rays have strayed.
 fn add_side_by_side(sums: &mut [EndSums], rays: LoggedRays, shape: &EndLog) -> Result<Vec<u32>> {
-    let num_parts = sums.len().min(rays.num / LEAST_RAYS).max(1);
+    let num_entries = rays.num * (shape.max_passes as usize + 1);
+    let num_parts = sums.len().min(num_entries / LEAST_ENTRIES).max(1);
     let part_rays = rays.num.div_ceil(num_parts);
     let parts = (0..rays.num).step_by(part_rays.max(1)).map(|first| LoggedRays {
         first,
@@ -170,7 +172,9 @@ fn add_side_by_side(sums: &mut [EndSums], rays: LoggedRays, shape: &EndLog) -> R
     std::thread::scope(|scope| {
         let mut parts = sums.iter_mut().zip(parts);
         let own = parts.next();
-        let others: Vec<_> = parts.map(|part| scope.spawn(move || add(part))).collect();
+        let thread = |part| std::thread::Builder::new().spawn_scoped(scope, move || add(part));
+        let no_thread = |error| Error::Device(format!("no thread to add up where rays end: {error}"));
+        let others = parts.map(thread).collect::<std::io::Result<Vec<_>>>().map_err(no_thread)?;
         let mut strays = own.map_or_else(|| Ok(Vec::new()), add)?;
         for other in others {
             let failed = |_| Error::Internal("a thread that adds up the log of ends failed".into());
@@ -220,7 +224,7 @@ mod tests {
 
     #[test]
     fn any_number_of_threads_adds_up_the_same() {
-        for num in [1, LEAST_RAYS, 3 * LEAST_RAYS + 1, 4 * LEAST_RAYS + 63] {
+        for num in [1, LEAST_ENTRIES, 3 * LEAST_ENTRIES + 1, 4 * LEAST_ENTRIES + 63] {
             let (alone, strays) = added(1, num);
             assert!(strays.iter().copied().eq((0..num as u32).step_by(7)));
             assert_eq!(alone.counts.iter().sum::<u64>(), (num - strays.len() + (num + 5) / 7) as u64);
@@ -239,11 +243,13 @@ mod tests {
     fn a_cell_that_does_not_exist_is_refused_in_any_thread() {
         let cells = Cells::of(&scene());
         let shape = EndLog { form: Form::Counts, has_fractions: false, max_passes: 0, grids: Vec::new() };
-        let mut entries = vec![0_u32; 3 * LEAST_RAYS];
-        entries[3 * LEAST_RAYS - 1] = 1 << 26 | cells.num_counters;
-        let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
-        let rays =
-            LoggedRays { bytes: bytemuck::cast_slice(&entries), first: 0, num: entries.len(), stride: 1 };
-        assert!(matches!(add_side_by_side(&mut sums, rays, &shape), Err(Error::Internal(_))));
+        for part in 0..3 {
+            let mut entries = vec![0_u32; 3 * LEAST_ENTRIES];
+            entries[part * LEAST_ENTRIES + 5] = 1 << 26 | cells.num_counters;
+            let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
+            let rays =
+                LoggedRays { bytes: bytemuck::cast_slice(&entries), first: 0, num: entries.len(), stride: 1 };
+            assert!(matches!(add_side_by_side(&mut sums, rays, &shape), Err(Error::Internal(_))), "{part}");
+        }
     }
 }

@@ -36,8 +36,8 @@ use sums::SumBuffers;
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
 /// Up to so many detectors stand apart from the tree.
 const MAX_SENSORS_APART: usize = 8;
-/// See [`ProgramOptions::rays_per_invocation`]; more gain nothing.
-const RAYS_OF_A_PROCESSOR: u32 = 8;
+/// Events of an invocation whose loops never make many rounds.
+const FEW_EVENTS: u32 = 1 << 8;
 
 /// Which rays have their paths recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,6 +76,8 @@ pub struct ProgramOptions {
     pub events_per_dispatch: u32,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
+    /// Most rays that an invocation follows, see [`ProgramOptions::rays_per_invocation`]. The results are the same bits.
+    pub most_rays_per_invocation: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
     /// The weight that each emitter's rays are born with.
@@ -119,7 +121,6 @@ impl ProgramOptions {
     /// True if the loops of an invocation may make more rounds than some driver allows (shaders/lib/rounds.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
-        const FEW_EVENTS: u32 = 1 << 8;
         let [.., gaussian] = features.splats;
         features.splits
             || !self.baked
@@ -129,11 +130,14 @@ impl ProgramOptions {
             || self.events_per_dispatch > FEW_EVENTS
     }
 
-    /// Rays that an invocation of trace_new follows, one after the other: on a processor several, so that the atomics of
-    /// its bins cost little; elsewhere more invocations are better. (trace_nominal has no loop, and gains nothing by one.)
+    /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
+    /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
+    /// remembers a ray's visits (shaders/lib/visits.wgsl). (trace_nominal has no loop, and gains nothing by one.)
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
-        let few_rounds = !self.has_queue() && !self.has_many_rounds(features);
-        if self.host_sums && few_rounds { RAYS_OF_A_PROCESSOR } else { 1 }
+        if self.has_queue() || self.has_many_rounds(features) {
+            return 1;
+        }
+        (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))
     }
 
     /// True if rows go to the host: rays of a database, or events of paths.

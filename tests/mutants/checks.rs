@@ -89,7 +89,10 @@ impl Scene {
             match (word, precision(word)) {
                 (_, Some(precision)) => setting.options.precision = precision,
                 ("portable", _) => setting.native = false,
-                ("logged", _) => setting.options.host_sums = Some(true),
+                ("logged", _) => {
+                    setting.options.host_sums = Some(true);
+                    setting.options.rays_per_invocation = Some(8);
+                }
                 ("nominal", _) => {
                     setting.options.host_sums = Some(true);
                     setting.options.nominal_path = Some(true);
@@ -148,6 +151,7 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let mut other = first.clone();
     other.native = false;
     other.options.host_sums = Some(false);
+    other.options.rays_per_invocation = Some(1);
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;
     if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }

@@ -9,6 +9,7 @@ alias real = f32;
 // <- shaders/lib/rng_portable.wgsl
 // <- shaders/lib/sums_portable.wgsl
 const WORKGROUP_SIZE: u32 = 64u;
+const RAYS_PER_INVOCATION: u32 = 1u;
 const EVENTS_PER_DISPATCH: u32 = 16u;
 const MAX_DEPTH: u32 = 16u;
 const NUM_SURFACES: u32 = 3u;
