@@ -7,18 +7,7 @@ fn trace_new(
     @builtin(local_invocation_index) local_index: u32,
 ) {
     begin();
-    let invocation = id.y * groups.x * WORKGROUP_SIZE + id.x;
-    var ray: Ray;
-    ray.fate = DETECTED;
-    for (var turn = 0u; turn < RAYS_PER_INVOCATION; turn++) {
-        let index = ray_of(invocation, turn);
-        if index < range.count {
-            go_on_after_passes(0u);
-            ray = generate(index);
-            record_birth(ray);
-            follow(&ray);
-        }
-    }
+    let ray = follow_rays(id.y * groups.x * WORKGROUP_SIZE + id.x);
     flush_bins();
     flush_reached();
     notice_cut_loops();
@@ -27,10 +16,17 @@ fn trace_new(
     }
 }
 
-// The rays of an invocation are as far apart as its workgroup is large: what neighbours write lies side by side.
-fn ray_of(invocation: u32, turn: u32) -> u32 {
-    let local = invocation % WORKGROUP_SIZE;
-    return (invocation - local) * RAYS_PER_INVOCATION + turn * WORKGROUP_SIZE + local;
+// A ray of the range from its birth on; one beyond it is as good as ended.
+fn follow_new(index: u32) -> Ray {
+    var ray: Ray;
+    ray.fate = DETECTED;
+    if index < range.count {
+        go_on_after_passes(0u);
+        ray = generate(index);
+        record_birth(ray);
+        follow(&ray);
+    }
+    return ray;
 }
 
 // Up to EVENTS_PER_DISPATCH events; then where the ray ended goes to memory. A ray ends at most once, so this is dealt with

@@ -225,6 +225,11 @@ impl Composition<'_> {
             pick(f.bulk_absorption, shader!("lib/bulk.wgsl"), shader!("lib/bulk_none.wgsl")),
             pick(f.roulette, shader!("lib/roulette.wgsl"), shader!("lib/roulette_none.wgsl")),
             pick(o.has_many_rounds(f), shader!("lib/rounds.wgsl"), shader!("lib/rounds_none.wgsl")),
+            pick(
+                o.rays_per_invocation(f) == 1,
+                shader!("lib/rays_one.wgsl"),
+                shader!("lib/rays_several.wgsl"),
+            ),
             pick(f.splits, shader!("split.wgsl"), self.branch_file()),
             pick(f.coated, shader!("lib/coating.wgsl"), shader!("lib/coating_none.wgsl")),
             pick(f.bsdfs.is_empty(), shader!("lib/scatter_none.wgsl"), shader!("scatter.wgsl")),
