@@ -74,6 +74,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/lib/rounds.wgsl
 
+// <- shaders/lib/rays_one.wgsl
+
 // <- shaders/lib/branch_fresnel.wgsl
 
 // <- shaders/lib/coating_none.wgsl
