@@ -13,7 +13,7 @@
 //! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
 //! [`nominal`] finds, by a pilot trace, the path that most rays take, so that it can have a stage of its own.
 //! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
-//! [`folders`] knows where a user keeps settings and caches.
+//! [`folders`] knows where a user keeps settings and caches, [`processors`] how many threads are worth their start.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
 //! `viewer`, behind the feature of that name, is the window of `nsq-gpu view`.
 
@@ -31,6 +31,7 @@ pub mod ir;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod nominal;
 pub mod precision;
+pub mod processors;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod program;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]

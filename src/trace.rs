@@ -15,6 +15,7 @@ use crate::gpu::tuning::Tuning;
 use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::nominal;
+use crate::processors;
 use crate::program::end_log::EndLog;
 use crate::program::{
     self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
@@ -365,7 +366,7 @@ impl<'a> Tracer<'a> {
             workgroup_size: options.workgroup_size,
             most_rays_per_invocation: options
                 .rays_per_invocation
-                .unwrap_or(most_rays_per_invocation(gpu, options)),
+                .unwrap_or_else(|| most_rays_per_invocation(gpu, options)),
             paths: options.paths.sampling(budget(options)),
             weights,
             sampler: options.sampler,
@@ -684,9 +685,9 @@ impl<'a> Tracer<'a> {
             self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let rays_per_invocation = match (&device.trace_nominal, rays) {
-            (Some(_), Rays::OfRange) => 1,
-            _ => self.program.options.rays_per_invocation(&self.program.features),
+        let rays_per_invocation = match device.trace_nominal(rays) {
+            Some(_) => 1,
+            None => self.program.options.rays_per_invocation(&self.program.features),
         };
         let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;
         let (x, y) = grid(range.count.div_ceil(rays_per_workgroup), self.gpu);
@@ -1079,6 +1080,11 @@ impl DeviceState {
         })
     }
 
+    /// The stage of the nominal path, where such rays take it.
+    fn trace_nominal(&self, rays: Rays) -> Option<&wgpu::ComputePipeline> {
+        self.trace_nominal.as_ref().filter(|_| matches!(rays, Rays::OfRange))
+    }
+
     /// The stages of one batch, in their order; `log` is the log of ends that they write.
     fn stages(
         &self,
@@ -1088,9 +1094,9 @@ impl DeviceState {
         rays: Rays,
     ) -> impl Iterator<Item = Stage<'_>> {
         let scene = &self.scenes[log];
-        let (name, pipeline, queued) = match (&self.trace_nominal, rays) {
-            (Some(trace_nominal), Rays::OfRange) => ("trace_nominal", trace_nominal, None),
-            _ => ("trace_new", &self.trace_new, self.trace_queued.as_ref()),
+        let (name, pipeline, queued) = match self.trace_nominal(rays) {
+            Some(trace_nominal) => ("trace_nominal", trace_nominal, None),
+            None => ("trace_new", &self.trace_new, self.trace_queued.as_ref()),
         };
         let first = Stage {
             name,
@@ -1286,7 +1292,7 @@ fn most_rays_per_invocation(gpu: &Gpu, options: &TraceOptions) -> u32 {
     if !gpu.info.is_cpu() {
         return 1;
     }
-    let processors = std::thread::available_parallelism().map_or(1, usize::from) as u64;
+    let processors = processors::count() as u64;
     let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
     (dispatch_rays / (WORKGROUPS * processors * u64::from(options.workgroup_size.max(1)))).clamp(1, MOST)
         as u32

@@ -1,7 +1,6 @@
 // What a launched ray left on detectors that let it pass, or its children after it was split: its later deposits on them
-// are correlated with these. So many visits
-// are known each by its place; of the others only the weight is, and what they left is taken for the whole of it wherever
-// the ray comes again: the second moment is then too large, never too small.
+// are correlated with these. So many visits are known each by its place; of the others only the weight is, and what they
+// left is taken for the whole of it wherever the ray comes again: the second moment is then too large, never too small.
 // An invocation traces one ray, from its birth to its end, where this file is used.
 
 const MAX_VISITS: u32 = 8u;

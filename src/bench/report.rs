@@ -6,6 +6,7 @@ use crate::bench::runner::{CaseResult, Measurement, PeerMeasurement};
 use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
+use crate::processors;
 use crate::result::png::bars::{Bar, Bars, Group, write_bars};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -109,7 +110,7 @@ impl BenchReport {
             machine: Machine {
                 system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
                 processor: machine::processor(),
-                num_cores: machine::num_cores(),
+                num_cores: processors::count(),
                 load_average_start: machine::load_average(),
                 load_average_end: None,
             },

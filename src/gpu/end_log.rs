@@ -3,6 +3,7 @@
 use super::Gpu;
 use super::end_sums::{EndSums, LoggedRays};
 use crate::error::{Error, Result};
+use crate::processors;
 use crate::program::Cells;
 use crate::program::RayRange;
 use crate::program::end_log::{self, EndLog};
@@ -52,7 +53,7 @@ impl EndLogs {
         let log = || gpu.mappable_buffer("the log of ends", bytes);
         Ok(EndLogs {
             logs: [log()?, log()?],
-            sums: no_sums(cells, &shape),
+            sums: no_sums(num_threads(cells), cells, &shape),
             shape,
             stride,
             turn: 0,
@@ -119,7 +120,8 @@ impl EndLogs {
     /// # Errors
     /// [`Error::Internal`] if those of the threads do not fit together.
     pub fn take(&mut self, cells: &Cells) -> Result<EndSums> {
-        let mut parts = std::mem::replace(&mut self.sums, no_sums(cells, &self.shape)).into_iter();
+        let empty = no_sums(self.sums.len(), cells, &self.shape);
+        let mut parts = std::mem::replace(&mut self.sums, empty).into_iter();
         let mut sums = parts.next().unwrap_or_default();
         let misfit = || Error::Internal("the threads that add up the log of ends have unlike sums".into());
         parts.try_for_each(|part| sums.merge(&part)).ok_or_else(misfit)?;
@@ -132,8 +134,9 @@ impl EndLogs {
         let strays = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
-            let (num, stride) = (written.range.count as usize, self.stride as usize);
-            add_side_by_side(&mut self.sums, LoggedRays { bytes: &bytes, first: 0, num, stride }, &self.shape)
+            let rays = 0..written.range.count as usize;
+            let logged = LoggedRays { bytes: &bytes, rays, stride: self.stride as usize };
+            add_side_by_side(&mut self.sums, &logged, &self.shape)
         };
         log.unmap();
         self.note_strays(&strays?, &written.range);
@@ -147,27 +150,28 @@ impl EndLogs {
     }
 }
 
-/// Empty sums, one for each thread that adds up. Lavapipe deals a dispatch out to all processors in equal parts and waits
-/// for each: a lone thread would keep one of them from its part, and then the others wait.
-fn no_sums(cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let num_threads = processors.min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1);
+/// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts and waits for each: a lone thread
+/// would keep one of them from its part, and then the others wait.
+fn num_threads(cells: &Cells) -> usize {
+    processors::count().min(MOST_THREADS).min(MOST_CELLS / cells.num_cells.max(1) as usize).max(1)
+}
+
+/// Empty sums, one for each thread.
+fn no_sums(num_threads: usize, cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
     (0..num_threads).map(|_| EndSums::new(cells, shape.form)).collect()
 }
 
 /// Adds up what rays logged, a part of them in each thread, and tells which rays have strayed.
-fn add_side_by_side(sums: &mut [EndSums], rays: LoggedRays, shape: &EndLog) -> Result<Vec<u32>> {
-    let num_entries = rays.num * (shape.max_passes as usize + 1);
+fn add_side_by_side(sums: &mut [EndSums], logged: &LoggedRays, shape: &EndLog) -> Result<Vec<u32>> {
+    let rays = &logged.rays;
+    let num_entries = rays.len() * (shape.max_passes as usize + 1);
     let num_parts = sums.len().min(num_entries / LEAST_ENTRIES).max(1);
-    let part_rays = rays.num.div_ceil(num_parts);
-    let parts = (0..rays.num).step_by(part_rays.max(1)).map(|first| LoggedRays {
-        first,
-        num: part_rays.min(rays.num - first),
-        ..rays
-    });
+    let part_rays = rays.len().div_ceil(num_parts).max(1);
+    let part = |first| LoggedRays { rays: first..(first + part_rays).min(rays.end), ..*logged };
+    let parts = rays.clone().step_by(part_rays).map(part);
     let add = |(sums, part): (&mut EndSums, LoggedRays)| {
         let mut strays = Vec::new();
-        sums.add(part, shape, &mut strays).map(|()| strays).ok_or_else(no_such_cell)
+        sums.add(&part, shape, &mut strays).map(|()| strays).ok_or_else(no_such_cell)
     };
     std::thread::scope(|scope| {
         let mut parts = sums.iter_mut().zip(parts);
@@ -215,8 +219,8 @@ mod tests {
         let mut entries: Vec<u64> = (0..stride).map(first).collect();
         entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
         let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
-        let rays = LoggedRays { bytes: bytemuck::cast_slice(&entries), first: 0, num, stride };
-        let strays = add_side_by_side(&mut sums, rays, &shape).unwrap();
+        let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride };
+        let strays = add_side_by_side(&mut sums, &logged, &shape).unwrap();
         let mut all = EndSums::new(&cells, shape.form);
         sums.iter().for_each(|part| all.merge(part).unwrap());
         (all, strays)
@@ -247,9 +251,12 @@ mod tests {
             let mut entries = vec![0_u32; 3 * LEAST_ENTRIES];
             entries[part * LEAST_ENTRIES + 5] = 1 << 26 | cells.num_counters;
             let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
-            let rays =
-                LoggedRays { bytes: bytemuck::cast_slice(&entries), first: 0, num: entries.len(), stride: 1 };
-            assert!(matches!(add_side_by_side(&mut sums, rays, &shape), Err(Error::Internal(_))), "{part}");
+            let logged =
+                LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..entries.len(), stride: 1 };
+            assert!(
+                matches!(add_side_by_side(&mut sums, &logged, &shape), Err(Error::Internal(_))),
+                "{part}"
+            );
         }
     }
 }

@@ -15,14 +15,12 @@ pub struct EndSums {
 }
 
 /// What the rays of a dispatch logged.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct LoggedRays<'a> {
     /// The log's words.
     pub bytes: &'a [u8],
-    /// The first ray.
-    pub first: usize,
-    /// Rays.
-    pub num: usize,
+    /// Those of them to add, by their numbers in the dispatch.
+    pub rays: Range<usize>,
     /// From an entry of a ray to its next.
     pub stride: usize,
 }
@@ -65,15 +63,15 @@ impl EndSums {
 
     /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number. None
     /// if an entry makes no sense.
-    pub fn add(&mut self, rays: LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
+    pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
         match (log.form, log.has_fractions) {
-            (Form::Counts, _) => self.add_rays::<[u32; 1]>(rays, log, strays),
-            (Form::Packed, false) => self.add_rays::<[u64; 1]>(rays, log, strays),
-            (Form::Packed, true) => self.add_rays::<[u64; 2]>(rays, log, strays),
-            (Form::Words, false) => self.add_rays::<[u32; 2]>(rays, log, strays),
-            (Form::Words, true) => self.add_rays::<[u32; 4]>(rays, log, strays),
-            (Form::Reals, false) => self.add_rays::<[f64; 2]>(rays, log, strays),
-            (Form::Reals, true) => self.add_rays::<[f64; 4]>(rays, log, strays),
+            (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, strays),
+            (Form::Packed, false) => self.add_rays::<[u64; 1]>(logged, log, strays),
+            (Form::Packed, true) => self.add_rays::<[u64; 2]>(logged, log, strays),
+            (Form::Words, false) => self.add_rays::<[u32; 2]>(logged, log, strays),
+            (Form::Words, true) => self.add_rays::<[u32; 4]>(logged, log, strays),
+            (Form::Reals, false) => self.add_rays::<[f64; 2]>(logged, log, strays),
+            (Form::Reals, true) => self.add_rays::<[f64; 4]>(logged, log, strays),
         }
     }
 
@@ -88,17 +86,17 @@ impl EndSums {
             .try_for_each(|(cell, quanta)| self.quanta.add(cell, quanta))
     }
 
-    fn add_rays<E: Entry>(&mut self, rays: LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
-        let LoggedRays { bytes, first, num, stride } = rays;
+    fn add_rays<E: Entry>(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
+        let LoggedRays { bytes, ref rays, stride } = *logged;
         let entries: &[E] = bytemuck::try_cast_slice(bytes).ok()?;
         if log.max_passes == 0 {
-            let mut ends = (first..).zip(entries.get(first..first + num)?);
+            let mut ends = rays.clone().zip(entries.get(rays.clone())?);
             return ends
                 .try_for_each(|(ray, entry)| self.add_entry::<E>(entry.read(), ray, &log.grids, strays));
         }
-        (first..first + num).step_by(BLOCK).try_for_each(|start| {
-            let rays = start..(start + BLOCK).min(first + num);
-            self.add_block(entries, rays, stride, &log.grids, strays)
+        rays.clone().step_by(BLOCK).try_for_each(|start| {
+            let block = start..(start + BLOCK).min(rays.end);
+            self.add_block(entries, block, stride, &log.grids, strays)
         })
     }
 
@@ -414,8 +412,8 @@ mod tests {
             (Form::Reals, cast_slice(&reals)),
         ] {
             let mut sums = sums();
-            let rays = LoggedRays { bytes, first: 0, num: 1, stride: 1 };
-            assert_eq!(sums.add(rays, &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
+            let logged = LoggedRays { bytes, rays: 0..1, stride: 1 };
+            assert_eq!(sums.add(&logged, &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
             let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
             assert_eq!(quanta(&sums), shares, "{form:?}");
             assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
@@ -436,8 +434,8 @@ mod tests {
             (Form::Reals, cast_slice(&reals)),
         ] {
             let (mut sums, mut strays) = (sums(), Vec::new());
-            let rays = LoggedRays { bytes, first: 0, num: 3, stride: 3 };
-            assert_eq!(sums.add(rays, &log(form, 0), &mut strays), Some(()), "{form:?}");
+            let logged = LoggedRays { bytes, rays: 0..3, stride: 3 };
+            assert_eq!(sums.add(&logged, &log(form, 0), &mut strays), Some(()), "{form:?}");
             assert_eq!((strays, sums.counts), (vec![0, 2], vec![0, 0, 1, 0, 0, 0, 0]), "{form:?}");
         }
     }
@@ -448,8 +446,8 @@ mod tests {
         let large = 2.0_f64.powi(20);
         let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
         let mut sums = sums();
-        let rays = LoggedRays { bytes: cast_slice(&entries), first: 0, num: 3, stride: 3 };
-        assert_eq!(sums.add(rays, &log(Form::Reals, 0), &mut Vec::new()), Some(()));
+        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..3, stride: 3 };
+        assert_eq!(sums.add(&logged, &log(Form::Reals, 0), &mut Vec::new()), Some(()));
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [2, 3, 0, 0, 0, 0, 0], "two deposits that no sum can hold");
     }
@@ -465,12 +463,12 @@ mod tests {
             entries[passes * stride + ray] = IN_CELL | 2;
         }
         let mut whole = sums();
-        let rays = LoggedRays { bytes: cast_slice(&entries), first: 0, num, stride };
-        assert_eq!(whole.add(rays, &log(Form::Counts, 4), &mut Vec::new()), Some(()));
+        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..num, stride };
+        assert_eq!(whole.add(&logged, &log(Form::Counts, 4), &mut Vec::new()), Some(()));
         assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
-        let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..rays };
+        let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..logged.clone() };
         assert_eq!(
-            sums().add(cut, &log(Form::Counts, 4), &mut Vec::new()),
+            sums().add(&cut, &log(Form::Counts, 4), &mut Vec::new()),
             None,
             "the log ends before the ray does"
         );
@@ -479,7 +477,7 @@ mod tests {
     #[test]
     fn a_cell_that_does_not_exist_is_refused() {
         let entries = [IN_CELL | 7];
-        let rays = LoggedRays { bytes: cast_slice(&entries), first: 0, num: 1, stride: 1 };
-        assert_eq!(sums().add(rays, &log(Form::Counts, 0), &mut Vec::new()), None);
+        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..1, stride: 1 };
+        assert_eq!(sums().add(&logged, &log(Form::Counts, 0), &mut Vec::new()), None);
     }
 }

@@ -405,7 +405,8 @@ impl Composition<'_> {
         Ok(text)
     }
 
-    /// A lone emitter is compiled in; of several, the one of the dispatch lies in a uniform.
+    /// A lone emitter is compiled in; of several, the one of the dispatch lies in a uniform. `begin` copies what lies in
+    /// uniforms before the first branch.
     fn emitter(&self) -> Result<String> {
         let emitters = lowered::emitter_records(self.ir, self.centre, &self.options.weights);
         let rotated = lowered::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));

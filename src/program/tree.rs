@@ -5,8 +5,9 @@
 //! way between, none larger than |o| + s. With u = 2^-24, in units of u times those: the box and its corners 1 each,
 //! the position 1, the direction and the frame's rotation 3 each over the way, place, subtraction and the point that is
 //! tested against the aperture 2 each, the slabs (two differences, a sum and three products, with an inverse good to
-//! 2.5 ulp; a box's place in a grid that is wider than it has room of its own, super::bvh) 16, the crossing of a quadric 10. That is less than 48; a box is larger by 64 times s, and
-//! the shader widens it by 64 times |o|. Along the ray the same margin keeps the entry into a box before any hit within.
+//! 2.5 ulp; a box's place in a grid that is wider than it has room of its own, super::bvh) 16, the crossing of a
+//! quadric 10. That is less than 48; a box is larger by 64 times s, and the shader widens it by 64 times |o|. Along the
+//! ray the same margin keeps the entry into a box before any hit within.
 
 use super::Precision;
 use super::bvh::{Forest, MAX_DEPTH};

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use crate::error::{Error, Result};
+use crate::processors;
 use crate::result::report::Files;
 use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
 
@@ -138,7 +139,7 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
 
 /// Draws pictures of detectors, as many at a time as there are processors.
 fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
-    let at_a_time = thread::available_parallelism().map_or(1, usize::from);
+    let at_a_time = processors::count();
     pictures.chunks(at_a_time).try_for_each(|some| {
         thread::scope(|scope| {
             let start = |(detector, path)| scope.spawn(move || png::write_detector(path, detector));
