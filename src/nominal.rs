@@ -16,6 +16,11 @@ const LEAST_SHARE: f64 = 0.5;
 /// Shorter traces are over before the pilot has paid.
 const LEAST_RAYS: u64 = 1 << 23;
 
+/// Whether a trace of so many rays looks for such a path.
+pub fn is_long_enough(num_rays: u64) -> bool {
+    num_rays >= LEAST_RAYS
+}
+
 /// The primitives that most rays meet, or none: where there is no such path, where a trace has too few rays for the
 /// search to pay, and where no stage could follow it. On demand, any path that ends somewhere will do.
 ///
@@ -27,7 +32,7 @@ pub fn find(
     options: &TraceOptions,
     program_options: &ProgramOptions,
 ) -> Result<Option<Vec<usize>>> {
-    let pays = options.nominal_path.unwrap_or(options.num_rays >= LEAST_RAYS);
+    let pays = options.nominal_path.unwrap_or(is_long_enough(options.num_rays));
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
     if !(pays && is_alike && is_possible(ir, program_options)) {

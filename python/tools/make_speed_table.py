@@ -1,4 +1,4 @@
-"""Writes the README's table of speeds from the newest bench.json below benches/results/.
+"""Writes the README's tables of speeds from every bench.json below benches/results/, the newest first.
 
 usage, in python/: python -m tools.make_speed_table
 """
@@ -8,24 +8,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
-BEGIN = "<!-- Written by python/tools/make_speed_table.py from {path}. -->\n"
-END = "<!-- End of the table of speeds. -->\n"
+BEGIN = "<!-- Written by python/tools/make_speed_table.py. -->\n"
+END = "<!-- End of the tables of speeds. -->\n"
 
 
-def newest() -> Path:
-    """The newest bench.json: folders are named by date."""
-    return sorted((ROOT / "benches" / "results").glob("*/bench.json"))[-1]
+def newest_first() -> list[Path]:
+    """Every bench.json: folders are named by date."""
+    return sorted((ROOT / "benches" / "results").glob("*/bench.json"), reverse=True)
 
 
 def table(report: dict) -> str:
     """The cases as Markdown: median rates [M rays/s] and ratios to the peers."""
-    machine, adapter = report["machine"], report["adapter"]
     peers = sorted({peer["name"] for case in report["cases"] for peer in case["peers"]})
     lines = [
-        f"{machine['processor']}, {machine['num_cores']} cores; {adapter['driver']}; {report['date'][:10]}"
-        + "".join(f"; {name} {_versions(report['peers'].get(name, {}))}" for name in peers)
-        + f"; medians of {report['num_runs']} runs.",
-        "",
         "| case | rays | f32 [M rays/s] | f64 [M rays/s] |" + "".join(f" f32 / f64 over {name} |" for name in peers),
         "|---|---|---|---|" + "---|" * len(peers),
     ]
@@ -37,6 +32,14 @@ def table(report: dict) -> str:
     return "\n".join(lines).replace("e+0", "e") + "\n"
 
 
+def heading(report: dict) -> str:
+    """What was measured on, when, and beside whom."""
+    machine, adapter = report["machine"], report["adapter"]
+    parts = [f"{machine['processor']}, {machine['num_cores']} cores", adapter["driver"], report["date"][:10]]
+    parts += [f"{name} {_versions(versions)}" for name, versions in report["peers"].items()]
+    return "; ".join([*parts, f"medians of {report['num_runs']} runs"])
+
+
 def _versions(versions: dict) -> str:
     return ", ".join(dict.fromkeys(versions.values()))
 
@@ -46,13 +49,19 @@ def _ratios(measured: dict, peer: str) -> str:
     return " / ".join("" if ratio is None else f"{ratio:.3g}" for ratio in ratios) if any(ratios) else ""
 
 
-def replaced(readme: str, path: Path) -> str:
-    """The README with its table made anew."""
-    head, rest = readme.split(BEGIN.split("{")[0], 1)
+def section(path: Path) -> str:
+    """One results folder: its name, what was measured on, its table."""
+    report = json.loads(path.read_text())
+    folder = path.parent.relative_to(ROOT).as_posix()
+    return f"**[{path.parent.name}]({folder})**: {heading(report)}.\n\n{table(report)}\n"
+
+
+def replaced(readme: str, paths: list[Path]) -> str:
+    """The README with its tables made anew."""
+    head, rest = readme.split(BEGIN, 1)
     tail = rest.split(END, 1)[1]
-    begin = BEGIN.format(path=path.relative_to(ROOT).as_posix())
-    return head + begin + table(json.loads(path.read_text())) + END + tail
+    return head + BEGIN + "\n" + "".join(map(section, paths)) + END + tail
 
 
 if __name__ == "__main__":
-    README.write_text(replaced(README.read_text(), newest()))
+    README.write_text(replaced(README.read_text(), newest_first()))

@@ -51,7 +51,8 @@ pub fn all(max_rays: u64) -> Vec<Case> {
     let mut cases = rays_sweep(max_rays);
     cases.extend(surfaces_sweep());
     cases.extend(depth_sweep());
-    cases.extend((0..10).map(|i| trace(&format!("lens_{i}"), "lenses", random_lens(i))));
+    let lens = |i| Case { num_rays: 10_000_000, ..trace(&format!("lens_{i}"), "lenses", random_lens(i)) };
+    cases.extend((0..10).map(lens));
     cases.push(trace("spheres_100", "spheres", spheres_scene(100)));
     cases.push(trace("mesh_100k", "meshes", torus_scene(224)));
     cases.push(trace("flat", "splats", beam_scene(25.0)));

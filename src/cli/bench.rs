@@ -169,7 +169,7 @@ pub fn run(args: &Args) -> Result<String> {
 }
 
 fn suits_wide_vectors(case: &Case) -> Result<bool> {
-    Ok(vectors::suit(&Scene::from_json(&case.scene)?.lower()?))
+    Ok(vectors::suit(&Scene::from_json(&case.scene)?.lower()?, case.num_rays))
 }
 
 /// Measures a case in a process of its own: the width of vectors is a process's.

@@ -90,7 +90,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Lets lavapipe use the widest vectors. Before other threads and adapters: [`main`] demands the one, and commands see to
+/// Lets lavapipe use wide vectors. Before other threads and adapters: [`main`] demands the one, and commands see to
 /// the other.
 fn widen_vectors() {
     // SAFETY: no other thread runs yet, and no adapter was asked for.

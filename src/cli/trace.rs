@@ -178,7 +178,7 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 pub fn run(args: &Args) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
-    if vectors::suit(&ir) {
+    if vectors::suit(&ir, args.num_rays) {
         super::widen_vectors();
     }
     if args.watch_stdin {

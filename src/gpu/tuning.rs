@@ -36,11 +36,14 @@ struct Found {
 }
 
 impl Tuning {
-    /// What is taken for an adapter about which nothing was found out: lavapipe allocates memory for each workgroup, so
-    /// processors do better with fewer of them.
+    /// What is taken for an adapter about which nothing was found out. Lavapipe allocates memory for each workgroup, so
+    /// processors do better with fewer of them; and it writes survivors down lane by lane, so with more events as well.
     pub fn untuned(adapter: &AdapterInfo) -> Self {
-        let default = Self::default();
-        if adapter.is_cpu() { Tuning { workgroup_size: 128, ..default } } else { default }
+        if adapter.is_cpu() {
+            Tuning { workgroup_size: 128, events_per_dispatch: 64 }
+        } else {
+            Self::default()
+        }
     }
 
     /// What was found out about an adapter; [`Tuning::untuned`] if nothing was, or the file cannot be read.
