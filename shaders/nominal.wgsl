@@ -7,20 +7,27 @@
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     begin();
-    let index = id.y * groups.x * WORKGROUP_SIZE + id.x;
+    follow_nominal_rays(id.y * groups.x * WORKGROUP_SIZE + id.x);
+    flush_bins();
+    flush_reached();
+    notice_cut_loops();
+}
+
+fn follow_nominal(index: u32) {
     if index >= range.count {
         return;
     }
+    keep_bins();
+    let reached_before = reached;
     var ray = new_ray(key_in_range(index), index);
     if walk(&ray) {
         settle(ray);
-        flush_bins();
-        flush_reached();
     } else {
+        restore_bins();
+        reached = reached_before;
         end_strayed();
     }
     log_end(index);
-    notice_cut_loops();
 }
 
 // One event of the path on a surface: true if the ray has met it and lives. One that has strayed goes through the same

@@ -686,7 +686,7 @@ impl<'a> Tracer<'a> {
         }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let rays_per_invocation = match device.trace_nominal(rays) {
-            Some(_) => 1,
+            Some(_) => self.program.options.nominal_rays_per_invocation(&self.program.features),
             None => self.program.options.rays_per_invocation(&self.program.features),
         };
         let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;

@@ -78,6 +78,20 @@ fn so_do_small_batches_and_strays_that_go_through_queues() {
 }
 
 #[test]
+fn so_do_invocations_of_one_ray_or_several() {
+    for (i, name) in SOME.into_iter().enumerate() {
+        let ir = zoo::load(name);
+        let precision = [Precision::F32, Precision::F64][i % 2];
+        let rays = |num| TraceOptions { rays_per_invocation: Some(num), ..options(precision) };
+        let alone = trace(&ir, &rays(1)).0;
+        for num in [1, 3, 8] {
+            let (tally, nominal) = trace(&ir, &with_nominal_path(&rays(num)));
+            assert!(nominal.is_some() && tally == alone, "{name}, {num} rays an invocation");
+        }
+    }
+}
+
+#[test]
 fn so_do_sobol_points() {
     for (name, precision) in SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle()) {
         let options = TraceOptions { sampler: Sampler::Sobol, ..options(precision) };

@@ -104,6 +104,9 @@ impl Composition<'_> {
         };
         uint("WORKGROUP_SIZE", o.workgroup_size);
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
+        if self.nominal.is_some() {
+            uint("NOMINAL_RAYS_PER_INVOCATION", o.nominal_rays_per_invocation(f));
+        }
         uint("EVENTS_PER_DISPATCH", o.events_per_dispatch);
         uint("MAX_DEPTH", o.max_depth);
         uint("NUM_SURFACES", self.ir.surfaces.len() as u32);
@@ -329,6 +332,14 @@ impl Composition<'_> {
             (f.far_field, shader!("sensors/far_field.wgsl")),
             (f.ray_database, shader!("sensors/ray_database.wgsl")),
             (self.nominal.is_some(), shader!("nominal.wgsl")),
+            (
+                self.nominal.is_some(),
+                pick(
+                    o.nominal_rays_per_invocation(f) == 1,
+                    shader!("lib/nominal_rays_one.wgsl"),
+                    shader!("lib/nominal_rays_several.wgsl"),
+                ),
+            ),
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
@@ -572,7 +583,8 @@ impl Composition<'_> {
         text
     }
 
-    /// Bins that rays meet on their way, in registers; a table's mirrors book in memory.
+    /// Bins that rays meet on their way, in registers; a table's mirrors book in memory. What a ray has put into them since
+    /// `keep_bins` is taken back by `restore_bins`.
     fn bins(&self) -> String {
         let f = self.features;
         let mut bins: Vec<(String, bool)> = [
@@ -597,11 +609,21 @@ impl Composition<'_> {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
         let mut flush = String::from("fn flush_bins() {\n");
+        let mut keep = String::from("fn keep_bins() {\n");
+        let mut restore = String::from("fn restore_bins() {\n");
+        let mut register = |name: String, kind: &str, zero: &str| {
+            let _ = writeln!(variables, "var<private> {name}: {kind} = {zero};");
+            if self.nominal.is_some() {
+                let _ = writeln!(variables, "var<private> kept_{name}: {kind} = {zero};");
+            }
+            let _ = writeln!(keep, "    kept_{name} = {name};");
+            let _ = writeln!(restore, "    {name} = kept_{name};");
+        };
         for (i, (cell, has_quanta)) in bins.iter().enumerate() {
-            let _ = writeln!(variables, "var<private> bin_{i}_events: u32 = 0u;");
+            register(format!("bin_{i}_events"), "u32", "0u");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
             if *has_quanta {
-                let _ = writeln!(variables, "var<private> bin_{i}: Quanta = NO_QUANTA;");
+                register(format!("bin_{i}"), "Quanta", "NO_QUANTA");
                 let _ = writeln!(add, "        bin_{i} = q_add(bin_{i}, q);");
                 let _ = writeln!(flush, "    flush_bin({cell}, bin_{i}_events, bin_{i});");
             } else {
@@ -612,7 +634,11 @@ impl Composition<'_> {
         if !self.options.baked {
             add.push_str("    count(cell);\n    deposit(cell, q);\n");
         }
-        format!("{variables}{add}}}\n{flush}}}\n")
+        let mut text = format!("{variables}{add}}}\n{flush}}}\n");
+        if self.nominal.is_some() {
+            let _ = write!(text, "{keep}}}\n{restore}}}\n");
+        }
+        text
     }
 
     /// Dispatch over the kinds of emitters that occur.

@@ -132,12 +132,21 @@ impl ProgramOptions {
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
-    /// remembers a ray's visits (shaders/lib/visits.wgsl). (trace_nominal has no loop, and gains nothing by one.)
+    /// remembers a ray's visits (shaders/lib/visits.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;
         }
         (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))
+    }
+
+    /// Rays that an invocation of trace_nominal follows: one where the path takes nothing from them, and a loop would cost
+    /// more than it spares.
+    pub fn nominal_rays_per_invocation(&self, features: &Features) -> u32 {
+        if features.keeps_weight || self.has_many_rounds(features) {
+            return 1;
+        }
+        self.most_rays_per_invocation.max(1)
     }
 
     /// True if rows go to the host: rays of a database, or events of paths.
