@@ -80,7 +80,7 @@ pub enum Choice {
     Sampler(Sampler),
     Moments,
     HostSums,
-    Nominal,
+    Nominal { absorbs: bool },
     Replicates,
     SumsInParts,
 }
@@ -247,7 +247,8 @@ impl Choice {
             Choice::Rotated,
             Choice::Moments,
             Choice::HostSums,
-            Choice::Nominal,
+            Choice::Nominal { absorbs: false },
+            Choice::Nominal { absorbs: true },
             Choice::Replicates,
             Choice::SumsInParts,
         ]);
@@ -306,10 +307,13 @@ impl Choice {
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
             Choice::HostSums => variant.host_sums = true,
-            Choice::Nominal => {
+            Choice::Nominal { absorbs } => {
                 variant.host_sums = true;
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
                 ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Hard)), true));
+                if absorbs {
+                    ir.media[1].k.fill(1e-6);
+                }
                 // Numbers of primitives shift as others come: the last detector is then some other, or a surface.
                 variant.nominal = Some(vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1]);
             }
