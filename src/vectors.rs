@@ -13,6 +13,10 @@ static IS_WIDE: OnceLock<bool> = OnceLock::new();
 
 /// What a processor makes of vectors of 512 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(
+    not(target_arch = "x86_64"),
+    allow(dead_code, reason = "only x86-64 has such vectors; tests go through all kinds anywhere")
+)]
 enum Wide {
     /// It has none, or slows down when it computes in them.
     Slow,
