@@ -99,6 +99,8 @@ struct FourTaps {
     hit: u32,
     cells: vec4<u32>,
     fractions: vec2<real>,
+    // In pixels from the centre of pixel (0, 0).
+    position: vec2<real>,
 }
 
 fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32) -> FourTaps {
@@ -114,7 +116,7 @@ fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32
         tap_cell(ix, iy + 1, sensor, base, stride),
         tap_cell(ix + 1, iy + 1, sensor, base, stride),
     );
-    return FourTaps(hit, cells, fractions);
+    return FourTaps(hit, cells, fractions, position);
 }
 
 // What the first three taps take of the weight. Its twin on the host is `first_shares` in gpu::end_sums.

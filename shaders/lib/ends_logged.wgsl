@@ -2,7 +2,8 @@
 // instruction of its own, and a store costs a tenth of it. Twin of ends_booked.wgsl: the sums are the same bits.
 
 // An entry: the cell in the low bits, then what it is; with it go the weight and the fractions of its taps (`write_entry`
-// in lib/log_*.wgsl).
+// in lib/log_*.wgsl). Or, where one detector alone has taps, the position on it, from which the host finds them: an entry
+// that is no position says so by one that no detector has.
 
 // The pixels of the taps beside the first are the same column, or the next; the same row, or the next.
 const END_NEXT_COLUMN: u32 = 0x00400000u;
@@ -17,7 +18,13 @@ const END_STRAYED: u32 = 0x40000000u;
 // 0: the ray goes on, or what it ended on adds it up itself.
 var<private> end: u32 = 0u;
 var<private> end_weight: real = 0.0;
-var<private> end_fractions: vec2<real> = vec2<real>(0.0, 0.0);
+// The fractions of its taps, or the position in pixels.
+var<private> end_place: vec2<real> = vec2<real>(0.0, 0.0);
+
+// The column of a position off every detector, whose row is the entry.
+const OFF_DETECTORS: real = -2.0;
+// A position times so much, which is exact, tells that the pixel that was hit is not the one before but the next.
+const HIT_NEXT: real = 79228162514264337593543950336.0;
 
 fn end_in(cell: u32, weight: real) {
     end |= END_IN_CELL | cell;
@@ -25,13 +32,19 @@ fn end_in(cell: u32, weight: real) {
 }
 
 fn end_in_taps(taps: FourTaps, weight: real) {
-    let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
-    let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
-    let right = select(0u, 1u, taps.hit == taps.cells.y || taps.hit == taps.cells.w);
-    let below = select(0u, 2u, taps.hit == taps.cells.z || taps.hit == taps.cells.w);
-    end |= END_IN_TAPS | taps.cells.x | columns | rows | ((right | below) << END_HIT_TAP_SHIFT);
+    let hits_right = taps.hit == taps.cells.y || taps.hit == taps.cells.w;
+    let hits_below = taps.hit == taps.cells.z || taps.hit == taps.cells.w;
     end_weight = weight;
-    end_fractions = taps.fractions;
+    if LOGS_POSITIONS {
+        end |= END_IN_TAPS;
+        end_place = taps.position * vec2<real>(choose(1.0, HIT_NEXT, hits_right), choose(1.0, HIT_NEXT, hits_below));
+    } else {
+        let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
+        let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
+        let hit = select(0u, 1u, hits_right) | select(0u, 2u, hits_below);
+        end |= END_IN_TAPS | taps.cells.x | columns | rows | (hit << END_HIT_TAP_SHIFT);
+        end_place = taps.fractions;
+    }
 }
 
 fn end_without_place() {
@@ -43,6 +56,6 @@ fn end_strayed() {
 }
 
 fn log_end(index: u32) {
-    write_entry(entry_number(index), end, end_weight, end_fractions);
+    write_entry(entry_number(index), end, end_weight, end_place);
     end = 0u;
 }

@@ -1,12 +1,22 @@
-// An entry of the log in f32 on 64-bit integers: what it is and its weight; the fractions of its taps. A processor's
-// driver takes the lanes of a store one by one, so wide stores are cheap. Twin of log_words.wgsl.
+// An entry of the log in f32 on 64-bit integers: what it is and its weight, the fractions of its taps; or the position,
+// and the weight where rays do not keep theirs. A processor's driver takes the lanes of a store one by one, so wide stores
+// are cheap. Twin of log_words.wgsl.
 @group(0) @binding(20) var<storage, read_write> end_log: array<u64>;
 
-fn write_entry(number: u32, entry: u32, weight: real, fractions: vec2<real>) {
+fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
     let word = number * LOG_WORDS;
+    let second = joined(bitcast<u32>(place.x), bitcast<u32>(place.y));
+    if LOGS_POSITIONS {
+        let is_position = (entry & END_IN_TAPS) != 0u;
+        end_log[word] = select(joined(bitcast<u32>(OFF_DETECTORS), entry), second, is_position);
+        if LOGS_WEIGHTS {
+            end_log[word + 1u] = u64(bitcast<u32>(weight));
+        }
+        return;
+    }
     end_log[word] = joined(entry, bitcast<u32>(weight));
     if HAS_BILINEAR {
-        end_log[word + 1u] = joined(bitcast<u32>(fractions.x), bitcast<u32>(fractions.y));
+        end_log[word + 1u] = second;
     }
 }
 

@@ -134,8 +134,13 @@ impl EndLogs {
         let strays = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
-            let rays = 0..written.range.count as usize;
-            let logged = LoggedRays { bytes: &bytes, rays, stride: self.stride as usize };
+            let RayRange { count, emitter, .. } = written.range;
+            let logged = LoggedRays {
+                bytes: &bytes,
+                rays: 0..count as usize,
+                stride: self.stride as usize,
+                weight: self.shape.weights.get(emitter).copied().unwrap_or_default(),
+            };
             add_side_by_side(&mut self.sums, &logged, &self.shape)
         };
         log.unmap();
@@ -196,7 +201,11 @@ fn no_such_cell() -> Error {
 mod tests {
     use super::*;
     use crate::ir::SceneIr;
-    use crate::program::end_log::Form;
+    use crate::program::end_log::{Form, Taps};
+
+    fn log(form: Form, max_passes: u32) -> EndLog {
+        EndLog { form, taps: Taps::None, max_passes, grids: Vec::new(), weights: Vec::new() }
+    }
 
     fn scene() -> SceneIr {
         let text = include_str!("../../scenes/cooke_triplet.json");
@@ -207,7 +216,7 @@ mod tests {
     fn added(num_threads: usize, num: usize) -> (EndSums, Vec<u32>) {
         let [in_cell, passes, strayed]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
         let cells = Cells::of(&scene());
-        let shape = EndLog { form: Form::Packed, has_fractions: false, max_passes: 1, grids: Vec::new() };
+        let shape = log(Form::Packed, 1);
         let stride = num + 3;
         let weight = |ray: usize| u64::from((1.0 + ray as f32).to_bits()) << 32;
         let cell = |ray: usize| ray as u64 % u64::from(cells.num_cells);
@@ -219,7 +228,7 @@ mod tests {
         let mut entries: Vec<u64> = (0..stride).map(first).collect();
         entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
         let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
-        let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride };
+        let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
         let strays = add_side_by_side(&mut sums, &logged, &shape).unwrap();
         let mut all = EndSums::new(&cells, shape.form);
         sums.iter().for_each(|part| all.merge(part).unwrap());
@@ -246,13 +255,13 @@ mod tests {
     #[test]
     fn a_cell_that_does_not_exist_is_refused_in_any_thread() {
         let cells = Cells::of(&scene());
-        let shape = EndLog { form: Form::Counts, has_fractions: false, max_passes: 0, grids: Vec::new() };
+        let shape = log(Form::Counts, 0);
         for part in 0..3 {
             let mut entries = vec![0_u32; 3 * LEAST_ENTRIES];
             entries[part * LEAST_ENTRIES + 5] = 1 << 26 | cells.num_counters;
             let mut sums: Vec<EndSums> = (0..3).map(|_| EndSums::new(&cells, shape.form)).collect();
-            let logged =
-                LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..entries.len(), stride: 1 };
+            let bytes = bytemuck::cast_slice(&entries);
+            let logged = LoggedRays { bytes, rays: 0..entries.len(), stride: 1, weight: 0.0 };
             assert!(
                 matches!(add_side_by_side(&mut sums, &logged, &shape), Err(Error::Internal(_))),
                 "{part}"

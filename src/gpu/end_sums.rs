@@ -1,8 +1,9 @@
 //! What the log of ends adds up to: the integers of the device's atomics (`shaders/lib/sums.wgsl`), on the host.
 
+use super::end_positions::{AxisTaps, BLOCK, Block, PositionEntry, PositionTaps};
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
-use crate::program::end_log::{CELL_BITS, EndLog, Form, Grid};
+use crate::program::end_log::{CELL_BITS, EndLog, Form, Grid, Taps};
 use bytemuck::Pod;
 use std::ops::Range;
 
@@ -23,10 +24,9 @@ pub struct LoggedRays<'a> {
     pub rays: Range<usize>,
     /// From an entry of a ray to its next.
     pub stride: usize,
+    /// The weight that they are born with.
+    pub weight: f64,
 }
-
-/// Rays whose entries are added row by row: as many as a word has bits.
-const BLOCK: usize = 64;
 
 /// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
 #[derive(Debug, Default)]
@@ -64,14 +64,24 @@ impl EndSums {
     /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number. None
     /// if an entry makes no sense.
     pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
-        match (log.form, log.has_fractions) {
+        match (log.form, log.taps) {
             (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, strays),
-            (Form::Packed, false) => self.add_rays::<[u64; 1]>(logged, log, strays),
-            (Form::Packed, true) => self.add_rays::<[u64; 2]>(logged, log, strays),
-            (Form::Words, false) => self.add_rays::<[u32; 2]>(logged, log, strays),
-            (Form::Words, true) => self.add_rays::<[u32; 4]>(logged, log, strays),
-            (Form::Reals, false) => self.add_rays::<[f64; 2]>(logged, log, strays),
-            (Form::Reals, true) => self.add_rays::<[f64; 4]>(logged, log, strays),
+            (Form::Packed, Taps::None) => self.add_rays::<[u64; 1]>(logged, log, strays),
+            (Form::Packed, Taps::Fractions) => self.add_rays::<[u64; 2]>(logged, log, strays),
+            (Form::Words, Taps::None) => self.add_rays::<[u32; 2]>(logged, log, strays),
+            (Form::Words, Taps::Fractions) => self.add_rays::<[u32; 4]>(logged, log, strays),
+            (Form::Reals, Taps::None) => self.add_rays::<[f64; 2]>(logged, log, strays),
+            (Form::Reals, Taps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, strays),
+            (form, Taps::Positions { grid, has_weights }) => match (form, has_weights) {
+                // The low half of a 64-bit word comes first.
+                (Form::Counts | Form::Packed | Form::Words, false) => {
+                    self.add_positions::<[u32; 2]>(logged, &grid, strays)
+                }
+                (Form::Counts | Form::Words, true) => self.add_positions::<[u32; 3]>(logged, &grid, strays),
+                (Form::Packed, true) => self.add_positions::<[u32; 4]>(logged, &grid, strays),
+                (Form::Reals, false) => self.add_positions::<[f64; 2]>(logged, &grid, strays),
+                (Form::Reals, true) => self.add_positions::<[f64; 3]>(logged, &grid, strays),
+            },
         }
     }
 
@@ -87,7 +97,7 @@ impl EndSums {
     }
 
     fn add_rays<E: Entry>(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
-        let LoggedRays { bytes, ref rays, stride } = *logged;
+        let LoggedRays { bytes, ref rays, stride, .. } = *logged;
         let entries: &[E] = bytemuck::try_cast_slice(bytes).ok()?;
         if log.max_passes == 0 {
             let mut ends = rays.clone().zip(entries.get(rays.clone())?);
@@ -134,17 +144,79 @@ impl EndSums {
         strays: &mut Vec<u32>,
     ) -> Option<()> {
         if end.what & IN_TAPS != 0 {
-            return self.add_taps(end, grid_of(grids, end.what)?);
+            return self.add_taps_of(end, grid_of(grids, end.what)?);
         }
+        self.add_end(end, ray, strays, E::IS_COUNTED)
+    }
+
+    /// An end in one cell, or none. `is_counted`: sums follow from counts.
+    #[inline(always)]
+    fn add_end<T: Real>(
+        &mut self,
+        end: End<T>,
+        ray: usize,
+        strays: &mut Vec<u32>,
+        is_counted: bool,
+    ) -> Option<()> {
         if end.what & STRAYED != 0 {
             strays.push(ray as u32);
         }
         self.add_count(end.what)?;
-        if E::IS_COUNTED || end.what & IN_CELL == 0 {
+        if is_counted || end.what & IN_CELL == 0 {
             return Some(());
         }
         let quanta = self.quanta_of(end.weight.into())?;
         self.quanta.add((end.what & CELL_MASK) as usize, quanta)
+    }
+
+    /// Adds rays whose entries are positions on a grid.
+    fn add_positions<E: PositionEntry>(
+        &mut self,
+        logged: &LoggedRays,
+        grid: &Grid,
+        strays: &mut Vec<u32>,
+    ) -> Option<()> {
+        let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
+        let born = E::Real::nearest(logged.weight);
+        let mut block = Block::new();
+        let (blocks, last) = entries.get(logged.rays.clone())?.as_chunks::<BLOCK>();
+        let mut padded = [E::zeroed(); BLOCK];
+        padded[..last.len()].copy_from_slice(last);
+        let blocks = blocks.iter().map(|entries| (entries, BLOCK)).chain([(&padded, last.len())]);
+        let mut first = logged.rays.start;
+        for (entries, num) in blocks {
+            block.lay_out(entries, born, grid);
+            for (i, entry) in entries.iter().enumerate().take(num) {
+                if block.is_other[i] {
+                    self.add_other(entry, born, first + i, grid, strays)?;
+                    continue;
+                }
+                *self.counts.get_mut(block.hits[i] as usize)? += 1;
+                for tap in 0..4 {
+                    self.quanta.add_low(block.cells[tap][i] as usize, block.quanta[tap][i])?;
+                }
+            }
+            first += num;
+        }
+        Some(())
+    }
+
+    /// What is no position, or a position with any weight.
+    fn add_other<E: PositionEntry>(
+        &mut self,
+        entry: &E,
+        born: E::Real,
+        ray: usize,
+        grid: &Grid,
+        strays: &mut Vec<u32>,
+    ) -> Option<()> {
+        if let Some(end) = entry.end(born) {
+            return self.add_end(end, ray, strays, false);
+        }
+        let taps = PositionTaps::of(entry.position(), grid);
+        let cells = taps.cells.map(|cell| cell as usize);
+        let add = || self.add_taps(cells, taps.hit as usize, entry.weight(born), taps.fractions);
+        taps.is_valid.then(add)?
     }
 
     #[inline(always)]
@@ -158,31 +230,35 @@ impl EndSums {
         Some(())
     }
 
-    /// The taps of an end: the last one takes what the others left (`book_taps` in splat.wgsl).
+    /// The taps of an end that tells which they are.
     #[inline(always)]
-    fn add_taps<T: Real>(&mut self, end: End<T>, grid: &Grid) -> Option<()> {
+    fn add_taps_of<T: Real>(&mut self, end: End<T>, grid: &Grid) -> Option<()> {
         let first = (end.what & CELL_MASK) as usize;
         let column = if end.what & NEXT_COLUMN != 0 { grid.column } else { 0 };
         let row = if end.what & NEXT_ROW != 0 { grid.row } else { 0 };
         let cells = [first, first + column, first + row, first + column + row];
         let hit_column = if end.what & HIT_NEXT_COLUMN != 0 { column } else { 0 };
         let hit_row = if end.what & HIT_NEXT_ROW != 0 { row } else { 0 };
-        *self.counts.get_mut(first + hit_column + hit_row)? += 1;
-        match T::small_quanta(end) {
-            Some(quanta) => {
-                let mut rest = quanta.whole;
-                for (&cell, share) in cells.iter().zip(quanta.first_taps) {
-                    let taken = share.min(rest);
-                    rest -= taken;
-                    self.quanta.add_low(cell, taken)?;
-                }
-                self.quanta.add_low(cells[3], rest)
-            }
-            None => {
-                let shares = T::first_shares(end.weight, end.fractions);
-                self.add_shares(cells, end.weight.into(), shares.map(Into::into))
-            }
+        self.add_taps(cells, first + hit_column + hit_row, end.weight, end.fractions)
+    }
+
+    /// Shares a weight among taps: the last one takes what the others left (`book_taps` in splat.wgsl).
+    #[inline(always)]
+    fn add_taps<T: Real>(
+        &mut self,
+        cells: [usize; 4],
+        hit: usize,
+        weight: T,
+        fractions: [T; 2],
+    ) -> Option<()> {
+        *self.counts.get_mut(hit)? += 1;
+        let (quanta, is_small) = T::quanta(weight, fractions);
+        if is_small {
+            let mut taps = cells.iter().zip(quanta);
+            return taps.try_for_each(|(&cell, quanta)| self.quanta.add_low(cell, quanta));
         }
+        let shares = T::first_shares(weight, fractions);
+        self.add_shares(cells, weight.into(), shares.map(Into::into))
     }
 
     /// Taps of any weight.
@@ -243,17 +319,13 @@ fn quantize(weight: f64) -> Option<u128> {
 
 /// An entry of the log.
 #[derive(Debug, Clone, Copy)]
-struct End<T> {
-    what: u32,
-    weight: T,
+pub struct End<T> {
+    /// Its cell, and what it is (`END_*` in ends_logged.wgsl).
+    pub what: u32,
+    /// The weight.
+    pub weight: T,
     /// How far the position is from the first tap to the next, by columns and by rows.
-    fractions: [T; 2],
-}
-
-/// Quanta of an end that fit a word.
-struct SmallQuanta {
-    whole: u64,
-    first_taps: [u64; 3],
+    pub fractions: [T; 2],
 }
 
 /// An entry as it lies in the log (`write_entry` in shaders/lib/log_*.wgsl).
@@ -333,41 +405,86 @@ impl Entry for [f64; 4] {
     }
 }
 
-/// The arithmetic of weights, in the precision of the trace.
-trait Real: Copy + Into<f64> {
+/// The arithmetic of weights and positions, in the precision of the trace.
+pub trait Real: Copy + Into<f64> {
+    /// A number as the device has it.
+    fn nearest(value: f64) -> Self;
+
     /// `first_shares` in splat.wgsl, in its very operations.
     fn first_shares(weight: Self, fractions: [Self; 2]) -> [Self; 3];
 
-    /// Quanta of an end whose weight is below 2048, so that they fit 63 bits.
-    fn small_quanta(end: End<Self>) -> Option<SmallQuanta>;
+    /// Quanta of the taps of an end, and whether it is so: whether the weight is below 2048, so that they fit 63 bits. The
+    /// last tap takes what the others left (`book_taps` in splat.wgsl).
+    fn quanta(weight: Self, fractions: [Self; 2]) -> ([u64; 4], bool);
+
+    /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `end_in_taps` in
+    /// ends_logged.wgsl).
+    fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
 }
+
+/// `HIT_NEXT` in ends_logged.wgsl.
+const HIT_NEXT: f64 = 79228162514264337593543950336.0;
+/// No detector has so many pixels that positions come so far; all but 0 do, times [`HIT_NEXT`].
+const LAST_POSITION: f64 = (1 << 30) as f64;
 
 macro_rules! real {
     ($real:ty) => {
         impl Real for $real {
             #[inline]
+            fn nearest(value: f64) -> $real {
+                value as $real
+            }
+
+            #[inline(always)]
             fn first_shares(weight: $real, [x, y]: [$real; 2]) -> [$real; 3] {
                 [weight * ((1.0 - x) * (1.0 - y)), weight * (x * (1.0 - y)), weight * ((1.0 - x) * y)]
             }
 
-            #[inline]
-            fn small_quanta(end: End<$real>) -> Option<SmallQuanta> {
+            #[inline(always)]
+            fn quanta(weight: $real, fractions: [$real; 2]) -> ([u64; 4], bool) {
                 const LIMIT: $real = 2048.0;
                 const ONE: $real = 1.0;
-                let [x, y] = end.fractions.map(<$real>::to_bits);
+                let [x, y] = fractions.map(<$real>::to_bits);
                 // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
                 let is_small =
-                    (end.weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
+                    (weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
                 // A power of two: shares of the scaled weight are the scaled shares, but for those far below a quantum.
-                let scaled = end.weight * QUANTA_PER_UNIT as $real;
+                let scaled = if is_small { weight * QUANTA_PER_UNIT as $real } else { 0.0 };
+                let fractions = if is_small { fractions } else { [0.0; 2] };
                 // SAFETY: the weight lies in 0..2048 and the fractions in 0..=1, so that no share exceeds the weight,
                 // and none 2^63 quanta.
                 #[allow(unsafe_code)]
                 let quanta = |share: $real| unsafe { share.to_int_unchecked::<i64>() as u64 };
-                is_small.then(|| SmallQuanta {
-                    whole: quanta(scaled),
-                    first_taps: <$real>::first_shares(scaled, end.fractions).map(quanta),
-                })
+                let mut rest = quanta(scaled);
+                let [a, b, c] = <$real>::first_shares(scaled, fractions).map(|share| {
+                    let taken = quanta(share).min(rest);
+                    rest -= taken;
+                    taken
+                });
+                ([a, b, c, rest], is_small)
+            }
+
+            #[inline(always)]
+            fn tap(self, num_pixels: u32) -> AxisTaps<$real> {
+                const FARTHEST: $real = LAST_POSITION as $real;
+                let hits_next = self.abs() >= FARTHEST;
+                let place = if hits_next { self / HIT_NEXT as $real } else { self };
+                let is_near = place.abs() < FARTHEST;
+                let position = if is_near { place } else { 0.0 };
+                // SAFETY: it is below 2^30.
+                #[allow(unsafe_code)]
+                let whole = unsafe { position.to_int_unchecked::<i32>() };
+                // Rounded down, not towards 0.
+                let corner = whole - i32::from(position < 0.0);
+                let (pixel, last) = ((corner + i32::from(corner < 0)) as u32, num_pixels - 1);
+                let to_next = u32::from((corner as u32) < last);
+                AxisTaps {
+                    first: pixel.min(last),
+                    to_next,
+                    to_hit: u32::from(hits_next) & to_next,
+                    fraction: position - corner as $real,
+                    is_valid: is_near & (pixel <= last),
+                }
             }
         }
     };
@@ -383,9 +500,16 @@ mod tests {
 
     const UNIT: u128 = QUANTA_PER_UNIT;
 
+    /// Three columns and two rows behind the counter of invalid deposits.
+    const GRID: Grid = Grid { first: 1, column: 1, row: 3, size: [3, 2] };
+
+    fn logged(bytes: &[u8], num: usize) -> LoggedRays<'_> {
+        LoggedRays { bytes, rays: 0..num, stride: num, weight: 0.0 }
+    }
+
     fn log(form: Form, max_passes: u32) -> EndLog {
-        let grid = Grid { first: 1, column: 1, row: 3 };
-        EndLog { form, has_fractions: form != Form::Counts, max_passes, grids: vec![grid] }
+        let taps = if form == Form::Counts { Taps::None } else { Taps::Fractions };
+        EndLog { form, taps, max_passes, grids: vec![GRID], weights: vec![] }
     }
 
     /// A map of three columns and two rows behind the counter of invalid deposits.
@@ -412,12 +536,94 @@ mod tests {
             (Form::Reals, cast_slice(&reals)),
         ] {
             let mut sums = sums();
-            let logged = LoggedRays { bytes, rays: 0..1, stride: 1 };
-            assert_eq!(sums.add(&logged, &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
+            assert_eq!(sums.add(&logged(bytes, 1), &log(form, 0), &mut Vec::new()), Some(()), "{form:?}");
             let shares = [0, 0, UNIT * 3 / 8, UNIT / 8, 0, UNIT * 3 / 8, UNIT / 8];
             assert_eq!(quanta(&sums), shares, "{form:?}");
             assert_eq!(sums.counts, [0, 0, 0, 0, 0, 1, 0], "{form:?}");
         }
+    }
+
+    /// A log of positions on the map.
+    fn position_log(form: Form, has_weights: bool) -> EndLog {
+        EndLog { taps: Taps::Positions { grid: GRID, has_weights }, ..log(form, 0) }
+    }
+
+    /// What a log of positions adds up to, of rays that were born with a weight of 2 and lost nothing.
+    fn sums_of_positions(form: Form, has_weights: bool, positions: &[[f64; 2]]) -> Option<EndSums> {
+        let reals = |place: &[f64; 2]| [place[0], place[1], 2.0];
+        let words = |place: &[f64; 2]| reals(place).map(|real| (real as f32).to_bits());
+        let num = if has_weights { 3 } else { 2 };
+        let bytes: Vec<u8> = match form {
+            Form::Reals => {
+                positions.iter().flat_map(|p| cast_slice::<f64, u8>(&reals(p)[..num]).to_vec()).collect()
+            }
+            Form::Packed if has_weights => positions
+                .iter()
+                .flat_map(|p| words(p).into_iter().chain([0]).flat_map(u32::to_le_bytes).collect::<Vec<_>>())
+                .collect(),
+            Form::Counts | Form::Packed | Form::Words => {
+                positions.iter().flat_map(|p| cast_slice::<u32, u8>(&words(p)[..num]).to_vec()).collect()
+            }
+        };
+        let mut aligned = vec![0_f64; bytes.len().div_ceil(8)];
+        bytemuck::cast_slice_mut::<f64, u8>(&mut aligned)[..bytes.len()].copy_from_slice(&bytes);
+        let mut sums = sums();
+        let bytes = &cast_slice(&aligned)[..bytes.len()];
+        let logged = LoggedRays { weight: 2.0, ..logged(bytes, positions.len()) };
+        sums.add(&logged, &position_log(form, has_weights), &mut Vec::new()).map(|()| sums)
+    }
+
+    #[test]
+    fn positions_share_the_weight_in_every_form() {
+        // Between the first and the second column and row, where the pixel that was hit lies behind; in the middle of a
+        // pixel; before the first pixel and behind the last.
+        let places = [[0.75 * HIT_NEXT, 0.5], [2.0, 1.0], [-0.25, -0.5], [2.25, 1.25]];
+        // One more than two blocks.
+        let many: Vec<[f64; 2]> = places.iter().copied().cycle().take(129).collect();
+        for (form, has_weights) in
+            [Form::Packed, Form::Words, Form::Reals].map(|f| [(f, false), (f, true)]).concat()
+        {
+            let sums = sums_of_positions(form, has_weights, &many).unwrap();
+            let [between, others] = [33, 32];
+            let first = UNIT / 4 * between + 2 * UNIT * others;
+            let last = 4 * UNIT * others;
+            let second = UNIT * 3 / 4 * between;
+            let expected = [0, first, second, 0, UNIT / 4 * between, second, last];
+            assert_eq!(quanta(&sums), expected, "{form:?}, {has_weights}");
+            assert_eq!(sums.counts, [0, 32, 33, 0, 0, 0, 64], "{form:?}, {has_weights}");
+        }
+    }
+
+    #[test]
+    fn positions_that_no_detector_has_are_refused() {
+        for place in [[3.0, 0.0], [0.0, 2.0], [-1.5, 0.0], [0.0, f64::NAN], [1e30, 0.0], [0.0, f64::INFINITY]]
+        {
+            for (form, has_weights) in [(Form::Words, false), (Form::Packed, true), (Form::Reals, false)] {
+                assert!(sums_of_positions(form, has_weights, &[place]).is_none(), "{form:?}, {place:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_position_ends_as_it_says() {
+        let off = f64::from(-2.0_f32);
+        let bits = |what: u32| f64::from(f32::from_bits(what));
+        for (form, end) in [(Form::Words, bits(IN_CELL | 3)), (Form::Reals, f64::from(IN_CELL | 3))] {
+            let sums = sums_of_positions(form, false, &[[off, end], [off, end]]).unwrap();
+            assert_eq!(quanta(&sums), [0, 0, 0, 4 * UNIT, 0, 0, 0], "{form:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 2, 0, 0, 0], "{form:?}");
+        }
+    }
+
+    #[test]
+    fn positions_of_large_weights_are_shared_like_those_of_the_device() {
+        let large = 2.0_f64.powi(20);
+        let mut sums = sums();
+        let entries = [[0.5, 0.0, large], [0.5, 0.0, f64::NAN]];
+        let logged = logged(cast_slice(&entries), 2);
+        assert_eq!(sums.add(&logged, &position_log(Form::Reals, true), &mut Vec::new()), Some(()));
+        assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
+        assert_eq!(sums.counts, [1, 2, 0, 0, 0, 0, 0], "a deposit that no sum can hold");
     }
 
     #[test]
@@ -434,8 +640,7 @@ mod tests {
             (Form::Reals, cast_slice(&reals)),
         ] {
             let (mut sums, mut strays) = (sums(), Vec::new());
-            let logged = LoggedRays { bytes, rays: 0..3, stride: 3 };
-            assert_eq!(sums.add(&logged, &log(form, 0), &mut strays), Some(()), "{form:?}");
+            assert_eq!(sums.add(&logged(bytes, 3), &log(form, 0), &mut strays), Some(()), "{form:?}");
             assert_eq!((strays, sums.counts), (vec![0, 2], vec![0, 0, 1, 0, 0, 0, 0]), "{form:?}");
         }
     }
@@ -446,8 +651,10 @@ mod tests {
         let large = 2.0_f64.powi(20);
         let entries = [[what, large, 0.5, 0.0], [what, f64::NAN, 0.5, 0.0], [what, -1.0, 0.5, 0.0]];
         let mut sums = sums();
-        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..3, stride: 3 };
-        assert_eq!(sums.add(&logged, &log(Form::Reals, 0), &mut Vec::new()), Some(()));
+        assert_eq!(
+            sums.add(&logged(cast_slice(&entries), 3), &log(Form::Reals, 0), &mut Vec::new()),
+            Some(())
+        );
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [2, 3, 0, 0, 0, 0, 0], "two deposits that no sum can hold");
     }
@@ -463,7 +670,7 @@ mod tests {
             entries[passes * stride + ray] = IN_CELL | 2;
         }
         let mut whole = sums();
-        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..num, stride };
+        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
         assert_eq!(whole.add(&logged, &log(Form::Counts, 4), &mut Vec::new()), Some(()));
         assert_eq!(whole.counts, [0, 150, 100, 0, 0, 0, 0]);
         let cut = LoggedRays { bytes: cast_slice(&entries[..2 * stride]), ..logged.clone() };
@@ -477,7 +684,9 @@ mod tests {
     #[test]
     fn a_cell_that_does_not_exist_is_refused() {
         let entries = [IN_CELL | 7];
-        let logged = LoggedRays { bytes: cast_slice(&entries), rays: 0..1, stride: 1 };
-        assert_eq!(sums().add(&logged, &log(Form::Counts, 0), &mut Vec::new()), None);
+        assert_eq!(
+            sums().add(&logged(cast_slice(&entries), 1), &log(Form::Counts, 0), &mut Vec::new()),
+            None
+        );
     }
 }

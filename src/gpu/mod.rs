@@ -4,6 +4,7 @@ pub mod adapter;
 pub mod compute;
 pub mod double_word;
 pub mod end_log;
+mod end_positions;
 pub mod end_sums;
 pub mod profile;
 pub mod rates;

@@ -174,6 +174,8 @@ impl Composition<'_> {
         }
         if let Some(log) = self.end_log {
             let _ = writeln!(text, "const LOG_WORDS: u32 = {}u;", log.num_words());
+            let _ = writeln!(text, "const LOGS_POSITIONS: bool = {};", log.logs_positions());
+            let _ = writeln!(text, "const LOGS_WEIGHTS: bool = {};", log.logs_weights());
         }
         if self.tree.is_some() {
             let _ = writeln!(text, "const TREE_SLACK: f32 = {:?};", tree::SLACK);

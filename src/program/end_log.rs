@@ -22,13 +22,15 @@ const MAX_BYTES: u64 = 16 << 20;
 pub struct EndLog {
     /// How an entry is written.
     pub form: Form,
-    /// Entries have the fractions of their taps.
-    pub has_fractions: bool,
+    /// What entries tell of bilinear taps.
+    pub taps: Taps,
     /// Most entries of a ray that passes detectors, beside that of its end; 0 where the device adds up what rays leave in
     /// passing.
     pub max_passes: u32,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
+    /// The weight that each emitter's rays are born with.
+    pub weights: Vec<f64>,
 }
 
 /// How an entry is written.
@@ -44,6 +46,22 @@ pub enum Form {
     Reals,
 }
 
+/// What entries tell of bilinear taps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taps {
+    /// Nothing: no detector has any.
+    None,
+    /// Which cells they are, and how far between them the position is.
+    Fractions,
+    /// The position alone, on the only detector that has any.
+    Positions {
+        /// Its grid.
+        grid: Grid,
+        /// Entries have the weight: rays do not keep the one that they are born with.
+        has_weights: bool,
+    },
+}
+
 /// How the cells of a detector lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid {
@@ -53,11 +71,26 @@ pub struct Grid {
     pub column: usize,
     /// Cells from one row to the next.
     pub row: usize,
+    /// Its columns and rows.
+    pub size: [u32; 2],
 }
 
 /// What spreads over many pixels the device adds up.
 fn is_gaussian(kind: &SensorKind) -> bool {
     kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
+}
+
+/// A position has no room for the detector, or for whether the ray passes.
+fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Taps {
+    let bilinear = |sensor: &Sensor| sensor.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
+    let mut with_taps = grids.iter().zip(&ir.sensors).filter(|(_, sensor)| bilinear(sensor));
+    match (with_taps.next(), with_taps.next()) {
+        (None, _) => Taps::None,
+        (Some((&grid, Sensor { kind: SensorKind::Irradiance(_), .. })), None) if max_passes == 0 => {
+            Taps::Positions { grid, has_weights: !keeps_weight }
+        }
+        _ => Taps::Fractions,
+    }
 }
 
 impl EndLog {
@@ -83,14 +116,16 @@ impl EndLog {
             return None;
         }
         let grids = cells.sensors.iter().zip(&ir.sensors).map(|(&first, sensor)| {
+            let size = sensor.kind.grid().map_or([1; 2], |grid| [grid.num_pixels_x, grid.num_pixels_y]);
             let column = lowered::num_bins(&sensor.kind) as usize;
-            let row = column * sensor.kind.grid().map_or(1, |grid| grid.num_pixels_x as usize);
-            Grid { first: first as usize, column, row }
+            Grid { first: first as usize, column, row: column * size[0] as usize, size }
         });
+        let grids: Vec<Grid> = grids.collect();
         let is_logged = |sensor: &Sensor| !sensor.absorb && !is_gaussian(&sensor.kind);
         let logs_passes = ir.sensors.iter().any(is_logged) && options.max_depth <= MAX_LOGGED_DEPTH;
         let max_passes = if logs_passes { options.max_depth } else { 0 };
-        Some(EndLog { form, has_fractions: features.splats[1], max_passes, grids: grids.collect() })
+        let taps = taps(ir, &grids, max_passes, features.keeps_weight);
+        Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })
     }
 
     /// Bytes of all that a ray may log.
@@ -105,11 +140,26 @@ impl EndLog {
 
     /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.
     pub fn num_words(&self) -> u32 {
-        match self.form {
-            Form::Counts => 1,
-            Form::Packed => 1 + u32::from(self.has_fractions),
-            Form::Words | Form::Reals => 2 + 2 * u32::from(self.has_fractions),
+        let weights = u32::from(self.logs_weights());
+        match (self.form, self.taps) {
+            (Form::Counts, _) => 1,
+            (Form::Packed, Taps::None) => 1,
+            (Form::Packed, Taps::Fractions) => 2,
+            (Form::Packed, Taps::Positions { .. }) => 1 + weights,
+            (Form::Words | Form::Reals, Taps::None) => 2,
+            (Form::Words | Form::Reals, Taps::Fractions) => 4,
+            (Form::Words | Form::Reals, Taps::Positions { .. }) => 2 + weights,
         }
+    }
+
+    /// True if entries have positions in place of taps (`LOGS_POSITIONS`).
+    pub fn logs_positions(&self) -> bool {
+        matches!(self.taps, Taps::Positions { .. })
+    }
+
+    /// True if entries have weights (`LOGS_WEIGHTS`).
+    pub fn logs_weights(&self) -> bool {
+        self.form != Form::Counts && !matches!(self.taps, Taps::Positions { has_weights: false, .. })
     }
 
     /// Bytes of a word.

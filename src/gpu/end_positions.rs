@@ -1,0 +1,173 @@
+//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/lib/log_*.wgsl): between which pixels they
+//! lie, and how many quanta each of these takes, for a block of rays at once and without branches, so that it is
+//! compiled to vectors.
+
+use super::end_sums::{End, Real};
+use crate::program::end_log::Grid;
+use bytemuck::Pod;
+
+/// Rays of a block.
+pub const BLOCK: usize = 64;
+
+/// Where the rays of a block leave how much.
+#[derive(Debug)]
+pub struct Block {
+    /// The pixels that were hit.
+    pub hits: [u32; BLOCK],
+    /// The cells of each tap.
+    pub cells: [[u32; BLOCK]; 4],
+    /// Their quanta.
+    pub quanta: [[u64; BLOCK]; 4],
+    /// What is no position, or has a weight whose quanta need more than a word.
+    pub is_other: [bool; BLOCK],
+}
+
+/// The taps of a position along one axis.
+#[derive(Debug, Clone, Copy)]
+pub struct AxisTaps<T> {
+    /// The pixel before it.
+    pub first: u32,
+    /// From there to the one behind it: 1, or 0 at the edges.
+    pub to_next: u32,
+    /// And to the one that was hit.
+    pub to_hit: u32,
+    /// How far from the one to the other it is.
+    pub fraction: T,
+    /// Such a position can be.
+    pub is_valid: bool,
+}
+
+/// The taps of a position (`bilinear_taps` in splat.wgsl).
+#[derive(Debug, Clone, Copy)]
+pub struct PositionTaps<T> {
+    /// The pixel that was hit.
+    pub hit: u32,
+    /// The cells of the taps.
+    pub cells: [u32; 4],
+    /// How far the position is from the first to the next, by columns and by rows.
+    pub fractions: [T; 2],
+    /// Such a position can be.
+    pub is_valid: bool,
+}
+
+/// An entry that is a position where the ray has ended in taps.
+pub trait PositionEntry: Pod {
+    /// The precision of the trace.
+    type Real: Real;
+
+    /// The position in pixels.
+    fn position(&self) -> [Self::Real; 2];
+
+    /// The weight; `born` is what the ray was born with.
+    fn weight(&self, born: Self::Real) -> Self::Real;
+
+    /// The end that it is, if it is no position.
+    fn end(&self, born: Self::Real) -> Option<End<Self::Real>>;
+}
+
+/// `OFF_DETECTORS` in ends_logged.wgsl.
+const OFF_DETECTORS: f32 = -2.0;
+
+impl<T> PositionTaps<T> {
+    /// The taps of a position on a grid.
+    #[inline(always)]
+    pub fn of([x, y]: [T; 2], grid: &Grid) -> Self
+    where
+        T: Real,
+    {
+        let (column, row) = (x.tap(grid.size[0]), y.tap(grid.size[1]));
+        let stride = grid.row as u32;
+        let first = grid.first as u32 + row.first * stride + column.first;
+        let below = first + row.to_next * stride;
+        PositionTaps {
+            hit: first + row.to_hit * stride + column.to_hit,
+            cells: [first, first + column.to_next, below, below + column.to_next],
+            fractions: [column.fraction, row.fraction],
+            is_valid: column.is_valid & row.is_valid,
+        }
+    }
+}
+
+impl Block {
+    /// An empty one.
+    pub fn new() -> Self {
+        Block { hits: [0; BLOCK], cells: [[0; BLOCK]; 4], quanta: [[0; BLOCK]; 4], is_other: [false; BLOCK] }
+    }
+
+    /// Lays out what rays that were born with this weight have logged.
+    pub fn lay_out<E: PositionEntry>(&mut self, entries: &[E; BLOCK], born: E::Real, grid: &Grid) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl")
+            {
+                // SAFETY: the processor has what the function is compiled for.
+                #[allow(unsafe_code)]
+                return unsafe { self.lay_out_in_avx512(entries, born, grid) };
+            }
+        }
+        self.lay_out_inline(entries, born, grid);
+    }
+
+    /// The same in vectors of 512 bits, with their conversions to 64-bit integers.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
+    fn lay_out_in_avx512<E: PositionEntry>(&mut self, entries: &[E; BLOCK], born: E::Real, grid: &Grid) {
+        self.lay_out_inline(entries, born, grid);
+    }
+
+    #[inline(always)]
+    fn lay_out_inline<E: PositionEntry>(&mut self, entries: &[E; BLOCK], born: E::Real, grid: &Grid) {
+        for (i, entry) in entries.iter().enumerate() {
+            let taps = PositionTaps::of(entry.position(), grid);
+            let (quanta, is_small) = E::Real::quanta(entry.weight(born), taps.fractions);
+            self.hits[i] = taps.hit;
+            let of_taps = self.cells.iter_mut().zip(&mut self.quanta).zip(taps.cells).zip(quanta);
+            for (((cells, all_quanta), cell), quanta) in of_taps {
+                cells[i] = cell;
+                all_quanta[i] = quanta;
+            }
+            self.is_other[i] = !(taps.is_valid & is_small);
+        }
+    }
+}
+
+fn words_end([x, y]: [u32; 2], weight: f32) -> Option<End<f32>> {
+    (x == OFF_DETECTORS.to_bits()).then_some(End { what: y, weight, fractions: [0.0; 2] })
+}
+
+fn reals_end([x, y]: [f64; 2], weight: f64) -> Option<End<f64>> {
+    let is_off = x.to_bits() == f64::from(OFF_DETECTORS).to_bits();
+    is_off.then_some(End { what: y as u32, weight, fractions: [0.0; 2] })
+}
+
+/// x, y; then the weight, if it is logged; then what fills a word.
+macro_rules! position_entry {
+    ([$word:ty; $num:literal], $real:ty, $real_of:expr, $end:ident, $weight:expr) => {
+        impl PositionEntry for [$word; $num] {
+            type Real = $real;
+
+            #[inline(always)]
+            fn position(&self) -> [$real; 2] {
+                [self[0], self[1]].map($real_of)
+            }
+
+            #[inline(always)]
+            fn weight(&self, born: $real) -> $real {
+                let weight: fn(&Self, $real) -> $real = $weight;
+                weight(self, born)
+            }
+
+            fn end(&self, born: $real) -> Option<End<$real>> {
+                $end([self[0], self[1]], self.weight(born))
+            }
+        }
+    };
+}
+
+position_entry!([u32; 2], f32, f32::from_bits, words_end, |_, born| born);
+position_entry!([u32; 3], f32, f32::from_bits, words_end, |entry, _| f32::from_bits(entry[2]));
+position_entry!([u32; 4], f32, f32::from_bits, words_end, |entry, _| f32::from_bits(entry[2]));
+position_entry!([f64; 2], f64, |real| real, reals_end, |_, born| born);
+position_entry!([f64; 3], f64, |real| real, reals_end, |entry, _| entry[2]);
