@@ -39,6 +39,16 @@ fn unit_gradient(gradient: vec3<real>) -> vec3<real> {
     return gradient / sqrt(dot(gradient, gradient));
 }
 
+// A number between 0 and 1 as a quotient that is not taken yet.
+struct Share {
+    part: real,
+    whole: real,
+}
+
+fn quotient(share: Share) -> real {
+    return share.part / share.whole;
+}
+
 fn mirrored(d: vec3<real>, n: vec3<real>) -> vec3<real> {
     return renormalize(d - 2.0 * dot(d, n) * n);
 }
@@ -70,15 +80,16 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     let cos_t = sqrt(abs(cos_t_squared));
     let sum_s = n1 * cos_i + n2 * cos_t;
     let sum_p = n2 * cos_i + n1 * cos_t;
-    let r_s = (n1 * cos_i - n2 * cos_t) / sum_s;
-    let r_p = (n2 * cos_i - n1 * cos_t) / sum_p;
-    let bare = 0.5 * (r_s * r_s + r_p * r_p);
+    // (r_s^2 + r_p^2) / 2, over one denominator: a division takes long, and a draw needs none.
+    let part_s = (n1 * cos_i - n2 * cos_t) * sum_p;
+    let part_p = (n2 * cos_i - n1 * cos_t) * sum_s;
+    let bare = Share(0.5 * (part_s * part_s + part_p * part_p), (sum_s * sum_p) * (sum_s * sum_p));
     // Not 1 - R, which cancels near grazing incidence and near the critical angle.
     let product = 2.0 * (n1 * cos_i) * (n2 * cos_t);
     let bare_pass = product / (sum_s * sum_s) + product / (sum_p * sum_p);
     let coated = coated_reflectance(surface, primitive, (*ray).wavelength, bare);
     // No coating lets light out where there is no transmitted wave.
-    let reflectance = select(coated, 1.0, total_reflection);
+    let reflectance = Share(select(coated.part, 1.0, total_reflection), select(coated.whole, 1.0, total_reflection));
     let transmittance = coated_transmittance(surface, bare_pass, coated);
     let bits = stream_bits((*ray).fresnel);
     let reflects = draw_reflection(ray, bits, reflectance, transmittance, total_reflection);

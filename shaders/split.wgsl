@@ -57,7 +57,7 @@ fn intersect(ray: Ray) -> Hit {
 }
 
 fn draw_reflection(
-    ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real, total_reflection: bool,
+    ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
     if transmits {
         transmits = false;
@@ -70,7 +70,7 @@ fn draw_reflection(
         note_saturation();
         return draw_branch(ray, bits, reflectance, transmittance, total_reflection);
     }
-    return split(ray, bits, reflectance, transmittance);
+    return split(ray, bits, quotient(reflectance), transmittance);
 }
 
 // Reading first spares the atomic in all but the first few events.

@@ -2,7 +2,12 @@
 // (Optiland clips R to [1e-12, 1 - 1e-12] here and scales the weight by up to 1 + 1e-12: we do not.)
 
 fn draw_reflection(
-    ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real, total_reflection: bool,
+    ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
-    return below(bits, reflectance) | total_reflection;
+    return below_share(bits, reflectance) | total_reflection;
+}
+
+// bits / 2^32 < share, to a rounding of either side.
+fn below_share(bits: u32, share: Share) -> bool {
+    return uniform_of(bits) * share.whole < share.part;
 }

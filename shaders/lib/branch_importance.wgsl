@@ -2,11 +2,12 @@
 // their share on average.
 
 fn draw_reflection(
-    ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real, total_reflection: bool,
+    ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
 ) -> bool {
-    let p = clamp(reflect_probability(reflectance), 1e-12, 1.0 - 1e-12);
+    let reflected = quotient(reflectance);
+    let p = clamp(reflect_probability(reflected), 1e-12, 1.0 - 1e-12);
     let reflects = below(bits, p) | total_reflection;
-    let share = select(transmittance / (1.0 - p), reflectance / p, reflects);
+    let share = select(transmittance / (1.0 - p), reflected / p, reflects);
     let before = (*ray).weight;
     let after = before * select(share, 1.0, total_reflection);
     book_loss(CELL_IMPORTANCE_LOSS, before, after);

@@ -1,10 +1,10 @@
 // No surface is coated.
 
-fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: real) -> real {
+fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: Share) -> Share {
     return bare;
 }
 
-fn coated_transmittance(surface: Surface, bare: real, reflectance: real) -> real {
+fn coated_transmittance(surface: Surface, bare: real, reflectance: Share) -> real {
     return bare;
 }
 
