@@ -4,9 +4,10 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::ir::SceneIr;
 use crate::program::ProgramOptions;
-use crate::program::nominal::{MAX_EVENTS, is_possible};
+use crate::program::nominal::{MAX_EVENTS, PilotPath, is_possible};
 use crate::result::{PathEvent, PathEventKind};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
+use glam::DVec3;
 
 /// Rays whose paths are looked at.
 const PILOT_RAYS: u64 = 512;
@@ -21,7 +22,7 @@ pub fn is_long_enough(num_rays: u64) -> bool {
     num_rays >= LEAST_RAYS
 }
 
-/// The primitives that most rays meet, or none: where there is no such path, where a trace has too few rays for the
+/// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the
 /// search to pay, and where no stage could follow it. On demand, any path that ends somewhere will do.
 ///
 /// # Errors
@@ -31,7 +32,7 @@ pub fn find(
     ir: &SceneIr,
     options: &TraceOptions,
     program_options: &ProgramOptions,
-) -> Result<Option<Vec<usize>>> {
+) -> Result<Option<PilotPath>> {
     let pays = options.nominal_path.unwrap_or(is_long_enough(options.num_rays));
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
@@ -59,9 +60,9 @@ pub fn find(
 }
 
 /// The path that most rays take to where they are detected or absorbed, if at least so many do.
-fn most_frequent(ir: &SceneIr, paths: &[PathEvent], least: f64) -> Option<Vec<usize>> {
+fn most_frequent(ir: &SceneIr, paths: &[PathEvent], least: f64) -> Option<PilotPath> {
     let mut sorted: Vec<&PathEvent> = paths.iter().collect();
-    sorted.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce));
+    sorted.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce, !is_birth(event.kind)));
     let primitive = |event: &&PathEvent| match event.kind {
         PathEventKind::Surface(index) => Some(index),
         PathEventKind::Sensor(index) => Some(ir.surfaces.len() + index),
@@ -73,12 +74,20 @@ fn most_frequent(ir: &SceneIr, paths: &[PathEvent], least: f64) -> Option<Vec<us
     let is_lost = |event: &&PathEvent| {
         matches!(event.kind, PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled)
     };
+    let met = |ray: &[&PathEvent]| -> Vec<usize> { ray.iter().filter_map(primitive).collect() };
     let rays = sorted.chunk_by(|a, b| a.ray.ray_id == b.ray.ray_id);
     let ended = rays.filter(|ray| !ray.iter().any(is_lost));
-    let mut met: Vec<Vec<usize>> = ended.map(|ray| ray.iter().filter_map(primitive).collect()).collect();
-    met.sort();
-    let most = met.chunk_by(|a, b| a == b).max_by_key(|same| same.len())?;
-    (most.len() as f64 >= least).then(|| most[0].clone())
+    let mut by_path: Vec<_> = ended.map(|ray| (met(ray), ray)).collect();
+    by_path.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let most = by_path.chunk_by(|(a, _), (b, _)| a == b).max_by_key(|same| same.len())?;
+    let way = |ray: &[&PathEvent]| ray.iter().map(|event| DVec3::from_array(event.ray.position)).collect();
+    let path =
+        || PilotPath { primitives: most[0].0.clone(), ways: most.iter().map(|(_, ray)| way(ray)).collect() };
+    (most.len() as f64 >= least).then(path)
+}
+
+fn is_birth(kind: PathEventKind) -> bool {
+    matches!(kind, PathEventKind::Birth(_))
 }
 
 #[cfg(test)]
@@ -91,7 +100,7 @@ mod tests {
             ray_id,
             bounce,
             wavelength: 0,
-            position: [0.0; 3],
+            position: [0.0, 0.0, f64::from(bounce) + if is_birth(kind) { 0.0 } else { 1.0 }],
             direction: [0.0, 0.0, 1.0],
             weight: 1.0,
         };
@@ -115,11 +124,14 @@ mod tests {
             paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
             paths.push(event(ray_id, 0, PathEventKind::Birth(0)));
         }
-        assert_eq!(most_frequent(&ir, &paths, 6.0), Some(vec![0, 1, surfaces]));
+        let path = most_frequent(&ir, &paths, 6.0).unwrap();
+        assert_eq!(path.primitives, [0, 1, surfaces]);
+        assert_eq!(path.ways, vec![[0.0, 1.0, 2.0, 3.0].map(|z| DVec3::new(0.0, 0.0, z)); 6]);
         assert_eq!(most_frequent(&ir, &paths, 7.0), None, "too few of the launched rays");
         for ray_id in 0..3 {
             paths.push(event(ray_id, 3, PathEventKind::Escaped));
         }
-        assert_eq!(most_frequent(&ir, &paths, 0.0), Some(vec![0, 3, surfaces]), "an escape is no end");
+        let path = most_frequent(&ir, &paths, 0.0).unwrap();
+        assert_eq!(path.primitives, [0, 3, surfaces], "an escape is no end");
     }
 }

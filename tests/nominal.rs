@@ -8,8 +8,9 @@
 mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
-use nsq_gpu::ir::{Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Surface};
+use nsq_gpu::ir::{EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Surface};
 use nsq_gpu::program::Precision;
+use nsq_gpu::program::clearance::Clearance;
 use nsq_gpu::program::nominal::NominalPath;
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::result::Tally;
@@ -101,24 +102,135 @@ fn so_do_sobol_points() {
 
 /// Of a lens, the caps and the rim between them touch; the detector stands apart.
 #[test]
-fn what_can_be_met_on_the_way_is_asked_and_nothing_else() {
+fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     let ir = zoo::load("bench_lens");
     let (_, nominal) = trace(&ir, &with_nominal_path(&options(Precision::F64)));
     let (front, back, rim, detector) = (0, 1, 2, 3);
-    let asked: Vec<(usize, Vec<usize>)> =
-        nominal.unwrap().events.into_iter().map(|event| (event.primitive, event.candidates)).collect();
-    assert_eq!(
-        asked,
-        [(front, vec![front, rim]), (back, vec![front, back, rim]), (detector, vec![back, rim, detector])]
+    let events = nominal.unwrap().events;
+    let searched: Vec<_> = events.iter().map(|event| (event.primitive, event.candidates.clone())).collect();
+    assert_eq!(searched, [(front, vec![front]), (back, vec![back]), (detector, vec![detector])]);
+    let passed = |step: usize| -> Vec<usize> { events[step].passed.iter().map(|passed| passed.0).collect() };
+    assert_eq!([passed(0), passed(1), passed(2)], [vec![rim], vec![front, rim], vec![back, rim]]);
+    let kinds = events.iter().flat_map(|event| event.passed.iter().map(|passed| kind(&passed.1)));
+    assert_eq!(kinds.collect::<Vec<_>>(), ["beside", "leaves", "off", "leaves", "beside"]);
+    assert!(
+        events.iter().map(|event| event.meets_nearer).eq([true, true, false]),
+        "of the detector there is one"
     );
 }
 
+fn kind(clearance: &Clearance) -> &'static str {
+    match clearance {
+        Clearance::Leaves => "leaves",
+        Clearance::Beside { .. } => "beside",
+        Clearance::Off { .. } => "off",
+    }
+}
+
+/// A scene where so few rays meet something beside the nominal path that it is no longer searched, and what shows that
+/// the others are clear of it.
+struct Rare {
+    ir: SceneIr,
+    /// The primitive, as it is looked at before this event, and what spares the search.
+    step: usize,
+    primitive: usize,
+    spared: &'static str,
+    /// A change of the shader that takes all rays for clear.
+    always: (&'static str, &'static str),
+}
+
+fn gaussian_lens(sigma: f64) -> SceneIr {
+    let mut ir = zoo::load("bench_lens");
+    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 30.0, sigma };
+    ir
+}
+
+/// A tube around a lens's beam, a little aslant, so that its outermost rays end on it from within.
+fn tube_around_the_beam() -> Rare {
+    let mut ir = gaussian_lens(2.2);
+    let tube = Shape::Frustum { r_front: 9.0, r_back: 9.0, z_front: -6.0, z_back: 6.0 };
+    ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -12.0), tube, DQuat::from_rotation_y(0.15)));
+    let always = ("return is_off & (!turns | ((a < 0.0) != (f < 0.0)));", "return true;");
+    Rare { ir, step: 0, primitive: 3, spared: "off", always }
+}
+
+/// A plate along a lens's axis, beside a beam that comes aslant.
+fn plate_along_the_beam() -> Rare {
+    let mut ir = gaussian_lens(2.7);
+    let slant = DMat3::from_rotation_y(0.3);
+    ir.emitters[0].frame = Frame { origin: DVec3::new(-7.6, 0.0, -25.0), rotation: slant };
+    ir.sensors[0].frame.origin.z = 20.0;
+    let plate = Shape::Plane(Outline::Disk { radius: 5.0 });
+    let turn = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+    ir.surfaces.push(speck(DVec3::new(7.5, 0.0, -7.0), plate, turn));
+    let always = ("return ((o.z < low) & (z < low)) | ((o.z > high) & (z > high));", "return true;");
+    Rare { ir, step: 0, primitive: 3, spared: "beside", always }
+}
+
+/// Half a hollow sphere that mirrors a beam out of its opening; but the outermost rays against its other side.
+fn mirror_met_again() -> Rare {
+    let mut ir = zoo::load("bench_lens");
+    let mut mirror = ir.surfaces.remove(0);
+    mirror.shape = Shape::Conic { curvature: -1.0 / 20.0, conic: 0.0, aperture_radius: 19.9 };
+    mirror.frame.origin = DVec3::new(0.0, 0.0, 20.0);
+    mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
+    mirror.back = mirror.front;
+    ir.surfaces = vec![mirror];
+    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 };
+    ir.emitters[0].frame.origin = DVec3::new(0.0, -6.5, 0.0);
+    ir.sensors[0].frame.origin.z = -1.0;
+    if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+        (grid.width, grid.height) = (400.0, 400.0);
+    }
+    let always = ("return ((g < 0.0) == (a < 0.0)) | is_beyond;", "return true;");
+    Rare { ir, step: 1, primitive: 0, spared: "leaves", always }
+}
+
+/// Half a hollow sphere on whose outside a cone of rays ends; rays that go down rather than up, and so meet it on the other
+/// side of their closest approach, are few. The air takes from them on their way.
+fn bowl_met_from_the_side() -> Rare {
+    let mut rare = mirror_met_again();
+    rare.ir.surfaces[0].shape = Shape::Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 19.9 };
+    rare.ir.surfaces[0].frame.origin = DVec3::ZERO;
+    rare.ir.surfaces[0].interaction = Interaction::Absorbing;
+    rare.ir.media[0].k.fill(1e-6);
+    rare.ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.1005 };
+    let aside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2 - 0.1);
+    rare.ir.emitters[0].frame = Frame { origin: DVec3::new(-60.0, 0.0, 10.0), rotation: aside };
+    rare.ir.sensors[0].frame.origin.z = -30.0;
+    rare.always = ("comes_first & on_shape", "on_shape");
+    Rare { step: 0, spared: "farther crossing", ..rare }
+}
+
+#[test]
+fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
+    for rare in [tube_around_the_beam(), plate_along_the_beam(), mirror_met_again(), bowl_met_from_the_side()]
+    {
+        for precision in [Precision::F32, Precision::F64] {
+            let options = TraceOptions { num_rays: 40_000, ..options(precision) };
+            let with = with_nominal_path(&options);
+            let (tally, nominal) = trace(&rare.ir, &with);
+            let event = &nominal.unwrap().events[rare.step];
+            let mut spared: Vec<_> = event.passed.iter().map(|(i, passed)| (*i, kind(passed))).collect();
+            spared.extend(event.meets_nearer.then_some((event.primitive, "farther crossing")));
+            assert!(spared.contains(&(rare.primitive, rare.spared)), "{}: {event:?}", rare.spared);
+            assert!(tally == trace(&rare.ir, &options).0, "{}: other bits", rare.spared);
+            let wrong = |wgsl: String| {
+                assert!(wgsl.contains(rare.always.0), "the shader has changed");
+                wgsl.replace(rare.always.0, rare.always.1)
+            };
+            let wrong = Tracer::with_wgsl_edit(zoo::gpu(), &rare.ir, &with, wrong).unwrap().trace(|_| true);
+            assert!(tally != wrong.unwrap(), "{}: no ray is unlike the others", rare.spared);
+        }
+    }
+}
+
 /// A speck anywhere in a lens's beam, turned anyhow.
-fn speck(place: DVec3, radius: f64, turn: DQuat) -> Surface {
+fn speck(place: DVec3, shape: Shape, turn: DQuat) -> Surface {
     Surface {
         name: "speck".into(),
         frame: Frame { origin: place, rotation: DMat3::from_quat(turn) },
-        shape: Shape::Plane(Outline::Disk { radius }),
+        shape,
         front: 0,
         back: 0,
         interaction: Interaction::Absorbing,
@@ -126,19 +238,32 @@ fn speck(place: DVec3, radius: f64, turn: DQuat) -> Surface {
     }
 }
 
+/// A shape of about that radius, of each kind.
+fn speck_shape(kind: usize, radius: f64) -> Shape {
+    match kind {
+        0 => Shape::Plane(Outline::Disk { radius }),
+        1 => Shape::Plane(Outline::Rectangle { width: radius, height: 2.0 * radius }),
+        2 => Shape::Conic { curvature: 0.7 / radius, conic: 0.5, aperture_radius: radius },
+        3 => Shape::Sphere { radius, aperture_radius: Some(0.8 * radius) },
+        4 => Shape::Frustum { r_front: radius, r_back: 0.6 * radius, z_front: -radius, z_back: 0.5 * radius },
+        _ => Shape::Annulus { inner_radius: 0.4 * radius, outer_radius: radius, z_offset: 0.2 },
+    }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 16, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn specks_in_the_way_are_met_by_the_same_rays(
         place in [-8.0..8.0f64, -8.0..8.0f64, -24.0..149.0f64],
+        kind in 0..6usize,
         radius in 0.5..5.0f64,
         axis in [-1.0..1.0f64, -1.0..1.0f64, 0.1..1.0f64],
         angle in 0.0..std::f64::consts::TAU,
     ) {
         let mut ir = zoo::load("bench_lens");
         let turn = DQuat::from_axis_angle(DVec3::from_array(axis).normalize(), angle);
-        ir.surfaces.push(speck(DVec3::from_array(place), radius, turn));
+        ir.surfaces.push(speck(DVec3::from_array(place), speck_shape(kind, radius), turn));
         for precision in [Precision::F32, Precision::F64] {
             let options = options(precision);
             let (tally, nominal) = trace(&ir, &with_nominal_path(&options));

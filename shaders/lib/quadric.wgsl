@@ -9,7 +9,18 @@ struct Quadric {
     constant: real,
 }
 
-// A line through `base`: distances along it are measured from the ray's origin, `shift` before the base.
+// A ray's line as seen from a quadric, which along it is A t^2 + 2 G t + F: t from a point on it, `base`, that lies `shift`
+// beyond the ray's origin. With q = -(G + sign(G) sqrt(G^2 - A F)) the roots are q / A and F / q, without cancellation.
+struct Approach {
+    base: vec3<real>,
+    shift: real,
+    a: real,
+    f: real,
+    q: real,
+    has_roots: bool,
+}
+
+// Where the line crosses the quadric: MISS where it does not.
 struct Crossings {
     base: vec3<real>,
     shift: real,
@@ -17,11 +28,17 @@ struct Crossings {
     second: real,
 }
 
-// Both roots of A t^2 + 2 G t + F = 0, without cancellation: q / A and F / q with q = -(G + sign(G) sqrt(G^2 - A F)).
+fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossings {
+    let line = approach(o, d, s, leaving);
+    let first = select(line.q / line.a, MISS, (line.a == 0.0) | !line.has_roots);
+    let second = select(line.f / line.q, MISS, (line.q == 0.0) | !line.has_roots | leaving);
+    return Crossings(line.base, line.shift, first, second);
+}
+
 // The base is the point of closest approach to the local origin, which keeps F small for distant rays (Haines et al.,
 // Ray Tracing Gems, ch. 7). A ray that leaves this very quadric has F = 0 exactly: its one root ahead is q / A, and no
 // epsilon is needed.
-fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossings {
+fn approach(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Approach {
     let shift = select(-dot(o, d), 0.0, leaving);
     let p = o + shift * d;
     let a = s.radial * (d.x * d.x + d.y * d.y) + s.axial * d.z * d.z;
@@ -29,12 +46,10 @@ fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossin
     let f_outside = s.radial * (p.x * p.x + p.y * p.y) + (s.axial * p.z + 2.0 * s.offset) * p.z + s.constant;
     let f = select(f_outside, 0.0, leaving);
     let discriminant = g * g - a * f;
-    // Where it is negative, both are MISS. (Mesa computes max and min of wide vectors by halves.)
+    // (Mesa computes max and min of wide vectors by halves.)
     let root = sqrt(abs(discriminant));
     let q = -(g + select(root, -root, g < 0.0));
-    let first = select(q / a, MISS, (a == 0.0) | (discriminant < 0.0));
-    let second = select(f / q, MISS, (q == 0.0) | (discriminant < 0.0) | leaving);
-    return Crossings(p, shift, first, second);
+    return Approach(p, shift, a, f, q, discriminant >= 0.0);
 }
 
 // The distance from the ray's origin to the crossing that comes first, of those that are on the shape and ahead of the

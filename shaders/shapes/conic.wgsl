@@ -2,14 +2,32 @@
 
 // `axial` is (1 + K) c, `aperture` the squared semi-diameter.
 fn conic_distance(o: vec3<real>, d: vec3<real>, curvature: real, axial: real, aperture: real, leaving: bool) -> real {
-    let c = crossings(o, d, Quadric(-curvature, -axial, 1.0, 0.0), leaving);
+    let c = crossings(o, d, conic_quadric(curvature, axial), leaving);
     let first = conic_holds(c.base + c.first * d, curvature, axial, aperture);
     let second = conic_holds(c.base + c.second * d, curvature, axial, aperture);
     return first_ahead(c, first, second);
+}
+
+fn conic_quadric(curvature: real, axial: real) -> Quadric {
+    return Quadric(-curvature, -axial, 1.0, 0.0);
 }
 
 // True if a point of the quadric belongs to the surface. Of its two sheets only the one through the vertex does:
 // 1 - (1 + K) c z >= 0.
 fn conic_holds(p: vec3<real>, curvature: real, axial: real, aperture: real) -> bool {
     return (1.0 - axial * p.z >= 0.0) & (p.x * p.x + p.y * p.y <= aperture);
+}
+
+// conic_distance, where it is the distance to the crossing that is nearer to the base of the line, F / q; else that, or
+// MISS. The other crossing, q / A, does not come first where it lies behind the ray or beyond this one.
+fn nearer_conic_distance(
+    o: vec3<real>, d: vec3<real>, curvature: real, axial: real, aperture: real, leaving: bool,
+) -> real {
+    let line = approach(o, d, conic_quadric(curvature, axial), leaving);
+    let t = select(line.f / line.q, MISS, (line.q == 0.0) | !line.has_roots);
+    let bound = select(abs(line.shift), abs(t), (line.q < 0.0) == (line.a < 0.0));
+    let comes_first = abs(line.q) > 1.001 * abs(line.a) * bound;
+    let on_shape = conic_holds(line.base + t * d, curvature, axial, aperture);
+    let distance = t + line.shift;
+    return select(MISS, distance, comes_first & on_shape & (distance > 0.0) & (distance < MISS));
 }

@@ -3,6 +3,7 @@
 
 use super::bsdf::BsdfKind;
 use super::bvh::Forest;
+use super::clearance::Clearance;
 use super::contact::{self, Contact};
 use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
@@ -334,6 +335,7 @@ impl Composition<'_> {
             (f.far_field, shader!("sensors/far_field.wgsl")),
             (f.ray_database, shader!("sensors/ray_database.wgsl")),
             (self.nominal.is_some(), shader!("nominal.wgsl")),
+            (self.nominal.is_some(), shader!("lib/clearances.wgsl")),
             (
                 self.nominal.is_some(),
                 pick(
@@ -453,15 +455,16 @@ impl Composition<'_> {
 
     fn nearest_in_turn(&self, name: &str, primitives: std::ops::Range<usize>) -> Result<String> {
         let candidates = primitives.map(|i| (i, format!("ray.last == {i}u")));
-        self.nearest_of(&format!("{name}(ray: Ray, start: Hit)"), "start", candidates)
+        self.nearest_of(&format!("{name}(ray: Ray, start: Hit)"), "start", None, candidates)
     }
 
     /// A function that looks for the nearest of some primitives, one after the other; each with whether the ray stands on
-    /// it.
+    /// it. Of the one that is `nearer`, a conic, it looks at the nearer crossing alone.
     fn nearest_of(
         &self,
         head: &str,
         start: &str,
+        nearer: Option<usize>,
         candidates: impl Iterator<Item = (usize, String)>,
     ) -> Result<String> {
         let primitives = lowered::primitives(self.ir);
@@ -471,34 +474,53 @@ impl Composition<'_> {
         }
         for (i, leaving) in candidates {
             let (frame, shape) = &primitives[i];
-            text.push_str(&self.try_primitive(i, frame, shape, &leaving)?);
+            let function = match nearer == Some(i) {
+                true => "nearer_conic_distance",
+                false => ShapeKind::of(shape).name().0,
+            };
+            text.push_str(&self.try_primitive(i, frame, shape, function, &leaving)?);
         }
         text.push_str("    return best;\n}\n");
         Ok(text)
     }
 
+    /// The ray's position and direction in the frame of a primitive.
+    fn in_frame(&self, frame: &Frame) -> Result<(String, String)> {
+        let v = format!("ray.position - {}", self.vector(frame.origin - self.centre)?);
+        if !lowered::is_rotated(frame.rotation) {
+            return Ok((v, "ray.direction".into()));
+        }
+        let [x, y, z] = [frame.rotation.x_axis, frame.rotation.y_axis, frame.rotation.z_axis];
+        let [x, y, z] = [self.vector(x)?, self.vector(y)?, self.vector(z)?];
+        let rotation = format!("Rotation({x}, {y}, {z})");
+        Ok((format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})")))
+    }
+
+    fn vector(&self, v: DVec3) -> Result<String> {
+        let [x, y, z] = [self.real(v.x)?, self.real(v.y)?, self.real(v.z)?];
+        Ok(format!("vec3<real>({x}, {y}, {z})"))
+    }
+
+    fn real(&self, value: f64) -> Result<String> {
+        literal(value, self.precision())
+    }
+
     /// Makes a primitive's hit the `best` one if it is nearer; `leaving` tells whether the ray stands on it.
-    fn try_primitive(&self, i: usize, frame: &Frame, shape: &Shape, leaving: &str) -> Result<String> {
-        let real = |value: f64| literal(value, self.precision());
-        let vector = |v: DVec3| -> Result<String> {
-            Ok(format!("vec3<real>({}, {}, {})", real(v.x)?, real(v.y)?, real(v.z)?))
-        };
+    fn try_primitive(
+        &self,
+        i: usize,
+        frame: &Frame,
+        shape: &Shape,
+        function: &str,
+        leaving: &str,
+    ) -> Result<String> {
         let kind = ShapeKind::of(shape);
-        let (function, _) = kind.name();
         let farthest = if kind.is_searched() { ", best.distance" } else { "" };
         let mut arguments = String::new();
         for argument in lowered::shape_arguments(shape) {
-            let _ = write!(arguments, "{}, ", real(argument)?);
+            let _ = write!(arguments, "{}, ", self.real(argument)?);
         }
-        let v = format!("ray.position - {}", vector(frame.origin - self.centre)?);
-        let (o, d) = if lowered::is_rotated(frame.rotation) {
-            let r = frame.rotation;
-            let rotation =
-                format!("Rotation({}, {}, {})", vector(r.x_axis)?, vector(r.y_axis)?, vector(r.z_axis)?);
-            (format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})"))
-        } else {
-            (v, "ray.direction".into())
-        };
+        let (o, d) = self.in_frame(frame)?;
         Ok(match self.contacts.get(i).filter(|contact| contact.group != 0) {
             None => format!(
                 "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);\n"
@@ -513,7 +535,28 @@ impl Composition<'_> {
         })
     }
 
-    /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path.
+    /// A call that tells whether the ray is clear of a primitive until it has gone `distance`.
+    fn is_clear(&self, i: usize, clearance: Clearance) -> Result<String> {
+        let (frame, shape) = &lowered::primitives(self.ir)[i];
+        let (o, d) = self.in_frame(frame)?;
+        let [radial, axial, offset] = lowered::gradient(shape);
+        let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
+        let constant = self.real(lowered::shape_constant(shape))?;
+        let quadric = format!("Quadric({radial}, {axial}, {offset}, {constant})");
+        Ok(match clearance {
+            Clearance::Leaves => format!("leaves({o}, {d}, {quadric}, distance)"),
+            Clearance::Beside { low, high } => {
+                let [low, high] = [self.real(low)?, self.real(high)?];
+                format!("stays_beside({o}, {d}, {low}, {high}, distance)")
+            }
+            Clearance::Off { margin } => {
+                format!("stays_off({o}, {d}, {quadric}, {}, distance)", self.real(margin)?)
+            }
+        })
+    }
+
+    /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path, if the
+    /// ray is clear of those that are not searched.
     fn walk(&self, nominal: &NominalPath) -> Result<String> {
         let mut text = String::new();
         let mut walk = String::from("fn walk(ray: ptr<function, Ray>) -> bool {\n    var holds = true;\n");
@@ -521,11 +564,20 @@ impl Composition<'_> {
         for (step, event) in nominal.events.iter().enumerate() {
             let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_at_{step}(ray: Ray)");
-            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", candidates)?);
+            let nearer = event.meets_nearer.then_some(event.primitive);
+            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
+            let _ = writeln!(
+                text,
+                "fn is_clear_at_{step}(ray: Ray, distance: real) -> bool {{\n    var clear = true;"
+            );
+            for &(i, clearance) in &event.passed {
+                let _ = writeln!(text, "    clear = clear & {};", self.is_clear(i, clearance)?);
+            }
+            text.push_str("    return clear;\n}\n");
             let goes = if step + 1 < nominal.events.len() { "keeps_to" } else { "ends_on" };
             let _ = writeln!(
                 walk,
-                "    holds = {goes}(ray, nearest_at_{step}(*ray), {}u) & holds;",
+                "    let hit_{step} = nearest_at_{step}(*ray);\n    holds = is_clear_at_{step}(*ray, hit_{step}.distance) & holds;\n    holds = {goes}(ray, hit_{step}, {}u) & holds;",
                 event.primitive
             );
             last = Some(event.primitive);

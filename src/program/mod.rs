@@ -2,6 +2,7 @@
 
 pub mod bsdf;
 pub mod bvh;
+pub mod clearance;
 pub mod compose;
 pub mod contact;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
@@ -26,7 +27,7 @@ use end_log::EndLog;
 pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
-use nominal::NominalPath;
+use nominal::{NominalPath, PilotPath};
 use records::{StructLayout, put_real};
 pub use rng::Sampler;
 pub use splitting::Splitting;
@@ -86,8 +87,8 @@ pub struct ProgramOptions {
     pub sampler: Sampler,
     /// What is summed so that results tell their errors.
     pub moments: SecondMoments,
-    /// The primitives that most rays meet, one after the other, for a stage of its own. The results are the same bits.
-    pub nominal: Option<Vec<usize>>,
+    /// The path that most rays take, for a stage of its own. The results are the same bits.
+    pub nominal: Option<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
 }

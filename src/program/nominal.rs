@@ -2,11 +2,13 @@
 //!
 //! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
 //! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (super::tree),
-//! with the same room for roundings.
+//! with the same room for roundings. Of the others, those that nearly all rays of a pilot pass clear are not searched: it
+//! is only seen that a ray is clear of them (super::clearance).
 
+use super::clearance::{self, Clearance, Stretch};
 use super::contact::Contact;
 use super::end_log::EndLog;
-use super::{Cells, Features, ProgramOptions, SecondMoments, tree};
+use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
 use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, Shape};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
@@ -17,27 +19,40 @@ pub const STRAYS: u32 = 22;
 /// A longer path is not followed: its code would grow with it.
 pub const MAX_EVENTS: u32 = 32;
 
+/// What a pilot's rays say of the path.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PilotPath {
+    /// The primitives that they meet, in their order: surfaces first, then sensors.
+    pub primitives: Vec<usize>,
+    /// Of each ray that takes it, where it is born and where it meets them \[mm\].
+    pub ways: Vec<Vec<DVec3>>,
+}
+
 /// The path and what to look for on its way.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct NominalPath {
     /// In their order.
     pub events: Vec<NominalEvent>,
 }
 
 /// One event of the path.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct NominalEvent {
     /// The primitive that is met: surfaces first, then sensors.
     pub primitive: usize,
-    /// It, and what else can be met before it: ascending.
+    /// It, and what else is searched because it can be met before it: ascending.
     pub candidates: Vec<usize>,
+    /// Of the primitive, a conic, the crossing is met that is nearer to the line's closest approach to its origin.
+    pub meets_nearer: bool,
+    /// What else could be met before it, and what shows that a ray is clear of it.
+    pub passed: Vec<(usize, Clearance)>,
 }
 
 impl NominalPath {
     /// The path over these primitives; none where no stage can follow it ([`is_possible`]), or where it is too long, or
     /// ends nowhere.
     pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], options: &ProgramOptions) -> Option<Self> {
-        let primitives = options.nominal.as_ref()?;
+        let PilotPath { primitives, ways } = options.nominal.as_ref()?;
         let (&last, before) = primitives.split_last()?;
         let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth) as usize;
         let goes = ends(ir, last) && before.iter().all(|&i| passes(ir, i));
@@ -48,7 +63,9 @@ impl NominalPath {
         let mut here = emitters_box(ir, centre);
         // The largest coordinate so far: a position keeps the rounding of the way that led to it.
         let mut reach = here.map(|bounds| largest(&bounds));
-        let events = primitives.iter().map(|&primitive| {
+        let mut standing = None;
+        let shapes = lowered::primitives(ir);
+        let events = primitives.iter().enumerate().map(|(step, &primitive)| {
             let there = boxes.get(primitive).copied().flatten();
             reach = reach.zip(there).map(|(reach, there)| reach.max(largest(&there)));
             let way = here.zip(there).zip(reach);
@@ -58,10 +75,38 @@ impl NominalPath {
                 _ => true,
             };
             here = there;
-            NominalEvent { primitive, candidates: (0..boxes.len()).filter(can_be_met).collect() }
+            let stretches = stretches(ways, step, centre);
+            let leaving = standing.replace(primitive);
+            let clearance = |i: usize| {
+                let touches = contacts.get(i).is_some_and(|contact| contact.group != 0);
+                let (frame, shape) = &shapes[i];
+                let frame = tree::relative(*frame, centre);
+                let way = way.filter(|_| i != primitive && !touches)?;
+                Clearance::of(&frame, shape, leaving == Some(i), &way, options.precision, &stretches)
+            };
+            let touches = contacts.get(primitive).is_some_and(|contact| contact.group != 0);
+            let (frame, shape) = &shapes[primitive];
+            let meets_nearer = !touches
+                && leaving != Some(primitive)
+                && clearance::meet_nearer(&tree::relative(*frame, centre), shape, &stretches);
+            let mut event =
+                NominalEvent { primitive, candidates: Vec::new(), meets_nearer, passed: Vec::new() };
+            for i in (0..boxes.len()).filter(can_be_met) {
+                match clearance(i) {
+                    Some(clearance) => event.passed.push((i, clearance)),
+                    None => event.candidates.push(i),
+                }
+            }
+            event
         });
         Some(NominalPath { events: events.collect() })
     }
+}
+
+/// From one event to the next, the ways of the pilot's rays, as the device has them.
+fn stretches(ways: &[Vec<DVec3>], step: usize, centre: DVec3) -> Vec<Stretch> {
+    let ends = ways.iter().filter_map(|way| way.get(step).zip(way.get(step + 1)));
+    ends.map(|(&from, &to)| Stretch { from: from - centre, to: to - centre }).collect()
 }
 
 /// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell

@@ -7,6 +7,7 @@ use nsq_gpu::ir::{
 };
 use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
+use nsq_gpu::program::nominal::PilotPath;
 use nsq_gpu::program::{
     EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
 };
@@ -46,7 +47,7 @@ pub struct Variant {
     /// The host adds up where rays end.
     pub host_sums: bool,
     /// The path that has a stage of its own.
-    pub nominal: Option<Vec<usize>>,
+    pub nominal: Option<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
 }
@@ -315,7 +316,11 @@ impl Choice {
                     ir.media[1].k.fill(1e-6);
                 }
                 // Numbers of primitives shift as others come: the last detector is then some other, or a surface.
-                variant.nominal = Some(vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1]);
+                let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1];
+                // A ray of the pilot that stays far from everything, so that the others are clear of all of it.
+                let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
+                variant.nominal =
+                    Some(PilotPath { primitives, ways: vec![[0.0, 1.0, 2.0].map(away).to_vec()] });
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
