@@ -114,7 +114,7 @@ fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     let kinds = events.iter().flat_map(|event| event.passed.iter().map(|passed| kind(&passed.1)));
     assert_eq!(kinds.collect::<Vec<_>>(), ["beside", "leaves", "off", "leaves", "beside"]);
     assert!(
-        events.iter().map(|event| event.meets_nearer).eq([true, true, false]),
+        events.iter().map(|event| event.at_nearer_crossing).eq([true, true, false]),
         "of the detector there is one"
     );
 }
@@ -212,7 +212,7 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
             let (tally, nominal) = trace(&rare.ir, &with);
             let event = &nominal.unwrap().events[rare.step];
             let mut spared: Vec<_> = event.passed.iter().map(|(i, passed)| (*i, kind(passed))).collect();
-            spared.extend(event.meets_nearer.then_some((event.primitive, "farther crossing")));
+            spared.extend(event.at_nearer_crossing.then_some((event.primitive, "farther crossing")));
             assert!(spared.contains(&(rare.primitive, rare.spared)), "{}: {event:?}", rare.spared);
             assert!(tally == trace(&rare.ir, &options).0, "{}: other bits", rare.spared);
             let wrong = |wgsl: String| {

@@ -2,7 +2,8 @@
 // (program::clearance). Each is sufficient, with room for what the search of lib/quadric.wgsl and shapes/ rounds; a ray
 // for which one fails may meet the primitive or not. In the primitive's frame, as the search is.
 
-// The ray leaves the quadric: its other crossing, at -2 g / a, lies behind the ray or beyond.
+// The ray leaves the quadric: its other crossing, at -2 g / a, lies behind the ray or beyond. No room for roundings is
+// needed but in that quotient: g and a are the search's own.
 fn leaves(o: vec3<real>, d: vec3<real>, s: Quadric, distance: real) -> bool {
     let a = square_along(d, s);
     let g = slope_along(o, d, s);
@@ -16,7 +17,7 @@ fn leaves(o: vec3<real>, d: vec3<real>, s: Quadric, distance: real) -> bool {
 fn stays_off(o: vec3<real>, d: vec3<real>, s: Quadric, margin: real, distance: real) -> bool {
     let a = square_along(d, s);
     let g = slope_along(o, d, s);
-    let f = s.radial * (o.x * o.x + o.y * o.y) + (s.axial * o.z + 2.0 * s.offset) * o.z + s.constant;
+    let f = value_at(o, s);
     let g_there = g + a * distance;
     let f_there = f + distance * (g + g_there);
     let is_off = (abs(f) > margin) & (abs(f_there) > margin) & ((f < 0.0) == (f_there < 0.0));
@@ -28,13 +29,4 @@ fn stays_off(o: vec3<real>, d: vec3<real>, s: Quadric, margin: real, distance: r
 fn stays_beside(o: vec3<real>, d: vec3<real>, low: real, high: real, distance: real) -> bool {
     let z = o.z + distance * d.z;
     return ((o.z < low) & (z < low)) | ((o.z > high) & (z > high));
-}
-
-// Along the ray the quadric is a t^2 + 2 g t + f.
-fn square_along(d: vec3<real>, s: Quadric) -> real {
-    return s.radial * (d.x * d.x + d.y * d.y) + s.axial * d.z * d.z;
-}
-
-fn slope_along(o: vec3<real>, d: vec3<real>, s: Quadric) -> real {
-    return s.radial * (o.x * d.x + o.y * d.y) + (s.axial * o.z + s.offset) * d.z;
 }

@@ -41,15 +41,27 @@ fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossin
 fn approach(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Approach {
     let shift = select(-dot(o, d), 0.0, leaving);
     let p = o + shift * d;
-    let a = s.radial * (d.x * d.x + d.y * d.y) + s.axial * d.z * d.z;
-    let g = s.radial * (p.x * d.x + p.y * d.y) + (s.axial * p.z + s.offset) * d.z;
-    let f_outside = s.radial * (p.x * p.x + p.y * p.y) + (s.axial * p.z + 2.0 * s.offset) * p.z + s.constant;
-    let f = select(f_outside, 0.0, leaving);
+    let a = square_along(d, s);
+    let g = slope_along(p, d, s);
+    let f = select(value_at(p, s), 0.0, leaving);
     let discriminant = g * g - a * f;
     // (Mesa computes max and min of wide vectors by halves.)
     let root = sqrt(abs(discriminant));
     let q = -(g + select(root, -root, g < 0.0));
     return Approach(p, shift, a, f, q, discriminant >= 0.0);
+}
+
+// A, G and F of the line through p.
+fn square_along(d: vec3<real>, s: Quadric) -> real {
+    return s.radial * (d.x * d.x + d.y * d.y) + s.axial * d.z * d.z;
+}
+
+fn slope_along(p: vec3<real>, d: vec3<real>, s: Quadric) -> real {
+    return s.radial * (p.x * d.x + p.y * d.y) + (s.axial * p.z + s.offset) * d.z;
+}
+
+fn value_at(p: vec3<real>, s: Quadric) -> real {
+    return s.radial * (p.x * p.x + p.y * p.y) + (s.axial * p.z + 2.0 * s.offset) * p.z + s.constant;
 }
 
 // The distance from the ray's origin to the crossing that comes first, of those that are on the shape and ahead of the

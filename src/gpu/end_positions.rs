@@ -27,17 +27,17 @@ pub struct Block {
 pub struct AxisTaps<T> {
     /// The pixel before it.
     pub first: u32,
-    /// From there to the one behind it: 1, or 0 at the edges.
+    /// From there to the one behind it: 1, or 0 at the edges and beyond.
     pub to_next: u32,
     /// And to the one that was hit.
     pub to_hit: u32,
     /// How far from the one to the other it is.
     pub fraction: T,
-    /// Such a position can be.
-    pub is_valid: bool,
+    /// It is a number.
+    pub is_number: bool,
 }
 
-/// The taps of a position (`bilinear_taps` in splat.wgsl).
+/// The taps of a position on a map whose pixels have one cell each (`bilinear_taps` in splat.wgsl).
 #[derive(Debug, Clone, Copy)]
 pub struct PositionTaps<T> {
     /// The pixel that was hit.
@@ -46,8 +46,8 @@ pub struct PositionTaps<T> {
     pub cells: [u32; 4],
     /// How far the position is from the first to the next, by columns and by rows.
     pub fractions: [T; 2],
-    /// Such a position can be.
-    pub is_valid: bool,
+    /// It is one of numbers.
+    pub is_number: bool,
 }
 
 /// An entry that is a position where the ray has ended in taps.
@@ -62,11 +62,19 @@ pub trait PositionEntry: Pod {
     fn weight(&self, born: Self::Real) -> Self::Real;
 
     /// The end that it is, if it is no position.
-    fn end(&self, born: Self::Real) -> Option<End<Self::Real>>;
+    fn end(&self, born: Self::Real) -> End<Self::Real>;
 }
 
-/// `OFF_DETECTORS` in ends_logged.wgsl.
-const OFF_DETECTORS: f32 = -2.0;
+// How a position is written (ends_logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
+// is the second of the two that it lies between. So is one at the edge of the map or, by the roundings of a place far from
+// the scene's centre, beyond, where both are the same pixel. A position of 0, which HIT_NEXT cannot mark, is the middle of
+// the first pixel: the one that was hit.
+/// `HIT_NEXT` in ends_logged.wgsl.
+pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
+/// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
+pub const LAST_POSITION: f64 = (1 << 30) as f64;
+/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked.
+pub const OFF_DETECTORS: f64 = -2.0;
 
 impl<T> PositionTaps<T> {
     /// The taps of a position on a grid.
@@ -83,7 +91,7 @@ impl<T> PositionTaps<T> {
             hit: first + row.to_hit * stride + column.to_hit,
             cells: [first, first + column.to_next, below, below + column.to_next],
             fractions: [column.fraction, row.fraction],
-            is_valid: column.is_valid & row.is_valid,
+            is_number: column.is_number & row.is_number,
         }
     }
 }
@@ -128,23 +136,14 @@ impl Block {
                 cells[i] = cell;
                 all_quanta[i] = quanta;
             }
-            self.is_other[i] = !(taps.is_valid & is_small);
+            self.is_other[i] = !(taps.is_number & is_small) | entry.position()[0].is_off_detectors();
         }
     }
 }
 
-fn words_end([x, y]: [u32; 2], weight: f32) -> Option<End<f32>> {
-    (x == OFF_DETECTORS.to_bits()).then_some(End { what: y, weight, fractions: [0.0; 2] })
-}
-
-fn reals_end([x, y]: [f64; 2], weight: f64) -> Option<End<f64>> {
-    let is_off = x.to_bits() == f64::from(OFF_DETECTORS).to_bits();
-    is_off.then_some(End { what: y as u32, weight, fractions: [0.0; 2] })
-}
-
 /// x, y; then the weight, if it is logged; then what fills a word.
 macro_rules! position_entry {
-    ([$word:ty; $num:literal], $real:ty, $real_of:expr, $end:ident, $weight:expr) => {
+    ([$word:ty; $num:literal], $real:ty, $real_of:expr, $weight:expr) => {
         impl PositionEntry for [$word; $num] {
             type Real = $real;
 
@@ -159,15 +158,16 @@ macro_rules! position_entry {
                 weight(self, born)
             }
 
-            fn end(&self, born: $real) -> Option<End<$real>> {
-                $end([self[0], self[1]], self.weight(born))
+            fn end(&self, born: $real) -> End<$real> {
+                // An f32 has the bits of it, an f64 the number.
+                End { what: self[1] as u32, weight: self.weight(born), fractions: [0.0; 2] }
             }
         }
     };
 }
 
-position_entry!([u32; 2], f32, f32::from_bits, words_end, |_, born| born);
-position_entry!([u32; 3], f32, f32::from_bits, words_end, |entry, _| f32::from_bits(entry[2]));
-position_entry!([u32; 4], f32, f32::from_bits, words_end, |entry, _| f32::from_bits(entry[2]));
-position_entry!([f64; 2], f64, |real| real, reals_end, |_, born| born);
-position_entry!([f64; 3], f64, |real| real, reals_end, |entry, _| entry[2]);
+position_entry!([u32; 2], f32, f32::from_bits, |_, born| born);
+position_entry!([u32; 3], f32, f32::from_bits, |entry, _| f32::from_bits(entry[2]));
+position_entry!([u32; 4], f32, f32::from_bits, |entry, _| f32::from_bits(entry[2]));
+position_entry!([f64; 2], f64, |real| real, |_, born| born);
+position_entry!([f64; 3], f64, |real| real, |entry, _| entry[2]);

@@ -1,6 +1,8 @@
 //! What the log of ends adds up to: the integers of the device's atomics (`shaders/lib/sums.wgsl`), on the host.
 
-use super::end_positions::{AxisTaps, BLOCK, Block, PositionEntry, PositionTaps};
+use super::end_positions::{
+    AxisTaps, BLOCK, Block, HIT_NEXT, LAST_POSITION, OFF_DETECTORS, PositionEntry, PositionTaps,
+};
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
 use crate::program::end_log::{CELL_BITS, EndLog, Form, Grid, Taps};
@@ -72,16 +74,22 @@ impl EndSums {
             (Form::Words, Taps::Fractions) => self.add_rays::<[u32; 4]>(logged, log, strays),
             (Form::Reals, Taps::None) => self.add_rays::<[f64; 2]>(logged, log, strays),
             (Form::Reals, Taps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, strays),
-            (form, Taps::Positions { grid, has_weights }) => match (form, has_weights) {
-                // The low half of a 64-bit word comes first.
-                (Form::Counts | Form::Packed | Form::Words, false) => {
-                    self.add_positions::<[u32; 2]>(logged, &grid, strays)
-                }
-                (Form::Counts | Form::Words, true) => self.add_positions::<[u32; 3]>(logged, &grid, strays),
-                (Form::Packed, true) => self.add_positions::<[u32; 4]>(logged, &grid, strays),
-                (Form::Reals, false) => self.add_positions::<[f64; 2]>(logged, &grid, strays),
-                (Form::Reals, true) => self.add_positions::<[f64; 3]>(logged, &grid, strays),
-            },
+            // The low half of a 64-bit word comes first.
+            (Form::Packed | Form::Words, Taps::Positions { grid, has_weights: false }) => {
+                self.add_positions::<[u32; 2]>(logged, &grid, strays)
+            }
+            (Form::Packed, Taps::Positions { grid, has_weights: true }) => {
+                self.add_positions::<[u32; 4]>(logged, &grid, strays)
+            }
+            (Form::Words, Taps::Positions { grid, has_weights: true }) => {
+                self.add_positions::<[u32; 3]>(logged, &grid, strays)
+            }
+            (Form::Reals, Taps::Positions { grid, has_weights: false }) => {
+                self.add_positions::<[f64; 2]>(logged, &grid, strays)
+            }
+            (Form::Reals, Taps::Positions { grid, has_weights: true }) => {
+                self.add_positions::<[f64; 3]>(logged, &grid, strays)
+            }
         }
     }
 
@@ -210,13 +218,14 @@ impl EndSums {
         grid: &Grid,
         strays: &mut Vec<u32>,
     ) -> Option<()> {
-        if let Some(end) = entry.end(born) {
-            return self.add_end(end, ray, strays, false);
+        let position = entry.position();
+        if position[0].is_off_detectors() {
+            return self.add_end(entry.end(born), ray, strays, false);
         }
-        let taps = PositionTaps::of(entry.position(), grid);
+        let taps = PositionTaps::of(position, grid);
         let cells = taps.cells.map(|cell| cell as usize);
         let add = || self.add_taps(cells, taps.hit as usize, entry.weight(born), taps.fractions);
-        taps.is_valid.then(add)?
+        taps.is_number.then(add)?
     }
 
     #[inline(always)]
@@ -420,12 +429,10 @@ pub trait Real: Copy + Into<f64> {
     /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `end_in_taps` in
     /// ends_logged.wgsl).
     fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
-}
 
-/// `HIT_NEXT` in ends_logged.wgsl.
-const HIT_NEXT: f64 = 79228162514264337593543950336.0;
-/// No detector has so many pixels that positions come so far; all but 0 do, times [`HIT_NEXT`].
-const LAST_POSITION: f64 = (1 << 30) as f64;
+    /// What is logged with it in place of a column is no position.
+    fn is_off_detectors(self) -> bool;
+}
 
 macro_rules! real {
     ($real:ty) => {
@@ -469,22 +476,28 @@ macro_rules! real {
                 const FARTHEST: $real = LAST_POSITION as $real;
                 let hits_next = self.abs() >= FARTHEST;
                 let place = if hits_next { self / HIT_NEXT as $real } else { self };
-                let is_near = place.abs() < FARTHEST;
-                let position = if is_near { place } else { 0.0 };
-                // SAFETY: it is below 2^30.
+                let is_number = !place.is_nan();
+                let position = if is_number { place.clamp(-FARTHEST, FARTHEST) } else { 0.0 };
+                // SAFETY: it is no larger than 2^30.
                 #[allow(unsafe_code)]
                 let whole = unsafe { position.to_int_unchecked::<i32>() };
                 // Rounded down, not towards 0.
-                let corner = whole - i32::from(position < 0.0);
-                let (pixel, last) = ((corner + i32::from(corner < 0)) as u32, num_pixels - 1);
-                let to_next = u32::from((corner as u32) < last);
+                let corner = whole - i32::from(position < whole as $real);
+                let last = num_pixels as i32 - 1;
+                let (first, next) = (corner.clamp(0, last), (corner + 1).clamp(0, last));
+                let to_next = (next - first) as u32;
                 AxisTaps {
-                    first: pixel.min(last),
+                    first: first as u32,
                     to_next,
-                    to_hit: u32::from(hits_next) & to_next,
+                    to_hit: if hits_next { to_next } else { 0 },
                     fraction: position - corner as $real,
-                    is_valid: is_near & (pixel <= last),
+                    is_number,
                 }
+            }
+
+            #[inline(always)]
+            fn is_off_detectors(self) -> bool {
+                self == OFF_DETECTORS as $real
             }
         }
     };
@@ -594,13 +607,23 @@ mod tests {
         }
     }
 
+    /// As rounding may put them far from the scene's centre.
     #[test]
-    fn positions_that_no_detector_has_are_refused() {
-        for place in [[3.0, 0.0], [0.0, 2.0], [-1.5, 0.0], [0.0, f64::NAN], [1e30, 0.0], [0.0, f64::INFINITY]]
-        {
-            for (form, has_weights) in [(Form::Words, false), (Form::Packed, true), (Form::Reals, false)] {
-                assert!(sums_of_positions(form, has_weights, &[place]).is_none(), "{form:?}, {place:?}");
+    fn positions_beyond_the_map_fall_into_its_edge_pixels() {
+        for (form, has_weights) in [(Form::Words, false), (Form::Packed, true), (Form::Reals, false)] {
+            for (place, expected) in [
+                ([-1.0, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
+                ([-2.0, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
+                ([3.75, 0.5], [0, 0, UNIT, 0, 0, UNIT]),
+                ([1e30, -7.5], [0, 0, 2 * UNIT, 0, 0, 0]),
+                ([-1e30, 1e12], [0, 0, 0, 2 * UNIT, 0, 0]),
+            ] {
+                // The hit is the next pixel, which is the same.
+                let sums = sums_of_positions(form, has_weights, &[place.map(|at| at * HIT_NEXT)]).unwrap();
+                assert_eq!(quanta(&sums)[1..], expected, "{form:?}, {place:?}");
+                assert_eq!(sums.counts.iter().sum::<u64>(), 1);
             }
+            assert!(sums_of_positions(form, has_weights, &[[0.0, f64::NAN]]).is_none(), "{form:?}");
         }
     }
 

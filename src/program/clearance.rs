@@ -14,11 +14,12 @@ use crate::ir::{Frame, Shape};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
-/// A clearance leaves room for so many roundings; the search makes some twenty.
+/// A clearance leaves room for so many roundings of M; the search makes some twenty, and what looks at the far end of a
+/// stretch, whose length may be twice S, some ten times as many.
 const ROUNDINGS: f64 = 1024.0;
 
-/// A clearance pays where it holds for this share of the rays: the others are traced twice.
-const LEAST_SHARE: f64 = 0.995;
+/// Clearances pay as long as all that are taken hold for this share of the rays: the others are traced twice.
+const LEAST_CLEAR: f64 = 0.995;
 
 /// What is to be seen of a stretch to know that it is clear of a primitive, in the primitive's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,26 +66,32 @@ impl Clearance {
         leaving: bool,
         way: &Aabb,
         precision: Precision,
-        stretches: &[Stretch],
+        pilot: &mut Pilot,
     ) -> Option<Self> {
-        let epsilon = 0.5 / precision.significands();
+        let epsilon = 1.0 / precision.significands();
         let size = farthest(way, frame.origin);
         let slab = slab(shape).filter(|_| !leaving).map(|[low, high]| {
             let room = ROUNDINGS * epsilon * size;
             Clearance::Beside { low: low - room, high: high + room }
         });
-        let quadric = has_quadric(shape).then_some(match leaving {
+        let largest = magnitude(shape, size);
+        // An f32 may not hold the terms of a huge quadric.
+        let has_quadric = ShapeKind::of(shape).quadric().is_some() && largest < f64::from(f32::MAX);
+        let quadric = has_quadric.then_some(match leaving {
             true => Clearance::Leaves,
-            false => Clearance::Off { margin: ROUNDINGS * epsilon * magnitude(shape, size) },
+            false => Clearance::Off { margin: ROUNDINGS * epsilon * largest },
         });
-        let pays = |clearance: &Clearance| pays(frame, stretches, |stretch| clearance.holds(shape, stretch));
-        [slab, quadric].into_iter().flatten().find(pays)
+        let holds = |clearance: &Clearance| pilot.takes(frame, |stretch| clearance.holds(shape, stretch));
+        [slab, quadric].into_iter().flatten().find(holds)
     }
 
-    /// Whether a stretch in the primitive's frame is clear: the host's twin of the shader's functions.
+    /// Whether a stretch in the primitive's frame is clear, as the shader's functions would find but for roundings.
     fn holds(&self, shape: &Shape, stretch: &Stretch) -> bool {
         let (direction, distance) = stretch.direction_and_length();
         let along = Along::of(shape, stretch.from, direction);
+        if distance.is_nan() || distance <= 0.0 {
+            return false;
+        }
         match *self {
             Clearance::Leaves => along.leaves(distance),
             Clearance::Beside { low, high } => {
@@ -109,13 +116,14 @@ impl Stretch {
     }
 }
 
-/// Whether nearly all these stretches end on a conic at the crossing that is nearer to their line's closest approach to
+/// Whether nearly all rays end their stretches on a conic at the crossing that is nearer to their line's closest approach to
 /// its origin, and are seen to do so (`nearer_conic_distance` in the shader).
-pub fn meet_nearer(frame: &Frame, shape: &Shape, stretches: &[Stretch]) -> bool {
-    ShapeKind::of(shape) == ShapeKind::Conic && pays(frame, stretches, |stretch| meets_nearer(shape, stretch))
+pub fn end_at_nearer_crossing(frame: &Frame, shape: &Shape, pilot: &mut Pilot) -> bool {
+    ShapeKind::of(shape) == ShapeKind::Conic
+        && pilot.takes(frame, |stretch| ends_at_nearer_crossing(shape, stretch))
 }
 
-fn meets_nearer(shape: &Shape, stretch: &Stretch) -> bool {
+fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
     let (direction, distance) = stretch.direction_and_length();
     let shift = -stretch.from.dot(direction);
     let Along { a, g, f } = Along::of(shape, stretch.from + shift * direction, direction);
@@ -127,10 +135,28 @@ fn meets_nearer(shape: &Shape, stretch: &Stretch) -> bool {
     is_met && q.abs() > 1.001 * a.abs() * bound
 }
 
-/// Whether something holds for so many stretches, in the frame of a primitive, that it need not for the others.
-fn pays(frame: &Frame, stretches: &[Stretch], holds: impl Fn(&Stretch) -> bool) -> bool {
-    let num = stretches.iter().filter(|stretch| holds(&stretch.within(frame))).count();
-    num > 0 && num as f64 >= LEAST_SHARE * stretches.len() as f64
+/// The rays of a pilot on one stretch of the path.
+#[derive(Debug)]
+pub struct Pilot {
+    /// The stretch of each.
+    pub stretches: Vec<Stretch>,
+    /// Whether all that was taken so far holds for it.
+    pub keeps: Vec<bool>,
+}
+
+impl Pilot {
+    /// Takes something for granted, if it and all that was taken before hold for nearly all rays, in the frame of a
+    /// primitive.
+    fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
+        let rays = self.keeps.iter().zip(&self.stretches);
+        let keeps: Vec<bool> = rays.map(|(keeps, stretch)| *keeps && holds(&stretch.within(frame))).collect();
+        let num = keeps.iter().filter(|keeps| **keeps).count();
+        let pays = num > 0 && num as f64 >= LEAST_CLEAR * keeps.len() as f64;
+        if pays {
+            self.keeps = keeps;
+        }
+        pays
+    }
 }
 
 impl Along {
@@ -166,11 +192,6 @@ fn slab(shape: &Shape) -> Option<[f64; 2]> {
         Shape::Frustum { z_front, z_back, .. } => Some([z_front.min(z_back), z_front.max(z_back)]),
         Shape::Conic { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => None,
     }
-}
-
-/// A ray that leaves a plane meets it nowhere, which the search knows without being asked.
-fn has_quadric(shape: &Shape) -> bool {
-    matches!(ShapeKind::of(shape), ShapeKind::Conic | ShapeKind::Frustum | ShapeKind::Sphere)
 }
 
 /// M: the largest sum of a quadric's terms within so far of the origin.

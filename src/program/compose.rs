@@ -16,7 +16,7 @@ use super::splitting::Splitting;
 use super::sums::SumBuffers;
 use super::tree::{self, PrimitiveTree};
 use super::{PathSampling, ProgramOptions, SecondMoments};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::ir::{Frame, ReflectProb, SceneIr, Shape};
 use glam::DVec3;
 use std::fmt::Write;
@@ -539,20 +539,26 @@ impl Composition<'_> {
     fn is_clear(&self, i: usize, clearance: Clearance) -> Result<String> {
         let (frame, shape) = &lowered::primitives(self.ir)[i];
         let (o, d) = self.in_frame(frame)?;
-        let [radial, axial, offset] = lowered::gradient(shape);
-        let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
-        let constant = self.real(lowered::shape_constant(shape))?;
-        let quadric = format!("Quadric({radial}, {axial}, {offset}, {constant})");
         Ok(match clearance {
-            Clearance::Leaves => format!("leaves({o}, {d}, {quadric}, distance)"),
+            Clearance::Leaves => format!("leaves({o}, {d}, {}, distance)", self.quadric(shape)?),
             Clearance::Beside { low, high } => {
                 let [low, high] = [self.real(low)?, self.real(high)?];
                 format!("stays_beside({o}, {d}, {low}, {high}, distance)")
             }
             Clearance::Off { margin } => {
-                format!("stays_off({o}, {d}, {quadric}, {}, distance)", self.real(margin)?)
+                let (quadric, margin) = (self.quadric(shape)?, self.real(margin)?);
+                format!("stays_off({o}, {d}, {quadric}, {margin}, distance)")
             }
         })
+    }
+
+    /// A call that gives a shape's quadric, as its search has it.
+    fn quadric(&self, shape: &Shape) -> Result<String> {
+        let no_quadric = || Error::Internal(format!("{shape:?} has no quadric to be clear of"));
+        let (function, num_arguments) = ShapeKind::of(shape).quadric().ok_or_else(no_quadric)?;
+        let arguments = lowered::shape_arguments(shape).into_iter().take(num_arguments);
+        let arguments = arguments.map(|argument| self.real(argument)).collect::<Result<Vec<_>>>()?;
+        Ok(format!("{function}({})", arguments.join(", ")))
     }
 
     /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path, if the
@@ -564,7 +570,7 @@ impl Composition<'_> {
         for (step, event) in nominal.events.iter().enumerate() {
             let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_at_{step}(ray: Ray)");
-            let nearer = event.meets_nearer.then_some(event.primitive);
+            let nearer = event.at_nearer_crossing.then_some(event.primitive);
             text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
             let _ = writeln!(
                 text,

@@ -301,6 +301,20 @@ impl ShapeKind {
         }
     }
 
+    /// The function in the shaders that gives the quadric of a curved shape, and how many of the shape's numbers it takes.
+    pub fn quadric(self) -> Option<(&'static str, usize)> {
+        match self {
+            ShapeKind::Conic => Some(("conic_quadric", 2)),
+            ShapeKind::Frustum => Some(("frustum_quadric", 2)),
+            ShapeKind::Sphere => Some(("sphere_quadric", 1)),
+            ShapeKind::Plane
+            | ShapeKind::Rectangle
+            | ShapeKind::Disk
+            | ShapeKind::Annulus
+            | ShapeKind::Mesh => None,
+        }
+    }
+
     /// How many numbers the shape's function takes.
     pub fn num_arguments(self) -> usize {
         match self {

@@ -5,7 +5,7 @@
 //! with the same room for roundings. Of the others, those that nearly all rays of a pilot pass clear are not searched: it
 //! is only seen that a ray is clear of them (super::clearance).
 
-use super::clearance::{self, Clearance, Stretch};
+use super::clearance::{self, Clearance, Pilot, Stretch};
 use super::contact::Contact;
 use super::end_log::EndLog;
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
@@ -43,7 +43,7 @@ pub struct NominalEvent {
     /// It, and what else is searched because it can be met before it: ascending.
     pub candidates: Vec<usize>,
     /// Of the primitive, a conic, the crossing is met that is nearer to the line's closest approach to its origin.
-    pub meets_nearer: bool,
+    pub at_nearer_crossing: bool,
     /// What else could be met before it, and what shows that a ray is clear of it.
     pub passed: Vec<(usize, Clearance)>,
 }
@@ -64,6 +64,7 @@ impl NominalPath {
         // The largest coordinate so far: a position keeps the rounding of the way that led to it.
         let mut reach = here.map(|bounds| largest(&bounds));
         let mut standing = None;
+        let mut keeps_all = vec![true; ways.len()];
         let shapes = lowered::primitives(ir);
         let events = primitives.iter().enumerate().map(|(step, &primitive)| {
             let there = boxes.get(primitive).copied().flatten();
@@ -75,28 +76,33 @@ impl NominalPath {
                 _ => true,
             };
             here = there;
-            let stretches = stretches(ways, step, centre);
             let leaving = standing.replace(primitive);
-            let clearance = |i: usize| {
-                let touches = contacts.get(i).is_some_and(|contact| contact.group != 0);
-                let (frame, shape) = &shapes[i];
-                let frame = tree::relative(*frame, centre);
-                let way = way.filter(|_| i != primitive && !touches)?;
-                Clearance::of(&frame, shape, leaving == Some(i), &way, options.precision, &stretches)
+            let keeps = std::mem::take(&mut keeps_all);
+            let mut pilot = Pilot { stretches: stretches(ways, step, centre), keeps };
+            let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
+            let form = |i: usize| (tree::relative(shapes[i].0, centre), shapes[i].1);
+            let mut clearance = |i: usize| {
+                let (frame, shape) = form(i);
+                let way = way.filter(|_| i != primitive && !touches(i))?;
+                Clearance::of(&frame, &shape, leaving == Some(i), &way, options.precision, &mut pilot)
             };
-            let touches = contacts.get(primitive).is_some_and(|contact| contact.group != 0);
-            let (frame, shape) = &shapes[primitive];
-            let meets_nearer = !touches
-                && leaving != Some(primitive)
-                && clearance::meet_nearer(&tree::relative(*frame, centre), shape, &stretches);
-            let mut event =
-                NominalEvent { primitive, candidates: Vec::new(), meets_nearer, passed: Vec::new() };
+            let mut event = NominalEvent {
+                primitive,
+                candidates: Vec::new(),
+                at_nearer_crossing: false,
+                passed: Vec::new(),
+            };
             for i in (0..boxes.len()).filter(can_be_met) {
                 match clearance(i) {
                     Some(clearance) => event.passed.push((i, clearance)),
                     None => event.candidates.push(i),
                 }
             }
+            let (frame, shape) = form(primitive);
+            event.at_nearer_crossing = !touches(primitive)
+                && leaving != Some(primitive)
+                && clearance::end_at_nearer_crossing(&frame, &shape, &mut pilot);
+            keeps_all = pilot.keeps;
             event
         });
         Some(NominalPath { events: events.collect() })
@@ -105,8 +111,9 @@ impl NominalPath {
 
 /// From one event to the next, the ways of the pilot's rays, as the device has them.
 fn stretches(ways: &[Vec<DVec3>], step: usize, centre: DVec3) -> Vec<Stretch> {
-    let ends = ways.iter().filter_map(|way| way.get(step).zip(way.get(step + 1)));
-    ends.map(|(&from, &to)| Stretch { from: from - centre, to: to - centre }).collect()
+    let nowhere = DVec3::splat(f64::NAN);
+    let at = |way: &[DVec3], step: usize| way.get(step).map_or(nowhere, |place| place - centre);
+    ways.iter().map(|way| Stretch { from: at(way, step), to: at(way, step + 1) }).collect()
 }
 
 /// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell
