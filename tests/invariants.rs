@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum,
-    Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind, Shape,
+    Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::rng::Sampler;
@@ -120,6 +120,25 @@ fn the_host_and_the_device_add_up_the_same_bits() {
         ..TraceOptions::default()
     };
     assert_same_bits_from(&base, &[booked]);
+}
+
+/// So far from the scene's centre an f32 is a hundredth of a millimetre: of what is found on a map of such pixels, some lies
+/// beyond it.
+#[test]
+fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
+    const FAR: f64 = 2e5;
+    let mut ir = zoo::load("bench_lens");
+    ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.01 };
+    ir.emitters[0].frame.origin = DVec3::new(FAR, 0.0, -100.0);
+    ir.sensors[0].frame.origin = DVec3::new(FAR, 0.0, 0.0);
+    let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("another detector") };
+    *grid = PixelGrid { width: 1.01, height: 1.0, num_pixels_x: 1010, num_pixels_y: 10, ..*grid };
+    let options = TraceOptions { standard_error: StandardError::Off, ..zoo::options(20_000, 1, Precision::F32) };
+    let trace = |host_sums| {
+        let options = TraceOptions { host_sums: Some(host_sums), ..options.clone() };
+        Tracer::new(zoo::gpu(), &ir, &options).unwrap().trace(|_| true).unwrap()
+    };
+    assert!(trace(true) == trace(false), "other bits");
 }
 
 #[test]
