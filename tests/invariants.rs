@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind, Shape,
-    Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
+    Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::rng::Sampler;
@@ -133,7 +133,8 @@ fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
     ir.sensors[0].frame.origin = DVec3::new(FAR, 0.0, 0.0);
     let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("another detector") };
     *grid = PixelGrid { width: 1.01, height: 1.0, num_pixels_x: 1010, num_pixels_y: 10, ..*grid };
-    let options = TraceOptions { standard_error: StandardError::Off, ..zoo::options(20_000, 1, Precision::F32) };
+    let options =
+        TraceOptions { standard_error: StandardError::Off, ..zoo::options(20_000, 1, Precision::F32) };
     let trace = |host_sums| {
         let options = TraceOptions { host_sums: Some(host_sums), ..options.clone() };
         Tracer::new(zoo::gpu(), &ir, &options).unwrap().trace(|_| true).unwrap()

@@ -68,11 +68,13 @@ fn what_is_no_number_reaches_no_sum_and_is_reported() {
     ];
     let precisions = precisions(zoo::gpu());
     for (scene, baked) in [("bench_lens", true), ("tessar_gaussian_beams", false), ("searchlight", true)] {
+        // Rays that keep the weight that they are born with need not say what it is: the host knows.
+        let logs_weights = scene != "bench_lens";
         for &precision in &precisions {
             // The seventh's rays gone at once: what the others bring.
             let others = with_plant(scene, precision, baked, "ray.fate = ESCAPED;");
             assert!(others.ledger.closes());
-            for plant in plants {
+            for plant in plants.into_iter().filter(|plant| logs_weights || !plant.contains("weight")) {
                 let name = format!("{scene}, {}: {plant}", precision.name());
                 let result = with_plant(scene, precision, baked, plant);
                 assert!(
