@@ -1,7 +1,7 @@
 //! What the log of ends adds up to: the integers of the device's atomics (`shaders/lib/sums.wgsl`), on the host.
 
 use super::end_positions::{
-    AxisTaps, BLOCK, Block, HIT_NEXT, LAST_POSITION, OFF_DETECTORS, PositionEntry, PositionTaps,
+    self, AxisTaps, Block, HIT_NEXT, LAST_POSITION, OFF_DETECTORS, PositionEntry, PositionTaps,
 };
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
@@ -29,6 +29,9 @@ pub struct LoggedRays<'a> {
     /// The weight that they are born with.
     pub weight: f64,
 }
+
+/// Rays whose entries are added row by row: as many as a word has bits.
+const BLOCK: usize = 64;
 
 /// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
 #[derive(Debug, Default)]
@@ -187,10 +190,10 @@ impl EndSums {
         let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
         let born = E::Real::nearest(logged.weight);
         let mut block = Block::new();
-        let (blocks, last) = entries.get(logged.rays.clone())?.as_chunks::<BLOCK>();
-        let mut padded = [E::zeroed(); BLOCK];
+        let (blocks, last) = entries.get(logged.rays.clone())?.as_chunks();
+        let mut padded = [E::zeroed(); end_positions::BLOCK];
         padded[..last.len()].copy_from_slice(last);
-        let blocks = blocks.iter().map(|entries| (entries, BLOCK)).chain([(&padded, last.len())]);
+        let blocks = blocks.iter().map(|entries| (entries, entries.len())).chain([(&padded, last.len())]);
         let mut first = logged.rays.start;
         for (entries, num) in blocks {
             block.lay_out(entries, born, grid);

@@ -12,7 +12,6 @@ use super::features::ShapeKind;
 use super::lowered::{gradient, shape_constant};
 use crate::ir::{Frame, Shape};
 use glam::DVec3;
-use obvhs::aabb::Aabb;
 
 /// A clearance leaves room for so many roundings of M; the search makes some twenty, and what looks at the far end of a
 /// stretch, whose length may be twice S, some ten times as many.
@@ -58,18 +57,16 @@ struct Along {
 }
 
 impl Clearance {
-    /// The cheapest one of a primitive that holds for nearly all these stretches, which lie in the box of the way; or
-    /// none. `leaving` tells that they begin on the primitive.
+    /// The cheapest one of a primitive that holds for nearly all rays of a pilot, on a stretch no corner of whose box is
+    /// farther from the frame's origin than `size` \[mm\]; or none. `leaving` tells that it begins on the primitive.
     pub fn of(
-        frame: &Frame,
-        shape: &Shape,
+        (frame, shape): &(Frame, Shape),
         leaving: bool,
-        way: &Aabb,
+        size: f64,
         precision: Precision,
         pilot: &mut Pilot,
     ) -> Option<Self> {
         let epsilon = 1.0 / precision.significands();
-        let size = farthest(way, frame.origin);
         let slab = slab(shape).filter(|_| !leaving).map(|[low, high]| {
             let room = ROUNDINGS * epsilon * size;
             Clearance::Beside { low: low - room, high: high + room }
@@ -118,7 +115,7 @@ impl Stretch {
 
 /// Whether nearly all rays end their stretches on a conic at the crossing that is nearer to their line's closest approach to
 /// its origin, and are seen to do so (`nearer_conic_distance` in the shader).
-pub fn end_at_nearer_crossing(frame: &Frame, shape: &Shape, pilot: &mut Pilot) -> bool {
+pub fn end_at_nearer_crossing((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> bool {
     ShapeKind::of(shape) == ShapeKind::Conic
         && pilot.takes(frame, |stretch| ends_at_nearer_crossing(shape, stretch))
 }
@@ -135,21 +132,32 @@ fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
     is_met && q.abs() > 1.001 * a.abs() * bound
 }
 
-/// The rays of a pilot on one stretch of the path.
+/// The rays of a pilot that take the path, and what was taken for granted of them.
 #[derive(Debug)]
-pub struct Pilot {
-    /// The stretch of each.
-    pub stretches: Vec<Stretch>,
+pub struct Pilot<'a> {
+    /// Of each, where it is born and where it meets the primitives of the path \[mm\].
+    ways: &'a [Vec<DVec3>],
+    /// The stretch that is looked at, by its number.
+    pub step: usize,
     /// Whether all that was taken so far holds for it.
-    pub keeps: Vec<bool>,
+    keeps: Vec<bool>,
 }
 
-impl Pilot {
+impl<'a> Pilot<'a> {
+    /// Rays of whom nothing is taken for granted.
+    pub fn new(ways: &'a [Vec<DVec3>]) -> Self {
+        Pilot { ways, step: 0, keeps: vec![true; ways.len()] }
+    }
+
     /// Takes something for granted, if it and all that was taken before hold for nearly all rays, in the frame of a
     /// primitive.
     fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
-        let rays = self.keeps.iter().zip(&self.stretches);
-        let keeps: Vec<bool> = rays.map(|(keeps, stretch)| *keeps && holds(&stretch.within(frame))).collect();
+        let is_so = |way: &Vec<DVec3>| match way.get(self.step..self.step + 2) {
+            Some(&[from, to]) => holds(&Stretch { from, to }.within(frame)),
+            _ => false,
+        };
+        let rays = self.keeps.iter().zip(self.ways);
+        let keeps: Vec<bool> = rays.map(|(keeps, way)| *keeps && is_so(way)).collect();
         let num = keeps.iter().filter(|keeps| **keeps).count();
         let pays = num > 0 && num as f64 >= LEAST_CLEAR * keeps.len() as f64;
         if pays {
@@ -198,12 +206,6 @@ fn slab(shape: &Shape) -> Option<[f64; 2]> {
 fn magnitude(shape: &Shape, size: f64) -> f64 {
     let [radial, axial, offset] = gradient(shape).map(f64::abs);
     (radial + axial) * size * size + 2.0 * offset * size + shape_constant(shape).abs()
-}
-
-/// How far the corners of a box are from a place.
-fn farthest(bounds: &Aabb, place: DVec3) -> f64 {
-    let corner = |corner: glam::Vec3A| (glam::Vec3::from(corner).as_dvec3() - place).abs();
-    corner(bounds.min).max(corner(bounds.max)).length()
 }
 
 #[cfg(test)]

@@ -536,8 +536,7 @@ impl Composition<'_> {
     }
 
     /// A call that tells whether the ray is clear of a primitive until it has gone `distance`.
-    fn is_clear(&self, i: usize, clearance: Clearance) -> Result<String> {
-        let (frame, shape) = &lowered::primitives(self.ir)[i];
+    fn is_clear(&self, (frame, shape): &(Frame, Shape), clearance: Clearance) -> Result<String> {
         let (o, d) = self.in_frame(frame)?;
         Ok(match clearance {
             Clearance::Leaves => format!("leaves({o}, {d}, {}, distance)", self.quadric(shape)?),
@@ -564,6 +563,7 @@ impl Composition<'_> {
     /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path, if the
     /// ray is clear of those that are not searched.
     fn walk(&self, nominal: &NominalPath) -> Result<String> {
+        let primitives = lowered::primitives(self.ir);
         let mut text = String::new();
         let mut walk = String::from("fn walk(ray: ptr<function, Ray>) -> bool {\n    var holds = true;\n");
         let mut last = None;
@@ -577,7 +577,7 @@ impl Composition<'_> {
                 "fn is_clear_at_{step}(ray: Ray, distance: real) -> bool {{\n    var clear = true;"
             );
             for &(i, clearance) in &event.passed {
-                let _ = writeln!(text, "    clear = clear & {};", self.is_clear(i, clearance)?);
+                let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
             }
             text.push_str("    return clear;\n}\n");
             let goes = if step + 1 < nominal.events.len() { "keeps_to" } else { "ends_on" };

@@ -5,7 +5,7 @@
 //! with the same room for roundings. Of the others, those that nearly all rays of a pilot pass clear are not searched: it
 //! is only seen that a ray is clear of them (super::clearance).
 
-use super::clearance::{self, Clearance, Pilot, Stretch};
+use super::clearance::{self, Clearance, Pilot};
 use super::contact::Contact;
 use super::end_log::EndLog;
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
@@ -64,8 +64,9 @@ impl NominalPath {
         // The largest coordinate so far: a position keeps the rounding of the way that led to it.
         let mut reach = here.map(|bounds| largest(&bounds));
         let mut standing = None;
-        let mut keeps_all = vec![true; ways.len()];
+        let mut pilot = Pilot::new(ways);
         let shapes = lowered::primitives(ir);
+        let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
         let events = primitives.iter().enumerate().map(|(step, &primitive)| {
             let there = boxes.get(primitive).copied().flatten();
             reach = reach.zip(there).map(|(reach, there)| reach.max(largest(&there)));
@@ -77,43 +78,26 @@ impl NominalPath {
             };
             here = there;
             let leaving = standing.replace(primitive);
-            let keeps = std::mem::take(&mut keeps_all);
-            let mut pilot = Pilot { stretches: stretches(ways, step, centre), keeps };
-            let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
-            let form = |i: usize| (tree::relative(shapes[i].0, centre), shapes[i].1);
+            pilot.step = step;
             let mut clearance = |i: usize| {
-                let (frame, shape) = form(i);
                 let way = way.filter(|_| i != primitive && !touches(i))?;
-                Clearance::of(&frame, &shape, leaving == Some(i), &way, options.precision, &mut pilot)
+                let size = farthest(&way, shapes[i].0.origin - centre);
+                Clearance::of(&shapes[i], leaving == Some(i), size, options.precision, &mut pilot)
             };
-            let mut event = NominalEvent {
-                primitive,
-                candidates: Vec::new(),
-                at_nearer_crossing: false,
-                passed: Vec::new(),
-            };
+            let (mut candidates, mut passed) = (Vec::new(), Vec::new());
             for i in (0..boxes.len()).filter(can_be_met) {
                 match clearance(i) {
-                    Some(clearance) => event.passed.push((i, clearance)),
-                    None => event.candidates.push(i),
+                    Some(clearance) => passed.push((i, clearance)),
+                    None => candidates.push(i),
                 }
             }
-            let (frame, shape) = form(primitive);
-            event.at_nearer_crossing = !touches(primitive)
+            let at_nearer_crossing = !touches(primitive)
                 && leaving != Some(primitive)
-                && clearance::end_at_nearer_crossing(&frame, &shape, &mut pilot);
-            keeps_all = pilot.keeps;
-            event
+                && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
+            NominalEvent { primitive, candidates, at_nearer_crossing, passed }
         });
         Some(NominalPath { events: events.collect() })
     }
-}
-
-/// From one event to the next, the ways of the pilot's rays, as the device has them.
-fn stretches(ways: &[Vec<DVec3>], step: usize, centre: DVec3) -> Vec<Stretch> {
-    let nowhere = DVec3::splat(f64::NAN);
-    let at = |way: &[DVec3], step: usize| way.get(step).map_or(nowhere, |place| place - centre);
-    ways.iter().map(|way| Stretch { from: at(way, step), to: at(way, step + 1) }).collect()
 }
 
 /// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell
@@ -168,6 +152,12 @@ fn widened(bounds: Aabb, reach: f32) -> Aabb {
 
 fn largest(bounds: &Aabb) -> f32 {
     bounds.min.abs().max(bounds.max.abs()).max_element()
+}
+
+/// How far the corners of a box are from a place.
+fn farthest(bounds: &Aabb, place: DVec3) -> f64 {
+    let corner = |corner: glam::Vec3A| (glam::Vec3::from(corner).as_dvec3() - place).abs();
+    corner(bounds.min).max(corner(bounds.max)).length()
 }
 
 fn overlap(a: &Aabb, b: &Aabb) -> bool {
