@@ -5,9 +5,7 @@ const ABSORBING: u32 = 0u;
 const REFLECTIVE: u32 = 1u;
 const REFRACTIVE: u32 = 2u;
 
-fn interact(ray: ptr<function, Ray>, primitive: u32) {
-    let surface = surface_of(primitive);
-    mark_reached(primitive);
+fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     if surface.interaction == ABSORBING {
         (*ray).fate = ABSORBED;
         return;

@@ -3,6 +3,7 @@
 // A ray that does anything else has strayed: it leaves nothing but a mark in its log, and trace_new traces it anew from
 // its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes, and no
 // round of a loop that a few rays need.
+// Nor does it mark what it reaches: where a ray has kept to the path, the host knows what that is.
 
 // All entries that the invocation has logged. A driver that stores lanes one by one would compose an entry anew for each
 // of them, from each of its parts; one that is used a second time it composes once, for all lanes. That takes a tenth of
@@ -14,9 +15,10 @@ fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_work
     begin();
     follow_nominal_rays(id.y * groups.x * WORKGROUP_SIZE + id.x);
     // The second use, to no effect: no entry has the highest bit.
-    reached |= entries >> 31u;
+    if (entries >> 31u) != 0u {
+        atomicStore(&queue_counts.cut, 1u);
+    }
     flush_bins();
-    flush_reached();
     notice_cut_loops();
 }
 
@@ -25,36 +27,51 @@ fn follow_nominal(index: u32) {
         return;
     }
     keep_bins();
-    let reached_before = reached;
+    go_on_after_passes(0u);
     var ray = new_ray(key_in_range(index), index);
     if walk(&ray) {
         settle(ray);
     } else {
         restore_bins();
-        reached = reached_before;
+        // What it left in passing is overwritten.
+        go_on_after_passes(0u);
         end_strayed();
     }
     entries |= end;
     log_end(index);
 }
 
-// One event of the path on a surface: true if the ray has met it and lives. One that has strayed goes through the same
-// motions, to no effect.
-fn keeps_to(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+// One event of the path on a surface: true if the ray has met it and does as the path. One that has strayed goes through
+// the same motions, to no effect.
+fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach(ray, Hit(hit.distance, primitive));
-    interact(ray, primitive);
+    interact(ray, surface, primitive);
+    return (hit.primitive == primitive) & goes_on(ray);
+}
+
+// The same on a detector that lets it pass.
+fn passes(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+    reach(ray, Hit(hit.distance, primitive));
+    arrive(ray, primitive - NUM_SURFACES);
+    return (hit.primitive == primitive) & goes_on(ray);
+}
+
+// The last event of a path may be the last one of all.
+fn goes_on(ray: ptr<function, Ray>) -> bool {
     let lives = (*ray).fate == ALIVE;
     go_on(ray);
-    return (hit.primitive == primitive) & lives & ((*ray).fate == ALIVE);
+    return lives & ((*ray).fate == select(ALIVE, DEPTH_KILLED, (*ray).bounce >= MAX_DEPTH));
 }
 
 // The last event of the path: a detector or a surface that absorbs the ray.
-fn ends_on(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+fn ends_on_surface(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach(ray, Hit(hit.distance, primitive));
-    if primitive < NUM_SURFACES {
-        interact(ray, primitive);
-    } else {
-        (*ray).fate = DETECTED;
-    }
-    return (hit.primitive == primitive) & ((*ray).fate != ALIVE) & has_place(*ray);
+    interact(ray, surface, primitive);
+    return (hit.primitive == primitive) & ((*ray).fate != ALIVE);
+}
+
+fn ends_on_sensor(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+    reach(ray, Hit(hit.distance, primitive));
+    (*ray).fate = DETECTED;
+    return hit.primitive == primitive;
 }

@@ -67,7 +67,8 @@ fn next_event(ray: ptr<function, Ray>) {
     reach(ray, hit);
     record_hit(*ray, hit.primitive);
     if hit.primitive < NUM_SURFACES {
-        interact(ray, hit.primitive);
+        mark_reached(hit.primitive);
+        interact(ray, surface_of(hit.primitive), hit.primitive);
     } else {
         arrive(ray, hit.primitive - NUM_SURFACES);
     }

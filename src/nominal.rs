@@ -56,11 +56,13 @@ pub fn find(
         tally => tally?,
     };
     let least = if options.nominal_path == Some(true) { 0.0 } else { LEAST_SHARE };
-    Ok(most_frequent(ir, &tally.paths, least * tally.launched.count as f64))
+    let is_cut = pilot.max_depth < options.max_depth;
+    Ok(most_frequent(ir, &tally.paths, is_cut, least * tally.launched.count as f64))
 }
 
-/// The path that most rays take to where they are detected or absorbed, if at least so many do.
-fn most_frequent(ir: &SceneIr, paths: &[PathEvent], least: f64) -> Option<PilotPath> {
+/// The path that most rays take to where they are detected or absorbed, or have as many events as a ray may have, if at
+/// least so many do. `is_cut`: they could have had more.
+fn most_frequent(ir: &SceneIr, paths: &[PathEvent], is_cut: bool, least: f64) -> Option<PilotPath> {
     let mut sorted: Vec<&PathEvent> = paths.iter().collect();
     sorted.sort_by_key(|event| (event.ray.ray_id, event.ray.bounce, !is_birth(event.kind)));
     let primitive = |event: &&PathEvent| match event.kind {
@@ -71,8 +73,10 @@ fn most_frequent(ir: &SceneIr, paths: &[PathEvent], least: f64) -> Option<PilotP
         | PathEventKind::DepthKilled
         | PathEventKind::FluxKilled => None,
     };
-    let is_lost = |event: &&PathEvent| {
-        matches!(event.kind, PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled)
+    let is_lost = |event: &&PathEvent| match event.kind {
+        PathEventKind::Escaped | PathEventKind::FluxKilled => true,
+        PathEventKind::DepthKilled => is_cut,
+        PathEventKind::Birth(_) | PathEventKind::Surface(_) | PathEventKind::Sensor(_) => false,
     };
     let met = |ray: &[&PathEvent]| -> Vec<usize> { ray.iter().filter_map(primitive).collect() };
     let rays = sorted.chunk_by(|a, b| a.ray.ray_id == b.ray.ray_id);
@@ -124,14 +128,14 @@ mod tests {
             paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
             paths.push(event(ray_id, 0, PathEventKind::Birth(0)));
         }
-        let path = most_frequent(&ir, &paths, 6.0).unwrap();
+        let path = most_frequent(&ir, &paths, true, 6.0).unwrap();
         assert_eq!(path.primitives, [0, 1, surfaces]);
         assert_eq!(path.ways, vec![[0.0, 1.0, 2.0, 3.0].map(|z| DVec3::new(0.0, 0.0, z)); 6]);
-        assert_eq!(most_frequent(&ir, &paths, 7.0), None, "too few of the launched rays");
+        assert_eq!(most_frequent(&ir, &paths, true, 7.0), None, "too few of the launched rays");
         for ray_id in 0..3 {
             paths.push(event(ray_id, 3, PathEventKind::Escaped));
         }
-        let path = most_frequent(&ir, &paths, 0.0).unwrap();
+        let path = most_frequent(&ir, &paths, true, 0.0).unwrap();
         assert_eq!(path.primitives, [0, 3, surfaces], "an escape is no end");
     }
 }

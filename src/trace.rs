@@ -80,6 +80,10 @@ pub struct TraceOptions {
     /// changes a result.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
+    /// Trees of at most so many bytes lie in images; as large as the adapter's images where not given, if it is a
+    /// processor. It never changes a result.
+    #[doc(hidden)]
+    pub texel_bytes: Option<u64>,
 }
 
 /// Whether no floating-point operations are fused or reordered by the driver.
@@ -152,6 +156,7 @@ impl Default for TraceOptions {
             strict: Strict::Auto,
             nominal_path: None,
             part_bytes: None,
+            texel_bytes: None,
         }
     }
 }
@@ -360,6 +365,9 @@ impl<'a> Tracer<'a> {
             baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
             tree: options.tree.unwrap_or(true),
             uniform_bytes: gpu.uniform_table_bytes(),
+            texel_bytes: options
+                .texel_bytes
+                .unwrap_or_else(|| gpu.texel_table_bytes(program::TEXELS_PER_LINE)),
             max_depth: options.max_depth,
             roulette_threshold,
             events_per_dispatch,
@@ -797,6 +805,7 @@ impl<'a> Tracer<'a> {
     fn drain(&mut self, tally: &mut Tally) -> Result<()> {
         self.settle()?;
         self.check_loops()?;
+        self.note_nominal_path(tally);
         let cells = &self.program.cells;
         let mut intake = Intake::new(cells, self.counted(), self.rays.len(), tally);
         self.device.counters.read(self.gpu, |counter, count| intake.count(counter, count as u64))?;
@@ -828,6 +837,20 @@ impl<'a> Tracer<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Notes what the rays that kept to the nominal path have reached since the last drain.
+    fn note_nominal_path(&mut self, tally: &mut Tally) {
+        let (Some(nominal), Some(logs)) = (&self.program.nominal, &mut self.end_logs) else { return };
+        if self.launched.count > logs.take_num_strayed() {
+            for event in &nominal.events {
+                tally
+                    .surfaces
+                    .get_mut(event.primitive)
+                    .into_iter()
+                    .for_each(|surface| surface.reached = true);
+            }
+        }
     }
 
     /// Fails if the driver has left loops before their end (shaders/lib/rounds.wgsl).
@@ -1006,11 +1029,17 @@ impl DeviceState {
             }
             false => None,
         };
-        let constants: Vec<(u32, wgpu::Buffer)> = program
-            .buffers
-            .iter()
-            .map(|(number, bytes)| Ok((*number, gpu.scene_buffer(bytes)?)))
-            .collect::<Result<_>>()?;
+        let is_image = |number: u32| {
+            let is_it = |binding: &gpu::compute::Binding| (binding.group, binding.number) == (0, number);
+            bindings.iter().any(|binding| is_it(binding) && binding.access == gpu::compute::Access::Texels)
+        };
+        let (images, buffers): (Vec<_>, Vec<_>) =
+            program.buffers.iter().partition(|(number, _)| is_image(*number));
+        let image =
+            |(number, bytes): &(u32, Vec<u8>)| (*number, gpu.scene_texels(bytes, program::TEXELS_PER_LINE));
+        let images: Vec<(u32, wgpu::TextureView)> = images.into_iter().map(image).collect();
+        let buffer = |(number, bytes): &(u32, Vec<u8>)| Ok((*number, gpu.scene_buffer(bytes)?));
+        let constants: Vec<(u32, wgpu::Buffer)> = buffers.into_iter().map(buffer).collect::<Result<_>>()?;
         let strays = match program.nominal {
             Some(_) => Some(gpu.buffer("rays that strayed", u64::from(batch) * 8)?),
             None => None,
@@ -1030,7 +1059,7 @@ impl DeviceState {
         scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let logs = end_logs.map_or(vec![None], |logs| logs.buffers().map(Some).into());
-        let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log));
+        let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log), &images);
         let scenes = logs.into_iter().map(group).collect();
 
         let counts = gpu.buffer("queue counts", 16)?;
@@ -1042,7 +1071,7 @@ impl DeviceState {
             if has_queue {
                 buffers.extend([(1, &queue[from]), (2, &queue[to])]);
             }
-            gpu.bind_group("queues", &queue_layout, buffers)
+            gpu.bind_group("queues", &queue_layout, buffers, &[])
         };
         let queues = [direction(1, 0), direction(0, 1)];
 
@@ -1057,7 +1086,7 @@ impl DeviceState {
         let size = f64::from(program.options.workgroup_size);
         let advance =
             gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
-        let advancing = gpu.bind_group("advance", &advance_layout, [(0, &counts), (1, &workgroups)]);
+        let advancing = gpu.bind_group("advance", &advance_layout, [(0, &counts), (1, &workgroups)], &[]);
         gpu.check()?;
         Ok(DeviceState {
             trace_new,
@@ -1151,7 +1180,11 @@ fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
 /// What a scene's shaders bind must be what the adapter can bind at once: more of the sums, more parts.
 fn check_bindings(gpu: &Gpu, program: &Program, bindings: &[gpu::compute::Binding]) -> Result<()> {
     let most = gpu.device.limits().max_storage_buffers_per_shader_stage as usize;
-    let storage = bindings.iter().filter(|binding| binding.access != gpu::compute::Access::Uniform).count();
+    let is_storage = |binding: &&gpu::compute::Binding| match binding.access {
+        gpu::compute::Access::Uniform | gpu::compute::Access::Texels => false,
+        gpu::compute::Access::Read | gpu::compute::Access::ReadWrite => true,
+    };
+    let storage = bindings.iter().filter(is_storage).count();
     if storage <= most {
         return Ok(());
     }

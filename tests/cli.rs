@@ -649,6 +649,7 @@ fn compose(text: &str) -> Result<(), Error> {
             baked,
             tree: true,
             uniform_bytes: 1 << 14,
+            texel_bytes: 1 << 24,
             max_depth: 16,
             roulette_threshold: 1e-3,
             events_per_dispatch: 4,

@@ -40,13 +40,14 @@ fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
 }
 
 /// Scenes of every kind that have a path to give a stage to.
-const SOME: [&str; 6] = [
+const SOME: [&str; 7] = [
     "bench_lens",
     "tessar_gaussian_beams",
     "cooke_triplet",
     "mangin_catadioptric",
     "coated_projector",
     "light_pipe",
+    "bench_cavity",
 ];
 
 /// Asserts that a scene has the same bits with the stage; false if it cannot have one.
@@ -90,6 +91,38 @@ fn so_do_invocations_of_one_ray_or_several() {
             assert!(nominal.is_some() && tally == alone, "{name}, {num} rays an invocation");
         }
     }
+}
+
+#[test]
+fn so_do_scenes_in_tables() {
+    for (i, name) in SOME.into_iter().enumerate() {
+        let precision = [Precision::F64, Precision::F32][i % 2];
+        let options = TraceOptions {
+            baked: Some(false),
+            tree: Some(i % 4 < 2),
+            batch_size: Some(900),
+            ..options(precision)
+        };
+        assert!(has_same_bits(name, &options), "{name} has no nominal path");
+    }
+}
+
+/// Rays that go to and fro between mirrors until they have had as many events as a ray may have, and those that leave.
+#[test]
+fn so_do_rays_that_end_by_their_number_of_events() {
+    let mut ir = zoo::load("bench_cavity");
+    ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
+    for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
+        let options = TraceOptions { max_depth, ..options(precision) };
+        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        let events = nominal.unwrap().events;
+        assert!(events.len() == max_depth as usize && events.iter().all(|event| !event.ends));
+        assert!(max_depth < 13 || tally.escaped.count > 0, "no ray is unlike the others");
+        assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
+    }
+    let deeper = TraceOptions { max_depth: 40, ..options(Precision::F32) };
+    assert!(trace(&ir, &with_nominal_path(&deeper)).1.is_none(), "a pilot so deep sees no end");
 }
 
 #[test]

@@ -215,15 +215,24 @@ fn the_smallest_trees_work() {
     }
 }
 
-/// A tree in storage, as GPUs read it, gives the bits of one in a uniform.
+/// Processors read trees from images, GPUs from buffers.
 #[test]
-fn a_tree_too_large_for_a_uniform_works() {
+fn trees_in_buffers_and_in_images_give_the_same_bits() {
     let mut ir = random_scene(5, 400, 100.0);
     ir.meshes[1] = bumpy_ball(4, 4.0);
-    let options = TraceOptions { tree: Some(true), ..zoo::options(2_000, 1, Precision::F32) };
-    let storage = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
-    assert!(storage.program().wgsl.contains("var<storage, read> tree_rows"));
-    assert_same(&ir, 1_000, "storage");
+    for precision in [Precision::F32, Precision::F64] {
+        let options = TraceOptions { tree: Some(true), ..zoo::options(2_000, 1, precision) };
+        let traced = [("var<storage, read> tree_rows", 0), ("var tree_rows: texture", u64::MAX)].map(
+            |(declaration, texel_bytes)| {
+                let options = TraceOptions { texel_bytes: Some(texel_bytes), ..options.clone() };
+                let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+                assert!(tracer.program().wgsl.contains(declaration));
+                tracer.trace(|_| true).unwrap()
+            },
+        );
+        assert!(traced[0] == traced[1], "{precision:?}");
+        assert!(traced[0] == trace_by(&ir, &options, false), "{precision:?}: not what the list finds");
+    }
 }
 
 /// What the slack is for: without it, rays along the faces of boxes are lost.

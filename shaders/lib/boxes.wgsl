@@ -101,9 +101,9 @@ fn sorted(keys: vec4<u32>) -> vec4<u32> {
 // left to its own children: where a wide machine stores by index, an entry with every group costs more than it saves.
 fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     let row = NODE_ROWS * (*walk).node;
-    let grid = tree_rows[row];
-    let lower = tree_rows[row + 1u];
-    let upper = tree_rows[row + 2u];
+    let grid = tree_row(row);
+    let lower = tree_row(row + 1u);
+    let upper = tree_row(row + 2u);
     let exponents = (vec3<u32>(grid.w) << vec3<u32>(23u, 15u, 7u)) & vec3<u32>(0x7F800000u);
     let cell = bitcast<vec3<f32>>(exponents) * ray.inverse;
     let origin = bitcast<vec3<f32>>(grid.xyz);
@@ -132,11 +132,11 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     let keys = sorted(select(vec4<u32>(NONE), distances | places, is_hit & is_inner));
     let descends = keys.x != NONE;
     let last = (*walk).num_waiting - 1u;
-    let group = (*walk).waiting[last];
+    let group = waiting_at(walk, last);
     let rest = select(without_nearest(group), group_of(lower.w, keys), descends);
     let place = select(last, last + 1u, descends);
     (*walk).node = select(nearest_of(group), lower.w + (keys.x & 3u), descends);
-    (*walk).waiting[place] = rest;
+    wait_at(walk, place, rest);
     (*walk).num_waiting = place + select(1u, 0u, is_empty(rest));
 }
 

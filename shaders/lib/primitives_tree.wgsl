@@ -6,7 +6,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     let here = standing(ray);
     var best = nearest_apart(ray, start);
     for (var row = FIRST_BOUNDLESS; row < TREE_ROWS; row++) {
-        best = try_in_any_order(best, ray, here, tree_rows[row].x);
+        best = try_in_any_order(best, ray, here, tree_row(row).x);
     }
     let position = vec3<f32>(ray.position);
     let size = max(max(abs(position.x), abs(position.y)), abs(position.z));
@@ -19,7 +19,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
             visit(&walk, boxes, 0.0, f32(best.distance));
         }
         for (var i = 0u; i < NODE_CHILDREN && walk.items != 0u; i++) {
-            best = try_in_any_order(best, ray, here, tree_rows[FIRST_PRIMITIVE + take_item(&walk)].x);
+            best = try_in_any_order(best, ray, here, tree_row(FIRST_PRIMITIVE + take_item(&walk)).x);
         }
     }
     return best;

@@ -211,6 +211,20 @@ impl Gpu {
         if self.info.is_cpu() { limit } else { 0 }
     }
 
+    /// Largest table that is better read from an image of so many texels a line than from a buffer: of neither kind does a
+    /// processor's driver read what invocations do not share at once, but of an image a texel as a whole.
+    pub fn texel_table_bytes(&self, texels_per_line: u32) -> u64 {
+        let limits = self.device.limits();
+        let is_possible = self.info.is_cpu()
+            && limits.max_storage_textures_per_shader_stage >= 1
+            && limits.max_texture_dimension_2d >= texels_per_line;
+        if is_possible {
+            16 * u64::from(texels_per_line) * u64::from(limits.max_texture_dimension_2d)
+        } else {
+            0
+        }
+    }
+
     /// True if the host should add up where rays end: the device is a processor, where an atomic costs each emulated lane
     /// ten times a store.
     pub fn prefers_host_sums(&self) -> bool {

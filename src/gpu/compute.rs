@@ -15,7 +15,7 @@ pub struct Binding {
     pub access: Access,
 }
 
-/// How shaders use a buffer.
+/// How shaders use a buffer or an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
     /// Small and read by all invocations alike.
@@ -24,9 +24,27 @@ pub enum Access {
     Read,
     /// Read and written.
     ReadWrite,
+    /// Read only, from an image of four words a texel.
+    Texels,
 }
 
-/// The buffers that a module declares.
+impl Access {
+    fn binding_type(self) -> wgpu::BindingType {
+        let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+        match self {
+            Access::Uniform => buffer(wgpu::BufferBindingType::Uniform),
+            Access::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
+            Access::ReadWrite => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
+            Access::Texels => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::ReadOnly,
+                format: wgpu::TextureFormat::Rgba32Uint,
+                view_dimension: wgpu::TextureViewDimension::D2,
+            },
+        }
+    }
+}
+
+/// The buffers and images that a module declares.
 pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     let mut bindings: Vec<Binding> = module
         .global_variables
@@ -39,6 +57,7 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
                     Access::ReadWrite
                 }
                 naga::AddressSpace::Storage { .. } => Access::Read,
+                naga::AddressSpace::Handle => Access::Texels,
                 _ => return None,
             };
             Some(Binding { group: binding.group, number: binding.binding, access })
@@ -80,15 +99,7 @@ impl Gpu {
             .map(|b| wgpu::BindGroupLayoutEntry {
                 binding: b.number,
                 visibility: wgpu::ShaderStages::COMPUTE,
-                ty: wgpu::BindingType::Buffer {
-                    ty: match b.access {
-                        Access::Uniform => wgpu::BufferBindingType::Uniform,
-                        Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
-                        Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
-                    },
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
+                ty: b.access.binding_type(),
                 count: None,
             })
             .collect();
@@ -98,16 +109,20 @@ impl Gpu {
         })
     }
 
-    /// A bind group of whole buffers.
+    /// A bind group of whole buffers, and of images.
     pub fn bind_group<'a>(
         &self,
         label: &str,
         layout: &wgpu::BindGroupLayout,
         buffers: impl IntoIterator<Item = (u32, &'a wgpu::Buffer)>,
+        images: &'a [(u32, wgpu::TextureView)],
     ) -> wgpu::BindGroup {
+        let buffers = buffers.into_iter().map(|(binding, buffer)| (binding, buffer.as_entire_binding()));
+        let images =
+            images.iter().map(|(binding, view)| (*binding, wgpu::BindingResource::TextureView(view)));
         let entries: Vec<wgpu::BindGroupEntry> = buffers
-            .into_iter()
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .chain(images)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(label),
@@ -209,6 +224,28 @@ impl Gpu {
         let size = contents.len() as u64;
         self.check_binding("a table of the scene", size, "meshes of fewer triangles, --precision f32")?;
         Ok(self.constant_buffer("scene", contents))
+    }
+
+    /// A table of the scene that shaders only read, as an image of four words a texel and so many texels a line.
+    pub fn scene_texels(&self, contents: &[u8], texels_per_line: u32) -> wgpu::TextureView {
+        let line = 16 * texels_per_line as usize;
+        let mut padded = contents.to_vec();
+        padded.resize(contents.len().next_multiple_of(line), 0);
+        let lines = (padded.len() / line) as u32;
+        let descriptor = wgpu::TextureDescriptor {
+            label: Some("scene"),
+            size: wgpu::Extent3d { width: texels_per_line, height: lines, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba32Uint,
+            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        };
+        let order = wgpu::util::TextureDataOrder::LayerMajor;
+        self.device
+            .create_texture_with_data(&self.queue, &descriptor, order, &padded)
+            .create_view(&Default::default())
     }
 
     /// Reads the first `size` bytes of a buffer, after everything submitted before.

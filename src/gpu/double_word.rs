@@ -139,7 +139,8 @@ impl Gpu {
         let results = self.buffer("df64", size)?;
         let numbers = self.constant_buffer("df64", bytemuck::cast_slice(&words));
         let zero = self.constant_buffer("df64", &[0; 16]);
-        let group = self.bind_group("df64", &layout, [(0, &numbers), (1, &results), (df64::ZERO, &zero)]);
+        let group =
+            self.bind_group("df64", &layout, [(0, &numbers), (1, &results), (df64::ZERO, &zero)], &[]);
         let mut encoder = self.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());

@@ -22,6 +22,8 @@ pub struct EndLogs {
     written: Option<Written>,
     /// Ids of rays that strayed from the nominal path, per emitter.
     strays: Vec<Vec<u64>>,
+    /// Rays that strayed since the sums were taken.
+    num_strayed: u64,
 }
 
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
@@ -59,6 +61,7 @@ impl EndLogs {
             turn: 0,
             written: None,
             strays: Vec::new(),
+            num_strayed: 0,
         })
     }
 
@@ -94,6 +97,7 @@ impl EndLogs {
             self.logs[written.log].unmap();
         }
         self.strays.clear();
+        self.num_strayed = 0;
     }
 
     /// Adds up what is still to be.
@@ -113,6 +117,11 @@ impl EndLogs {
     pub fn take_strays(&mut self, emitter: usize, most: u32) -> Vec<u64> {
         let Some(strays) = self.strays.get_mut(emitter) else { return Vec::new() };
         strays.split_off(strays.len().saturating_sub(most as usize))
+    }
+
+    /// How many rays strayed since the last time.
+    pub fn take_num_strayed(&mut self) -> u64 {
+        std::mem::take(&mut self.num_strayed)
     }
 
     /// The sums since the last time.
@@ -150,6 +159,7 @@ impl EndLogs {
 
     /// Notes the rays of a range that strayed, by their ids.
     fn note_strays(&mut self, strays: &[u32], range: &RayRange) {
+        self.num_strayed += strays.len() as u64;
         self.strays.resize(self.strays.len().max(range.emitter + 1), Vec::new());
         self.strays[range.emitter].extend(strays.iter().map(|&ray| range.first + u64::from(ray)));
     }

@@ -64,7 +64,7 @@ impl Gpu {
         let zero = self.constant_buffer("rates", &[0; 16]);
         let buffers =
             [(0, &buffer)].into_iter().chain((precision == Precision::Df64).then_some((df64::ZERO, &zero)));
-        let group = self.bind_group("rates", &layout, buffers);
+        let group = self.bind_group("rates", &layout, buffers, &[]);
         let run = || -> Result<f64> {
             let mut encoder = self.device.create_command_encoder(&Default::default());
             {

@@ -1,6 +1,7 @@
 //! Composition of the WGSL for one scene: files of shaders/ as they are, and around them only constants, records and
 //! calls. No formula is written here.
 
+use super::TEXELS_PER_LINE;
 use super::bsdf::BsdfKind;
 use super::bvh::Forest;
 use super::clearance::Clearance;
@@ -81,6 +82,9 @@ impl Composition<'_> {
         }
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
+        if self.chooses_what_waits() {
+            text.push_str(&self.waiting());
+        }
         if let Some(nominal) = self.nominal {
             text.push_str(&self.walk(nominal)?);
         }
@@ -118,6 +122,9 @@ impl Composition<'_> {
             uint("TREE_ROWS", self.num_tree_rows() as u32);
         }
         let first_triangle = self.forest.num_rows();
+        if self.has_texels() {
+            uint("TEXELS_PER_LINE", TEXELS_PER_LINE);
+        }
         if self.has_triangles_among_trees() {
             uint("FIRST_TRIANGLE", first_triangle as u32);
         }
@@ -301,12 +308,9 @@ impl Composition<'_> {
             ),
             (
                 self.has_trees(),
-                pick(
-                    16 * self.num_tree_rows() <= o.uniform_bytes as usize,
-                    shader!("lib/tree_uniform.wgsl"),
-                    shader!("lib/tree_storage.wgsl"),
-                ),
+                pick(self.has_texels(), shader!("lib/tree_texels.wgsl"), shader!("lib/tree_storage.wgsl")),
             ),
+            (self.has_trees() && !self.chooses_what_waits(), shader!("lib/waiting_indexed.wgsl")),
             (self.tree.is_some(), shader!("lib/primitives_tree.wgsl")),
             (!o.baked && self.tree.is_none(), shader!("lib/primitives_table.wgsl")),
             (
@@ -351,6 +355,37 @@ impl Composition<'_> {
 
     fn has_trees(&self) -> bool {
         self.num_tree_rows() > 0
+    }
+
+    /// Trees lie in an image. In df64 they do not: the rewriting of f64 knows none.
+    fn has_texels(&self) -> bool {
+        const ROW_BYTES: u64 = 16;
+        let fits = self.num_tree_rows() as u64 * ROW_BYTES <= self.options.texel_bytes;
+        self.has_trees() && fits && self.precision() != Precision::Df64
+    }
+
+    /// Processors choose what waits among all levels sooner than each lane finds it by its index.
+    fn chooses_what_waits(&self) -> bool {
+        const MOST_LEVELS: u32 = 32;
+        self.has_texels() && self.forest.depth <= MOST_LEVELS
+    }
+
+    /// The twin of lib/waiting_indexed.wgsl.
+    fn waiting(&self) -> String {
+        let levels = 1..self.forest.depth;
+        let at = levels
+            .clone()
+            .map(|i| format!("    group = select(group, (*walk).waiting[{i}], place == {i}u);\n"));
+        let at: String = at.collect();
+        let put = levels.map(|i| {
+            format!("    (*walk).waiting[{i}] = select((*walk).waiting[{i}], group, place == {i}u);\n")
+        });
+        let put: String = put.collect();
+        format!(
+            "fn waiting_at(walk: ptr<function, Walk>, place: u32) -> u32 {{\n    var group = (*walk).waiting[0];\n{at}    \
+             return group;\n}}\nfn wait_at(walk: ptr<function, Walk>, place: u32, group: u32) {{\n    \
+             (*walk).waiting[0] = select((*walk).waiting[0], group, place == 0u);\n{put}}}\n"
+        )
     }
 
     fn has_triangles_among_trees(&self) -> bool {
@@ -567,6 +602,7 @@ impl Composition<'_> {
         let mut text = String::new();
         let mut walk = String::from("fn walk(ray: ptr<function, Ray>) -> bool {\n    var holds = true;\n");
         let mut last = None;
+        let surfaces = lowered::surface_records(self.ir, self.centre, self.features);
         for (step, event) in nominal.events.iter().enumerate() {
             let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_at_{step}(ray: Ray)");
@@ -580,15 +616,24 @@ impl Composition<'_> {
                 let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
             }
             text.push_str("    return clear;\n}\n");
-            let goes = if step + 1 < nominal.events.len() { "keeps_to" } else { "ends_on" };
+            let primitive = event.primitive;
+            let surface = match primitive < self.ir.surfaces.len() {
+                true => format!("{}, ", surfaces.row(self.precision(), primitive)?),
+                false => String::new(),
+            };
+            let does = match (event.ends, surface.is_empty()) {
+                (false, false) => "keeps_to",
+                (false, true) => "passes",
+                (true, false) => "ends_on_surface",
+                (true, true) => "ends_on_sensor",
+            };
             let _ = writeln!(
                 walk,
-                "    let hit_{step} = nearest_at_{step}(*ray);\n    holds = is_clear_at_{step}(*ray, hit_{step}.distance) & holds;\n    holds = {goes}(ray, hit_{step}, {}u) & holds;",
-                event.primitive
+                "    let hit_{step} = nearest_at_{step}(*ray);\n    holds = is_clear_at_{step}(*ray, hit_{step}.distance) & holds;\n    holds = {does}(ray, hit_{step}, {surface}{primitive}u) & holds;",
             );
-            last = Some(event.primitive);
+            last = Some(primitive);
         }
-        let _ = writeln!(walk, "    return holds;\n}}");
+        let _ = writeln!(walk, "    return holds & has_place(*ray);\n}}");
         Ok(text + &walk)
     }
 
@@ -643,7 +688,7 @@ impl Composition<'_> {
         text
     }
 
-    /// Bins that rays meet on their way, in registers; a table's mirrors book in memory. What a ray has put into them since
+    /// Bins that rays meet on their way, in registers; but a table's mirrors that are not on the nominal path book in memory. What a ray has put into them since
     /// `keep_bins` is taken back by `restore_bins`.
     fn bins(&self) -> String {
         let f = self.features;
@@ -661,11 +706,12 @@ impl Composition<'_> {
         .filter(|(present, ..)| *present)
         .map(|(_, name, has_quanta)| (name.to_string(), has_quanta))
         .collect();
-        if self.options.baked {
-            bins.extend(
-                lowered::lossy_mirrors(self.ir).map(|i| (format!("{}u", self.cells.surfaces + i), true)),
-            );
-        }
+        let on_path = |i: &u32| {
+            let events = self.nominal.iter().flat_map(|nominal| &nominal.events);
+            events.into_iter().any(|event| event.primitive == *i as usize)
+        };
+        let mirrors = lowered::lossy_mirrors(self.ir).filter(|i| self.options.baked || on_path(i));
+        bins.extend(mirrors.map(|i| (format!("{}u", self.cells.surfaces + i), true)));
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
         let mut flush = String::from("fn flush_bins() {\n");

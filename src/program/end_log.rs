@@ -80,6 +80,11 @@ fn is_gaussian(kind: &SensorKind) -> bool {
     kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
 }
 
+/// True if what a ray leaves on the detector in passing is logged, in traces that are not too deep.
+pub fn logs_passes(sensor: &Sensor) -> bool {
+    !sensor.absorb && !is_gaussian(&sensor.kind)
+}
+
 /// A position has no room for the detector, or for whether the ray passes.
 fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Taps {
     let bilinear = |sensor: &Sensor| sensor.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
@@ -121,8 +126,7 @@ impl EndLog {
             Grid { first: first as usize, column, row: column * size[0] as usize, size }
         });
         let grids: Vec<Grid> = grids.collect();
-        let is_logged = |sensor: &Sensor| !sensor.absorb && !is_gaussian(&sensor.kind);
-        let logs_passes = ir.sensors.iter().any(is_logged) && options.max_depth <= MAX_LOGGED_DEPTH;
+        let logs_passes = ir.sensors.iter().any(logs_passes) && options.max_depth <= MAX_LOGGED_DEPTH;
         let max_passes = if logs_passes { options.max_depth } else { 0 };
         let taps = taps(ir, &grids, max_passes, features.keeps_weight);
         Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })

@@ -69,6 +69,8 @@ pub struct ProgramOptions {
     pub tree: bool,
     /// Tables of at most so many bytes lie in uniform buffers.
     pub uniform_bytes: u32,
+    /// Trees of at most so many bytes lie in images.
+    pub texel_bytes: u64,
     /// Largest number of events of a ray.
     pub max_depth: u32,
     /// Roulette starts below this weight.
@@ -142,9 +144,10 @@ impl ProgramOptions {
     }
 
     /// Rays that an invocation of trace_nominal follows: one where the path takes nothing from them, and a loop would cost
-    /// more than it spares.
+    /// more than it spares, and where a lone one already has long loops.
     pub fn nominal_rays_per_invocation(&self, features: &Features) -> u32 {
-        if features.keeps_weight || self.has_many_rounds(features) {
+        let [.., gaussian] = features.splats;
+        if features.keeps_weight || gaussian {
             return 1;
         }
         self.most_rays_per_invocation.max(1)
@@ -183,7 +186,7 @@ pub struct Program {
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
     pub rng_table: Vec<u8>,
-    /// Contents of the other read-only buffers of group 0, by binding.
+    /// Contents of the other read-only buffers and images of group 0, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Every ray has at all times the weight that all are born with: sums are counts of it.
     pub constant_weights: bool,
@@ -194,6 +197,9 @@ pub struct Program {
     /// The words of step 0 of the random generator's table.
     first_step: [u32; 4],
 }
+
+/// Texels of an image from one line to the next.
+pub const TEXELS_PER_LINE: u32 = 4096;
 
 /// Binding of the random generator's table.
 pub const RNG_TABLE: u32 = 1;

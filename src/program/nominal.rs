@@ -7,7 +7,7 @@
 
 use super::clearance::{self, Clearance, Pilot};
 use super::contact::Contact;
-use super::end_log::EndLog;
+use super::end_log::{self, EndLog};
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
 use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, Shape};
 use glam::DVec3;
@@ -18,6 +18,9 @@ pub const STRAYS: u32 = 22;
 
 /// A longer path is not followed: its code would grow with it.
 pub const MAX_EVENTS: u32 = 32;
+
+/// Nor one on whose way so much is to be looked at.
+const MOST_LOOKED_AT: usize = 256;
 
 /// What a pilot's rays say of the path.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -40,6 +43,8 @@ pub struct NominalPath {
 pub struct NominalEvent {
     /// The primitive that is met: surfaces first, then sensors.
     pub primitive: usize,
+    /// The ray ends on it.
+    pub ends: bool,
     /// It, and what else is searched because it can be met before it: ascending.
     pub candidates: Vec<usize>,
     /// Of the primitive, a conic, the crossing is met that is nearer to the line's closest approach to its origin.
@@ -49,13 +54,14 @@ pub struct NominalEvent {
 }
 
 impl NominalPath {
-    /// The path over these primitives; none where no stage can follow it ([`is_possible`]), or where it is too long, or
-    /// ends nowhere.
+    /// The path over these primitives; none where no stage can follow it ([`is_possible`]), where it is too long, or where
+    /// it neither ends on the last of them nor has as many events as a ray may have.
     pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], options: &ProgramOptions) -> Option<Self> {
         let PilotPath { primitives, ways } = options.nominal.as_ref()?;
         let (&last, before) = primitives.split_last()?;
         let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth) as usize;
-        let goes = ends(ir, last) && before.iter().all(|&i| passes(ir, i));
+        let is_full = primitives.len() == options.max_depth as usize && goes_on(ir, last);
+        let goes = (ends(ir, last) || is_full) && before.iter().all(|&i| goes_on(ir, i));
         if !(fits && goes && is_possible(ir, options)) {
             return None;
         }
@@ -94,9 +100,12 @@ impl NominalPath {
             let at_nearer_crossing = !touches(primitive)
                 && leaving != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
-            NominalEvent { primitive, candidates, at_nearer_crossing, passed }
+            let ends = step + 1 == primitives.len() && !is_full;
+            NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed }
         });
-        Some(NominalPath { events: events.collect() })
+        let events: Vec<_> = events.collect();
+        let looked_at: usize = events.iter().map(|event| event.candidates.len() + event.passed.len()).sum();
+        (looked_at <= MOST_LOOKED_AT).then_some(NominalPath { events })
     }
 }
 
@@ -105,17 +114,18 @@ impl NominalPath {
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
     let cells = Cells::of(ir);
-    options.baked
-        && options.moments == SecondMoments::None
-        && cells.fit_reached_mask()
+    options.moments == SecondMoments::None
         && !features.has_meshes()
         && !options.has_events(&features)
         && EndLog::of(ir, &features, &cells, options, features.whole_weights).is_some()
 }
 
-/// Whether the path can go on from a primitive.
-fn passes(ir: &SceneIr, primitive: usize) -> bool {
-    ir.surfaces.get(primitive).is_some_and(|surface| surface.scatter.is_none())
+/// Whether the path can go on from a primitive: what a ray leaves on a detector in passing must be logged.
+fn goes_on(ir: &SceneIr, primitive: usize) -> bool {
+    match primitive.checked_sub(ir.surfaces.len()) {
+        None => ir.surfaces[primitive].scatter.is_none(),
+        Some(sensor) => ir.sensors.get(sensor).is_some_and(end_log::logs_passes),
+    }
 }
 
 /// Whether the path can end on a primitive.

@@ -62,6 +62,16 @@ impl Records {
         Ok(text)
     }
 
+    /// One row, as a value.
+    pub fn row(&self, precision: Precision, row: usize) -> Result<String> {
+        let value = |column: &Column| match &column.values {
+            Values::Real(values) => literal(values[row], precision),
+            Values::Uint(values) => Ok(format!("{}u", values[row])),
+        };
+        let values: Result<Vec<String>> = self.columns.iter().map(value).collect();
+        Ok(format!("{}({})", self.name, values?.join(", ")))
+    }
+
     /// The struct, a buffer of what differs between rows, and the function that gives row `i` from it: what all rows
     /// share is a constant. A table of at most `uniform_bytes` lies in a uniform buffer.
     pub fn table(&self, precision: Precision, uniform_bytes: u32) -> Result<String> {

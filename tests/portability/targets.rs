@@ -105,13 +105,18 @@ fn spir_v(module: &Module, info: &ModuleInfo, checks: bool) -> Result<(), String
     if words.len() > 100 { Ok(()) } else { Err("an empty module".into()) }
 }
 
-/// Every buffer at a slot of its own, and their sizes behind them, as wgpu lays them out.
+/// Every buffer and image at a slot of its own, and the buffers' sizes behind them, as wgpu lays them out.
 fn metal(module: &Module, info: &ModuleInfo, checks: bool) -> Result<(), String> {
     let resources: msl::BindingMap = numbered(module)
         .map(|(slot, binding)| {
             (
                 binding,
-                msl::BindTarget { buffer: Some(slot as msl::Slot), mutable: true, ..Default::default() },
+                msl::BindTarget {
+                    buffer: Some(slot as msl::Slot),
+                    texture: Some(slot as msl::Slot),
+                    mutable: true,
+                    ..Default::default()
+                },
             )
         })
         .collect();

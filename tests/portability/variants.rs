@@ -41,6 +41,7 @@ pub struct Variant {
     pub queue: bool,
     pub tree: bool,
     pub uniform_bytes: u32,
+    pub texel_bytes: u64,
     pub roulette_threshold: f64,
     pub sampler: Sampler,
     pub moments: SecondMoments,
@@ -76,7 +77,8 @@ pub enum Choice {
     AbsorbingMedium,
     Paths(PathSampling),
     Queue,
-    Tree { uniform_bytes: u32 },
+    Tree { texel_bytes: u64 },
+    UniformTables,
     Rotated,
     Sampler(Sampler),
     Moments,
@@ -243,8 +245,9 @@ impl Choice {
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
             Choice::Queue,
-            Choice::Tree { uniform_bytes: 0 },
-            Choice::Tree { uniform_bytes: 1 << 16 },
+            Choice::Tree { texel_bytes: 0 },
+            Choice::Tree { texel_bytes: 1 << 24 },
+            Choice::UniformTables,
             Choice::Rotated,
             Choice::Moments,
             Choice::HostSums,
@@ -335,9 +338,10 @@ impl Choice {
                 variant.sampler = Sampler::Sobol;
                 variant.moments = SecondMoments::Replicates;
             }
-            Choice::Tree { uniform_bytes } => {
+            Choice::UniformTables => variant.uniform_bytes = 1 << 16,
+            Choice::Tree { texel_bytes } => {
                 variant.tree = true;
-                variant.uniform_bytes = uniform_bytes;
+                variant.texel_bytes = texel_bytes;
                 ir.surfaces.extend([(); 2].map(|()| surface(ball(), Interaction::Absorbing)));
             }
             Choice::Rotated => rotate(ir),
@@ -368,6 +372,7 @@ impl Default for Variant {
             queue: false,
             tree: false,
             uniform_bytes: 0,
+            texel_bytes: 0,
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             host_sums: false,
@@ -394,6 +399,7 @@ impl Variant {
             baked: tier.baked,
             tree: self.tree,
             uniform_bytes: self.uniform_bytes,
+            texel_bytes: self.texel_bytes,
             max_depth: 16,
             roulette_threshold: self.roulette_threshold,
             events_per_dispatch: if self.queue { 4 } else { 16 },
