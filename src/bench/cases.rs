@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 pub struct Case {
     /// Unique name.
     pub name: String,
-    /// What the case is one point of: `rays`, `surfaces`, `depth`, `lenses`, `spheres`, `meshes`, `splats`, `commands`, `cold_start`.
+    /// What the case is one point of: `rays`, `surfaces`, `depth`, `short`, `lenses`, `spheres`, `meshes`, `splats`,
+    /// `commands`, `cold_start`.
     pub axis: &'static str,
     /// The scene file's text.
     pub scene: String,
@@ -51,8 +52,8 @@ pub fn all(max_rays: u64) -> Vec<Case> {
     let mut cases = rays_sweep(max_rays);
     cases.extend(surfaces_sweep());
     cases.extend(depth_sweep());
-    let lens = |i| Case { num_rays: 10_000_000, ..trace(&format!("lens_{i}"), "lenses", random_lens(i)) };
-    cases.extend((0..10).map(lens));
+    cases.extend(short());
+    cases.extend((0..10).map(|i| long(trace(&format!("lens_{i}"), "lenses", random_lens(i)))));
     cases.push(trace("spheres_100", "spheres", spheres_scene(100)));
     cases.push(trace("mesh_100k", "meshes", torus_scene(224)));
     cases.push(trace("flat", "splats", beam_scene(25.0)));
@@ -66,6 +67,11 @@ fn trace(name: &str, axis: &'static str, scene: String) -> Case {
     Case { name: name.into(), axis, scene, num_rays: 1_000_000, max_depth: MAX_DEPTH, kind: Kind::Trace }
 }
 
+/// With so many rays that the path that most of them take has a stage of its own.
+fn long(case: Case) -> Case {
+    Case { num_rays: 10_000_000, ..case }
+}
+
 fn rays_sweep(max_rays: u64) -> Vec<Case> {
     let powers = (3..=7).filter(|&power| power == 3 || 10_u64.pow(power) <= max_rays);
     let case = |power| Case {
@@ -77,13 +83,22 @@ fn rays_sweep(max_rays: u64) -> Vec<Case> {
 
 fn surfaces_sweep() -> Vec<Case> {
     let counts = [0, 1, 2, 5, 10, 20, 50, 200, 1000];
-    counts.map(|count| trace(&format!("surfaces_{count}"), "surfaces", surface_count_scene(count))).into()
+    let case = |count| long(trace(&format!("surfaces_{count}"), "surfaces", surface_count_scene(count)));
+    counts.map(case).into()
 }
 
 fn depth_sweep() -> Vec<Case> {
     let case =
-        |max_depth| Case { max_depth, ..trace(&format!("depth_{max_depth}"), "depth", cavity_scene()) };
+        |max_depth| Case { max_depth, ..long(trace(&format!("depth_{max_depth}"), "depth", cavity_scene())) };
     [2, 4, 8, 16, 32].map(case).into()
+}
+
+/// Traces too short for a stage of their path.
+fn short() -> Vec<Case> {
+    let surfaces = |count| trace(&format!("surfaces_{count}_short"), "short", surface_count_scene(count));
+    let mut cases = Vec::from([0, 200, 1000].map(surfaces));
+    cases.push(trace("depth_16_short", "short", cavity_scene()));
+    cases
 }
 
 fn commands() -> Vec<Case> {

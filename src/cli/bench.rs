@@ -38,8 +38,8 @@ pub struct Args {
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, lenses, spheres, meshes, splats, commands,
-    /// cold_start, viewer); with --accuracy, names of scenes.
+    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, short, lenses, spheres, meshes, splats,
+    /// commands, cold_start, viewer); with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
     /// Arithmetic to measure; by default both; all with --stability and --accuracy.

@@ -2,7 +2,8 @@
 //! lie, and how many quanta each of these takes, for a block of rays at once and without branches, so that it is
 //! compiled to vectors.
 
-use super::end_sums::{End, Real};
+use super::end_entries::End;
+use super::end_reals::Real;
 use crate::program::end_log::Grid;
 use bytemuck::Pod;
 
@@ -20,21 +21,6 @@ pub struct Block {
     pub quanta: [[u64; BLOCK]; 4],
     /// What is no position, or has a weight whose quanta need more than a word.
     pub is_other: [bool; BLOCK],
-}
-
-/// The taps of a position along one axis.
-#[derive(Debug, Clone, Copy)]
-pub struct AxisTaps<T> {
-    /// The pixel before it.
-    pub first: u32,
-    /// From there to the one behind it: 1, or 0 at the edges and beyond.
-    pub to_next: u32,
-    /// And to the one that was hit.
-    pub to_hit: u32,
-    /// How far from the one to the other it is.
-    pub fraction: T,
-    /// It is a number.
-    pub is_number: bool,
 }
 
 /// The taps of a position on a map whose pixels have one cell each (`bilinear_taps` in splat.wgsl).
@@ -64,17 +50,6 @@ pub trait PositionEntry: Pod {
     /// The end that it is, if it is no position.
     fn end(&self, born: Self::Real) -> End<Self::Real>;
 }
-
-// How a position is written (ends_logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
-// is the second of the two that it lies between. So is one at the edge of the map or, by the roundings of a place far from
-// the scene's centre, beyond, where both are the same pixel. A position of 0, which HIT_NEXT cannot mark, is the middle of
-// the first pixel: the one that was hit.
-/// `HIT_NEXT` in ends_logged.wgsl.
-pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
-/// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
-pub const LAST_POSITION: f64 = (1 << 30) as f64;
-/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked.
-pub const OFF_DETECTORS: f64 = -2.0;
 
 impl<T> PositionTaps<T> {
     /// The taps of a position on a grid.

@@ -1,12 +1,14 @@
 //! What the log of ends adds up to: the integers of the device's atomics (`shaders/lib/sums.wgsl`), on the host.
 
-use super::end_positions::{
-    self, AxisTaps, Block, HIT_NEXT, LAST_POSITION, OFF_DETECTORS, PositionEntry, PositionTaps,
+use super::end_entries::{
+    CELL_MASK, End, Entry, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN, NEXT_ROW, PASSES,
+    STRAYED, WITHOUT_PLACE,
 };
+use super::end_positions::{self, Block, PositionEntry, PositionTaps};
+use super::end_reals::Real;
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
-use crate::program::end_log::{CELL_BITS, EndLog, Form, Grid, Taps};
-use bytemuck::Pod;
+use crate::program::end_log::{EndLog, Form, Grid, Taps};
 use std::ops::Range;
 
 /// What the logged ends add up to.
@@ -39,18 +41,6 @@ struct Quanta {
     low: Vec<u64>,
     high: Vec<u64>,
 }
-
-/// The parts of an entry (`END_*` in ends_logged.wgsl and passes_logged.wgsl).
-const CELL_MASK: u32 = (1 << CELL_BITS) - 1;
-const NEXT_COLUMN: u32 = 1 << 22;
-const NEXT_ROW: u32 = 1 << 23;
-const HIT_NEXT_COLUMN: u32 = 1 << 24;
-const HIT_NEXT_ROW: u32 = 1 << 25;
-const IN_CELL: u32 = 1 << 26;
-const IN_TAPS: u32 = 1 << 27;
-const WITHOUT_PLACE: u32 = 1 << 28;
-const PASSES: u32 = 1 << 29;
-const STRAYED: u32 = 1 << 30;
 
 impl EndSums {
     /// No ends.
@@ -329,188 +319,9 @@ fn quantize(weight: f64) -> Option<u128> {
     (0.0..LIMIT).contains(&weight).then_some((weight * QUANTA_PER_UNIT as f64) as u128)
 }
 
-/// An entry of the log.
-#[derive(Debug, Clone, Copy)]
-pub struct End<T> {
-    /// Its cell, and what it is (`END_*` in ends_logged.wgsl).
-    pub what: u32,
-    /// The weight.
-    pub weight: T,
-    /// How far the position is from the first tap to the next, by columns and by rows.
-    pub fractions: [T; 2],
-}
-
-/// An entry as it lies in the log (`write_entry` in shaders/lib/log_*.wgsl).
-trait Entry: Pod {
-    type Real: Real;
-
-    /// Sums follow from counts.
-    const IS_COUNTED: bool = false;
-
-    fn read(&self) -> End<Self::Real>;
-}
-
-/// What the low and the high half of a word hold.
-fn halves(word: u64) -> [u32; 2] {
-    [word as u32, (word >> 32) as u32]
-}
-
-impl Entry for [u32; 1] {
-    type Real = f32;
-
-    const IS_COUNTED: bool = true;
-
-    fn read(&self) -> End<f32> {
-        End { what: self[0], weight: 0.0, fractions: [0.0; 2] }
-    }
-}
-
-impl Entry for [u64; 1] {
-    type Real = f32;
-
-    fn read(&self) -> End<f32> {
-        let [what, weight] = halves(self[0]);
-        End { what, weight: f32::from_bits(weight), fractions: [0.0; 2] }
-    }
-}
-
-impl Entry for [u64; 2] {
-    type Real = f32;
-
-    fn read(&self) -> End<f32> {
-        let [what, weight] = halves(self[0]);
-        End { what, weight: f32::from_bits(weight), fractions: halves(self[1]).map(f32::from_bits) }
-    }
-}
-
-impl Entry for [u32; 2] {
-    type Real = f32;
-
-    fn read(&self) -> End<f32> {
-        End { what: self[0], weight: f32::from_bits(self[1]), fractions: [0.0; 2] }
-    }
-}
-
-impl Entry for [u32; 4] {
-    type Real = f32;
-
-    fn read(&self) -> End<f32> {
-        let [what, weight, x, y] = *self;
-        End { what, weight: f32::from_bits(weight), fractions: [x, y].map(f32::from_bits) }
-    }
-}
-
-impl Entry for [f64; 2] {
-    type Real = f64;
-
-    fn read(&self) -> End<f64> {
-        End { what: self[0] as u32, weight: self[1], fractions: [0.0; 2] }
-    }
-}
-
-impl Entry for [f64; 4] {
-    type Real = f64;
-
-    fn read(&self) -> End<f64> {
-        let [what, weight, x, y] = *self;
-        End { what: what as u32, weight, fractions: [x, y] }
-    }
-}
-
-/// The arithmetic of weights and positions, in the precision of the trace.
-pub trait Real: Copy + Into<f64> {
-    /// A number as the device has it.
-    fn nearest(value: f64) -> Self;
-
-    /// `first_shares` in splat.wgsl, in its very operations.
-    fn first_shares(weight: Self, fractions: [Self; 2]) -> [Self; 3];
-
-    /// Quanta of the taps of an end, and whether it is so: whether the weight is below 2048, so that they fit 63 bits. The
-    /// last tap takes what the others left (`book_taps` in splat.wgsl).
-    fn quanta(weight: Self, fractions: [Self; 2]) -> ([u64; 4], bool);
-
-    /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `end_in_taps` in
-    /// ends_logged.wgsl).
-    fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
-
-    /// What is logged with it in place of a column is no position.
-    fn is_off_detectors(self) -> bool;
-}
-
-macro_rules! real {
-    ($real:ty) => {
-        impl Real for $real {
-            #[inline]
-            fn nearest(value: f64) -> $real {
-                value as $real
-            }
-
-            #[inline(always)]
-            fn first_shares(weight: $real, [x, y]: [$real; 2]) -> [$real; 3] {
-                [weight * ((1.0 - x) * (1.0 - y)), weight * (x * (1.0 - y)), weight * ((1.0 - x) * y)]
-            }
-
-            #[inline(always)]
-            fn quanta(weight: $real, fractions: [$real; 2]) -> ([u64; 4], bool) {
-                const LIMIT: $real = 2048.0;
-                const ONE: $real = 1.0;
-                let [x, y] = fractions.map(<$real>::to_bits);
-                // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
-                let is_small =
-                    (weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
-                // A power of two: shares of the scaled weight are the scaled shares, but for those far below a quantum.
-                let scaled = if is_small { weight * QUANTA_PER_UNIT as $real } else { 0.0 };
-                let fractions = if is_small { fractions } else { [0.0; 2] };
-                // SAFETY: the weight lies in 0..2048 and the fractions in 0..=1, so that no share exceeds the weight,
-                // and none 2^63 quanta.
-                #[allow(unsafe_code)]
-                let quanta = |share: $real| unsafe { share.to_int_unchecked::<i64>() as u64 };
-                let mut rest = quanta(scaled);
-                let [a, b, c] = <$real>::first_shares(scaled, fractions).map(|share| {
-                    let taken = quanta(share).min(rest);
-                    rest -= taken;
-                    taken
-                });
-                ([a, b, c, rest], is_small)
-            }
-
-            #[inline(always)]
-            fn tap(self, num_pixels: u32) -> AxisTaps<$real> {
-                const FARTHEST: $real = LAST_POSITION as $real;
-                let hits_next = self.abs() >= FARTHEST;
-                let place = if hits_next { self / HIT_NEXT as $real } else { self };
-                let is_number = !place.is_nan();
-                let position = if is_number { place.clamp(-FARTHEST, FARTHEST) } else { 0.0 };
-                // SAFETY: it is no larger than 2^30.
-                #[allow(unsafe_code)]
-                let whole = unsafe { position.to_int_unchecked::<i32>() };
-                // Rounded down, not towards 0.
-                let corner = whole - i32::from(position < whole as $real);
-                let last = num_pixels as i32 - 1;
-                let (first, next) = (corner.clamp(0, last), (corner + 1).clamp(0, last));
-                let to_next = (next - first) as u32;
-                AxisTaps {
-                    first: first as u32,
-                    to_next,
-                    to_hit: if hits_next { to_next } else { 0 },
-                    fraction: position - corner as $real,
-                    is_number,
-                }
-            }
-
-            #[inline(always)]
-            fn is_off_detectors(self) -> bool {
-                self == OFF_DETECTORS as $real
-            }
-        }
-    };
-}
-
-real!(f32);
-real!(f64);
-
 #[cfg(test)]
 mod tests {
+    use super::super::end_reals::HIT_NEXT;
     use super::*;
     use bytemuck::cast_slice;
 

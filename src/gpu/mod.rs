@@ -3,8 +3,10 @@
 pub mod adapter;
 pub mod compute;
 pub mod double_word;
+mod end_entries;
 pub mod end_log;
 mod end_positions;
+mod end_reals;
 pub mod end_sums;
 pub mod profile;
 pub mod rates;

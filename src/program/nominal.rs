@@ -66,29 +66,20 @@ impl NominalPath {
             return None;
         }
         let boxes = tree::boxes(ir, centre, contacts, options.precision);
-        let mut here = emitters_box(ir, centre);
-        // The largest coordinate so far: a position keeps the rounding of the way that led to it.
-        let mut reach = here.map(|bounds| largest(&bounds));
-        let mut standing = None;
-        let mut pilot = Pilot::new(ways);
+        let legs = legs(emitters_box(ir, centre), primitives, &boxes);
         let shapes = lowered::primitives(ir);
         let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
-        let events = primitives.iter().enumerate().map(|(step, &primitive)| {
-            let there = boxes.get(primitive).copied().flatten();
-            reach = reach.zip(there).map(|(reach, there)| reach.max(largest(&there)));
-            let way = here.zip(there).zip(reach);
-            let way = way.map(|((here, there), reach)| widened(here.union(&there), reach));
-            let can_be_met = |i: &usize| match (way, boxes[*i]) {
-                (Some(way), Some(bounds)) => overlap(&way, &bounds),
+        let mut pilot = Pilot::new(ways);
+        let events = legs.enumerate().map(|(step, Leg { leaves, primitive, bounds })| {
+            pilot.step = step;
+            let can_be_met = |i: &usize| match (bounds, boxes[*i]) {
+                (Some(bounds), Some(of_primitive)) => overlap(&bounds, &of_primitive),
                 _ => true,
             };
-            here = there;
-            let leaving = standing.replace(primitive);
-            pilot.step = step;
             let mut clearance = |i: usize| {
-                let way = way.filter(|_| i != primitive && !touches(i))?;
-                let size = farthest(&way, shapes[i].0.origin - centre);
-                Clearance::of(&shapes[i], leaving == Some(i), size, options.precision, &mut pilot)
+                let bounds = bounds.filter(|_| i != primitive && !touches(i))?;
+                let size = farthest(&bounds, shapes[i].0.origin - centre);
+                Clearance::of(&shapes[i], leaves == Some(i), size, options.precision, &mut pilot)
             };
             let (mut candidates, mut passed) = (Vec::new(), Vec::new());
             for i in (0..boxes.len()).filter(can_be_met) {
@@ -98,7 +89,7 @@ impl NominalPath {
                 }
             }
             let at_nearer_crossing = !touches(primitive)
-                && leaving != Some(primitive)
+                && leaves != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
             let ends = step + 1 == primitives.len() && !is_full;
             NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed }
@@ -107,6 +98,32 @@ impl NominalPath {
         let looked_at: usize = events.iter().map(|event| event.candidates.len() + event.passed.len()).sum();
         (looked_at <= MOST_LOOKED_AT).then_some(NominalPath { events })
     }
+}
+
+/// The way of a path's rays to one of its events.
+struct Leg {
+    /// The primitive that it begins on; none where rays are born.
+    leaves: Option<usize>,
+    /// The one that it ends on.
+    primitive: usize,
+    /// The box that it lies in, with room for roundings, if it has one.
+    bounds: Option<Aabb>,
+}
+
+/// The legs of a path over these primitives, whose boxes are given, from the box where its rays are born.
+fn legs(births: Option<Aabb>, primitives: &[usize], boxes: &[Option<Aabb>]) -> impl Iterator<Item = Leg> {
+    let mut here = births;
+    // The largest coordinate so far: a position keeps the rounding of the way that led to it.
+    let mut reach = here.map(|bounds| largest(&bounds));
+    let mut leaves = None;
+    primitives.iter().map(move |&primitive| {
+        let there = boxes.get(primitive).copied().flatten();
+        reach = reach.zip(there).map(|(reach, there)| reach.max(largest(&there)));
+        let bounds = here.zip(there).zip(reach);
+        let bounds = bounds.map(|((here, there), reach)| widened(here.union(&there), reach));
+        here = there;
+        Leg { leaves: leaves.replace(primitive), primitive, bounds }
+    })
 }
 
 /// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell

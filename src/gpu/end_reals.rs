@@ -1,0 +1,121 @@
+//! Weights and positions of logged ends in the precision of the trace, in the very operations of the shaders.
+
+use super::sums::QUANTA_PER_UNIT;
+
+// How a position is written (ends_logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
+// is the second of the two that it lies between. So is one at the edge of the map or, by the roundings of a place far from
+// the scene's centre, beyond, where both are the same pixel. A position of 0, which HIT_NEXT cannot mark, is the middle of
+// the first pixel: the one that was hit.
+/// `HIT_NEXT` in ends_logged.wgsl.
+pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
+/// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
+pub const LAST_POSITION: f64 = (1 << 30) as f64;
+/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked.
+pub const OFF_DETECTORS: f64 = -2.0;
+
+/// The taps of a position along one axis.
+#[derive(Debug, Clone, Copy)]
+pub struct AxisTaps<T> {
+    /// The pixel before it.
+    pub first: u32,
+    /// From there to the one behind it: 1, or 0 at the edges and beyond.
+    pub to_next: u32,
+    /// And to the one that was hit.
+    pub to_hit: u32,
+    /// How far from the one to the other it is.
+    pub fraction: T,
+    /// It is a number.
+    pub is_number: bool,
+}
+
+/// The arithmetic of weights and positions, in the precision of the trace.
+pub trait Real: Copy + Into<f64> {
+    /// A number as the device has it.
+    fn nearest(value: f64) -> Self;
+
+    /// `first_shares` in splat.wgsl, in its very operations.
+    fn first_shares(weight: Self, fractions: [Self; 2]) -> [Self; 3];
+
+    /// Quanta of the taps of an end, and whether it is so: whether the weight is below 2048, so that they fit 63 bits. The
+    /// last tap takes what the others left (`book_taps` in splat.wgsl).
+    fn quanta(weight: Self, fractions: [Self; 2]) -> ([u64; 4], bool);
+
+    /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `end_in_taps` in
+    /// ends_logged.wgsl).
+    fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
+
+    /// What is logged with it in place of a column is no position.
+    fn is_off_detectors(self) -> bool;
+}
+
+macro_rules! real {
+    ($real:ty) => {
+        impl Real for $real {
+            #[inline]
+            fn nearest(value: f64) -> $real {
+                value as $real
+            }
+
+            #[inline(always)]
+            fn first_shares(weight: $real, [x, y]: [$real; 2]) -> [$real; 3] {
+                [weight * ((1.0 - x) * (1.0 - y)), weight * (x * (1.0 - y)), weight * ((1.0 - x) * y)]
+            }
+
+            #[inline(always)]
+            fn quanta(weight: $real, fractions: [$real; 2]) -> ([u64; 4], bool) {
+                const LIMIT: $real = 2048.0;
+                const ONE: $real = 1.0;
+                let [x, y] = fractions.map(<$real>::to_bits);
+                // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
+                let is_small =
+                    (weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
+                // A power of two: shares of the scaled weight are the scaled shares, but for those far below a quantum.
+                let scaled = if is_small { weight * QUANTA_PER_UNIT as $real } else { 0.0 };
+                let fractions = if is_small { fractions } else { [0.0; 2] };
+                // SAFETY: the weight lies in 0..2048 and the fractions in 0..=1, so that no share exceeds the weight,
+                // and none 2^63 quanta.
+                #[allow(unsafe_code)]
+                let quanta = |share: $real| unsafe { share.to_int_unchecked::<i64>() as u64 };
+                let mut rest = quanta(scaled);
+                let [a, b, c] = <$real>::first_shares(scaled, fractions).map(|share| {
+                    let taken = quanta(share).min(rest);
+                    rest -= taken;
+                    taken
+                });
+                ([a, b, c, rest], is_small)
+            }
+
+            #[inline(always)]
+            fn tap(self, num_pixels: u32) -> AxisTaps<$real> {
+                const FARTHEST: $real = LAST_POSITION as $real;
+                let hits_next = self.abs() >= FARTHEST;
+                let place = if hits_next { self / HIT_NEXT as $real } else { self };
+                let is_number = !place.is_nan();
+                let position = if is_number { place.clamp(-FARTHEST, FARTHEST) } else { 0.0 };
+                // SAFETY: it is no larger than 2^30.
+                #[allow(unsafe_code)]
+                let whole = unsafe { position.to_int_unchecked::<i32>() };
+                // Rounded down, not towards 0.
+                let corner = whole - i32::from(position < whole as $real);
+                let last = num_pixels as i32 - 1;
+                let (first, next) = (corner.clamp(0, last), (corner + 1).clamp(0, last));
+                let to_next = (next - first) as u32;
+                AxisTaps {
+                    first: first as u32,
+                    to_next,
+                    to_hit: if hits_next { to_next } else { 0 },
+                    fraction: position - corner as $real,
+                    is_number,
+                }
+            }
+
+            #[inline(always)]
+            fn is_off_detectors(self) -> bool {
+                self == OFF_DETECTORS as $real
+            }
+        }
+    };
+}
+
+real!(f32);
+real!(f64);
