@@ -1,11 +1,11 @@
 // Stage trace_nominal: the path that most rays of a scene take, one event after the other and nothing else. `walk` is
 // composed: at each event it looks for the nearest of those primitives that can lie between the last one and the next.
-// A ray that does anything else has strayed: it leaves nothing but a mark in its log, and trace_new traces it anew from
-// its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes, and no
+// A ray that does anything else has strayed: it leaves nothing but a mark, where its log begins, and trace_new traces it
+// anew from its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes, and no
 // round of a loop that a few rays need.
 // Nor does it mark what it reaches: where a ray has kept to the path, the host knows what that is.
 
-// All entries that the invocation has logged. A driver that stores lanes one by one would compose an entry anew for each
+// All ends that the invocation has logged. A driver that stores lanes one by one would compose an entry anew for each
 // of them, from each of its parts; one that is used a second time it composes once, for all lanes. That takes a tenth of
 // the time off in f64 here. (In trace_new it adds to it, where entries have few parts.)
 var<private> entries: u32 = 0u;

@@ -11,9 +11,9 @@ use glam::DVec3;
 
 /// Rays whose paths are looked at.
 const PILOT_RAYS: u64 = 512;
-/// The stage pays where this share of the rays keeps to the path: it takes less than half the time, and rays that stray
-/// are traced again.
-const LEAST_SHARE: f64 = 0.5;
+/// The stage pays where this share of the rays keeps to the path: it takes 0.4 to 0.6 of the time, and rays that stray are
+/// traced again.
+const LEAST_SHARE: f64 = 0.6;
 /// Shorter traces are over before the pilot has paid.
 const LEAST_RAYS: u64 = 1 << 23;
 
@@ -23,7 +23,7 @@ pub fn is_long_enough(num_rays: u64) -> bool {
 }
 
 /// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the
-/// search to pay, and where no stage could follow it. On demand, any path that ends somewhere will do.
+/// search to pay, and where no stage could follow it. On demand, a path of any share of the rays will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.

@@ -125,6 +125,37 @@ fn so_do_rays_that_end_by_their_number_of_events() {
     assert!(trace(&ir, &with_nominal_path(&deeper)).1.is_none(), "a pilot so deep sees no end");
 }
 
+/// A path through a passing detector to one that absorbs: so deep that passes are no longer logged, it has no stage.
+#[test]
+fn so_do_rays_that_pass_a_detector_in_traces_of_any_depth() {
+    let mut ir = gaussian_lens(4.0);
+    let mut window = ir.sensors[0].clone();
+    window.name = "window".into();
+    window.absorb = false;
+    window.frame.origin.z = -12.0;
+    ir.sensors.push(window);
+    for (i, max_depth) in [4, 255, 256].into_iter().enumerate() {
+        let options = TraceOptions { max_depth, ..options([Precision::F32, Precision::F64][i % 2]) };
+        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        assert_eq!(nominal.is_some(), max_depth < 256, "{max_depth}");
+        assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
+    }
+}
+
+/// As many events as a ray may have, and the last one absorbs it: that is its end.
+#[test]
+fn so_do_rays_whose_last_event_ends_them() {
+    let mut ir = zoo::load("bench_lens");
+    ir.surfaces.push(Surface {
+        shape: Shape::Plane(Outline::Disk { radius: 50.0 }),
+        ..speck(DVec3::new(0.0, 0.0, 100.0), Shape::Plane(Outline::Infinite), DQuat::IDENTITY)
+    });
+    let options = TraceOptions { max_depth: 3, ..options(Precision::F64) };
+    let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+    assert!(nominal.unwrap().events.last().unwrap().ends);
+    assert!(tally == trace(&ir, &options).0, "other bits");
+}
+
 #[test]
 fn so_do_sobol_points() {
     for (name, precision) in SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle()) {

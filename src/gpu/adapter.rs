@@ -1,5 +1,6 @@
 //! Adapters and devices.
 
+use super::compute::TEXEL_BYTES;
 use crate::error::{Error, Result};
 use crate::vectors::without_width;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -50,6 +51,10 @@ impl AdapterInfo {
     /// True if the adapter is a processor.
     pub fn is_cpu(&self) -> bool {
         self.kind == "Cpu"
+    }
+
+    fn is_vulkan(&self) -> bool {
+        self.backend == wgpu::Backend::Vulkan.to_string()
     }
 }
 
@@ -204,25 +209,25 @@ impl Gpu {
         Ok(Gpu { device, queue, info, f64, int64, runtime_checks, adapter, choice, failure, df64 })
     }
 
-    /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms
-    /// without a check of every lane; GPUs read storage faster where invocations diverge.
+    /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms, by
+    /// words, without a check of every lane; GPUs read storage faster where invocations diverge.
     pub fn uniform_table_bytes(&self) -> u32 {
         let limit = self.device.limits().max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32;
         if self.info.is_cpu() { limit } else { 0 }
     }
 
-    /// Largest table that is better read from an image of so many texels a line than from a buffer: of neither kind does a
-    /// processor's driver read what invocations do not share at once, but of an image a texel as a whole.
+    /// Largest table that is better read from an image of so many texels a line than from a buffer, where invocations read
+    /// different rows: lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors' drivers
+    /// were not tried.
     pub fn texel_table_bytes(&self, texels_per_line: u32) -> u64 {
         let limits = self.device.limits();
         let is_possible = self.info.is_cpu()
+            && self.info.is_vulkan()
             && limits.max_storage_textures_per_shader_stage >= 1
             && limits.max_texture_dimension_2d >= texels_per_line;
-        if is_possible {
-            16 * u64::from(texels_per_line) * u64::from(limits.max_texture_dimension_2d)
-        } else {
-            0
-        }
+        let lines = if is_possible { limits.max_texture_dimension_2d } else { 0 };
+        let image = u64::from(TEXEL_BYTES) * u64::from(texels_per_line) * u64::from(lines);
+        image.min(self.largest_binding())
     }
 
     /// True if the host should add up where rays end: the device is a processor, where an atomic costs each emulated lane

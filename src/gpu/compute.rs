@@ -70,6 +70,13 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
 /// Bytes that are read back at once: what lies in memory twice is small, and stays in a processor's caches.
 const READ_BLOCK: u64 = 16 << 20;
 
+/// Bytes of a texel of a table: four words.
+pub const TEXEL_BYTES: u32 = 16;
+
+fn extent(width: u32, height: u32) -> wgpu::Extent3d {
+    wgpu::Extent3d { width, height, depth_or_array_layers: 1 }
+}
+
 /// What needs less of a buffer that grows with the detectors.
 const FEWER_PIXELS: &str = "fewer pixels";
 
@@ -228,13 +235,12 @@ impl Gpu {
 
     /// A table of the scene that shaders only read, as an image of four words a texel and so many texels a line.
     pub fn scene_texels(&self, contents: &[u8], texels_per_line: u32) -> wgpu::TextureView {
-        let line = 16 * texels_per_line as usize;
-        let mut padded = contents.to_vec();
-        padded.resize(contents.len().next_multiple_of(line), 0);
-        let lines = (padded.len() / line) as u32;
+        let bytes_per_line = TEXEL_BYTES * texels_per_line;
+        let (lines, last) = contents.split_at(contents.len() - contents.len() % bytes_per_line as usize);
+        let num_lines = (lines.len() / bytes_per_line as usize) as u32;
         let descriptor = wgpu::TextureDescriptor {
             label: Some("scene"),
-            size: wgpu::Extent3d { width: texels_per_line, height: lines, depth_or_array_layers: 1 },
+            size: extent(texels_per_line, num_lines + u32::from(!last.is_empty())),
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
@@ -242,10 +248,21 @@ impl Gpu {
             usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         };
-        let order = wgpu::util::TextureDataOrder::LayerMajor;
-        self.device
-            .create_texture_with_data(&self.queue, &descriptor, order, &padded)
-            .create_view(&Default::default())
+        let texture = self.device.create_texture(&descriptor);
+        let write = |y: u32, bytes: &[u8], size: wgpu::Extent3d| {
+            let origin = wgpu::Origin3d { x: 0, y, z: 0 };
+            let place = wgpu::TexelCopyTextureInfo { origin, ..texture.as_image_copy() };
+            let layout =
+                wgpu::TexelCopyBufferLayout { bytes_per_row: Some(bytes_per_line), ..Default::default() };
+            self.queue.write_texture(place, bytes, layout, size);
+        };
+        if num_lines > 0 {
+            write(0, lines, extent(texels_per_line, num_lines));
+        }
+        if !last.is_empty() {
+            write(num_lines, last, extent(last.len() as u32 / TEXEL_BYTES, 1));
+        }
+        texture.create_view(&Default::default())
     }
 
     /// Reads the first `size` bytes of a buffer, after everything submitted before.

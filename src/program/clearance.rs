@@ -135,7 +135,7 @@ fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
 /// The rays of a pilot that take the path, and what was taken for granted of them.
 #[derive(Debug)]
 pub struct Pilot<'a> {
-    /// Of each, where it is born and where it meets the primitives of the path \[mm\].
+    /// Of each, where it is born, where it meets the primitives of the path, and where it dies \[mm\].
     ways: &'a [Vec<DVec3>],
     /// The stretch that is looked at, by its number.
     pub step: usize,

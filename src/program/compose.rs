@@ -688,8 +688,8 @@ impl Composition<'_> {
         text
     }
 
-    /// Bins that rays meet on their way, in registers; but a table's mirrors that are not on the nominal path book in memory. What a ray has put into them since
-    /// `keep_bins` is taken back by `restore_bins`.
+    /// Bins that rays meet on their way, in registers; of a table's mirrors those on the nominal path alone, and the others
+    /// book in memory. What a ray has put into them since `keep_bins` is taken back by `restore_bins`.
     fn bins(&self) -> String {
         let f = self.features;
         let mut bins: Vec<(String, bool)> = [

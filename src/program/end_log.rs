@@ -80,9 +80,9 @@ fn is_gaussian(kind: &SensorKind) -> bool {
     kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
 }
 
-/// True if what a ray leaves on the detector in passing is logged, in traces that are not too deep.
-pub fn logs_passes(sensor: &Sensor) -> bool {
-    !sensor.absorb && !is_gaussian(&sensor.kind)
+/// True if what rays leave on the detector in passing is logged, where a log is kept.
+pub fn logs_passes(sensor: &Sensor, max_depth: u32) -> bool {
+    !sensor.absorb && !is_gaussian(&sensor.kind) && max_depth <= MAX_LOGGED_DEPTH
 }
 
 /// A position has no room for the detector, or for whether the ray passes.
@@ -126,7 +126,7 @@ impl EndLog {
             Grid { first: first as usize, column, row: column * size[0] as usize, size }
         });
         let grids: Vec<Grid> = grids.collect();
-        let logs_passes = ir.sensors.iter().any(logs_passes) && options.max_depth <= MAX_LOGGED_DEPTH;
+        let logs_passes = ir.sensors.iter().any(|sensor| logs_passes(sensor, options.max_depth));
         let max_passes = if logs_passes { options.max_depth } else { 0 };
         let taps = taps(ir, &grids, max_passes, features.keeps_weight);
         Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })

@@ -6,7 +6,7 @@
 //! is only seen that a ray is clear of them (super::clearance).
 
 use super::clearance::{self, Clearance, Pilot};
-use super::contact::Contact;
+use super::contact::{self, Contact};
 use super::end_log::{self, EndLog};
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
 use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, Shape};
@@ -27,7 +27,7 @@ const MOST_LOOKED_AT: usize = 256;
 pub struct PilotPath {
     /// The primitives that they meet, in their order: surfaces first, then sensors.
     pub primitives: Vec<usize>,
-    /// Of each ray that takes it, where it is born and where it meets them \[mm\].
+    /// Of each ray that takes it, where it is born, where it meets them and, if it was killed, where \[mm\].
     pub ways: Vec<Vec<DVec3>>,
 }
 
@@ -60,29 +60,33 @@ impl NominalPath {
         let PilotPath { primitives, ways } = options.nominal.as_ref()?;
         let (&last, before) = primitives.split_last()?;
         let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth) as usize;
-        let is_full = primitives.len() == options.max_depth as usize && goes_on(ir, last);
-        let goes = (ends(ir, last) || is_full) && before.iter().all(|&i| goes_on(ir, i));
-        if !(fits && goes && is_possible(ir, options)) {
+        let goes_on = |i: usize| goes_on(ir, i, options.max_depth);
+        let is_full = primitives.len() == options.max_depth as usize && goes_on(last);
+        let goes = (ends(ir, last) || is_full) && before.iter().all(|&i| goes_on(i));
+        // Of three faces within the tolerance, two of them in contact, it depends on their order which is the nearest; a
+        // tree keeps none.
+        let has_order = !contact::any(contacts) || options.tree_primitives(ir).is_empty();
+        if !(fits && goes && has_order && is_possible(ir, options)) {
             return None;
         }
         let boxes = tree::boxes(ir, centre, contacts, options.precision);
-        let legs = legs(emitters_box(ir, centre), primitives, &boxes);
+        let legs: Vec<Leg> = legs(emitters_box(ir, centre), primitives, &boxes).collect();
+        if legs.iter().map(|leg| leg.can_be_met(&boxes).count()).sum::<usize>() > MOST_LOOKED_AT {
+            return None;
+        }
         let shapes = lowered::primitives(ir);
         let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
         let mut pilot = Pilot::new(ways);
-        let events = legs.enumerate().map(|(step, Leg { leaves, primitive, bounds })| {
+        let events = legs.iter().enumerate().map(|(step, leg)| {
+            let &Leg { leaves, primitive, bounds } = leg;
             pilot.step = step;
-            let can_be_met = |i: &usize| match (bounds, boxes[*i]) {
-                (Some(bounds), Some(of_primitive)) => overlap(&bounds, &of_primitive),
-                _ => true,
-            };
             let mut clearance = |i: usize| {
                 let bounds = bounds.filter(|_| i != primitive && !touches(i))?;
                 let size = farthest(&bounds, shapes[i].0.origin - centre);
                 Clearance::of(&shapes[i], leaves == Some(i), size, options.precision, &mut pilot)
             };
             let (mut candidates, mut passed) = (Vec::new(), Vec::new());
-            for i in (0..boxes.len()).filter(can_be_met) {
+            for i in leg.can_be_met(&boxes) {
                 match clearance(i) {
                     Some(clearance) => passed.push((i, clearance)),
                     None => candidates.push(i),
@@ -94,9 +98,7 @@ impl NominalPath {
             let ends = step + 1 == primitives.len() && !is_full;
             NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed }
         });
-        let events: Vec<_> = events.collect();
-        let looked_at: usize = events.iter().map(|event| event.candidates.len() + event.passed.len()).sum();
-        (looked_at <= MOST_LOOKED_AT).then_some(NominalPath { events })
+        Some(NominalPath { events: events.collect() })
     }
 }
 
@@ -108,6 +110,17 @@ struct Leg {
     primitive: usize,
     /// The box that it lies in, with room for roundings, if it has one.
     bounds: Option<Aabb>,
+}
+
+impl Leg {
+    /// The primitives that the way may meet, its last one included.
+    fn can_be_met<'a>(&'a self, boxes: &'a [Option<Aabb>]) -> impl Iterator<Item = usize> + 'a {
+        let overlaps = |of_primitive: &Option<Aabb>| match (self.bounds, of_primitive) {
+            (Some(bounds), Some(of_primitive)) => overlap(&bounds, of_primitive),
+            _ => true,
+        };
+        boxes.iter().enumerate().filter(move |(_, of_primitive)| overlaps(of_primitive)).map(|(i, _)| i)
+    }
 }
 
 /// The legs of a path over these primitives, whose boxes are given, from the box where its rays are born.
@@ -138,10 +151,10 @@ pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
 }
 
 /// Whether the path can go on from a primitive: what a ray leaves on a detector in passing must be logged.
-fn goes_on(ir: &SceneIr, primitive: usize) -> bool {
+fn goes_on(ir: &SceneIr, primitive: usize, max_depth: u32) -> bool {
     match primitive.checked_sub(ir.surfaces.len()) {
-        None => ir.surfaces[primitive].scatter.is_none(),
-        Some(sensor) => ir.sensors.get(sensor).is_some_and(end_log::logs_passes),
+        None => ir.surfaces[primitive].scatter.is_none() && !ends(ir, primitive),
+        Some(sensor) => ir.sensors.get(sensor).is_some_and(|sensor| end_log::logs_passes(sensor, max_depth)),
     }
 }
 

@@ -84,6 +84,7 @@ pub enum Choice {
     Moments,
     HostSums,
     Nominal { absorbs: bool },
+    NominalThroughDetector,
     Replicates,
     SumsInParts,
 }
@@ -253,6 +254,7 @@ impl Choice {
             Choice::HostSums,
             Choice::Nominal { absorbs: false },
             Choice::Nominal { absorbs: true },
+            Choice::NominalThroughDetector,
             Choice::Replicates,
             Choice::SumsInParts,
         ]);
@@ -324,6 +326,15 @@ impl Choice {
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
                 variant.nominal =
                     Some(PilotPath { primitives, ways: vec![[0.0, 1.0, 2.0].map(away).to_vec()] });
+            }
+            // Another path takes its place, and then there is the detector alone. In a trace of 16 events it is full.
+            Choice::NominalThroughDetector => {
+                variant.host_sums = true;
+                ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Bilinear)), false));
+                let primitives = vec![ir.surfaces.len() + ir.sensors.len() - 1; 16];
+                let away = |z| DVec3::new(1e3, 1e3, 1e3 + f64::from(z));
+                let ways = vec![(0..17).map(away).collect()];
+                variant.nominal.get_or_insert(PilotPath { primitives, ways });
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
