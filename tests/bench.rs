@@ -397,6 +397,35 @@ mod planted_peers {
     }
 
     #[test]
+    fn what_was_measured_before_a_case_failed_is_kept() {
+        if !has_adapter("bench against a peer that fails") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        // A case takes three answers: of one run to warm up, and of two.
+        let answer = json!({"num_rays": 500, "seconds": 0.5});
+        let text = format!("echo '{{}}'; for i in 1 2 3; do read line; echo '{answer}'; done");
+        let python = script(folder.path(), "optiland", &text);
+        let written = folder.path().join("out");
+        let output = bench(&[
+            "--scenes",
+            "depth_2,depth_4",
+            "--against",
+            "optiland",
+            "--python",
+            &python,
+            "-o",
+            written.to_str().unwrap(),
+        ]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(stderr(&output).contains("depth_4 failed"), "{}", stderr(&output));
+        let kept: Value =
+            serde_json::from_slice(&std::fs::read(written.join("bench.json")).unwrap()).unwrap();
+        let names: Vec<&Value> = kept["cases"].as_array().unwrap().iter().map(|case| &case["name"]).collect();
+        assert_eq!(names, [&json!("depth_2")]);
+    }
+
+    #[test]
     fn the_drjit_script_is_called_with_the_rays_of_its_scene_alone() {
         if !has_adapter("bench against drjit") {
             return;

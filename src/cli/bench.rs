@@ -141,17 +141,29 @@ pub fn run(args: &Args) -> Result<String> {
     let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
+    // What was measured before a case failed took long, and is kept.
+    let mut failure = None;
     for (case, is_wide) in cases.iter().zip(is_wide) {
         let result = if is_wide || !vectors::are_wide() || !gpu.info.is_cpu() {
-            measure(case, &session, &mut peers)?
+            measure(case, &session, &mut peers)
         } else {
-            measure_apart(case, &session, args)?
+            measure_apart(case, &session, args)
         };
-        say(&progress(&result));
-        report.cases.push(result);
+        match result {
+            Ok(result) => {
+                say(&progress(&result));
+                report.cases.push(result);
+            }
+            Err(error) if report.cases.is_empty() => return Err(error),
+            Err(error) => {
+                say(&format!("{} failed; the cases before it are kept", case.name));
+                failure = Some(error);
+                break;
+            }
+        }
     }
     #[cfg(feature = "viewer")]
-    if args.scenes.is_empty() || args.scenes.iter().any(|name| name == VIEWER) {
+    if failure.is_none() && (args.scenes.is_empty() || args.scenes.iter().any(|name| name == VIEWER)) {
         const FRAMES_PER_RUN: usize = 12;
         let frames = FRAMES_PER_RUN * session.num_runs;
         report.viewer = crate::bench::viewer::measure(args.adapter.as_deref(), frames)?;
@@ -165,7 +177,10 @@ pub fn run(args: &Args) -> Result<String> {
         let files = report.write_all(dir)?;
         files.iter().for_each(|file| say(&format!("written: {}", file.display())));
     }
-    Ok(if args.json { report.to_json() } else { report.table() })
+    let told = if args.json { report.to_json() } else { report.table() };
+    let Some(error) = failure else { return Ok(told) };
+    super::print(&told)?;
+    Err(error)
 }
 
 fn suits_wide_vectors(case: &Case) -> Result<bool> {
