@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use assert_cmd::Command;
-use nsq_gpu::bench::peers::{PeerRun, drjit_runs};
+use nsq_gpu::bench::peers::{PeerRun, drjit::drjit_runs};
 use nsq_gpu::bench::report::CSV_COLUMNS;
 use nsq_gpu::bench::runner::{Measurement, PeerMeasurement, PerRay};
 use nsq_gpu::bench::{CaseResult, Counts, Summary};
@@ -210,7 +210,7 @@ fn a_profile_without_timestamps_is_a_usage_error() {
 // Launched = counted.
 
 fn counts() -> Counts {
-    Counts { requested: 100, launched: 100, counted: 100, closed: true }
+    Counts { requested: 100, launched: 100, counted: 100, detected: 10, closed: true }
 }
 
 #[test]
@@ -251,8 +251,34 @@ fn counts_are_those_of_ledger_and_report() {
     assert_eq!(Counts::of_report(100, &json!({"ledger": ledger})), lost);
     assert_eq!(
         Counts::of_report(100, &json!({})),
-        Counts { launched: 0, counted: 0, closed: false, ..counts() }
+        Counts { launched: 0, counted: 0, detected: 0, closed: false, ..counts() }
     );
+}
+
+#[test]
+fn a_peer_that_traces_another_scene_fails_the_benchmark() {
+    let ours = Counts { requested: 10_000, launched: 10_000, counted: 10_000, detected: 3000, closed: true };
+    let check = |num_rays, detected| {
+        ours.check_peer("case", "peer", &PeerRun { precision: "f32", num_rays, seconds: 1.0, detected })
+    };
+    // One standard deviation is 0.0065 for as many rays, and 0.0152 for a thousand.
+    for (num_rays, detected) in [(10_000, 3000), (10_000, 3250), (10_000, 2750), (1000, 380)] {
+        assert_eq!(check(num_rays, Some(detected)), Ok(()), "{detected} of {num_rays}");
+    }
+    for (num_rays, detected) in [(10_000, 3450), (10_000, 2550), (1000, 400), (1000, 0)] {
+        let error = check(num_rays, Some(detected)).unwrap_err();
+        assert_eq!(error.exit_code(), 1);
+        assert!(error.to_string().contains("case: peer"), "{error}");
+    }
+    assert_eq!(check(10_000, None), Ok(()));
+}
+
+#[test]
+fn where_every_ray_is_detected_a_peer_may_miss_none() {
+    let all = Counts { requested: 1000, launched: 1000, counted: 1000, detected: 1000, closed: true };
+    let run = |detected| PeerRun { precision: "f32", num_rays: 1000, seconds: 1.0, detected: Some(detected) };
+    assert_eq!(all.check_peer("case", "peer", &run(1000)), Ok(()));
+    assert!(all.check_peer("case", "peer", &run(900)).is_err());
 }
 
 // Ratios.
@@ -274,7 +300,7 @@ fn planted(precision: &'static str, runs_sec: &[f64]) -> Measurement {
 
 #[test]
 fn ratios_are_of_medians_in_the_same_precision_where_the_peer_has_it() {
-    let run = |precision, num_rays, seconds| PeerRun { precision, num_rays, seconds };
+    let run = |precision, num_rays, seconds| PeerRun { precision, num_rays, seconds, detected: None };
     let optiland = [run("f64", 100, 1.0), run("f64", 100, 2.0), run("f64", 100, 50.0)];
     let drjit = [run("f32", 1000, 0.1), run("f64", 1000, 0.2)];
     let peer = |name, precision, runs: &[PeerRun]| PeerMeasurement::of(name, precision, runs);
@@ -310,7 +336,7 @@ fn timings_of_the_drjit_script_are_read() {
         A drjit analytic f32    N=1000 first=0.07s best=0.0000s cpu/wall=0.80 Mpaths/s=50 Mpaths/cpu-s=62.91 load=6.43\n\
         A drjit analytic f64    N=1000 first=0.09s best=0.5s cpu/wall=0.66 Mpaths/s=0.002\n\
         f64 without a timing N=1000\n";
-    let run = |precision, seconds| PeerRun { precision, num_rays: 1000, seconds };
+    let run = |precision, seconds| PeerRun { precision, num_rays: 1000, seconds, detected: None };
     assert_eq!(drjit_runs(printed), [run("f32", 2e-5), run("f64", 0.5)]);
 }
 
@@ -357,6 +383,30 @@ mod planted_peers {
         // A whole command is timed here, not by the peer.
         let whole = &printed["cases"][1]["peers"][0]["runs_sec"];
         assert!(whole.as_array().unwrap().iter().all(|seconds| seconds.as_f64() != Some(0.5)));
+    }
+
+    #[test]
+    fn mitsuba_is_held_to_the_detected_share() {
+        if !has_adapter("bench against mitsuba") {
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let run = |detected: u64| {
+            let answer = json!({"num_rays": 500, "seconds": 0.5, "detected": detected});
+            let versions = json!({"mitsuba": "0.0"});
+            let text = format!("echo '{versions}'; while read line; do echo '{answer}'; done");
+            let python = script(folder.path(), "mitsuba", &text);
+            // Mitsuba takes no part in the second.
+            bench(&["--scenes", "spheres_100,depth_2", "--against", "mitsuba", "--python", &python])
+        };
+        let printed = report(&run(150));
+        assert_eq!(printed["peers"]["mitsuba"], json!({"mitsuba": "0.0"}));
+        let [spheres, cavity] = [0, 1].map(|case| &printed["cases"][case]["peers"]);
+        assert_eq!(spheres[0]["rays_per_sec"]["median"], 1000.0);
+        assert_eq!(*cavity, json!([]));
+        let failed = run(400);
+        assert_eq!(failed.status.code(), Some(1));
+        assert!(stderr(&failed).contains("mitsuba detects 0.8"), "{}", stderr(&failed));
     }
 
     #[test]

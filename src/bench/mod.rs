@@ -3,7 +3,7 @@
 //! ```text
 //! cases       the scenes of Optiland's harness and others, as scene files
 //! runner      warm-up, then runs in turns; launched = counted, in every run
-//! peers       Optiland's NumPy backend and a Dr.Jit kernel, as children
+//! peers       Optiland, Mitsuba and a Dr.Jit kernel, as children
 //! viewer      frames a second of the viewer's window
 //! statistics  median, least and greatest of the runs; ratios
 //! report      one JSON document, CSV and a chart

@@ -293,7 +293,7 @@ fn bar(rate: Summary) -> Bar {
 }
 
 /// The columns of the CSV; a peer has no casts and no ratios.
-pub const CSV_COLUMNS: [&str; 18] = [
+pub const CSV_COLUMNS: [&str; 19] = [
     "case",
     "axis",
     "kind",
@@ -312,6 +312,7 @@ pub const CSV_COLUMNS: [&str; 18] = [
     "load_average",
     "ratio_to_optiland",
     "ratio_to_drjit",
+    "ratio_to_mitsuba",
 ];
 
 fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
@@ -324,6 +325,7 @@ fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
         cell(case.load_average),
         ratio("optiland"),
         ratio("drjit"),
+        ratio("mitsuba"),
     ];
     let first = csv_start(case, engine, case.num_rays, &ours.runs_sec, ours.rays_per_sec);
     format!("{first},{}\n", last.join(","))
@@ -332,7 +334,7 @@ fn csv_line(case: &CaseResult, ours: &Measurement) -> String {
 fn csv_peer_line(case: &CaseResult, peer: &PeerMeasurement) -> String {
     let engine = [peer.name.as_str(), &peer.precision];
     let first = csv_start(case, engine, peer.num_rays, &peer.runs_sec, peer.rays_per_sec);
-    format!("{first},,,,{},,\n", cell(case.load_average))
+    format!("{first},,,,{},,,\n", cell(case.load_average))
 }
 
 fn csv_start(

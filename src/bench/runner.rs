@@ -102,6 +102,8 @@ pub struct Counts {
     pub launched: u64,
     /// Rays that ended: detected, absorbed, escaped, at the depth limit or by roulette.
     pub counted: u64,
+    /// Rays of them that ended on detectors.
+    pub detected: u64,
     /// True if the ledger closes to the last quantum.
     pub closed: bool,
 }
@@ -115,6 +117,8 @@ pub struct PerRay {
     pub interactions: f64,
 }
 
+/// How far apart shares of two draws of the same scene may lie: a fair run in a thousand million lies beyond.
+const STANDARD_ERRORS: f64 = 6.0;
 /// Rays whose paths are recorded for [`PerRay`].
 const RECORDED_RAYS: u64 = 4096;
 
@@ -126,6 +130,7 @@ impl Counts {
             requested,
             launched: ledger.launched.count,
             counted: ends.iter().map(|entry| entry.count).sum(),
+            detected: ledger.detected.count,
             closed: ledger.closes(),
         }
     }
@@ -139,6 +144,7 @@ impl Counts {
             requested,
             launched: count("launched"),
             counted: ends.into_iter().map(count).sum(),
+            detected: count("detected"),
             closed: ledger["imbalance_quanta"] == "0" && ledger["invalid_deposits"] == 0,
         }
     }
@@ -148,7 +154,7 @@ impl Counts {
     /// # Errors
     /// [`Error::Internal`] with the numbers.
     pub fn check(self, case: &str) -> Result<()> {
-        let Counts { requested, launched, counted, closed } = self;
+        let Counts { requested, launched, counted, closed, .. } = self;
         if launched != requested || counted != launched {
             let message =
                 format!("{case}: {requested} rays requested, {launched} launched, {counted} counted");
@@ -156,6 +162,25 @@ impl Counts {
         }
         if !closed {
             return Err(Error::Internal(format!("{case}: the ledger does not close")));
+        }
+        Ok(())
+    }
+
+    /// Fails unless a peer that tells detects the same share of its rays, within [`STANDARD_ERRORS`]: what traces another
+    /// scene is no peer.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] with the shares.
+    pub fn check_peer(self, case: &str, peer: &str, run: &PeerRun) -> Result<()> {
+        let Some(detected) = run.detected else { return Ok(()) };
+        let [ours, theirs] = [self.launched as f64, run.num_rays as f64];
+        let [our_share, their_share] = [self.detected as f64 / ours, detected as f64 / theirs];
+        let share = (self.detected + detected) as f64 / (ours + theirs);
+        let variance = share * (1.0 - share) * (1.0 / ours + 1.0 / theirs);
+        if (our_share - their_share).abs() > STANDARD_ERRORS * variance.sqrt() {
+            let message =
+                format!("{case}: {peer} detects {their_share} of its rays, this program {our_share}");
+            return Err(Error::Internal(message));
         }
         Ok(())
     }
@@ -179,6 +204,9 @@ pub fn measure(case: &Case, session: &Session, peers: &mut [Box<dyn Peer>]) -> R
     for _ in 0..session.num_runs {
         subjects.iter_mut().try_for_each(Subject::run)?;
         peers.iter_mut().try_for_each(|runs| runs.run(case))?;
+    }
+    for (subject, runs) in subjects.iter().flat_map(|subject| peers.iter().map(move |runs| (subject, runs))) {
+        runs.check(case, subject.counts)?;
     }
     let mut result = CaseResult {
         name: case.name.clone(),
@@ -248,7 +276,7 @@ impl<'a> Subject<'a> {
                 (Engine::Command(Box::new(WholeCommand::new(case, session, precision)?)), None)
             }
         };
-        let counts = Counts { requested: case.num_rays, launched: 0, counted: 0, closed: false };
+        let counts = Counts { requested: case.num_rays, launched: 0, counted: 0, detected: 0, closed: false };
         let mut subject = Subject {
             case,
             precision,
@@ -387,6 +415,10 @@ impl<'a> PeerRuns<'a> {
     fn run(&mut self, case: &Case) -> Result<()> {
         self.runs.extend(self.peer.run(case)?);
         Ok(())
+    }
+
+    fn check(&self, case: &Case, ours: Counts) -> Result<()> {
+        self.runs.iter().try_for_each(|run| ours.check_peer(&case.name, self.peer.name(), run))
     }
 
     fn measurements(self) -> impl Iterator<Item = PeerMeasurement> {

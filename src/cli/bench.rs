@@ -2,7 +2,7 @@
 
 use super::{count, say};
 use crate::bench::accuracy::{self, AccuracyReport, curves::Effort};
-use crate::bench::peers::{Backend, DrJit, Optiland};
+use crate::bench::peers::{DrJit, Mitsuba, Optiland, optiland::Backend};
 use crate::bench::runner::measure;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
 use crate::error::{Error, Result};
@@ -54,7 +54,7 @@ pub struct Args {
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Run a peer in turns with this program: optiland, drjit.
+    /// Run a peer in turns with this program: optiland, drjit, mitsuba.
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PEER")]
     against: Vec<PeerArg>,
     /// Python that has the peers installed.
@@ -99,6 +99,8 @@ enum PeerArg {
     Optiland,
     /// A hand-written Dr.Jit kernel of the sweep over rays.
     Drjit,
+    /// Mitsuba 3 with Embree: random rays on spheres and a mesh, and the sweep over surfaces.
+    Mitsuba,
 }
 
 /// An argument as the command line has it.
@@ -357,6 +359,7 @@ fn start(peer: PeerArg, args: &Args) -> Result<Box<dyn Peer>> {
         }
         (PeerArg::Drjit, Some(script)) => Ok(Box::new(DrJit::new(&args.python, script)?)),
         (PeerArg::Drjit, None) => Err(Error::Usage("--against drjit needs --drjit-script".into())),
+        (PeerArg::Mitsuba, _) => Ok(Box::new(Mitsuba::start(&args.python)?)),
     }
 }
 

@@ -3,7 +3,7 @@
 use super::estimate::{Errors, Estimate};
 use super::methods::{Method, best, methods};
 use super::scenes::AccuracyScene;
-use crate::bench::peers::{MapRequest, Optiland};
+use crate::bench::peers::optiland::{MapRequest, Optiland};
 use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
