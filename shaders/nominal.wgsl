@@ -5,19 +5,11 @@
 // round of a loop that a few rays need.
 // Nor does it mark what it reaches: where a ray has kept to the path, the host knows what that is.
 
-// All ends that the invocation has logged. A driver that stores lanes one by one would compose an entry anew for each
-// of them, from each of its parts; one that is used a second time it composes once, for all lanes. That takes a tenth of
-// the time off in f64 here. (In trace_new it adds to it, where entries have few parts.)
-var<private> entries: u32 = 0u;
-
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     begin();
     follow_nominal_rays(id.y * groups.x * WORKGROUP_SIZE + id.x);
-    // The second use, to no effect: no entry has the highest bit.
-    if (entries >> 31u) != 0u {
-        atomicStore(&queue_counts.cut, 1u);
-    }
+    use_entries();
     flush_bins();
     notice_cut_loops();
 }
@@ -27,18 +19,10 @@ fn follow_nominal(index: u32) {
         return;
     }
     keep_bins();
-    go_on_after_passes(0u);
+    begin_path();
     var ray = new_ray(key_in_range(index), index);
-    if walk(&ray) {
-        settle(ray);
-    } else {
-        restore_bins();
-        // What it left in passing is overwritten.
-        go_on_after_passes(0u);
-        end_strayed();
-    }
-    entries |= end;
-    log_end(index);
+    let holds = walk(&ray);
+    end_path(ray, holds);
 }
 
 // One event of the path on a surface: true if the ray has met it and does as the path. One that has strayed goes through
@@ -49,13 +33,6 @@ fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32)
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
-// The same on a detector that lets it pass.
-fn passes(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
-    arrive(ray, primitive - NUM_SURFACES);
-    return (hit.primitive == primitive) & goes_on(ray);
-}
-
 // The last event of a path may be the last one of all.
 fn goes_on(ray: ptr<function, Ray>) -> bool {
     let lives = (*ray).fate == ALIVE;
@@ -63,15 +40,9 @@ fn goes_on(ray: ptr<function, Ray>) -> bool {
     return lives & ((*ray).fate == select(ALIVE, DEPTH_KILLED, (*ray).bounce >= MAX_DEPTH));
 }
 
-// The last event of the path: a detector or a surface that absorbs the ray.
+// The last event of the path on a surface that absorbs the ray.
 fn ends_on_surface(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach(ray, Hit(hit.distance, primitive));
     interact(ray, surface, primitive);
     return (hit.primitive == primitive) & ((*ray).fate != ALIVE);
-}
-
-fn ends_on_sensor(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
-    (*ray).fate = DETECTED;
-    return hit.primitive == primitive;
 }

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::ir::SceneIr;
 use crate::program::ProgramOptions;
-use crate::program::nominal::{MAX_EVENTS, PilotPath, is_possible};
+use crate::program::nominal::{MAX_EVENTS, PilotPath, Way, is_possible};
 use crate::result::{PathEvent, PathEventKind};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::DVec3;
@@ -84,7 +84,10 @@ fn most_frequent(ir: &SceneIr, paths: &[PathEvent], is_cut: bool, least: f64) ->
     let mut by_path: Vec<_> = ended.map(|ray| (met(ray), ray)).collect();
     by_path.sort_by(|(a, _), (b, _)| a.cmp(b));
     let most = by_path.chunk_by(|(a, _), (b, _)| a == b).max_by_key(|same| same.len())?;
-    let way = |ray: &[&PathEvent]| ray.iter().map(|event| DVec3::from_array(event.ray.position)).collect();
+    let way = |ray: &[&PathEvent]| Way {
+        positions: ray.iter().map(|event| DVec3::from_array(event.ray.position)).collect(),
+        weights: ray.iter().map(|event| event.ray.weight).collect(),
+    };
     let path =
         || PilotPath { primitives: most[0].0.clone(), ways: most.iter().map(|(_, ray)| way(ray)).collect() };
     (most.len() as f64 >= least).then(path)
@@ -130,7 +133,8 @@ mod tests {
         }
         let path = most_frequent(&ir, &paths, true, 6.0).unwrap();
         assert_eq!(path.primitives, [0, 1, surfaces]);
-        assert_eq!(path.ways, vec![[0.0, 1.0, 2.0, 3.0].map(|z| DVec3::new(0.0, 0.0, z)); 6]);
+        let positions = [0.0, 1.0, 2.0, 3.0].map(|z| DVec3::new(0.0, 0.0, z)).to_vec();
+        assert_eq!(path.ways, vec![Way { positions, weights: vec![1.0; 4] }; 6]);
         assert_eq!(most_frequent(&ir, &paths, true, 7.0), None, "too few of the launched rays");
         for ray_id in 0..3 {
             paths.push(event(ray_id, 3, PathEventKind::Escaped));

@@ -8,7 +8,7 @@
 //! fair sample of the scene.
 
 use crate::error::{Error, Result};
-use crate::gpu::end_log::EndLogs;
+use crate::gpu::end_log::{EndLogs, Rays};
 use crate::gpu::profile::Profile;
 use crate::gpu::sums::DeviceSums;
 use crate::gpu::tuning::Tuning;
@@ -391,7 +391,9 @@ impl<'a> Tracer<'a> {
         check_families(&program, options)?;
         let batch = batch_size(gpu, &program, options);
         let end_logs = match &program.end_log {
-            Some(log) => Some(EndLogs::new(gpu, log.clone(), &program.cells, batch)?),
+            Some(log) => {
+                Some(EndLogs::new(gpu, log.clone(), program.path_log.clone(), &program.cells, batch)?)
+            }
             None => None,
         };
         let strict = options.strict.holds(&gpu.info);
@@ -713,7 +715,7 @@ impl<'a> Tracer<'a> {
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
         if let Some(logs) = &mut self.end_logs {
-            logs.submitted(self.gpu, *range, submission)?;
+            logs.submitted(self.gpu, *range, rays, submission)?;
         }
         if let Some(profile) = &mut self.profile {
             profile.collect(self.gpu)?;
@@ -955,15 +957,6 @@ impl Progress<'_, '_> {
 fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
     let (position, number) = splitting.map_or((index, 0), |splitting| splitting.parts(index));
     ray_id::of(first + u64::from(position), number)
-}
-
-/// Which rays a dispatch traces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Rays {
-    /// Those of its range.
-    OfRange,
-    /// Those that strayed from the nominal path.
-    Strayed,
 }
 
 /// One dispatch of a stage.

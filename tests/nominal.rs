@@ -35,6 +35,13 @@ fn trace(ir: &SceneIr, options: &TraceOptions) -> (Tally, Option<NominalPath>) {
     (tally, tracer.program().nominal.clone())
 }
 
+/// Of each place that the path's rays log, how often they arrive there; none where they log entries.
+fn arrivals(ir: &SceneIr, options: &TraceOptions) -> Option<Vec<usize>> {
+    let tracer = Tracer::new(zoo::gpu(), ir, &with_nominal_path(options)).unwrap();
+    let log = tracer.program().path_log.as_ref()?;
+    Some(log.places.iter().map(|place| place.arrivals.len()).collect())
+}
+
 fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
     TraceOptions { nominal_path: Some(true), ..options.clone() }
 }
@@ -67,6 +74,8 @@ fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
     let found: Vec<String> =
         zoo::scenes().into_iter().zip(precisions).filter(has).map(|(name, _)| name).collect();
     println!("{found:?}");
+    let places = |name: &&String| arrivals(&zoo::load(name), &options(Precision::F64)).is_some();
+    println!("of them with places: {:?}", found.iter().filter(places).collect::<Vec<_>>());
     let missing: Vec<&&str> = SOME.iter().filter(|name| !found.iter().any(|found| found == *name)).collect();
     assert!(missing.is_empty(), "no nominal path in {missing:?}");
 }
@@ -123,6 +132,84 @@ fn so_do_rays_that_end_by_their_number_of_events() {
     }
     let deeper = TraceOptions { max_depth: 40, ..options(Precision::F32) };
     assert!(trace(&ir, &with_nominal_path(&deeper)).1.is_none(), "a pilot so deep sees no end");
+}
+
+/// Rays that arrive on a detector again and again at the same place log it once, and others each time.
+#[test]
+fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
+    let straight = zoo::load("bench_cavity");
+    let mut aslant = straight.clone();
+    aslant.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    let mut absorbing = straight.clone();
+    absorbing.surfaces[1].interaction = Interaction::Absorbing;
+    let mut heavy = straight.clone();
+    heavy.emitters[0].total_flux = 5000.0;
+    let mut second = straight.emitters[0].clone();
+    (second.name, second.total_flux) = ("second".into(), 1.0);
+    heavy.emitters.push(second);
+    for (ir, max_depth, expected) in [
+        (&straight, 16, Some(vec![8])),
+        (&straight, 31, Some(vec![16])),
+        (&aslant, 6, Some(vec![1, 1, 1])),
+        (&absorbing, 16, Some(vec![2])),
+        // Rays of two weights.
+        (&heavy, 5, None),
+    ] {
+        for precision in [Precision::F32, Precision::F64] {
+            let options = TraceOptions { max_depth, batch_size: Some(1500), ..options(precision) };
+            assert_eq!(arrivals(ir, &options), expected, "{max_depth}");
+            let (tally, nominal) = trace(ir, &with_nominal_path(&options));
+            assert!(nominal.is_some());
+            assert!(tally == trace(ir, &options).0, "{expected:?}: other bits");
+        }
+    }
+}
+
+/// Errors planted in what such rays log, in a path that arrives at three places.
+#[test]
+fn errors_in_the_log_of_places_are_seen() {
+    let mut ir = zoo::load("bench_cavity");
+    ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
+    let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
+    let tally = trace(&ir, &options).0;
+    for (right, wrong) in [
+        ("number * range.log_stride + ray.index", "number * (range.log_stride - 1u) + ray.index"),
+        ("log_place(1u,", "log_place(2u,"),
+        ("select(vec2<real>(OFF_DETECTORS, 0.0), first_place, holds)", "first_place"),
+        ("if !holds {\n        restore_bins();\n    }", ""),
+    ] {
+        let plant = |wgsl: String| {
+            assert!(wgsl.contains(right), "the shader has changed: {right}");
+            wgsl.replace(right, wrong)
+        };
+        let planted = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with_nominal_path(&options), plant);
+        let traced = planted.unwrap().trace(|_| true);
+        assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
+    }
+}
+
+/// A mirror so little curved that few of many rays arrive on the detector elsewhere than before.
+#[test]
+fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
+    let mut ir = zoo::load("bench_cavity");
+    // From the detector to the mirror and back a ray moves by 50 mm 2 c x: at x = 2 mm by half the last bit.
+    let curvature = 1.0001 * 2.0_f64.powi(-25) / 50.0;
+    for surface in &mut ir.surfaces {
+        surface.shape = Shape::Conic { curvature, conic: 0.0, aperture_radius: 20.0 };
+    }
+    let options = TraceOptions { max_depth: 3, num_rays: 400_000, ..options(Precision::F32) };
+    assert_eq!(arrivals(&ir, &options), Some(vec![2]));
+    let with = with_nominal_path(&options);
+    let tally = trace(&ir, &options).0;
+    assert!(trace(&ir, &with).0 == tally, "other bits");
+    let unseen = |wgsl: String| {
+        let look = "holds = all((*ray).position == place_0) & holds;";
+        assert!(wgsl.contains(look), "the shader has changed");
+        wgsl.replace(look, "")
+    };
+    let mut unseen = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with, unseen).unwrap();
+    assert!(unseen.trace(|_| true).unwrap() != tally, "no ray is unlike the others");
 }
 
 /// A path through a passing detector to one that absorbs: so deep that passes are no longer logged, it has no stage.

@@ -31,17 +31,29 @@ fn end_in(cell: u32, weight: real) {
     end_weight = weight;
 }
 
+fn hits_right(taps: FourTaps) -> bool {
+    return taps.hit == taps.cells.y || taps.hit == taps.cells.w;
+}
+
+fn hits_below(taps: FourTaps) -> bool {
+    return taps.hit == taps.cells.z || taps.hit == taps.cells.w;
+}
+
+// The position in pixels, with the pixel that was hit.
+fn marked_position(taps: FourTaps) -> vec2<real> {
+    return taps.position
+        * vec2<real>(choose(1.0, HIT_NEXT, hits_right(taps)), choose(1.0, HIT_NEXT, hits_below(taps)));
+}
+
 fn end_in_taps(taps: FourTaps, weight: real) {
-    let hits_right = taps.hit == taps.cells.y || taps.hit == taps.cells.w;
-    let hits_below = taps.hit == taps.cells.z || taps.hit == taps.cells.w;
     end_weight = weight;
     if LOGS_POSITIONS {
         end |= END_IN_TAPS;
-        end_place = taps.position * vec2<real>(choose(1.0, HIT_NEXT, hits_right), choose(1.0, HIT_NEXT, hits_below));
+        end_place = marked_position(taps);
     } else {
         let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
         let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
-        let hit = select(0u, 1u, hits_right) | select(0u, 2u, hits_below);
+        let hit = select(0u, 1u, hits_right(taps)) | select(0u, 2u, hits_below(taps));
         end |= END_IN_TAPS | taps.cells.x | columns | rows | (hit << END_HIT_TAP_SHIFT);
         end_place = taps.fractions;
     }

@@ -7,11 +7,14 @@ use crate::processors;
 use crate::program::Cells;
 use crate::program::RayRange;
 use crate::program::end_log::{self, EndLog};
+use crate::program::path_log::PathLog;
 
 /// Two logs, so that the host adds up one while the device writes the other.
 #[derive(Debug)]
 pub struct EndLogs {
     shape: EndLog,
+    /// What rays log that keep to the nominal path, where that is less.
+    path: Option<PathLog>,
     /// One for each thread that adds up.
     sums: Vec<EndSums>,
     /// From an entry of a ray to its next.
@@ -41,7 +44,17 @@ const LEAST_ENTRIES: usize = 1 << 12;
 struct Written {
     log: usize,
     range: RayRange,
+    rays: Rays,
     submission: wgpu::SubmissionIndex,
+}
+
+/// Which rays a dispatch traces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rays {
+    /// Those of its range, along the nominal path if there is one.
+    OfRange,
+    /// Those that strayed from the nominal path.
+    Strayed,
 }
 
 impl EndLogs {
@@ -49,7 +62,7 @@ impl EndLogs {
     ///
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
-    pub fn new(gpu: &Gpu, shape: EndLog, cells: &Cells, rays: u32) -> Result<Self> {
+    pub fn new(gpu: &Gpu, shape: EndLog, path: Option<PathLog>, cells: &Cells, rays: u32) -> Result<Self> {
         let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
         let bytes = u64::from(stride) * shape.ray_bytes();
         let log = || gpu.mappable_buffer("the log of ends", bytes);
@@ -57,6 +70,7 @@ impl EndLogs {
             logs: [log()?, log()?],
             sums: no_sums(num_threads(cells), cells, &shape),
             shape,
+            path,
             stride,
             turn: 0,
             written: None,
@@ -84,9 +98,15 @@ impl EndLogs {
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn submitted(&mut self, gpu: &Gpu, range: RayRange, submission: wgpu::SubmissionIndex) -> Result<()> {
+    pub fn submitted(
+        &mut self,
+        gpu: &Gpu,
+        range: RayRange,
+        rays: Rays,
+        submission: wgpu::SubmissionIndex,
+    ) -> Result<()> {
         self.logs[self.turn].map_async(wgpu::MapMode::Read, .., |_| {});
-        let before = self.written.replace(Written { log: self.turn, range, submission });
+        let before = self.written.replace(Written { log: self.turn, range, rays, submission });
         self.turn = 1 - self.turn;
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
@@ -150,7 +170,8 @@ impl EndLogs {
                 stride: self.stride as usize,
                 weight: self.shape.weights.get(emitter).copied().unwrap_or_default(),
             };
-            add_side_by_side(&mut self.sums, &logged, &self.shape)
+            let path = self.path.as_ref().filter(|_| written.rays == Rays::OfRange);
+            add_side_by_side(&mut self.sums, &logged, &self.shape, path)
         };
         log.unmap();
         self.note_strays(&strays?, &written.range);
@@ -177,16 +198,26 @@ fn no_sums(num_threads: usize, cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
 }
 
 /// Adds up what rays logged, a part of them in each thread, and tells which rays have strayed.
-fn add_side_by_side(sums: &mut [EndSums], logged: &LoggedRays, shape: &EndLog) -> Result<Vec<u32>> {
+fn add_side_by_side(
+    sums: &mut [EndSums],
+    logged: &LoggedRays,
+    shape: &EndLog,
+    path: Option<&PathLog>,
+) -> Result<Vec<u32>> {
     let rays = &logged.rays;
-    let num_entries = rays.len() * (shape.max_passes as usize + 1);
+    let entries_per_ray = path.map_or(shape.max_passes as usize + 1, |path| path.places.len());
+    let num_entries = rays.len() * entries_per_ray;
     let num_parts = sums.len().min(num_entries / LEAST_ENTRIES).max(1);
     let part_rays = rays.len().div_ceil(num_parts).max(1);
     let part = |first| LoggedRays { rays: first..(first + part_rays).min(rays.end), ..*logged };
     let parts = rays.clone().step_by(part_rays).map(part);
     let add = |(sums, part): (&mut EndSums, LoggedRays)| {
         let mut strays = Vec::new();
-        sums.add(&part, shape, &mut strays).map(|()| strays).ok_or_else(no_such_cell)
+        let added = match path {
+            Some(path) => sums.add_path(&part, shape.form, path, &mut strays),
+            None => sums.add(&part, shape, &mut strays),
+        };
+        added.map(|()| strays).ok_or_else(no_such_cell)
     };
     std::thread::scope(|scope| {
         let mut parts = sums.iter_mut().zip(parts);
@@ -239,7 +270,7 @@ mod tests {
         entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
         let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
         let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
-        let strays = add_side_by_side(&mut sums, &logged, &shape).unwrap();
+        let strays = add_side_by_side(&mut sums, &logged, &shape, None).unwrap();
         let mut all = EndSums::new(&cells, shape.form);
         sums.iter().for_each(|part| all.merge(part).unwrap());
         (all, strays)
@@ -273,7 +304,7 @@ mod tests {
             let bytes = bytemuck::cast_slice(&entries);
             let logged = LoggedRays { bytes, rays: 0..entries.len(), stride: 1, weight: 0.0 };
             assert!(
-                matches!(add_side_by_side(&mut sums, &logged, &shape), Err(Error::Internal(_))),
+                matches!(add_side_by_side(&mut sums, &logged, &shape, None), Err(Error::Internal(_))),
                 "{part}"
             );
         }

@@ -12,7 +12,7 @@ pub const BLOCK: usize = 64;
 
 /// Where the rays of a block leave how much.
 #[derive(Debug)]
-pub struct Block {
+pub struct Block<T> {
     /// The pixels that were hit.
     pub hits: [u32; BLOCK],
     /// The cells of each tap.
@@ -21,6 +21,8 @@ pub struct Block {
     pub quanta: [[u64; BLOCK]; 4],
     /// What is no position, or has a weight whose quanta need more than a word.
     pub is_other: [bool; BLOCK],
+    /// What the first three taps take of a weight of 1.
+    parts: [[T; BLOCK]; 3],
 }
 
 /// The taps of a position on a map whose pixels have one cell each (`bilinear_taps` in splat.wgsl).
@@ -71,14 +73,21 @@ impl<T> PositionTaps<T> {
     }
 }
 
-impl Block {
+impl<T: Real> Block<T> {
     /// An empty one.
     pub fn new() -> Self {
-        Block { hits: [0; BLOCK], cells: [[0; BLOCK]; 4], quanta: [[0; BLOCK]; 4], is_other: [false; BLOCK] }
+        let zero = T::nearest(0.0);
+        Block {
+            hits: [0; BLOCK],
+            cells: [[0; BLOCK]; 4],
+            quanta: [[0; BLOCK]; 4],
+            is_other: [false; BLOCK],
+            parts: [[zero; BLOCK]; 3],
+        }
     }
 
-    /// Lays out what rays that were born with this weight have logged.
-    pub fn lay_out<E: PositionEntry>(&mut self, entries: &[E; BLOCK], born: E::Real, grid: &Grid) {
+    /// Lays out what rays have logged: each leaves its own weight where it has logged one, else these.
+    pub fn lay_out<E: PositionEntry<Real = T>>(&mut self, entries: &[E; BLOCK], weights: &[T], grid: &Grid) {
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx512f")
@@ -87,31 +96,82 @@ impl Block {
             {
                 // SAFETY: the processor has what the function is compiled for.
                 #[allow(unsafe_code)]
-                return unsafe { self.lay_out_in_avx512(entries, born, grid) };
+                return unsafe { self.lay_out_in_avx512(entries, weights, grid) };
+            }
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: likewise.
+                #[allow(unsafe_code)]
+                return unsafe { self.lay_out_in_avx2(entries, weights, grid) };
             }
         }
-        self.lay_out_inline(entries, born, grid);
+        self.lay_out_inline(entries, weights, grid);
     }
 
     /// The same in vectors of 512 bits, with their conversions to 64-bit integers.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
-    fn lay_out_in_avx512<E: PositionEntry>(&mut self, entries: &[E; BLOCK], born: E::Real, grid: &Grid) {
-        self.lay_out_inline(entries, born, grid);
+    fn lay_out_in_avx512<E: PositionEntry<Real = T>>(
+        &mut self,
+        entries: &[E; BLOCK],
+        weights: &[T],
+        grid: &Grid,
+    ) {
+        self.lay_out_inline(entries, weights, grid);
+    }
+
+    /// In vectors of 256 bits.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn lay_out_in_avx2<E: PositionEntry<Real = T>>(
+        &mut self,
+        entries: &[E; BLOCK],
+        weights: &[T],
+        grid: &Grid,
+    ) {
+        self.lay_out_inline(entries, weights, grid);
     }
 
     #[inline(always)]
-    fn lay_out_inline<E: PositionEntry>(&mut self, entries: &[E; BLOCK], born: E::Real, grid: &Grid) {
+    fn lay_out_inline<E: PositionEntry<Real = T>>(
+        &mut self,
+        entries: &[E; BLOCK],
+        weights: &[T],
+        grid: &Grid,
+    ) {
+        self.place(entries, grid);
+        for &weight in weights {
+            let weight = |i: usize| entries[i].weight(weight);
+            if (0..BLOCK).all(|i| weight(i).is_at_most_one()) {
+                self.share::<true>(weight);
+            } else {
+                self.share::<false>(weight);
+            }
+        }
+    }
+
+    /// Finds the taps; nothing lies in them yet.
+    #[inline(always)]
+    fn place<E: PositionEntry<Real = T>>(&mut self, entries: &[E; BLOCK], grid: &Grid) {
         for (i, entry) in entries.iter().enumerate() {
             let taps = PositionTaps::of(entry.position(), grid);
-            let (quanta, is_small) = E::Real::quanta(entry.weight(born), taps.fractions);
             self.hits[i] = taps.hit;
-            let of_taps = self.cells.iter_mut().zip(&mut self.quanta).zip(taps.cells).zip(quanta);
-            for (((cells, all_quanta), cell), quanta) in of_taps {
-                cells[i] = cell;
-                all_quanta[i] = quanta;
-            }
-            self.is_other[i] = !(taps.is_number & is_small) | entry.position()[0].is_off_detectors();
+            self.cells.iter_mut().zip(taps.cells).for_each(|(cells, cell)| cells[i] = cell);
+            let parts = T::parts(taps.fractions);
+            self.parts.iter_mut().zip(parts).for_each(|(all, part)| all[i] = part);
+            let are_fractions = taps.fractions[0].is_at_most_one() & taps.fractions[1].is_at_most_one();
+            self.is_other[i] = !(taps.is_number & are_fractions) | entry.position()[0].is_off_detectors();
+        }
+        self.quanta = [[0; BLOCK]; 4];
+    }
+
+    /// Shares a weight among the taps of each ray.
+    #[inline(always)]
+    fn share<const AT_MOST_ONE: bool>(&mut self, weight: impl Fn(usize) -> T) {
+        for i in 0..BLOCK {
+            let parts = [self.parts[0][i], self.parts[1][i], self.parts[2][i]];
+            let (quanta, is_small) = T::quanta::<AT_MOST_ONE>(weight(i), parts);
+            self.quanta.iter_mut().zip(quanta).for_each(|(all, more)| all[i] = all[i].wrapping_add(more));
+            self.is_other[i] |= !is_small;
         }
     }
 }

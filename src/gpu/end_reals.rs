@@ -29,16 +29,28 @@ pub struct AxisTaps<T> {
 }
 
 /// The arithmetic of weights and positions, in the precision of the trace.
-pub trait Real: Copy + Into<f64> {
+pub trait Real: Copy + Into<f64> + PartialOrd {
+    /// Quanta of weights below it fit 63 bits.
+    const LIMIT: f64 = 2048.0;
+
     /// A number as the device has it.
     fn nearest(value: f64) -> Self;
 
-    /// `first_shares` in splat.wgsl, in its very operations.
-    fn first_shares(weight: Self, fractions: [Self; 2]) -> [Self; 3];
+    /// Whether it is a weight whose quanta are no more than an f64 tells apart.
+    fn is_at_most_one(self) -> bool;
 
-    /// Quanta of the taps of an end, and whether it is so: whether the weight is below 2048, so that they fit 63 bits. The
-    /// last tap takes what the others left (`book_taps` in splat.wgsl).
-    fn quanta(weight: Self, fractions: [Self; 2]) -> ([u64; 4], bool);
+    /// What the first three taps take of a weight of 1 (`first_shares` in splat.wgsl, in its very operations).
+    fn parts(fractions: [Self; 2]) -> [Self; 3];
+
+    /// The same of any weight.
+    fn first_shares(weight: Self, parts: [Self; 3]) -> [Self; 3];
+
+    /// Quanta of the taps of an end whose first taps take these parts, in 0..=1, and whether it is so: whether the weight is
+    /// below [`Real::LIMIT`]. The last tap takes what the others left (`book_taps` in splat.wgsl). `AT_MOST_ONE`: the weight is.
+    fn quanta<const AT_MOST_ONE: bool>(weight: Self, parts: [Self; 3]) -> ([u64; 4], bool);
+
+    /// The whole part of a number in 0..2^63.
+    fn to_whole(self) -> i64;
 
     /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `end_in_taps` in
     /// ends_logged.wgsl).
@@ -46,6 +58,16 @@ pub trait Real: Copy + Into<f64> {
 
     /// What is logged with it in place of a column is no position.
     fn is_off_detectors(self) -> bool;
+}
+
+/// The whole part of a number in 0..=2^52. Where numbers are that large, they are whole: the sum is rounded to one, and its
+/// last bits are those of an integer. Few processors convert vectors to 64-bit integers.
+#[inline(always)]
+fn whole_part(number: f64) -> i64 {
+    const LARGE: f64 = (1_u64 << 52) as f64;
+    let sum = number + LARGE;
+    let nearest = sum.to_bits().wrapping_sub(LARGE.to_bits()) as i64;
+    nearest - i64::from(sum - LARGE > number)
 }
 
 macro_rules! real {
@@ -57,32 +79,51 @@ macro_rules! real {
             }
 
             #[inline(always)]
-            fn first_shares(weight: $real, [x, y]: [$real; 2]) -> [$real; 3] {
-                [weight * ((1.0 - x) * (1.0 - y)), weight * (x * (1.0 - y)), weight * ((1.0 - x) * y)]
+            fn is_at_most_one(self) -> bool {
+                const ONE: $real = 1.0;
+                // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
+                self.to_bits() <= ONE.to_bits()
             }
 
             #[inline(always)]
-            fn quanta(weight: $real, fractions: [$real; 2]) -> ([u64; 4], bool) {
-                const LIMIT: $real = 2048.0;
-                const ONE: $real = 1.0;
-                let [x, y] = fractions.map(<$real>::to_bits);
-                // Positive numbers are in the order of their bits; what is negative, or no number, lies above.
-                let is_small =
-                    (weight.to_bits() < LIMIT.to_bits()) & (x <= ONE.to_bits()) & (y <= ONE.to_bits());
+            fn parts([x, y]: [$real; 2]) -> [$real; 3] {
+                [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y]
+            }
+
+            #[inline(always)]
+            fn first_shares(weight: $real, parts: [$real; 3]) -> [$real; 3] {
+                parts.map(|part| weight * part)
+            }
+
+            #[inline(always)]
+            fn quanta<const AT_MOST_ONE: bool>(weight: $real, parts: [$real; 3]) -> ([u64; 4], bool) {
+                const LIMIT: $real = <$real as Real>::LIMIT as $real;
+                let is_small = weight.to_bits() < LIMIT.to_bits();
                 // A power of two: shares of the scaled weight are the scaled shares, but for those far below a quantum.
                 let scaled = if is_small { weight * QUANTA_PER_UNIT as $real } else { 0.0 };
-                let fractions = if is_small { fractions } else { [0.0; 2] };
-                // SAFETY: the weight lies in 0..2048 and the fractions in 0..=1, so that no share exceeds the weight,
-                // and none 2^63 quanta.
-                #[allow(unsafe_code)]
-                let quanta = |share: $real| unsafe { share.to_int_unchecked::<i64>() as u64 };
+                let quanta = |share: $real| match AT_MOST_ONE {
+                    true => whole_part(share.into()),
+                    false => share.to_whole(),
+                };
+                // In signed integers, of whose minimum more processors have an instruction.
                 let mut rest = quanta(scaled);
-                let [a, b, c] = <$real>::first_shares(scaled, fractions).map(|share| {
+                let [a, b, c] = <$real>::first_shares(scaled, parts).map(|share| {
                     let taken = quanta(share).min(rest);
                     rest -= taken;
                     taken
                 });
-                ([a, b, c, rest], is_small)
+                ([a, b, c, rest].map(|quanta| quanta as u64), is_small)
+            }
+
+            #[inline(always)]
+            fn to_whole(self) -> i64 {
+                const LARGE: $real = (1_u64 << 63) as $real;
+                let number = if self.to_bits() < LARGE.to_bits() { self } else { 0.0 };
+                // SAFETY: it lies in 0..2^63.
+                #[allow(unsafe_code)]
+                unsafe {
+                    number.to_int_unchecked::<i64>()
+                }
             }
 
             #[inline(always)]

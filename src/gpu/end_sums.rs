@@ -50,6 +50,12 @@ impl EndSums {
         EndSums { counts: vec![0; cells.num_counters as usize], quanta }
     }
 
+    /// No ends in so many cells.
+    #[cfg(test)]
+    pub(super) fn of_num(num: usize) -> Self {
+        EndSums { counts: vec![0; num], quanta: Quanta { low: vec![0; num], high: vec![0; num] } }
+    }
+
     /// Quanta per cell; none where they follow from the counts.
     pub fn quanta(&self) -> impl Iterator<Item = u128> {
         let words = self.quanta.low.iter().zip(&self.quanta.high);
@@ -186,18 +192,25 @@ impl EndSums {
         let blocks = blocks.iter().map(|entries| (entries, entries.len())).chain([(&padded, last.len())]);
         let mut first = logged.rays.start;
         for (entries, num) in blocks {
-            block.lay_out(entries, born, grid);
+            block.lay_out(entries, &[born], grid);
             for (i, entry) in entries.iter().enumerate().take(num) {
                 if block.is_other[i] {
                     self.add_other(entry, born, first + i, grid, strays)?;
                     continue;
                 }
-                *self.counts.get_mut(block.hits[i] as usize)? += 1;
-                for tap in 0..4 {
-                    self.quanta.add_low(block.cells[tap][i] as usize, block.quanta[tap][i])?;
-                }
+                self.add_laid_out(&block, i, 1)?;
             }
             first += num;
+        }
+        Some(())
+    }
+
+    /// What a ray of a block leaves in so many arrivals.
+    #[inline(always)]
+    pub(super) fn add_laid_out<T>(&mut self, block: &Block<T>, ray: usize, arrivals: u64) -> Option<()> {
+        *self.counts.get_mut(block.hits[ray] as usize)? += arrivals;
+        for tap in 0..4 {
+            self.quanta.add_low(block.cells[tap][ray] as usize, block.quanta[tap][ray])?;
         }
         Some(())
     }
@@ -215,10 +228,27 @@ impl EndSums {
         if position[0].is_off_detectors() {
             return self.add_end(entry.end(born), ray, strays, false);
         }
+        self.add_position(position, entry.weight(born), grid)
+    }
+
+    /// A position with any weight.
+    pub(super) fn add_position<T: Real>(&mut self, position: [T; 2], weight: T, grid: &Grid) -> Option<()> {
         let taps = PositionTaps::of(position, grid);
         let cells = taps.cells.map(|cell| cell as usize);
-        let add = || self.add_taps(cells, taps.hit as usize, entry.weight(born), taps.fractions);
+        let add = || self.add_taps(cells, taps.hit as usize, weight, taps.fractions);
         taps.is_number.then(add)?
+    }
+
+    /// The same weight so many times in one cell.
+    pub(super) fn add_to_cell(&mut self, cell: usize, weight: f64, num: u64) -> Option<()> {
+        *self.counts.get_mut(cell)? += num;
+        match quantize(weight) {
+            Some(quanta) => self.quanta.add(cell, quanta.checked_mul(num.into())?),
+            None => {
+                *self.counts.get_mut(INVALID_DEPOSITS)? += num;
+                Some(())
+            }
+        }
     }
 
     #[inline(always)]
@@ -254,12 +284,13 @@ impl EndSums {
         fractions: [T; 2],
     ) -> Option<()> {
         *self.counts.get_mut(hit)? += 1;
-        let (quanta, is_small) = T::quanta(weight, fractions);
-        if is_small {
+        let parts = T::parts(fractions);
+        let (quanta, is_small) = T::quanta::<false>(weight, parts);
+        if is_small && fractions.iter().all(|fraction| fraction.is_at_most_one()) {
             let mut taps = cells.iter().zip(quanta);
             return taps.try_for_each(|(&cell, quanta)| self.quanta.add_low(cell, quanta));
         }
-        let shares = T::first_shares(weight, fractions);
+        let shares = T::first_shares(weight, parts);
         self.add_shares(cells, weight.into(), shares.map(Into::into))
     }
 
@@ -341,7 +372,7 @@ mod tests {
 
     /// A map of three columns and two rows behind the counter of invalid deposits.
     fn sums() -> EndSums {
-        EndSums { counts: vec![0; 7], quanta: Quanta { low: vec![0; 7], high: vec![0; 7] } }
+        EndSums::of_num(7)
     }
 
     fn quanta(sums: &EndSums) -> Vec<u128> {

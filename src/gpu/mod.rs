@@ -5,6 +5,7 @@ pub mod compute;
 pub mod double_word;
 mod end_entries;
 pub mod end_log;
+mod end_paths;
 mod end_positions;
 mod end_reals;
 pub mod end_sums;

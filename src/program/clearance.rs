@@ -10,6 +10,7 @@
 use super::Precision;
 use super::features::ShapeKind;
 use super::lowered::{gradient, shape_constant};
+use super::nominal::Way;
 use crate::ir::{Frame, Shape};
 use glam::DVec3;
 
@@ -135,8 +136,8 @@ fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
 /// The rays of a pilot that take the path, and what was taken for granted of them.
 #[derive(Debug)]
 pub struct Pilot<'a> {
-    /// Of each, where it is born, where it meets the primitives of the path, and where it dies \[mm\].
-    ways: &'a [Vec<DVec3>],
+    /// Theirs.
+    ways: &'a [Way],
     /// The stretch that is looked at, by its number.
     pub step: usize,
     /// Whether all that was taken so far holds for it.
@@ -145,14 +146,14 @@ pub struct Pilot<'a> {
 
 impl<'a> Pilot<'a> {
     /// Rays of whom nothing is taken for granted.
-    pub fn new(ways: &'a [Vec<DVec3>]) -> Self {
+    pub fn new(ways: &'a [Way]) -> Self {
         Pilot { ways, step: 0, keeps: vec![true; ways.len()] }
     }
 
     /// Takes something for granted, if it and all that was taken before hold for nearly all rays, in the frame of a
     /// primitive.
     fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
-        let is_so = |way: &Vec<DVec3>| match way.get(self.step..self.step + 2) {
+        let is_so = |way: &Way| match way.positions.get(self.step..self.step + 2) {
             Some(&[from, to]) => holds(&Stretch { from, to }.within(frame)),
             _ => false,
         };

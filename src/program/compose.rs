@@ -11,7 +11,8 @@ use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::mesh::Triangles;
-use super::nominal::NominalPath;
+use super::nominal::{NominalEvent, NominalPath};
+use super::path_log::{PathLog, Weight};
 use super::records::literal;
 use super::splitting::Splitting;
 use super::sums::SumBuffers;
@@ -58,6 +59,8 @@ pub struct Composition<'a> {
     pub end_log: Option<&'a EndLog>,
     /// The path that most rays take, if it has a stage of its own.
     pub nominal: Option<&'a NominalPath>,
+    /// What that stage logs, where positions alone tell all.
+    pub path_log: Option<&'a PathLog>,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -270,6 +273,7 @@ impl Composition<'_> {
             }
         }
         files.extend(self.end_log.map(|log| log_file(log.form)));
+        files.extend(self.end_log.filter(|_| self.path_log.is_some()).and_then(|log| places_file(log.form)));
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
@@ -339,6 +343,14 @@ impl Composition<'_> {
             (f.far_field, shader!("sensors/far_field.wgsl")),
             (f.ray_database, shader!("sensors/ray_database.wgsl")),
             (self.nominal.is_some(), shader!("nominal.wgsl")),
+            (
+                self.nominal.is_some(),
+                pick(
+                    self.path_log.is_some(),
+                    shader!("lib/path_places.wgsl"),
+                    shader!("lib/path_entries.wgsl"),
+                ),
+            ),
             (self.nominal.is_some(), shader!("lib/clearances.wgsl")),
             (
                 self.nominal.is_some(),
@@ -616,25 +628,63 @@ impl Composition<'_> {
                 let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
             }
             text.push_str("    return clear;\n}\n");
-            let primitive = event.primitive;
-            let surface = match primitive < self.ir.surfaces.len() {
-                true => format!("{}, ", surfaces.row(self.precision(), primitive)?),
-                false => String::new(),
-            };
-            let does = match (event.ends, surface.is_empty()) {
-                (false, false) => "keeps_to",
-                (false, true) => "passes",
-                (true, false) => "ends_on_surface",
-                (true, true) => "ends_on_sensor",
-            };
             let _ = writeln!(
                 walk,
-                "    let hit_{step} = nearest_at_{step}(*ray);\n    holds = is_clear_at_{step}(*ray, hit_{step}.distance) & holds;\n    holds = {does}(ray, hit_{step}, {surface}{primitive}u) & holds;",
+                "    let hit_{step} = nearest_at_{step}(*ray);\n    holds = is_clear_at_{step}(*ray, hit_{step}.distance) & holds;"
             );
+            let primitive = event.primitive;
+            if primitive < self.ir.surfaces.len() {
+                let does = if event.ends { "ends_on_surface" } else { "keeps_to" };
+                let surface = surfaces.row(self.precision(), primitive)?;
+                let _ =
+                    writeln!(walk, "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u) & holds;");
+            } else {
+                walk.push_str(&self.arrival(step, event)?);
+            }
             last = Some(primitive);
+        }
+        if let Some(end) = self.path_log.and_then(|log| log.end) {
+            walk.push_str(&self.weighs(end.weight)?);
         }
         let _ = writeln!(walk, "    return holds & has_place(*ray);\n}}");
         Ok(text + &walk)
+    }
+
+    /// An event of the path on a detector.
+    fn arrival(&self, step: usize, event: &NominalEvent) -> Result<String> {
+        let NominalEvent { primitive, ends, .. } = *event;
+        let Some(log) = self.path_log else {
+            let does = if ends { "ends_on_sensor" } else { "passes" };
+            return Ok(format!("    holds = {does}(ray, hit_{step}, {primitive}u) & holds;\n"));
+        };
+        let no_place = || Error::Internal(format!("event {step} of the path has no place in its log"));
+        let (number, is_first) = log.place_of(step).ok_or_else(no_place)?;
+        let place = &log.places[number];
+        let arrival = place.arrivals.iter().find(|arrival| arrival.event == step).ok_or_else(no_place)?;
+        let mut text = format!("    holds = arrives(ray, hit_{step}, {primitive}u) & holds;\n");
+        if is_first {
+            let _ = writeln!(text, "    log_place({number}u, *ray, {}u);", place.sensor);
+            if place.arrivals.len() > 1 {
+                let _ = writeln!(text, "    let place_{number} = (*ray).position;");
+            }
+        } else {
+            let _ = writeln!(text, "    holds = all((*ray).position == place_{number}) & holds;");
+        }
+        text.push_str(&self.weighs(arrival.weight)?);
+        if !ends {
+            text.push_str("    holds = goes_on(ray) & holds;\n");
+        }
+        Ok(text)
+    }
+
+    /// Looks whether a ray of the path weighs what the host takes it to.
+    fn weighs(&self, weight: Weight) -> Result<String> {
+        Ok(match weight {
+            Weight::Born => String::new(),
+            Weight::Known(weight) => {
+                format!("    holds = ((*ray).weight == {}) & holds;\n", self.real(weight)?)
+            }
+        })
     }
 
     fn nearest_primitive_table(&self) -> String {
@@ -810,6 +860,15 @@ fn log_file(form: Form) -> &'static str {
         Form::Packed => shader!("lib/log_packed.wgsl"),
         Form::Words => shader!("lib/log_words.wgsl"),
         Form::Reals => shader!("lib/log_reals.wgsl"),
+    }
+}
+
+fn places_file(form: Form) -> Option<&'static str> {
+    match form {
+        Form::Counts => None,
+        Form::Packed => Some(shader!("lib/places_packed.wgsl")),
+        Form::Words => Some(shader!("lib/places_words.wgsl")),
+        Form::Reals => Some(shader!("lib/places_reals.wgsl")),
     }
 }
 

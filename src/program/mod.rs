@@ -14,6 +14,7 @@ pub mod library;
 pub mod lowered;
 pub mod mesh;
 pub mod nominal;
+pub mod path_log;
 pub mod records;
 pub mod rng;
 pub mod splitting;
@@ -28,6 +29,7 @@ pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
 use nominal::{NominalPath, PilotPath};
+use path_log::PathLog;
 use records::{StructLayout, put_real};
 pub use rng::Sampler;
 pub use splitting::Splitting;
@@ -182,6 +184,8 @@ pub struct Program {
     pub end_log: Option<EndLog>,
     /// The path that `trace_nominal` follows; the other stages then trace the rays that strayed from it.
     pub nominal: Option<NominalPath>,
+    /// What `trace_nominal` logs, where positions alone tell all.
+    pub path_log: Option<PathLog>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
@@ -261,6 +265,12 @@ impl Program {
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
         let nominal = NominalPath::of(ir, centre, &contacts, &options);
+        let path_log = match (&end_log, &nominal, &options.nominal) {
+            (Some(log), Some(path), Some(pilot)) => {
+                PathLog::of(ir, &cells, log, path, pilot, features.keeps_weight)
+            }
+            _ => None,
+        };
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
@@ -277,6 +287,7 @@ impl Program {
             constant_weights,
             end_log: end_log.as_ref(),
             nominal: nominal.as_ref(),
+            path_log: path_log.as_ref(),
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -298,6 +309,7 @@ impl Program {
             sums,
             end_log,
             nominal,
+            path_log,
             centre,
             rng_table: Vec::new(),
             buffers: Vec::new(),

@@ -27,8 +27,17 @@ const MOST_LOOKED_AT: usize = 256;
 pub struct PilotPath {
     /// The primitives that they meet, in their order: surfaces first, then sensors.
     pub primitives: Vec<usize>,
-    /// Of each ray that takes it, where it is born, where it meets them and, if it was killed, where \[mm\].
-    pub ways: Vec<Vec<DVec3>>,
+    /// Of each ray that takes it.
+    pub ways: Vec<Way>,
+}
+
+/// Where a ray is born, where it meets the primitives of its path and, if it was killed, where; and what it weighs there.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Way {
+    /// \[mm\]
+    pub positions: Vec<DVec3>,
+    /// On arrival.
+    pub weights: Vec<f64>,
 }
 
 /// The path and what to look for on its way.

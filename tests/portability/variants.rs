@@ -7,7 +7,7 @@ use nsq_gpu::ir::{
 };
 use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
-use nsq_gpu::program::nominal::PilotPath;
+use nsq_gpu::program::nominal::{PilotPath, Way};
 use nsq_gpu::program::{
     EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
 };
@@ -324,17 +324,18 @@ impl Choice {
                 let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1];
                 // A ray of the pilot that stays far from everything, so that the others are clear of all of it.
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
-                variant.nominal =
-                    Some(PilotPath { primitives, ways: vec![[0.0, 1.0, 2.0].map(away).to_vec()] });
+                let way = Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0; 3] };
+                variant.nominal = Some(PilotPath { primitives, ways: vec![way] });
             }
-            // Another path takes its place, and then there is the detector alone. In a trace of 16 events it is full.
+            // Another path takes its place, and then there is the detector alone. In a trace of 16 events it is full, and
+            // arrives at some places again.
             Choice::NominalThroughDetector => {
                 variant.host_sums = true;
                 ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Bilinear)), false));
                 let primitives = vec![ir.surfaces.len() + ir.sensors.len() - 1; 16];
-                let away = |z| DVec3::new(1e3, 1e3, 1e3 + f64::from(z));
-                let ways = vec![(0..17).map(away).collect()];
-                variant.nominal.get_or_insert(PilotPath { primitives, ways });
+                let away = |z| DVec3::new(1e3, 1e3, 1e3 + f64::from(z % 5));
+                let way = Way { positions: (0..17).map(away).collect(), weights: vec![0.5; 17] };
+                variant.nominal.get_or_insert(PilotPath { primitives, ways: vec![way] });
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {

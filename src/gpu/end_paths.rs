@@ -1,0 +1,191 @@
+//! Adds up what rays logged that keep to the nominal path (`shaders/lib/path_places.wgsl`): places on detectors, whose
+//! weights the path tells.
+
+use super::end_positions::{BLOCK, Block, PositionEntry};
+use super::end_reals::Real;
+use super::end_sums::{EndSums, LoggedRays};
+use crate::program::end_log::{Form, Grid};
+use crate::program::path_log::{PathLog, Place};
+
+/// A place, and what each ray leaves there.
+struct Deposits<'a, T> {
+    grid: &'a Grid,
+    /// One for each time that rays arrive.
+    weights: Vec<T>,
+    /// Their quanta together fit a word.
+    fit: bool,
+}
+
+impl EndSums {
+    /// Adds what the rays of a dispatch logged, and shows those that strayed, by their number. None if an entry makes no
+    /// sense.
+    pub fn add_path(
+        &mut self,
+        logged: &LoggedRays,
+        form: Form,
+        log: &PathLog,
+        strays: &mut Vec<u32>,
+    ) -> Option<()> {
+        match form {
+            Form::Counts => None,
+            Form::Packed | Form::Words => self.add_places::<[u32; 2]>(logged, log, strays),
+            Form::Reals => self.add_places::<[f64; 2]>(logged, log, strays),
+        }
+    }
+
+    fn add_places<E: PositionEntry>(
+        &mut self,
+        logged: &LoggedRays,
+        log: &PathLog,
+        strays: &mut Vec<u32>,
+    ) -> Option<()> {
+        let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
+        let deposits: Vec<Deposits<E::Real>> =
+            log.places.iter().map(|place| Deposits::of(place, logged.weight)).collect();
+        let mut block = Block::new();
+        let mut num_kept = 0;
+        for first in logged.rays.clone().step_by(BLOCK) {
+            let rays = first..(first + BLOCK).min(logged.rays.end);
+            let kept = kept_rays(entries.get(rays.clone())?, rays.start, strays);
+            num_kept += u64::from(kept.count_ones());
+            for (row, deposits) in deposits.iter().enumerate() {
+                let start = row * logged.stride;
+                let row = entries.get(start + rays.start..start + rays.end)?;
+                self.add_row(&mut block, row, kept, deposits)?;
+            }
+        }
+        log.end.map_or(Some(()), |end| {
+            let weight = E::Real::nearest(end.weight.of_born(logged.weight));
+            self.add_to_cell(end.cell as usize, weight.into(), num_kept)
+        })
+    }
+
+    /// Adds one place of those rays of a block that kept to the path.
+    fn add_row<E: PositionEntry>(
+        &mut self,
+        block: &mut Block<E::Real>,
+        row: &[E],
+        kept: u64,
+        deposits: &Deposits<E::Real>,
+    ) -> Option<()> {
+        match row.try_into() {
+            Ok(row) => block.lay_out::<E>(row, &deposits.weights, deposits.grid),
+            Err(_) => {
+                let mut padded = [E::zeroed(); BLOCK];
+                padded[..row.len()].copy_from_slice(row);
+                block.lay_out(&padded, &deposits.weights, deposits.grid);
+            }
+        }
+        let arrivals = deposits.weights.len() as u64;
+        for (i, entry) in row.iter().enumerate().filter(|(i, _)| kept >> i & 1 == 1) {
+            if block.is_other[i] || !deposits.fit {
+                let mut weights = deposits.weights.iter();
+                weights.try_for_each(|&weight| self.add_position(entry.position(), weight, deposits.grid))?;
+            } else {
+                self.add_laid_out(block, i, arrivals)?;
+            }
+        }
+        Some(())
+    }
+}
+
+/// Those of at most 64 rays that have not strayed, a bit each.
+fn kept_rays<E: PositionEntry>(entries: &[E], first: usize, strays: &mut Vec<u32>) -> u64 {
+    let mut kept = 0;
+    for (i, entry) in entries.iter().enumerate() {
+        if entry.position()[0].is_off_detectors() {
+            strays.push((first + i) as u32);
+        } else {
+            kept |= 1 << i;
+        }
+    }
+    kept
+}
+
+impl<'a, T: Real> Deposits<'a, T> {
+    fn of(place: &'a Place, born: f64) -> Self {
+        let weights: Vec<T> =
+            place.arrivals.iter().map(|arrival| T::nearest(arrival.weight.of_born(born))).collect();
+        let total: f64 = weights.iter().map(|&weight| weight.into()).sum();
+        Deposits { grid: &place.grid, weights, fit: total < T::LIMIT }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sums::QUANTA_PER_UNIT;
+    use super::*;
+    use crate::program::path_log::{Arrival, LedgerEnd, Weight};
+    use bytemuck::cast_slice;
+
+    const UNIT: u128 = QUANTA_PER_UNIT;
+    /// Three columns and two rows behind the counter of invalid deposits and two cells of the ledger.
+    const GRID: Grid = Grid { first: 3, column: 1, row: 3, size: [3, 2] };
+    const OFF: f64 = -2.0;
+
+    fn place(weights: &[Weight]) -> Place {
+        let arrivals = weights.iter().map(|&weight| Arrival { event: 0, weight }).collect();
+        Place { grid: GRID, sensor: 0, arrivals }
+    }
+
+    /// What rays of a birth weight of 2 add up to, whose places lie row by row, one beyond the other of 70.
+    fn added(log: &PathLog, rows: &[&[[f64; 2]]], form: Form) -> Option<(EndSums, Vec<u32>)> {
+        const STRIDE: usize = 70;
+        let mut reals = vec![f64::NAN; 2 * STRIDE * rows.len()];
+        for (number, row) in rows.iter().enumerate() {
+            let first = 2 * STRIDE * number;
+            reals[first..first + 2 * row.len()].copy_from_slice(row.as_flattened());
+        }
+        let floats: Vec<f32> = reals.iter().map(|&real| real as f32).collect();
+        let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
+        let logged = LoggedRays { bytes, rays: 0..rows[0].len(), stride: STRIDE, weight: 2.0 };
+        let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
+        sums.add_path(&logged, form, log, &mut strays).map(|()| (sums, strays))
+    }
+
+    #[test]
+    fn each_arrival_leaves_its_weight_and_strays_nothing() {
+        let places = vec![place(&[Weight::Known(1.0), Weight::Known(0.5)]), place(&[Weight::Born])];
+        let end = Some(LedgerEnd { cell: 1, weight: Weight::Known(0.25) });
+        let log = PathLog { places, end };
+        let strays_sixth = |i: usize| if i % 6 == 5 { [OFF, 0.0] } else { [0.5, 0.0] };
+        let first: Vec<[f64; 2]> = (0..66).map(strays_sixth).collect();
+        let second = [[2.0, 1.0]; 66];
+        for form in [Form::Packed, Form::Words, Form::Reals] {
+            let (sums, strays) = added(&log, &[&first, &second], form).unwrap();
+            assert!(strays.iter().copied().eq((5..66).step_by(6)), "{form:?}");
+            let tap = UNIT * 3 / 4 * 55;
+            let expected = [0, UNIT / 4 * 55, 0, tap, tap, 0, 0, 0, 2 * UNIT * 55];
+            assert_eq!(sums.quanta().collect::<Vec<_>>(), expected, "{form:?}");
+            assert_eq!(sums.counts, [0, 55, 0, 110, 0, 0, 0, 0, 55], "{form:?}");
+        }
+    }
+
+    #[test]
+    fn weights_that_no_word_holds_together_add_up_one_by_one() {
+        let weights = [Weight::Known(1500.0), Weight::Known(700.0), Weight::Known(1e6)];
+        let log = PathLog { places: vec![place(&weights)], end: None };
+        let (sums, _) = added(&log, &[&[[1.5, 1.0]]], Form::Reals).unwrap();
+        let half = 1_002_200 * UNIT / 2;
+        assert_eq!(sums.quanta().collect::<Vec<_>>(), [0, 0, 0, 0, 0, 0, 0, half, half]);
+        assert_eq!(sums.counts, [0, 0, 0, 0, 0, 0, 0, 3, 0]);
+    }
+
+    #[test]
+    fn a_weight_that_no_sum_can_hold_is_counted() {
+        let end = Some(LedgerEnd { cell: 2, weight: Weight::Known(1e30) });
+        let log = PathLog { places: vec![place(&[Weight::Known(-1.0)])], end };
+        let (sums, _) = added(&log, &[&[[0.0, 0.0]; 3]], Form::Reals).unwrap();
+        assert!(sums.quanta().all(|quanta| quanta == 0));
+        assert_eq!(sums.counts, [6, 0, 3, 3, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn what_is_no_place_is_refused() {
+        let log = PathLog { places: vec![place(&[Weight::Born])], end: None };
+        assert!(added(&log, &[&[[0.0, f64::NAN]]], Form::Reals).is_none());
+        assert!(added(&log, &[&[[0.0, 0.0]]], Form::Counts).is_none());
+        let beyond = PathLog { places: vec![place(&[Weight::Born]); 2], end: None };
+        assert!(added(&beyond, &[&[[0.0, 0.0]]], Form::Reals).is_none(), "the log ends before the path");
+    }
+}

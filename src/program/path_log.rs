@@ -1,0 +1,142 @@
+//! What rays that keep to the nominal path log: where they arrive on its detectors, and nothing else.
+//!
+//! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
+//! once more at the place of before, as between parallel mirrors, it knows that, too. The pilot only says what may be so:
+//! the stage looks at each ray, and one that weighs something else or arrives elsewhere has strayed.
+
+use super::end_log::{EndLog, Form, Grid};
+use super::lowered::{Cells, LEDGER_CELLS};
+use super::nominal::{NominalPath, PilotPath, Way};
+use crate::ir::{SceneIr, SensorKind, Splat};
+
+/// The log of the stage `trace_nominal`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathLog {
+    /// What each ray logs, in the order of the path: its positions in pixels.
+    pub places: Vec<Place>,
+    /// What it leaves where it ends, unless that is on a detector.
+    pub end: Option<LedgerEnd>,
+}
+
+/// A place on a detector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    /// The detector's cells.
+    pub grid: Grid,
+    /// The detector, by its number among detectors.
+    pub sensor: usize,
+    /// When rays arrive there.
+    pub arrivals: Vec<Arrival>,
+}
+
+/// One of the times that rays arrive at a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrival {
+    /// The event of the path, by its number.
+    pub event: usize,
+    /// What they weigh.
+    pub weight: Weight,
+}
+
+/// Where the whole weight of rays goes that end on no detector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LedgerEnd {
+    /// The cell.
+    pub cell: u32,
+    /// What they weigh.
+    pub weight: Weight,
+}
+
+/// What all rays of the path weigh at one of its events.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Weight {
+    /// What they were born with.
+    Born,
+    /// So much.
+    Known(f64),
+}
+
+impl Weight {
+    /// The weight of rays that were born with so much.
+    pub fn of_born(self, born: f64) -> f64 {
+        match self {
+            Weight::Born => born,
+            Weight::Known(weight) => weight,
+        }
+    }
+}
+
+impl PathLog {
+    /// The log of a path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or with
+    /// weights that differ.
+    pub fn of(
+        ir: &SceneIr,
+        cells: &Cells,
+        log: &EndLog,
+        path: &NominalPath,
+        pilot: &PilotPath,
+        keeps_weight: bool,
+    ) -> Option<Self> {
+        let num_surfaces = ir.surfaces.len();
+        // Each ray is born before the first event.
+        let weight = |event: usize| match keeps_weight {
+            true => Some(Weight::Born),
+            false => same(&pilot.ways, |way| way.weights.get(event + 1).copied()).map(Weight::Known),
+        };
+        let mut places: Vec<Place> = Vec::new();
+        for (number, event) in path.events.iter().enumerate() {
+            let Some(sensor) = event.primitive.checked_sub(num_surfaces) else { continue };
+            if !is_bilinear(&ir.sensors.get(sensor)?.kind) {
+                return None;
+            }
+            let arrival = Arrival { event: number, weight: weight(number)? };
+            let is_there = |place: &&mut Place| {
+                place.sensor == sensor && arrive_together(&pilot.ways, place.arrivals[0].event, number)
+            };
+            match places.iter_mut().find(is_there) {
+                Some(place) => place.arrivals.push(arrival),
+                None => {
+                    places.push(Place { grid: *log.grids.get(sensor)?, sensor, arrivals: vec![arrival] });
+                }
+            }
+        }
+        let last = path.events.last()?;
+        let end = match (last.ends, last.primitive < num_surfaces) {
+            (true, false) => None,
+            (true, true) => Some((cells.surfaces + last.primitive as u32, path.events.len() - 1)),
+            (false, _) => Some((depth_cell()?, path.events.len())),
+        };
+        let end = match end {
+            Some((cell, event)) => Some(LedgerEnd { cell, weight: weight(event)? }),
+            None => None,
+        };
+        (log.form != Form::Counts && !places.is_empty()).then_some(PathLog { places, end })
+    }
+
+    /// The place where rays arrive at an event, by its number, and whether it is the first time.
+    pub fn place_of(&self, event: usize) -> Option<(usize, bool)> {
+        let arrives = |place: &Place| place.arrivals.iter().position(|arrival| arrival.event == event);
+        self.places.iter().enumerate().find_map(|(number, place)| Some((number, arrives(place)? == 0)))
+    }
+}
+
+fn is_bilinear(kind: &SensorKind) -> bool {
+    matches!(kind, SensorKind::Irradiance(grid) if grid.splat == Splat::Bilinear)
+}
+
+fn depth_cell() -> Option<u32> {
+    LEDGER_CELLS.iter().position(|name| *name == "CELL_DEPTH_KILLED").map(|cell| cell as u32)
+}
+
+/// What all ways have alike, if they do.
+fn same<T: PartialEq>(ways: &[Way], of: impl Fn(&Way) -> Option<T>) -> Option<T> {
+    let mut all = ways.iter().map(of);
+    let first = all.next()??;
+    all.all(|other| other.as_ref() == Some(&first)).then_some(first)
+}
+
+/// True if every ray is at an event where it was at one before.
+fn arrive_together(ways: &[Way], before: usize, event: usize) -> bool {
+    let at = |way: &Way, event: usize| way.positions.get(event + 1).copied();
+    ways.iter().all(|way| at(way, before).is_some() && at(way, before) == at(way, event))
+}
