@@ -75,10 +75,18 @@ impl Raster {
     /// A circle about the middle, one thin smoothed line.
     pub fn circle(&mut self, radius: f64, thickness: f64, color: [u8; 3], alpha: f64) {
         let middle = (self.width as f64 / 2.0, self.height as f64 / 2.0);
+        let reach = thickness / 2.0 + 0.5;
         for y in 0..self.height {
-            for x in 0..self.width {
-                let distance = (x as f64 + 0.5 - middle.0).hypot(y as f64 + 0.5 - middle.1);
-                let cover = (thickness / 2.0 + 0.5 - (distance - radius).abs()).clamp(0.0, 1.0);
+            let above = y as f64 + 0.5 - middle.1;
+            // How far from the middle of the row the ring begins, and ends.
+            let [inner, outer] = [radius - reach, radius + reach]
+                .map(|edge| (edge.max(0.0).powi(2) - above * above).max(0.0).sqrt());
+            let pixel = |x: f64| (middle.0 + x).clamp(0.0, self.width as f64) as usize;
+            let left = pixel(-outer - 1.0)..pixel(-inner + 1.0);
+            let right = pixel(inner - 1.0).max(left.end)..pixel(outer + 1.0);
+            for x in left.chain(right) {
+                let distance = (x as f64 + 0.5 - middle.0).hypot(above);
+                let cover = (reach - (distance - radius).abs()).clamp(0.0, 1.0);
                 if cover > 0.0 {
                     self.blend(x as i64, y as i64, color, alpha * cover);
                 }
@@ -246,8 +254,8 @@ impl Disc {
     }
 }
 
-/// The bins of a far field, for points of its disc in turn: neighbours lie in the same bin or the next, so that a few
-/// comparisons do for the angles of millions of points.
+/// The bins of a far field, for points of its disc in turn: neighbours mostly lie in the same bin, so that comparisons do
+/// for the angles of millions of points.
 struct Directions {
     /// Squared radii where rows begin, and where the last ends.
     radii: Vec<f64>,
@@ -276,7 +284,7 @@ impl Directions {
             return None;
         }
         let [row, column] = self.bin;
-        self.bin = [moved(row, square, &self.radii), moved(column, around(x, y), &self.azimuths)];
+        self.bin = [interval(row, square, &self.radii), interval(column, around(x, y), &self.azimuths)];
         Some(self.bin)
     }
 }
@@ -287,16 +295,13 @@ fn around(x: f64, y: f64) -> f64 {
     if x >= 0.0 { across } else { 2.0_f64.copysign(y) - across }
 }
 
-/// The interval between `edges` that holds `value`, looked for from `start`; the last one holds its end too.
-fn moved(start: usize, value: f64, edges: &[f64]) -> usize {
-    let mut at = start;
-    while at > 0 && value < edges[at] {
-        at -= 1;
+/// The interval between `edges` that holds `value`, looked for at `guess` first; the first and the last one hold what lies
+/// beyond them too.
+fn interval(guess: usize, value: f64, edges: &[f64]) -> usize {
+    if edges[guess] <= value && value < edges[guess + 1] {
+        return guess;
     }
-    while at + 2 < edges.len() && value >= edges[at + 1] {
-        at += 1;
-    }
-    at
+    edges.partition_point(|&edge| edge <= value).clamp(1, edges.len() - 1) - 1
 }
 
 /// The largest value; 0 if there is none above.
