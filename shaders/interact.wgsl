@@ -27,7 +27,7 @@ fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);
     let p = to_surface(surface, position - origin);
     let slope = vec3<real>(surface.radial * p.x, surface.radial * p.y, surface.axial * p.z + surface.offset);
-    // That of a plane is one everywhere, and known where the plane is compiled in.
+    // That of a plane is the same everywhere, and known where the plane is compiled in.
     let is_plane = (surface.radial == 0.0) & (surface.axial == 0.0);
     let gradient = select(slope, vec3<real>(0.0, 0.0, surface.offset), is_plane);
     return from_surface(surface, unit_gradient(gradient));

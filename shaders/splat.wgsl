@@ -119,7 +119,8 @@ fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32
     return FourTaps(hit, cells, fractions, position);
 }
 
-// What the first three taps take of the weight. Its twin on the host is `first_shares` in gpu::end_sums.
+// What the first three taps take of the weight. Its twins on the host are `parts` and `first_shares` in
+// gpu::end_reals.
 fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
     return vec3<real>(
         weight * ((1.0 - f.x) * (1.0 - f.y)), weight * (f.x * (1.0 - f.y)), weight * ((1.0 - f.x) * f.y),

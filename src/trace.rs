@@ -255,6 +255,8 @@ pub struct Tracer<'a> {
     end_logs: Option<EndLogs>,
     /// Passes since the sums were drained.
     num_passes: u64,
+    /// Most rays strayed from the nominal path: it is no longer followed.
+    left_path: bool,
     /// Primitives that rays have reached since the sums were drained, a bit each.
     reached: u32,
     counts_undrained: u64,
@@ -412,6 +414,7 @@ impl<'a> Tracer<'a> {
             reached: 0,
             counts_undrained: 0,
             num_passes: 0,
+            left_path: false,
             launched: Booking::default(),
             launched_rays: RaySet::default(),
             pause: None,
@@ -593,7 +596,12 @@ impl<'a> Tracer<'a> {
     /// Traces from position `first` to `end` into the device's sums.
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
         for range in self.ranges(first, end) {
-            self.dispatch(&range, Rays::OfRange)?;
+            match &mut self.end_logs {
+                Some(logs) if self.left_path => {
+                    logs.list(range.emitter, range.first..range.first + u64::from(range.count));
+                }
+                _ => self.dispatch(&range, Rays::OfRange)?,
+            }
             self.retrace_strays(range.emitter, self.batch)?;
             self.launched += self.launch(&range);
             let (count, emitter) = (u64::from(range.count), range.emitter as u32);
@@ -607,6 +615,10 @@ impl<'a> Tracer<'a> {
             self.gpu.wait()?;
         }
         self.num_passes += 1;
+        let on_demand = self.options.nominal_path == Some(true);
+        if let (Some(logs), Some(_), false) = (&self.end_logs, &self.program.nominal, on_demand) {
+            self.left_path = !nominal::pays(logs.num_followed_and_strayed());
+        }
         // Asking waits for the device, which logs keep busy from one pass to the next.
         if self.num_passes.is_power_of_two() {
             self.learn_reached()?;
@@ -844,7 +856,7 @@ impl<'a> Tracer<'a> {
     /// Notes what the rays that kept to the nominal path have reached since the last drain.
     fn note_nominal_path(&mut self, tally: &mut Tally) {
         let (Some(nominal), Some(logs)) = (&self.program.nominal, &mut self.end_logs) else { return };
-        if self.launched.count > logs.take_num_strayed() {
+        if logs.take_num_kept() > 0 {
             for event in &nominal.events {
                 tally
                     .surfaces

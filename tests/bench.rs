@@ -110,7 +110,12 @@ fn assert_case(case: &Value) {
     assert!(!measurements.is_empty());
     for ours in measurements {
         let counts = &ours["counts"];
-        assert_eq!(counts, &json!({"requested": 500, "launched": 500, "counted": 500, "closed": true}));
+        let detected = counts["detected"].as_u64().unwrap();
+        assert!(detected <= 500);
+        assert_eq!(
+            counts,
+            &json!({"requested": 500, "launched": 500, "counted": 500, "detected": detected, "closed": true})
+        );
         assert_eq!(ours["runs_sec"].as_array().unwrap().len(), 2);
         let rate = |key: &str| ours["rays_per_sec"][key].as_f64().unwrap();
         assert!(0.0 < rate("min") && rate("min") <= rate("median") && rate("median") <= rate("max"));
@@ -274,7 +279,7 @@ fn a_peer_that_traces_another_scene_fails_the_benchmark() {
 }
 
 #[test]
-fn where_every_ray_is_detected_a_peer_may_miss_none() {
+fn where_every_ray_is_detected_a_peer_may_miss_few() {
     let all = Counts { requested: 1000, launched: 1000, counted: 1000, detected: 1000, closed: true };
     let run = |detected| PeerRun { precision: "f32", num_rays: 1000, seconds: 1.0, detected: Some(detected) };
     assert_eq!(all.check_peer("case", "peer", &run(1000)), Ok(()));
@@ -396,12 +401,12 @@ mod planted_peers {
             let versions = json!({"mitsuba": "0.0"});
             let text = format!("echo '{versions}'; while read line; do echo '{answer}'; done");
             let python = script(folder.path(), "mitsuba", &text);
-            // Mitsuba takes no part in the second.
-            bench(&["--scenes", "spheres_100,depth_2", "--against", "mitsuba", "--python", &python])
+            // Mitsuba takes no part in the first.
+            bench(&["--scenes", "depth_2,spheres_100", "--against", "mitsuba", "--python", &python])
         };
         let printed = report(&run(150));
         assert_eq!(printed["peers"]["mitsuba"], json!({"mitsuba": "0.0"}));
-        let [spheres, cavity] = [0, 1].map(|case| &printed["cases"][case]["peers"]);
+        let [cavity, spheres] = [0, 1].map(|case| &printed["cases"][case]["peers"]);
         assert_eq!(spheres[0]["rays_per_sec"]["median"], 1000.0);
         assert_eq!(*cavity, json!([]));
         let failed = run(400);

@@ -142,27 +142,98 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
     aslant.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
     let mut absorbing = straight.clone();
     absorbing.surfaces[1].interaction = Interaction::Absorbing;
-    let mut heavy = straight.clone();
-    heavy.emitters[0].total_flux = 5000.0;
-    let mut second = straight.emitters[0].clone();
-    (second.name, second.total_flux) = ("second".into(), 1.0);
-    heavy.emitters.push(second);
-    for (ir, max_depth, expected) in [
-        (&straight, 16, Some(vec![8])),
-        (&straight, 31, Some(vec![16])),
-        (&aslant, 6, Some(vec![1, 1, 1])),
-        (&absorbing, 16, Some(vec![2])),
-        // Rays of two weights.
-        (&heavy, 5, None),
+    let mut two_detectors = straight.clone();
+    two_detectors.sensors.push(straight.sensors[0].clone());
+    two_detectors.sensors[1].name = "second".into();
+    two_detectors.sensors[1].frame.origin.z = -10.0;
+    let mut turned = two_detectors.clone();
+    turned.sensors[1].frame.rotation = DMat3::from_rotation_y(0.1);
+    let two_sources = |share: f64| {
+        let mut ir = straight.clone();
+        let second = straight.emitters[0].clone();
+        ir.emitters.push(second);
+        ir.emitters[1].total_flux *= share;
+        ir
+    };
+    for (ir, max_depth, num_rays, expected) in [
+        (&straight, 16, 4000, Some(vec![8])),
+        (&straight, 31, 4000, Some(vec![16])),
+        (&aslant, 6, 4000, Some(vec![1, 1, 1])),
+        (&absorbing, 16, 4000, Some(vec![2])),
+        (&two_detectors, 16, 4000, Some(vec![6, 5])),
+        // Rays of two weights; of one; and of two, but for those of the pilot.
+        (&two_sources(0.3), 5, 4000, None),
+        (&two_sources(1.0), 5, 4000, Some(vec![3])),
+        (&two_sources(1.0), 5, 4001, None),
     ] {
         for precision in [Precision::F32, Precision::F64] {
-            let options = TraceOptions { max_depth, batch_size: Some(1500), ..options(precision) };
-            assert_eq!(arrivals(ir, &options), expected, "{max_depth}");
+            let options = TraceOptions { max_depth, num_rays, batch_size: Some(1500), ..options(precision) };
+            assert_eq!(arrivals(ir, &options), expected, "{num_rays} rays to a depth of {max_depth}");
             let (tally, nominal) = trace(ir, &with_nominal_path(&options));
             assert!(nominal.is_some());
             assert!(tally == trace(ir, &options).0, "{expected:?}: other bits");
         }
     }
+    // Roundings decide how many places those from either side of a turned detector are.
+    let options = options(Precision::F64);
+    assert!(arrivals(&turned, &options).is_some_and(|arrivals| arrivals.iter().sum::<usize>() == 11));
+    assert!(trace(&turned, &with_nominal_path(&options)).0 == trace(&turned, &options).0, "other bits");
+}
+
+/// Roulette, which makes those that it spares weigh more on the way.
+#[test]
+fn so_do_rays_that_roulette_has_spared() {
+    let ir = zoo::load("bench_cavity");
+    for precision in [Precision::F32, Precision::F64] {
+        let options = TraceOptions { max_depth: 8, min_flux_fraction: 0.95, ..options(precision) };
+        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        assert!(nominal.is_some() && tally.roulette_loss.count > 0);
+        assert!(tally == trace(&ir, &options).0, "other bits");
+    }
+}
+
+/// Dispatches of the stages that new rays, and those that strayed, go through.
+fn dispatches(tracer: &mut Tracer) -> [u64; 2] {
+    tracer.enable_profile().unwrap();
+    tracer.trace(|_| true).unwrap();
+    let times = tracer.stage_times();
+    let of =
+        |stage: &str| times.iter().find(|time| time.stage == stage).map_or(0, |time| time.num_dispatches);
+    ["trace_nominal", "trace_new"].map(of)
+}
+
+/// Positions along the detector's normal that differ in their last bits make no other place.
+#[test]
+fn rays_that_arrive_at_the_same_place_from_either_side_do_not_stray() {
+    let mut ir = zoo::load("bench_cavity");
+    ir.surfaces[0].frame.origin.z = 60.2;
+    ir.surfaces[1].frame.origin.z = 0.0;
+    ir.sensors[0].frame.origin.z = 59.0;
+    ir.emitters[0].frame.origin.z = 3.3;
+    let options = options(Precision::F64);
+    assert_eq!(arrivals(&ir, &options), Some(vec![8]));
+    let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&options)).unwrap();
+    assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays strayed");
+}
+
+/// So long a trace that it looks for a path by itself.
+#[test]
+fn a_path_that_all_rays_stray_from_is_left() {
+    let ir = zoo::load("bench_lens");
+    let plain = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
+    let by_itself = TraceOptions { nominal_path: None, ..plain.clone() };
+    let lost = |wgsl: String| {
+        assert!(wgsl.contains("return holds & has_place(*ray);"), "the shader has changed");
+        wgsl.replace("return holds & has_place(*ray);", "return has_place(*ray) & (range.count == 0u);")
+    };
+    let mut tracer = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &by_itself, lost).unwrap();
+    let tally = tracer.trace(|_| true).unwrap();
+    assert!(tally == trace(&ir, &plain).0, "other bits");
+    let [nominal, new] = dispatches(&mut tracer);
+    assert!(8 * nominal < new, "{nominal} dispatches along the path, {new} of strays");
+    let mut kept = Tracer::new(zoo::gpu(), &ir, &by_itself).unwrap();
+    let [nominal, new] = dispatches(&mut kept);
+    assert!(nominal > 8 * new.min(8), "{nominal} dispatches along the path, {new} of strays");
 }
 
 /// Errors planted in what such rays log, in a path that arrives at three places.
@@ -204,7 +275,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
     let unseen = |wgsl: String| {
-        let look = "holds = all((*ray).position == place_0) & holds;";
+        let look = "holds = all(place_on(*ray, 0u) == place_0) & holds;";
         assert!(wgsl.contains(look), "the shader has changed");
         wgsl.replace(look, "")
     };

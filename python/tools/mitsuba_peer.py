@@ -36,6 +36,7 @@ class Case:
     def __init__(self, document: dict[str, Any]) -> None:
         (self.source,) = document["sources"]
         (detector,) = document["detectors"]
+        refuse_what_is_not_traced(self.source, detector)
         surfaces = document.get("nsq_gpu", {}).get("surfaces", [])
         ends = {f"s{i}": shape(surface) for i, surface in enumerate(surfaces)}
         mirrors = {f"m{i}": mirror(component) for i, component in enumerate(document["components"])}
@@ -74,13 +75,24 @@ class Case:
         u = [draws.next_float32() for _ in range(4)]
         radius = self.source["aperture_radius"] * dr.sqrt(u[0])
         sine, cosine = dr.sincos(2 * math.pi * u[1])
-        origin = mi.Point3f(radius * cosine, radius * sine, self.source["cs"]["z"])
+        origin = mi.Point3f(radius * cosine, radius * sine, self.source["cs"].get("z", 0.0))
         if self.source["type"] == "collimated":
             return mi.Ray3f(origin, mi.Vector3f(0, 0, 1))
         z = 1 - u[2] * (1 - math.cos(math.radians(self.source["half_angle_deg"])))
         across = dr.safe_sqrt(1 - z * z)
         sine, cosine = dr.sincos(2 * math.pi * u[3])
         return mi.Ray3f(origin, mi.Vector3f(across * cosine, across * sine, z))
+
+
+def refuse_what_is_not_traced(source: dict[str, Any], detector: dict[str, Any]) -> None:
+    """Sources and detectors stand on the axis and across it, and a detector ends rays."""
+    off_axis = [cs.get(name, 0.0) for cs in (source["cs"], detector["cs"]) for name in ("x", "y", "rx", "ry", "rz")]
+    if any(off_axis):
+        raise ValueError("the source or the detector is off the axis or turned")
+    if source["type"] not in ("collimated", "extended") or "aperture_radius" not in source:
+        raise ValueError("the source is no disk")
+    if detector["type"] != "irradiance" or not detector["absorb"]:
+        raise ValueError("the detector is no irradiance map that ends rays")
 
 
 def shape(surface: dict[str, Any]) -> Any:
@@ -114,7 +126,9 @@ def square(detector: dict[str, Any]) -> dict[str, Any]:
 
 
 def placed(cs: dict[str, float], scale: float) -> Any:
-    """Scaled, then moved."""
+    """Scaled, then moved; what is turned is refused."""
+    if any(cs.get(angle, 0.0) for angle in ("rx", "ry", "rz")):
+        raise ValueError("a surface is turned")
     place = [cs.get(axis, 0.0) for axis in "xyz"]
     return mi.ScalarTransform4f().translate(place).scale([scale, scale, 1.0])
 

@@ -10,9 +10,14 @@ fn arrives(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
     return hit.primitive == primitive;
 }
 
-// A place of the ray: the position in pixels, as it is logged. The first one waits for the end, which tells whether it
+// Where the ray is on a detector [mm].
+fn place_on(ray: Ray, sensor_index: u32) -> vec2<real> {
+    return local_position(ray, sensor_of(sensor_index)).xy;
+}
+
+// Logs where the ray is on a detector: the position in pixels. The first one waits for the end, which tells whether it
 // counts.
-fn log_place(number: u32, ray: Ray, sensor_index: u32) {
+fn log_place(number: u32, ray: Ray, sensor_index: u32) -> vec2<real> {
     let sensor = sensor_of(sensor_index);
     let p = local_position(ray, sensor);
     let place = marked_position(bilinear_taps(sensor, p, sensor.cell, 1u, sensor.cell + hit_pixel(p, sensor)));
@@ -21,6 +26,7 @@ fn log_place(number: u32, ray: Ray, sensor_index: u32) {
     } else {
         write_place(number * range.log_stride + ray.index, place);
     }
+    return p.xy;
 }
 
 fn begin_path() {}

@@ -25,7 +25,10 @@ pub struct EndLogs {
     written: Option<Written>,
     /// Ids of rays that strayed from the nominal path, per emitter.
     strays: Vec<Vec<u64>>,
-    /// Rays that strayed since the sums were taken.
+    /// Rays of ranges since the sums were taken, without those that strayed.
+    num_kept: u64,
+    /// Rays of ranges, and those of them that strayed, of all that was added up.
+    num_followed: u64,
     num_strayed: u64,
 }
 
@@ -75,6 +78,8 @@ impl EndLogs {
             turn: 0,
             written: None,
             strays: Vec::new(),
+            num_kept: 0,
+            num_followed: 0,
             num_strayed: 0,
         })
     }
@@ -117,7 +122,7 @@ impl EndLogs {
             self.logs[written.log].unmap();
         }
         self.strays.clear();
-        self.num_strayed = 0;
+        self.num_kept = 0;
     }
 
     /// Adds up what is still to be.
@@ -139,9 +144,14 @@ impl EndLogs {
         strays.split_off(strays.len().saturating_sub(most as usize))
     }
 
-    /// How many rays strayed since the last time.
-    pub fn take_num_strayed(&mut self) -> u64 {
-        std::mem::take(&mut self.num_strayed)
+    /// How many rays kept to the nominal path since the last time.
+    pub fn take_num_kept(&mut self) -> u64 {
+        std::mem::take(&mut self.num_kept)
+    }
+
+    /// How many rays were to keep to the nominal path, and how many of them strayed.
+    pub fn num_followed_and_strayed(&self) -> [u64; 2] {
+        [self.num_followed, self.num_strayed]
     }
 
     /// The sums since the last time.
@@ -174,15 +184,26 @@ impl EndLogs {
             add_side_by_side(&mut self.sums, &logged, &self.shape, path)
         };
         log.unmap();
-        self.note_strays(&strays?, &written.range);
+        let strays = strays?;
+        if written.rays == Rays::OfRange {
+            self.note_strays(&strays, &written.range);
+        }
         Ok(())
     }
 
-    /// Notes the rays of a range that strayed, by their ids.
+    /// Notes the rays of a range that strayed.
     fn note_strays(&mut self, strays: &[u32], range: &RayRange) {
-        self.num_strayed += strays.len() as u64;
-        self.strays.resize(self.strays.len().max(range.emitter + 1), Vec::new());
-        self.strays[range.emitter].extend(strays.iter().map(|&ray| range.first + u64::from(ray)));
+        let (num, num_strays) = (u64::from(range.count), strays.len() as u64);
+        self.num_followed += num;
+        self.num_strayed += num_strays;
+        self.num_kept += num - num_strays;
+        self.list(range.emitter, strays.iter().map(|&ray| range.first + u64::from(ray)));
+    }
+
+    /// Lets rays of an emitter wait with its strays, by their ids.
+    pub fn list(&mut self, emitter: usize, ids: impl Iterator<Item = u64>) {
+        self.strays.resize(self.strays.len().max(emitter + 1), Vec::new());
+        self.strays[emitter].extend(ids);
     }
 }
 

@@ -86,7 +86,8 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Lays out what rays have logged: each leaves its own weight where it has logged one, else these.
+    /// Lays out what rays have logged, who leave each of these weights; where they log their own, there is one, which counts
+    /// for nothing but that.
     pub fn lay_out<E: PositionEntry<Real = T>>(&mut self, entries: &[E; BLOCK], weights: &[T], grid: &Grid) {
         #[cfg(target_arch = "x86_64")]
         {

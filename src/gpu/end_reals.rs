@@ -29,14 +29,14 @@ pub struct AxisTaps<T> {
 }
 
 /// The arithmetic of weights and positions, in the precision of the trace.
-pub trait Real: Copy + Into<f64> + PartialOrd {
+pub trait Real: Copy + Into<f64> {
     /// Quanta of weights below it fit 63 bits.
     const LIMIT: f64 = 2048.0;
 
     /// A number as the device has it.
     fn nearest(value: f64) -> Self;
 
-    /// Whether it is a weight whose quanta are no more than an f64 tells apart.
+    /// Whether it lies in 0..=1: a weight whose quanta an f64 tells apart, or a fraction.
     fn is_at_most_one(self) -> bool;
 
     /// What the first three taps take of a weight of 1 (`first_shares` in splat.wgsl, in its very operations).
@@ -52,7 +52,7 @@ pub trait Real: Copy + Into<f64> + PartialOrd {
     /// The whole part of a number in 0..2^63.
     fn to_whole(self) -> i64;
 
-    /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `end_in_taps` in
+    /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `marked_position` in
     /// ends_logged.wgsl).
     fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
 
@@ -160,3 +160,43 @@ macro_rules! real {
 
 real!(f32);
 real!(f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_parts_are_those_of_conversions() {
+        let half = f64::from(1_u32 << 31).powi(2) / 2048.0;
+        for number in [
+            0.0,
+            -0.0,
+            5e-324,
+            0.5,
+            1.0_f64.next_down(),
+            1.0,
+            1.5,
+            half - 0.5,
+            half + 0.5,
+            2.0 * half - 0.5,
+            (2.0 * half).next_down(),
+            2.0 * half,
+        ] {
+            assert_eq!(whole_part(number), number as i64, "{number}");
+        }
+    }
+
+    #[test]
+    fn quanta_of_small_weights_are_found_either_way() {
+        for i in 0..10_000 {
+            let at = |factor: f64| (f64::from(i) * factor).fract();
+            let (weight, fractions) = (at(0.618_033_988), [at(0.754_877_666), at(0.569_840_290)]);
+            let parts = f64::parts(fractions);
+            assert_eq!(f64::quanta::<true>(weight, parts), f64::quanta::<false>(weight, parts));
+            let parts = f32::parts(fractions.map(|fraction| fraction as f32));
+            let weight = weight as f32;
+            assert_eq!(f32::quanta::<true>(weight, parts), f32::quanta::<false>(weight, parts));
+        }
+        assert!(f64::quanta::<false>(3.0, [0.25; 3]).1 && !f64::quanta::<false>(2048.0, [0.25; 3]).1);
+    }
+}

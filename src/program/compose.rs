@@ -663,12 +663,10 @@ impl Composition<'_> {
         let arrival = place.arrivals.iter().find(|arrival| arrival.event == step).ok_or_else(no_place)?;
         let mut text = format!("    holds = arrives(ray, hit_{step}, {primitive}u) & holds;\n");
         if is_first {
-            let _ = writeln!(text, "    log_place({number}u, *ray, {}u);", place.sensor);
-            if place.arrivals.len() > 1 {
-                let _ = writeln!(text, "    let place_{number} = (*ray).position;");
-            }
+            let _ = writeln!(text, "    let place_{number} = log_place({number}u, *ray, {}u);", place.sensor);
         } else {
-            let _ = writeln!(text, "    holds = all((*ray).position == place_{number}) & holds;");
+            let again = format!("place_on(*ray, {}u)", place.sensor);
+            let _ = writeln!(text, "    holds = all({again} == place_{number}) & holds;");
         }
         text.push_str(&self.weighs(arrival.weight)?);
         if !ends {

@@ -81,6 +81,9 @@ pub const LEDGER_CELLS: [&str; 12] = [
     "CELL_BSDF_GAIN",
 ];
 
+/// The place of `CELL_DEPTH_KILLED` among them.
+pub const CELL_DEPTH_KILLED: u32 = 7;
+
 impl Cells {
     /// The cells of a scene.
     pub fn of(ir: &SceneIr) -> Self {

@@ -5,7 +5,7 @@
 //! the stage looks at each ray, and one that weighs something else or arrives elsewhere has strayed.
 
 use super::end_log::{EndLog, Form, Grid};
-use super::lowered::{Cells, LEDGER_CELLS};
+use super::lowered::{CELL_DEPTH_KILLED, Cells};
 use super::nominal::{NominalPath, PilotPath, Way};
 use crate::ir::{SceneIr, SensorKind, Splat};
 
@@ -78,10 +78,14 @@ impl PathLog {
         keeps_weight: bool,
     ) -> Option<Self> {
         let num_surfaces = ir.surfaces.len();
+        let at = |event: usize| same(&pilot.ways, |way| way.weights.get(event).copied());
+        // Several sources share the rays of a trace otherwise than those of its pilot.
+        let held = |weight: f64| if log.form == Form::Reals { weight } else { f64::from(weight as f32) };
+        let is_born_alike = at(0).is_some_and(|born| log.weights.iter().all(|&weight| held(weight) == born));
         // Each ray is born before the first event.
         let weight = |event: usize| match keeps_weight {
             true => Some(Weight::Born),
-            false => same(&pilot.ways, |way| way.weights.get(event + 1).copied()).map(Weight::Known),
+            false => at(event + 1).filter(|weight| is_born_alike && weight.is_finite()).map(Weight::Known),
         };
         let mut places: Vec<Place> = Vec::new();
         for (number, event) in path.events.iter().enumerate() {
@@ -104,7 +108,7 @@ impl PathLog {
         let end = match (last.ends, last.primitive < num_surfaces) {
             (true, false) => None,
             (true, true) => Some((cells.surfaces + last.primitive as u32, path.events.len() - 1)),
-            (false, _) => Some((depth_cell()?, path.events.len())),
+            (false, _) => Some((CELL_DEPTH_KILLED, path.events.len())),
         };
         let end = match end {
             Some((cell, event)) => Some(LedgerEnd { cell, weight: weight(event)? }),
@@ -124,10 +128,6 @@ fn is_bilinear(kind: &SensorKind) -> bool {
     matches!(kind, SensorKind::Irradiance(grid) if grid.splat == Splat::Bilinear)
 }
 
-fn depth_cell() -> Option<u32> {
-    LEDGER_CELLS.iter().position(|name| *name == "CELL_DEPTH_KILLED").map(|cell| cell as u32)
-}
-
 /// What all ways have alike, if they do.
 fn same<T: PartialEq>(ways: &[Way], of: impl Fn(&Way) -> Option<T>) -> Option<T> {
     let mut all = ways.iter().map(of);
@@ -135,8 +135,8 @@ fn same<T: PartialEq>(ways: &[Way], of: impl Fn(&Way) -> Option<T>) -> Option<T>
     all.all(|other| other.as_ref() == Some(&first)).then_some(first)
 }
 
-/// True if every ray is at an event where it was at one before.
+/// True if every ray is at an event where it was at one before, as far as its recorded positions tell.
 fn arrive_together(ways: &[Way], before: usize, event: usize) -> bool {
     let at = |way: &Way, event: usize| way.positions.get(event + 1).copied();
-    ways.iter().all(|way| at(way, before).is_some() && at(way, before) == at(way, event))
+    !ways.is_empty() && ways.iter().all(|way| at(way, before).is_some() && at(way, before) == at(way, event))
 }

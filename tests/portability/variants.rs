@@ -334,7 +334,9 @@ impl Choice {
                 ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Bilinear)), false));
                 let primitives = vec![ir.surfaces.len() + ir.sensors.len() - 1; 16];
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + f64::from(z % 5));
-                let way = Way { positions: (0..17).map(away).collect(), weights: vec![0.5; 17] };
+                let mut weights = vec![0.5; 17];
+                weights[0] = 1.0;
+                let way = Way { positions: (0..17).map(away).collect(), weights };
                 variant.nominal.get_or_insert(PilotPath { primitives, ways: vec![way] });
             }
             // So many cells that those of all other choices add few parts.

@@ -30,6 +30,7 @@ pub(super) struct PythonChild {
     child: Child,
     requests: ChildStdin,
     answers: BufReader<ChildStdout>,
+    name: &'static str,
 }
 
 /// What it says of a trace.
@@ -86,7 +87,7 @@ impl PythonChild {
         let (Some(requests), Some(answers)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(Error::Internal("a child without pipes".into()));
         };
-        let mut child = PythonChild { child, requests, answers: BufReader::new(answers) };
+        let mut child = PythonChild { child, requests, answers: BufReader::new(answers), name: package };
         let versions = child.answer().map_err(|_| problem(&format!("{package} does not run in")))?;
         Ok((child, versions))
     }
@@ -97,7 +98,7 @@ impl PythonChild {
         let answer: Answer = self.answer()?;
         if answer.num_rays != num_rays {
             let launched = answer.num_rays;
-            return Err(Error::Internal(format!("the peer launched {launched} of {num_rays} rays")));
+            return Err(Error::Internal(format!("{} launched {launched} of {num_rays} rays", self.name)));
         }
         Ok(answer)
     }

@@ -101,14 +101,16 @@ impl Optiland {
     }
 
     fn trace(&mut self, case: &Case, num_rays: u64) -> Result<f64> {
-        trace(&mut self.child, &self.files, case, num_rays)
+        let scene = self.files.write_scene(&case.scene)?;
+        trace(&mut self.child, &scene, case, num_rays)
     }
 
     /// A process of its own, from its start to its end.
     fn whole_command(&self, case: &Case) -> Result<f64> {
+        let scene = self.files.write_scene(&case.scene)?;
         let start = Instant::now();
         let (mut child, _) = start_child(&self.python, self.backend, &self.files)?;
-        trace(&mut child, &self.files, case, case.num_rays)?;
+        trace(&mut child, &scene, case, case.num_rays)?;
         child.finish()?;
         Ok(start.elapsed().as_secs_f64())
     }
@@ -124,8 +126,7 @@ fn start_child(
 }
 
 /// Seconds, by Optiland's own clock.
-fn trace(child: &mut PythonChild, files: &Files, case: &Case, num_rays: u64) -> Result<f64> {
-    let scene = files.write_scene(&case.scene)?;
+fn trace(child: &mut PythonChild, scene: &Path, case: &Case, num_rays: u64) -> Result<f64> {
     let request = json!({"scene": scene, "num_rays": num_rays, "max_depth": case.max_depth});
     Ok(child.launch(&request, num_rays)?.seconds)
 }

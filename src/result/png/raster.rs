@@ -352,6 +352,33 @@ mod tests {
     }
 
     #[test]
+    fn intervals_are_those_of_a_search_in_turn() {
+        let edges = [-2.0, -1.0, 0.0, 0.0, 0.5, 2.0];
+        let in_turn = |value: f64| (1..5).rev().find(|&at| edges[at] <= value).unwrap_or(0);
+        for value in [-3.0, -2.0, -1.5, -1.0, -0.1, 0.0, 0.2, 0.5, 1.0, 2.0, 3.0] {
+            for guess in 0..5 {
+                assert_eq!(interval(guess, value, &edges), in_turn(value), "{value} from {guess}");
+            }
+        }
+        assert_eq!(interval(0, 7.0, &[0.0, 1.0]), 0);
+    }
+
+    /// Rings within the picture, cut by its border, and so small that they are discs.
+    #[test]
+    fn a_circle_covers_the_pixels_of_its_ring() {
+        for (size, radius, thickness) in [(40, 15.0, 2.0), (41, 20.0, 1.5), (30, 18.0, 3.0), (9, 0.4, 2.0)] {
+            let mut raster = Raster::filled(size, size, [255; 3]);
+            raster.circle(radius, thickness, [0; 3], 1.0);
+            let middle = size as f64 / 2.0;
+            for (i, pixel) in raster.rgb.chunks(3).enumerate() {
+                let [x, y] = [i % size, i / size].map(|at| at as f64 + 0.5 - middle);
+                let cover = (thickness / 2.0 + 0.5 - (x.hypot(y) - radius).abs()).clamp(0.0, 1.0);
+                assert_eq!(pixel[0], (255.0 * (1.0 - cover)).round() as u8, "pixel {i} of {size}^2");
+            }
+        }
+    }
+
+    #[test]
     fn bins_are_those_of_the_angles() {
         let (rows, columns, limit) = (7, 10, 60.0);
         let mut directions = Directions::new((rows, columns), limit);
