@@ -19,7 +19,7 @@ pub struct Bars {
     pub quantity: String,
     /// Its unit.
     pub unit: String,
-    /// Names of the bars of a group; one colour each, at most as many as [`COLORS`].
+    /// Names of the bars of a group; one colour each, which come again beyond as many as [`COLORS`].
     pub series: Vec<String>,
     /// The groups, from the top.
     pub groups: Vec<Group>,
@@ -48,7 +48,15 @@ pub struct Bar {
 }
 
 /// Told apart in grey and by the colour-blind.
-const COLORS: [[u8; 3]; 5] = [[87, 16, 110], [227, 89, 51], [120, 120, 120], [64, 150, 190], [150, 190, 90]];
+const COLORS: [[u8; 3]; 7] = [
+    [87, 16, 110],
+    [227, 89, 51],
+    [120, 120, 120],
+    [64, 150, 190],
+    [150, 190, 90],
+    [235, 180, 50],
+    [60, 60, 60],
+];
 
 /// Sizes \[pixels\].
 const TEXT: f64 = 22.0;
@@ -120,7 +128,7 @@ fn decades(bars: &Bars) -> Axis {
 
 fn key(canvas: &Canvas, (left, middle): (i32, i32), series: &[String]) -> Drawn {
     let mut left = left;
-    for (name, color) in series.iter().zip(COLORS) {
+    for (name, color) in series.iter().zip(COLORS.into_iter().cycle()) {
         let place = Place { left, top: middle - BAR / 2, width: 2 * BAR, height: BAR };
         canvas.fill(place, color)?;
         canvas.label(name, (place.right() + 10, middle), HPos::Left, VPos::Center)?;
@@ -133,7 +141,7 @@ fn draw_group(canvas: &Canvas, place: Place, axis: &Axis, group: &Group, top: i3
     let mut top = top + gap(group);
     let middle = top + BAR * num_bars(group) / 2;
     canvas.label(&group.label, (place.left - 14, middle), HPos::Right, VPos::Center)?;
-    for (bar, color) in group.bars.iter().zip(COLORS) {
+    for (bar, color) in group.bars.iter().zip(COLORS.into_iter().cycle()) {
         let Some(bar) = bar else { continue };
         let end = |value: f64| place.x(value.log10(), axis.range);
         canvas.fill(
