@@ -255,8 +255,6 @@ pub struct Tracer<'a> {
     end_logs: Option<EndLogs>,
     /// Passes since the sums were drained.
     num_passes: u64,
-    /// Most rays strayed from the nominal path: it is no longer followed.
-    left_path: bool,
     /// Primitives that rays have reached since the sums were drained, a bit each.
     reached: u32,
     counts_undrained: u64,
@@ -414,7 +412,6 @@ impl<'a> Tracer<'a> {
             reached: 0,
             counts_undrained: 0,
             num_passes: 0,
-            left_path: false,
             launched: Booking::default(),
             launched_rays: RaySet::default(),
             pause: None,
@@ -597,7 +594,7 @@ impl<'a> Tracer<'a> {
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
         for range in self.ranges(first, end) {
             match &mut self.end_logs {
-                Some(logs) if self.left_path => {
+                Some(logs) if !path_pays(&self.program, &self.options, logs) => {
                     logs.list(range.emitter, range.first..range.first + u64::from(range.count));
                 }
                 _ => self.dispatch(&range, Rays::OfRange)?,
@@ -615,10 +612,6 @@ impl<'a> Tracer<'a> {
             self.gpu.wait()?;
         }
         self.num_passes += 1;
-        let on_demand = self.options.nominal_path == Some(true);
-        if let (Some(logs), Some(_), false) = (&self.end_logs, &self.program.nominal, on_demand) {
-            self.left_path = !nominal::pays(logs.num_followed_and_strayed());
-        }
         // Asking waits for the device, which logs keep busy from one pass to the next.
         if self.num_passes.is_power_of_two() {
             self.learn_reached()?;
@@ -676,7 +669,7 @@ impl<'a> Tracer<'a> {
 
     /// The weight of an emitter's new rays, quantised as the device does it.
     fn birth_quanta(&self, emitter: usize) -> u128 {
-        let weight = held(self.rays[emitter].weight, self.options.precision);
+        let weight = self.options.precision.nearest(self.rays[emitter].weight);
         (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 
@@ -853,10 +846,11 @@ impl<'a> Tracer<'a> {
         Ok(())
     }
 
-    /// Notes what the rays that kept to the nominal path have reached since the last drain.
+    /// Notes what the rays of this trace have reached that kept to the nominal path.
     fn note_nominal_path(&mut self, tally: &mut Tally) {
         let (Some(nominal), Some(logs)) = (&self.program.nominal, &mut self.end_logs) else { return };
-        if logs.take_num_kept() > 0 {
+        let [num_followed, num_strayed] = logs.num_followed_and_strayed();
+        if num_followed > num_strayed {
             for event in &nominal.events {
                 tally
                     .surfaces
@@ -1167,19 +1161,10 @@ impl DeviceState {
     }
 }
 
-/// A weight as the device holds it.
-fn held(weight: f64, precision: Precision) -> f64 {
-    match precision {
-        Precision::F32 => f64::from(weight as f32),
-        Precision::Df64 => df64::rounded(weight),
-        Precision::F64 => weight,
-    }
-}
-
 /// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
 fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
-    let weight = held(weight, precision);
-    (held(weight * weight, precision) * QUANTA_PER_WEIGHT).ceil() as u128
+    let weight = precision.nearest(weight);
+    (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128
 }
 
 /// What a scene's shaders bind must be what the adapter can bind at once: more of the sums, more parts.
@@ -1321,6 +1306,13 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
     });
     let logged = program.end_log.as_ref().map_or(u32::MAX, EndLog::max_rays);
     wanted.min(logged).min(events).min(queued).min(families).max(1)
+}
+
+/// Whether new rays should follow the nominal path, if there is one: always where that was asked for.
+fn path_pays(program: &Program, options: &TraceOptions, logs: &EndLogs) -> bool {
+    program.nominal.is_none()
+        || options.nominal_path == Some(true)
+        || nominal::pays(logs.num_followed_and_strayed())
 }
 
 /// So few rays an invocation that a dispatch has several workgroups for each processor.

@@ -45,8 +45,8 @@ class Case:
         if (detector["height"], detector["num_pixels_y"]) != (self.width, self.pixels):
             raise ValueError("the detector is not square")
         self.scene = mi.load_dict({"type": "scene", **ends, **mirrors, "detector": square(detector)})
-        by_name = {shape.id(): shape for shape in self.scene.shapes()}
-        self.detector = mi.ShapePtr(by_name["detector"])
+        (caught,) = (shape for shape in self.scene.shapes() if shape.id() == "detector")
+        self.detector = mi.ShapePtr(caught)
         self.has_mirrors = bool(mirrors)
 
     def trace(self, num_rays: int, seed: int) -> tuple[float, int]:

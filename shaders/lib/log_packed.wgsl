@@ -5,7 +5,7 @@
 
 fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
     let word = number * LOG_WORDS;
-    let second = joined(bitcast<u32>(place.x), bitcast<u32>(place.y));
+    let second = packed_place(place);
     if LOGS_POSITIONS {
         let is_position = (entry & END_IN_TAPS) != 0u;
         end_log[word] = select(joined(bitcast<u32>(OFF_DETECTORS), entry), second, is_position);
@@ -22,4 +22,13 @@ fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
 
 fn joined(low: u32, high: u32) -> u64 {
     return u64(low) | (u64(high) << 32u);
+}
+
+// A place alone (lib/path_places.wgsl).
+fn write_place(number: u32, place: vec2<real>) {
+    end_log[number] = packed_place(place);
+}
+
+fn packed_place(place: vec2<real>) -> u64 {
+    return joined(bitcast<u32>(place.x), bitcast<u32>(place.y));
 }

@@ -25,9 +25,7 @@ pub struct EndLogs {
     written: Option<Written>,
     /// Ids of rays that strayed from the nominal path, per emitter.
     strays: Vec<Vec<u64>>,
-    /// Rays of ranges since the sums were taken, without those that strayed.
-    num_kept: u64,
-    /// Rays of ranges, and those of them that strayed, of all that was added up.
+    /// Rays of ranges that were added up in this trace, and those of them that strayed.
     num_followed: u64,
     num_strayed: u64,
 }
@@ -78,7 +76,6 @@ impl EndLogs {
             turn: 0,
             written: None,
             strays: Vec::new(),
-            num_kept: 0,
             num_followed: 0,
             num_strayed: 0,
         })
@@ -116,13 +113,13 @@ impl EndLogs {
         before.map_or(Ok(()), |written| self.add_up(gpu, written))
     }
 
-    /// Forgets what is not added up, and the strays.
+    /// Begins a trace: forgets what is not added up, and the strays.
     pub fn discard(&mut self) {
         if let Some(written) = self.written.take() {
             self.logs[written.log].unmap();
         }
         self.strays.clear();
-        self.num_kept = 0;
+        (self.num_followed, self.num_strayed) = (0, 0);
     }
 
     /// Adds up what is still to be.
@@ -144,12 +141,7 @@ impl EndLogs {
         strays.split_off(strays.len().saturating_sub(most as usize))
     }
 
-    /// How many rays kept to the nominal path since the last time.
-    pub fn take_num_kept(&mut self) -> u64 {
-        std::mem::take(&mut self.num_kept)
-    }
-
-    /// How many rays were to keep to the nominal path, and how many of them strayed.
+    /// How many rays of this trace were to keep to the nominal path, and how many of them strayed.
     pub fn num_followed_and_strayed(&self) -> [u64; 2] {
         [self.num_followed, self.num_strayed]
     }
@@ -193,10 +185,8 @@ impl EndLogs {
 
     /// Notes the rays of a range that strayed.
     fn note_strays(&mut self, strays: &[u32], range: &RayRange) {
-        let (num, num_strays) = (u64::from(range.count), strays.len() as u64);
-        self.num_followed += num;
-        self.num_strayed += num_strays;
-        self.num_kept += num - num_strays;
+        self.num_followed += u64::from(range.count);
+        self.num_strayed += strays.len() as u64;
         self.list(range.emitter, strays.iter().map(|&ray| range.first + u64::from(ray)));
     }
 

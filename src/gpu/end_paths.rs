@@ -68,14 +68,7 @@ impl EndSums {
         kept: u64,
         deposits: &Deposits<E::Real>,
     ) -> Option<()> {
-        match row.try_into() {
-            Ok(row) => block.lay_out::<E>(row, &deposits.weights, deposits.grid),
-            Err(_) => {
-                let mut padded = [E::zeroed(); BLOCK];
-                padded[..row.len()].copy_from_slice(row);
-                block.lay_out(&padded, &deposits.weights, deposits.grid);
-            }
-        }
+        block.lay_out(row, &deposits.weights, deposits.grid);
         let arrivals = deposits.weights.len() as u64;
         for (i, entry) in row.iter().enumerate().filter(|(i, _)| kept >> i & 1 == 1) {
             if block.is_other[i] || !deposits.fit {

@@ -86,9 +86,20 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Lays out what rays have logged, who leave each of these weights; where they log their own, there is one, which counts
-    /// for nothing but that.
-    pub fn lay_out<E: PositionEntry<Real = T>>(&mut self, entries: &[E; BLOCK], weights: &[T], grid: &Grid) {
+    /// Lays out what at most [`BLOCK`] rays have logged, who leave each of these weights; where they log their own, there is
+    /// one, which counts for nothing but that.
+    pub fn lay_out<E: PositionEntry<Real = T>>(&mut self, entries: &[E], weights: &[T], grid: &Grid) {
+        match entries.try_into() {
+            Ok(entries) => self.lay_out_all(entries, weights, grid),
+            Err(_) => {
+                let mut padded = [E::zeroed(); BLOCK];
+                padded.iter_mut().zip(entries).for_each(|(place, entry)| *place = *entry);
+                self.lay_out_all(&padded, weights, grid);
+            }
+        }
+    }
+
+    fn lay_out_all<E: PositionEntry<Real = T>>(&mut self, entries: &[E; BLOCK], weights: &[T], grid: &Grid) {
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx512f")

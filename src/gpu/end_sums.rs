@@ -186,21 +186,17 @@ impl EndSums {
         let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
         let born = E::Real::nearest(logged.weight);
         let mut block = Block::new();
-        let (blocks, last) = entries.get(logged.rays.clone())?.as_chunks();
-        let mut padded = [E::zeroed(); end_positions::BLOCK];
-        padded[..last.len()].copy_from_slice(last);
-        let blocks = blocks.iter().map(|entries| (entries, entries.len())).chain([(&padded, last.len())]);
         let mut first = logged.rays.start;
-        for (entries, num) in blocks {
+        for entries in entries.get(logged.rays.clone())?.chunks(end_positions::BLOCK) {
             block.lay_out(entries, &[born], grid);
-            for (i, entry) in entries.iter().enumerate().take(num) {
+            for (i, entry) in entries.iter().enumerate() {
                 if block.is_other[i] {
                     self.add_other(entry, born, first + i, grid, strays)?;
                     continue;
                 }
                 self.add_laid_out(&block, i, 1)?;
             }
-            first += num;
+            first += entries.len();
         }
         Some(())
     }

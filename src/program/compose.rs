@@ -273,7 +273,6 @@ impl Composition<'_> {
             }
         }
         files.extend(self.end_log.map(|log| log_file(log.form)));
-        files.extend(self.end_log.filter(|_| self.path_log.is_some()).and_then(|log| places_file(log.form)));
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
@@ -658,11 +657,9 @@ impl Composition<'_> {
             return Ok(format!("    holds = {does}(ray, hit_{step}, {primitive}u) & holds;\n"));
         };
         let no_place = || Error::Internal(format!("event {step} of the path has no place in its log"));
-        let (number, is_first) = log.place_of(step).ok_or_else(no_place)?;
-        let place = &log.places[number];
-        let arrival = place.arrivals.iter().find(|arrival| arrival.event == step).ok_or_else(no_place)?;
+        let (number, place, arrival) = log.arrival(step).ok_or_else(no_place)?;
         let mut text = format!("    holds = arrives(ray, hit_{step}, {primitive}u) & holds;\n");
-        if is_first {
+        if place.arrivals[0] == *arrival {
             let _ = writeln!(text, "    let place_{number} = log_place({number}u, *ray, {}u);", place.sensor);
         } else {
             let again = format!("place_on(*ray, {}u)", place.sensor);
@@ -858,15 +855,6 @@ fn log_file(form: Form) -> &'static str {
         Form::Packed => shader!("lib/log_packed.wgsl"),
         Form::Words => shader!("lib/log_words.wgsl"),
         Form::Reals => shader!("lib/log_reals.wgsl"),
-    }
-}
-
-fn places_file(form: Form) -> Option<&'static str> {
-    match form {
-        Form::Counts => None,
-        Form::Packed => Some(shader!("lib/places_packed.wgsl")),
-        Form::Words => Some(shader!("lib/places_words.wgsl")),
-        Form::Reals => Some(shader!("lib/places_reals.wgsl")),
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
 use super::bsdf::{self, BsdfKind};
+use super::df64;
 use super::lowered::{coating_pass, reflectance};
 use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface};
 
@@ -22,6 +23,15 @@ impl Precision {
             Precision::F32 => "f32",
             Precision::Df64 => "df64",
             Precision::F64 => "f64",
+        }
+    }
+
+    /// A number as the device holds it.
+    pub fn nearest(self, value: f64) -> f64 {
+        match self {
+            Precision::F32 => f64::from(value as f32),
+            Precision::Df64 => df64::rounded(value),
+            Precision::F64 => value,
         }
     }
 

@@ -265,12 +265,10 @@ impl Program {
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
         let nominal = NominalPath::of(ir, centre, &contacts, &options);
-        let path_log = match (&end_log, &nominal, &options.nominal) {
-            (Some(log), Some(path), Some(pilot)) => {
-                PathLog::of(ir, &cells, log, path, pilot, features.keeps_weight)
-            }
-            _ => None,
-        };
+        let path_log = end_log
+            .as_ref()
+            .zip(nominal.as_ref())
+            .and_then(|(log, path)| PathLog::of(ir, &cells, log, path, &options, features.keeps_weight));
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;

@@ -4,9 +4,10 @@
 //! once more at the place of before, as between parallel mirrors, it knows that, too. The pilot only says what may be so:
 //! the stage looks at each ray, and one that weighs something else or arrives elsewhere has strayed.
 
+use super::ProgramOptions;
 use super::end_log::{EndLog, Form, Grid};
 use super::lowered::{CELL_DEPTH_KILLED, Cells};
-use super::nominal::{NominalPath, PilotPath, Way};
+use super::nominal::{NominalPath, Way};
 use crate::ir::{SceneIr, SensorKind, Splat};
 
 /// The log of the stage `trace_nominal`.
@@ -74,14 +75,16 @@ impl PathLog {
         cells: &Cells,
         log: &EndLog,
         path: &NominalPath,
-        pilot: &PilotPath,
+        options: &ProgramOptions,
         keeps_weight: bool,
     ) -> Option<Self> {
+        let pilot = options.nominal.as_ref()?;
         let num_surfaces = ir.surfaces.len();
         let at = |event: usize| same(&pilot.ways, |way| way.weights.get(event).copied());
         // Several sources share the rays of a trace otherwise than those of its pilot.
-        let held = |weight: f64| if log.form == Form::Reals { weight } else { f64::from(weight as f32) };
-        let is_born_alike = at(0).is_some_and(|born| log.weights.iter().all(|&weight| held(weight) == born));
+        let is_born_alike = at(0).is_some_and(|born| {
+            options.weights.iter().all(|&weight| options.precision.nearest(weight) == born)
+        });
         // Each ray is born before the first event.
         let weight = |event: usize| match keeps_weight {
             true => Some(Weight::Born),
@@ -117,10 +120,12 @@ impl PathLog {
         (log.form != Form::Counts && !places.is_empty()).then_some(PathLog { places, end })
     }
 
-    /// The place where rays arrive at an event, by its number, and whether it is the first time.
-    pub fn place_of(&self, event: usize) -> Option<(usize, bool)> {
-        let arrives = |place: &Place| place.arrivals.iter().position(|arrival| arrival.event == event);
-        self.places.iter().enumerate().find_map(|(number, place)| Some((number, arrives(place)? == 0)))
+    /// How rays arrive at an event: at which place, with its number.
+    pub fn arrival(&self, event: usize) -> Option<(usize, &Place, &Arrival)> {
+        self.places.iter().enumerate().find_map(|(number, place)| {
+            let arrival = place.arrivals.iter().find(|arrival| arrival.event == event)?;
+            Some((number, place, arrival))
+        })
     }
 }
 

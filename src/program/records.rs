@@ -236,11 +236,7 @@ pub fn literal(value: f64, precision: Precision) -> Result<String> {
 }
 
 fn round_to(value: f64, precision: Precision) -> Result<f64> {
-    let rounded = match precision {
-        Precision::F32 => f64::from(value as f32),
-        Precision::Df64 => df64::rounded(value),
-        Precision::F64 => value,
-    };
+    let rounded = precision.nearest(value);
     if rounded.is_finite() {
         Ok(rounded)
     } else {
