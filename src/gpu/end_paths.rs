@@ -84,13 +84,14 @@ impl EndSums {
 
 /// Those of at most 64 rays that have not strayed, a bit each.
 fn kept_rays<E: PositionEntry>(entries: &[E], first: usize, strays: &mut Vec<u32>) -> u64 {
-    let mut kept = 0;
+    let mut strayed = 0_u64;
     for (i, entry) in entries.iter().enumerate() {
-        if entry.position()[0].is_off_detectors() {
-            strays.push((first + i) as u32);
-        } else {
-            kept |= 1 << i;
-        }
+        strayed |= u64::from(entry.position()[0].is_off_detectors()) << i;
+    }
+    let kept = u64::MAX >> (BLOCK - entries.len()) & !strayed;
+    while strayed != 0 {
+        strays.push(first as u32 + strayed.trailing_zeros());
+        strayed &= strayed - 1;
     }
     kept
 }

@@ -61,12 +61,11 @@ impl<T> PositionTaps<T> {
         T: Real,
     {
         let (column, row) = (x.tap(grid.size[0]), y.tap(grid.size[1]));
-        let stride = grid.row as u32;
-        let first = grid.first as u32 + row.first * stride + column.first;
-        let below = first + row.to_next * stride;
+        let start = |row: u32| grid.first as u32 + row * grid.row as u32;
+        let (above, below) = (start(row.first), start(row.next));
         PositionTaps {
-            hit: first + row.to_hit * stride + column.to_hit,
-            cells: [first, first + column.to_next, below, below + column.to_next],
+            hit: start(row.hit) + column.hit,
+            cells: [above + column.first, above + column.next, below + column.first, below + column.next],
             fractions: [column.fraction, row.fraction],
             is_number: column.is_number & row.is_number,
         }
@@ -170,8 +169,7 @@ impl<T: Real> Block<T> {
             self.cells.iter_mut().zip(taps.cells).for_each(|(cells, cell)| cells[i] = cell);
             let parts = T::parts(taps.fractions);
             self.parts.iter_mut().zip(parts).for_each(|(all, part)| all[i] = part);
-            let are_fractions = taps.fractions[0].is_at_most_one() & taps.fractions[1].is_at_most_one();
-            self.is_other[i] = !(taps.is_number & are_fractions) | entry.position()[0].is_off_detectors();
+            self.is_other[i] = !taps.is_number | entry.position()[0].is_off_detectors();
         }
         self.quanta = [[0; BLOCK]; 4];
     }

@@ -18,11 +18,11 @@ pub const OFF_DETECTORS: f64 = -2.0;
 pub struct AxisTaps<T> {
     /// The pixel before it.
     pub first: u32,
-    /// From there to the one behind it: 1, or 0 at the edges and beyond.
-    pub to_next: u32,
-    /// And to the one that was hit.
-    pub to_hit: u32,
-    /// How far from the one to the other it is.
+    /// The one behind it: the same at the edges and beyond.
+    pub next: u32,
+    /// The one that was hit.
+    pub hit: u32,
+    /// How far from the first to the next it is, in 0..=1.
     pub fraction: T,
     /// It is a number.
     pub is_number: bool,
@@ -131,22 +131,25 @@ macro_rules! real {
                 const FARTHEST: $real = LAST_POSITION as $real;
                 let hits_next = self.abs() >= FARTHEST;
                 let place = if hits_next { self / HIT_NEXT as $real } else { self };
-                let is_number = !place.is_nan();
-                let position = if is_number { place.clamp(-FARTHEST, FARTHEST) } else { 0.0 };
-                // SAFETY: it is no larger than 2^30.
+                // In selections, each an instruction of vectors; one that is no number is the least.
+                let above = if place > -FARTHEST { place } else { -FARTHEST };
+                let position = if above < FARTHEST { above } else { FARTHEST };
+                let corner = position.floor();
+                let last = (num_pixels - 1) as $real;
+                let pixel = |number: $real| {
+                    let number = if number > 0.0 { number } else { 0.0 };
+                    if number < last { number } else { last }
+                };
+                let (first, next) = (pixel(corner), pixel(corner + 1.0));
+                // SAFETY: it is one of the pixels.
                 #[allow(unsafe_code)]
-                let whole = unsafe { position.to_int_unchecked::<i32>() };
-                // Rounded down, not towards 0.
-                let corner = whole - i32::from(position < whole as $real);
-                let last = num_pixels as i32 - 1;
-                let (first, next) = (corner.clamp(0, last), (corner + 1).clamp(0, last));
-                let to_next = (next - first) as u32;
+                let whole = |pixel: $real| unsafe { pixel.to_int_unchecked::<i32>() as u32 };
                 AxisTaps {
-                    first: first as u32,
-                    to_next,
-                    to_hit: if hits_next { to_next } else { 0 },
-                    fraction: position - corner as $real,
-                    is_number,
+                    first: whole(first),
+                    next: whole(next),
+                    hit: whole(if hits_next { next } else { first }),
+                    fraction: position - corner,
+                    is_number: !self.is_nan(),
                 }
             }
 
