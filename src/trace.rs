@@ -231,6 +231,8 @@ fn share(count: u64, position: u64, length: u64) -> u64 {
 const DEFAULT_BATCH: u32 = 1 << 18;
 /// Where they log their ends: the log stays in a processor's caches, and dispatches are long against what each costs.
 const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
+/// Where they log places alone: a few words a ray.
+const DEFAULT_PLACES_BATCH: u32 = 1 << 18;
 /// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
 const MANY_RAYS: u64 = 8;
 /// Rows for the host in one pass.
@@ -1287,6 +1289,7 @@ const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
     let default = match program.end_log {
+        Some(_) if program.path_log.is_some() => DEFAULT_PLACES_BATCH,
         Some(_) => DEFAULT_LOGGED_BATCH,
         None => DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32,
     };
