@@ -190,6 +190,32 @@ mod tests {
     }
 
     #[test]
+    fn taps_are_those_of_whole_numbers() {
+        const NUM_PIXELS: u32 = 7;
+        let last = i64::from(NUM_PIXELS) - 1;
+        for i in -1000..=1000 {
+            let position = f64::from(i) / 64.0;
+            let corner = position.floor();
+            let [first, next] = [0, 1].map(|to| (corner as i64 + to).clamp(0, last) as u32);
+            for (logged, hit) in [(position, first), (position * HIT_NEXT, next)] {
+                let expected = (first, if position == 0.0 { first } else { hit }, next, position - corner);
+                for taps in [logged.tap(NUM_PIXELS), widened((logged as f32).tap(NUM_PIXELS))] {
+                    assert_eq!((taps.first, taps.hit, taps.next, taps.fraction), expected, "{logged}");
+                    assert!(taps.is_number);
+                }
+            }
+        }
+        let farthest = [f64::NEG_INFINITY, f64::INFINITY].map(|at| at.tap(NUM_PIXELS));
+        assert_eq!(farthest.map(|taps| (taps.first, taps.next)), [(0, 0), (6, 6)]);
+        assert!(!f64::NAN.tap(NUM_PIXELS).is_number && !f32::NAN.tap(NUM_PIXELS).is_number);
+    }
+
+    fn widened(taps: AxisTaps<f32>) -> AxisTaps<f64> {
+        let AxisTaps { first, next, hit, fraction, is_number } = taps;
+        AxisTaps { first, next, hit, fraction: fraction.into(), is_number }
+    }
+
+    #[test]
     fn quanta_of_small_weights_are_found_either_way() {
         for i in 0..10_000 {
             let at = |factor: f64| (f64::from(i) * factor).fract();
