@@ -2,7 +2,7 @@
 
 fn indices_of(surface: Surface, wavelength: u32) -> vec2<real> {
     return vec2<real>(
-        media[surface.front * NUM_WAVELENGTHS + wavelength].x,
-        media[surface.back * NUM_WAVELENGTHS + wavelength].x,
+        medium_at(surface.front * NUM_WAVELENGTHS + wavelength).x,
+        medium_at(surface.back * NUM_WAVELENGTHS + wavelength).x,
     );
 }

@@ -91,6 +91,9 @@ impl Composition<'_> {
         if let Some(nominal) = self.nominal {
             text.push_str(&self.walk(nominal)?);
         }
+        if self.features.reads_media() && self.options.chooses_media(self.ir) {
+            text.push_str(&self.media()?);
+        }
         text.push_str(&self.record());
         text.push_str(&self.bins());
         text.push_str(&self.emit());
@@ -276,7 +279,7 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
-            (f.refractive && f.polychromatic || f.bulk_absorption, shader!("lib/media.wgsl")),
+            (f.reads_media() && !o.chooses_media(self.ir), shader!("lib/media.wgsl")),
             (
                 f.refractive,
                 pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
@@ -713,6 +716,20 @@ impl Composition<'_> {
             text.push_str("        default: { return false; }\n    }\n}\n");
         }
         text
+    }
+
+    /// The twin of lib/media.wgsl.
+    fn media(&self) -> Result<String> {
+        let row = |[n, absorption]: [f64; 2]| -> Result<String> {
+            Ok(format!("vec2<real>({}, {})", self.real(n)?, self.real(absorption)?))
+        };
+        let rows = lowered::media(self.ir).into_iter().map(row).collect::<Result<Vec<_>>>()?;
+        let mut text = format!("fn medium_at(index: u32) -> vec2<real> {{\n    var medium = {};\n", rows[0]);
+        for (i, row) in rows.iter().enumerate().skip(1) {
+            let _ = writeln!(text, "    medium = select(medium, {row}, index == {i}u);");
+        }
+        text.push_str("    return medium;\n}\n");
+        Ok(text)
     }
 
     /// Dispatch over the kinds of sensors that occur; the codes are those of [`lowered::sensor_code`].

@@ -223,6 +223,11 @@ impl Features {
         }
     }
 
+    /// What rays meet depends on the table of media: on its indices, where wavelengths differ, or its absorption.
+    pub fn reads_media(&self) -> bool {
+        self.refractive && self.polychromatic || self.bulk_absorption
+    }
+
     /// True if some BSDF reads a table.
     pub fn has_bsdf_table(&self) -> bool {
         self.bsdfs.iter().any(|kind| kind.has_table())

@@ -6,7 +6,8 @@ use super::features::{self, EmitterName, Features, ShapeKind};
 use super::records::Records;
 use crate::error::{Error, Result};
 use crate::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, Sensor, SensorKind, Shape, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, SceneIr, Sensor, SensorKind, Shape, Splat,
+    Surface,
 };
 use glam::{DMat3, DVec3};
 
@@ -224,6 +225,15 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     }
     bsdf::put_columns(&mut records, ir, &features.bsdfs);
     records
+}
+
+/// n, and 4 pi k / lambda per mm, per medium and wavelength.
+pub fn media(ir: &SceneIr) -> Vec<[f64; 2]> {
+    const UM_PER_MM: f64 = 1e3;
+    let row = |medium: &Medium, w: usize| {
+        [medium.n[w], 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM]
+    };
+    ir.media.iter().flat_map(|medium| (0..ir.wavelengths.len()).map(move |w| row(medium, w))).collect()
 }
 
 /// The reflectance of a mirror or a coating at a wavelength of the scene; 1 elsewhere.

@@ -123,6 +123,12 @@ impl ProgramOptions {
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
+    /// Few rows of the table of media are chosen from: sooner done than reading one where each lane has its own.
+    pub fn chooses_media(&self, ir: &SceneIr) -> bool {
+        const MOST_ROWS: usize = 16;
+        self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_ROWS
+    }
+
     /// True if the loops of an invocation may make more rounds than some driver allows (shaders/lib/rounds.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
@@ -329,8 +335,8 @@ impl Program {
         if self.options.precision == Precision::Df64 {
             buffers.push((df64::ZERO, vec![0; 16]));
         }
-        if self.features.refractive && self.features.polychromatic || self.features.bulk_absorption {
-            buffers.push((MEDIA, self.media(ir)?));
+        if self.features.reads_media() && !self.options.chooses_media(ir) {
+            buffers.push((MEDIA, self.reals(lowered::media(ir).into_iter().flatten())?));
         }
         if self.features.polychromatic {
             buffers.push((SPECTRA, spectra(ir)));
@@ -424,16 +430,6 @@ impl Program {
             Precision::F32 => 4,
             Precision::Df64 | Precision::F64 => 8,
         }
-    }
-
-    /// n, and 4 pi k / lambda per mm, per medium and wavelength.
-    fn media(&self, ir: &SceneIr) -> Result<Vec<u8>> {
-        const UM_PER_MM: f64 = 1e3;
-        self.reals(ir.media.iter().flat_map(|medium| {
-            ir.wavelengths.iter().enumerate().flat_map(|(w, wavelength)| {
-                [medium.n[w], 4.0 * std::f64::consts::PI * medium.k[w] / wavelength * UM_PER_MM]
-            })
-        }))
     }
 
     /// Per surface and wavelength: reflectances of mirrors and coatings, then what coatings let pass.
