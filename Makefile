@@ -24,8 +24,11 @@ ACCURACY_ARGS =
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
-# The cargo profile "dev", which the tests use too.
-BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/debug/nsq-gpu)
+# The cargo profile "dev", which the tests use too, checks for overflows; times are those of "release".
+PROFILE_FOLDER = debug
+BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/$(PROFILE_FOLDER)/nsq-gpu)
+bench accuracy: PROFILE_FOLDER = release
+bench accuracy: BUILD_ARGS = --release
 
 .PHONY: demo bench accuracy test test-rust test-python test-random test-torch build adapter display rust-components clean
 
@@ -59,7 +62,7 @@ test-torch: adapter .venv-torch/installed
 
 build:
 	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
-	@cargo build
+	@cargo build $(BUILD_ARGS)
 
 # wgpu needs a Vulkan loader and a driver on Linux. Where the program finds no adapter, lavapipe is one in software.
 adapter: build
