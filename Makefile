@@ -25,21 +25,24 @@ PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
 # The cargo profile "dev", which the tests use too, checks for overflows; times are those of "release".
-PROFILE_FOLDER = debug
-BINARY = $(abspath $(or $(CARGO_TARGET_DIR),target)/$(PROFILE_FOLDER)/nsq-gpu)
-bench accuracy: PROFILE_FOLDER = release
-bench accuracy: BUILD_ARGS = --release
+PROFILE = dev
+TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
+BINARY = $(abspath $(TARGET_FOLDER)/$(if $(filter dev,$(PROFILE)),debug,$(PROFILE))/nsq-gpu)
+FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
-.PHONY: demo bench accuracy test test-rust test-python test-random test-torch build adapter display rust-components clean
+.PHONY: demo bench accuracy fast-binary test test-rust test-python test-random test-torch build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
 
-bench: adapter .venv/installed
-	@$(BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
+fast-binary:
+	@$(MAKE) --no-print-directory adapter PROFILE=release
 
-accuracy: adapter .venv/installed
-	@$(BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out $(ACCURACY_ARGS)
+bench: fast-binary .venv/installed
+	@$(FAST_BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
+
+accuracy: fast-binary .venv/installed
+	@$(FAST_BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out $(ACCURACY_ARGS)
 
 test: test-rust test-python
 
@@ -62,7 +65,7 @@ test-torch: adapter .venv-torch/installed
 
 build:
 	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
-	@cargo build $(BUILD_ARGS)
+	@cargo build --profile $(PROFILE)
 
 # wgpu needs a Vulkan loader and a driver on Linux. Where the program finds no adapter, lavapipe is one in software.
 adapter: build

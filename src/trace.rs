@@ -231,7 +231,7 @@ fn share(count: u64, position: u64, length: u64) -> u64 {
 const DEFAULT_BATCH: u32 = 1 << 18;
 /// Where they log their ends: the log stays in a processor's caches, and dispatches are long against what each costs.
 const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
-/// Where they log places alone: a few words a ray.
+/// Where they log places alone, which are mostly few words a ray.
 const DEFAULT_PLACES_BATCH: u32 = 1 << 18;
 /// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
 const MANY_RAYS: u64 = 8;
@@ -849,8 +849,8 @@ impl<'a> Tracer<'a> {
     }
 
     /// Notes what the rays of this trace have reached that kept to the nominal path.
-    fn note_nominal_path(&mut self, tally: &mut Tally) {
-        let (Some(nominal), Some(logs)) = (&self.program.nominal, &mut self.end_logs) else { return };
+    fn note_nominal_path(&self, tally: &mut Tally) {
+        let (Some(nominal), Some(logs)) = (&self.program.nominal, &self.end_logs) else { return };
         let [num_followed, num_strayed] = logs.num_followed_and_strayed();
         if num_followed > num_strayed {
             for event in &nominal.events {

@@ -92,7 +92,7 @@ impl<T: Real> Block<T> {
             Ok(entries) => self.lay_out_all(entries, weights, grid),
             Err(_) => {
                 let mut padded = [E::zeroed(); BLOCK];
-                padded.iter_mut().zip(entries).for_each(|(place, entry)| *place = *entry);
+                padded[..entries.len()].copy_from_slice(entries);
                 self.lay_out_all(&padded, weights, grid);
             }
         }

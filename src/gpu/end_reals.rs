@@ -141,7 +141,7 @@ macro_rules! real {
                     if number < last { number } else { last }
                 };
                 let (first, next) = (pixel(corner), pixel(corner + 1.0));
-                // SAFETY: it is one of the pixels.
+                // SAFETY: from 0 to the farthest and one.
                 #[allow(unsafe_code)]
                 let whole = |pixel: $real| unsafe { pixel.to_int_unchecked::<i32>() as u32 };
                 AxisTaps {
@@ -191,23 +191,31 @@ mod tests {
 
     #[test]
     fn taps_are_those_of_whole_numbers() {
-        const NUM_PIXELS: u32 = 7;
-        let last = i64::from(NUM_PIXELS) - 1;
-        for i in -1000..=1000 {
-            let position = f64::from(i) / 64.0;
-            let corner = position.floor();
-            let [first, next] = [0, 1].map(|to| (corner as i64 + to).clamp(0, last) as u32);
-            for (logged, hit) in [(position, first), (position * HIT_NEXT, next)] {
-                let expected = (first, if position == 0.0 { first } else { hit }, next, position - corner);
-                for taps in [logged.tap(NUM_PIXELS), widened((logged as f32).tap(NUM_PIXELS))] {
-                    assert_eq!((taps.first, taps.hit, taps.next, taps.fraction), expected, "{logged}");
-                    assert!(taps.is_number);
+        for num_pixels in [1, 7] {
+            let last = i64::from(num_pixels) - 1;
+            for position in (-1000..=1000).map(|i| f64::from(i) / 64.0).chain([-0.0]) {
+                let corner = position.floor();
+                let [first, next] = [0, 1].map(|to| (corner as i64 + to).clamp(0, last) as u32);
+                let marked = if position == 0.0 { first } else { next };
+                for (logged, hit) in [(position, first), (position * HIT_NEXT, marked)] {
+                    for taps in [logged.tap(num_pixels), widened((logged as f32).tap(num_pixels))] {
+                        assert_eq!((taps.first, taps.next, taps.hit), (first, next, hit), "{logged}");
+                        assert!(taps.is_number && taps.fraction == position - corner, "{logged}");
+                    }
                 }
             }
         }
-        let farthest = [f64::NEG_INFINITY, f64::INFINITY].map(|at| at.tap(NUM_PIXELS));
-        assert_eq!(farthest.map(|taps| (taps.first, taps.next)), [(0, 0), (6, 6)]);
-        assert!(!f64::NAN.tap(NUM_PIXELS).is_number && !f32::NAN.tap(NUM_PIXELS).is_number);
+        for [least, most] in [
+            [f64::NEG_INFINITY, f64::INFINITY].map(|at| at.tap(7)),
+            [f32::NEG_INFINITY, f32::INFINITY].map(|at| widened(at.tap(7))),
+        ] {
+            assert_eq!(
+                [least.first, least.next, least.hit, most.first, most.next, most.hit],
+                [0, 0, 0, 6, 6, 6]
+            );
+            assert_eq!([least.fraction, most.fraction], [0.0; 2]);
+        }
+        assert!(!f64::NAN.tap(7).is_number && !f32::NAN.tap(7).is_number);
     }
 
     fn widened(taps: AxisTaps<f32>) -> AxisTaps<f64> {

@@ -13,7 +13,7 @@ use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::mesh::Triangles;
 use super::nominal::{NominalEvent, NominalPath};
 use super::path_log::{PathLog, Weight};
-use super::records::literal;
+use super::records::{choose, literal};
 use super::splitting::Splitting;
 use super::sums::SumBuffers;
 use super::tree::{self, PrimitiveTree};
@@ -91,7 +91,7 @@ impl Composition<'_> {
         if let Some(nominal) = self.nominal {
             text.push_str(&self.walk(nominal)?);
         }
-        if self.features.reads_media() && self.options.chooses_media(self.ir) {
+        if self.options.chooses_media(self.ir, self.features) {
             text.push_str(&self.media()?);
         }
         text.push_str(&self.record());
@@ -279,7 +279,7 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
-            (f.reads_media() && !o.chooses_media(self.ir), shader!("lib/media.wgsl")),
+            (o.has_media_table(self.ir, f), shader!("lib/media.wgsl")),
             (
                 f.refractive,
                 pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
@@ -662,7 +662,7 @@ impl Composition<'_> {
         let no_place = || Error::Internal(format!("event {step} of the path has no place in its log"));
         let (number, place, arrival) = log.arrival(step).ok_or_else(no_place)?;
         let mut text = format!("    holds = arrives(ray, hit_{step}, {primitive}u) & holds;\n");
-        if place.arrivals[0] == *arrival {
+        if place.arrivals[0].event == step {
             let _ = writeln!(text, "    let place_{number} = log_place({number}u, *ray, {}u);", place.sensor);
         } else {
             let again = format!("place_on(*ray, {}u)", place.sensor);
@@ -720,16 +720,16 @@ impl Composition<'_> {
 
     /// The twin of lib/media.wgsl.
     fn media(&self) -> Result<String> {
-        let row = |[n, absorption]: [f64; 2]| -> Result<String> {
-            Ok(format!("vec2<real>({}, {})", self.real(n)?, self.real(absorption)?))
+        let rows = lowered::media(self.ir);
+        let column = |which: usize| -> Result<String> {
+            let literals = rows.iter().map(|row| self.real(row[which])).collect::<Result<Vec<_>>>()?;
+            Ok(choose(&literals))
         };
-        let rows = lowered::media(self.ir).into_iter().map(row).collect::<Result<Vec<_>>>()?;
-        let mut text = format!("fn medium_at(index: u32) -> vec2<real> {{\n    var medium = {};\n", rows[0]);
-        for (i, row) in rows.iter().enumerate().skip(1) {
-            let _ = writeln!(text, "    medium = select(medium, {row}, index == {i}u);");
-        }
-        text.push_str("    return medium;\n}\n");
-        Ok(text)
+        Ok(format!(
+            "fn medium_at(i: u32) -> vec2<real> {{\n    return vec2<real>({}, {});\n}}\n",
+            column(0)?,
+            column(1)?
+        ))
     }
 
     /// Dispatch over the kinds of sensors that occur; the codes are those of [`lowered::sensor_code`].

@@ -123,10 +123,17 @@ impl ProgramOptions {
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
-    /// Few rows of the table of media are chosen from: sooner done than reading one where each lane has its own.
-    pub fn chooses_media(&self, ir: &SceneIr) -> bool {
-        const MOST_ROWS: usize = 16;
-        self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_ROWS
+    /// True if the shaders choose from the rows of media: sooner done, where they are few, than reading a table in which each
+    /// lane has its own.
+    pub fn chooses_media(&self, ir: &SceneIr, features: &Features) -> bool {
+        features.reads_media() && !self.has_media_table(ir, features)
+    }
+
+    /// True if they read them from a table.
+    pub fn has_media_table(&self, ir: &SceneIr, features: &Features) -> bool {
+        const MOST_CHOSEN: usize = 16;
+        let are_few = self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN;
+        features.reads_media() && !are_few
     }
 
     /// True if the loops of an invocation may make more rounds than some driver allows (shaders/lib/rounds.wgsl): not if
@@ -335,7 +342,7 @@ impl Program {
         if self.options.precision == Precision::Df64 {
             buffers.push((df64::ZERO, vec![0; 16]));
         }
-        if self.features.reads_media() && !self.options.chooses_media(ir) {
+        if self.options.has_media_table(ir, &self.features) {
             buffers.push((MEDIA, self.reals(lowered::media(ir).into_iter().flatten())?));
         }
         if self.features.polychromatic {

@@ -212,8 +212,8 @@ impl Column {
     }
 }
 
-/// A select over rows; the most frequent value needs none.
-fn choose(literals: &[String]) -> String {
+/// A select over the rows `i`; the most frequent value needs none.
+pub fn choose(literals: &[String]) -> String {
     let mut rows: HashMap<&str, Vec<usize>> = HashMap::new();
     for (row, literal) in literals.iter().enumerate() {
         rows.entry(literal).or_default().push(row);
