@@ -24,10 +24,10 @@ ACCURACY_ARGS =
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
-# The cargo profile "dev", which the tests use too, checks for overflows; times are those of "release".
-PROFILE = dev
+# The tests use the same program, which checks for overflows; times are those of the release.
 TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
-BINARY = $(abspath $(TARGET_FOLDER)/$(if $(filter dev,$(PROFILE)),debug,$(PROFILE))/nsq-gpu)
+BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
+BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
 .PHONY: demo bench accuracy fast-binary test test-rust test-python test-random test-torch build adapter display rust-components clean
@@ -36,7 +36,7 @@ demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
 
 fast-binary:
-	@$(MAKE) --no-print-directory adapter PROFILE=release
+	@$(MAKE) --no-print-directory adapter BINARY=$(FAST_BINARY) BUILD_ARGS=--release
 
 bench: fast-binary .venv/installed
 	@$(FAST_BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
@@ -65,7 +65,7 @@ test-torch: adapter .venv-torch/installed
 
 build:
 	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
-	@cargo build --profile $(PROFILE)
+	@cargo build $(BUILD_ARGS)
 
 # wgpu needs a Vulkan loader and a driver on Linux. Where the program finds no adapter, lavapipe is one in software.
 adapter: build

@@ -1,8 +1,8 @@
-// Indices (front, back) of a surface, from the table over media and wavelengths.
+// Indices (front, back) of a surface, which differ between wavelengths.
 
 fn indices_of(surface: Surface, wavelength: u32) -> vec2<real> {
     return vec2<real>(
-        medium_at(surface.front * NUM_WAVELENGTHS + wavelength).x,
-        medium_at(surface.back * NUM_WAVELENGTHS + wavelength).x,
+        medium_at(surface.front, wavelength).n,
+        medium_at(surface.back, wavelength).n,
     );
 }

@@ -13,7 +13,7 @@ use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::mesh::Triangles;
 use super::nominal::{NominalEvent, NominalPath};
 use super::path_log::{PathLog, Weight};
-use super::records::{choose, literal};
+use super::records::{Records, literal};
 use super::splitting::Splitting;
 use super::sums::SumBuffers;
 use super::tree::{self, PrimitiveTree};
@@ -90,9 +90,6 @@ impl Composition<'_> {
         }
         if let Some(nominal) = self.nominal {
             text.push_str(&self.walk(nominal)?);
-        }
-        if self.options.chooses_media(self.ir, self.features) {
-            text.push_str(&self.media()?);
         }
         text.push_str(&self.record());
         text.push_str(&self.bins());
@@ -279,7 +276,7 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
-            (o.has_media_table(self.ir, f), shader!("lib/media.wgsl")),
+            (f.reads_media(), shader!("lib/media.wgsl")),
             (
                 f.refractive,
                 pick(f.polychromatic, shader!("lib/indices_table.wgsl"), shader!("lib/indices.wgsl")),
@@ -445,28 +442,30 @@ impl Composition<'_> {
         let rotated_sensors = lowered::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         let mut text = String::new();
         for records in [&surfaces, &sensors] {
-            text.push_str(&if self.options.baked {
-                records.baked(self.precision())?
-            } else {
-                records.table(self.precision(), self.options.uniform_bytes)?
-            });
+            text.push_str(&self.rows_of(records, self.options.baked)?);
+        }
+        if self.features.reads_media() {
+            text.push_str(
+                &self.rows_of(&lowered::medium_records(self.ir), self.options.bakes_media(self.ir))?,
+            );
         }
         text.push_str(&self.emitter()?);
         if contact::any(self.contacts) {
-            let contacts = lowered::contact_records(self.contacts);
-            text.push_str(&if self.options.baked {
-                contacts.baked(self.precision())?
-            } else {
-                contacts.table(self.precision(), self.options.uniform_bytes)?
-            });
+            text.push_str(&self.rows_of(&lowered::contact_records(self.contacts), self.options.baked)?);
         }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
-            let primitives = lowered::primitive_records(self.ir, self.centre);
-            text.push_str(&primitives.table(self.precision(), self.options.uniform_bytes)?);
+            text.push_str(&self.rows_of(&lowered::primitive_records(self.ir, self.centre), false)?);
         }
         Ok(text)
+    }
+
+    fn rows_of(&self, records: &Records, baked: bool) -> Result<String> {
+        match baked {
+            true => records.baked(self.precision()),
+            false => records.table(self.precision(), self.options.uniform_bytes),
+        }
     }
 
     /// A lone emitter is compiled in; of several, the one of the dispatch lies in a uniform. `begin` copies what lies in
@@ -716,20 +715,6 @@ impl Composition<'_> {
             text.push_str("        default: { return false; }\n    }\n}\n");
         }
         text
-    }
-
-    /// The twin of lib/media.wgsl.
-    fn media(&self) -> Result<String> {
-        let rows = lowered::media(self.ir);
-        let column = |which: usize| -> Result<String> {
-            let literals = rows.iter().map(|row| self.real(row[which])).collect::<Result<Vec<_>>>()?;
-            Ok(choose(&literals))
-        };
-        Ok(format!(
-            "fn medium_at(i: u32) -> vec2<real> {{\n    return vec2<real>({}, {});\n}}\n",
-            column(0)?,
-            column(1)?
-        ))
     }
 
     /// Dispatch over the kinds of sensors that occur; the codes are those of [`lowered::sensor_code`].

@@ -12,6 +12,7 @@ use crate::ir::{
 use glam::{DMat3, DVec3};
 
 /// Binding numbers in group 0 that the records take.
+const MEDIA: u32 = 5;
 const SURFACES: u32 = 9;
 const SENSORS: u32 = 10;
 const PRIMITIVES: u32 = 11;
@@ -227,13 +228,17 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     records
 }
 
-/// n, and 4 pi k / lambda per mm, per medium and wavelength.
-pub fn media(ir: &SceneIr) -> Vec<[f64; 2]> {
+/// Media as the shaders read them, a row per medium and wavelength: n, and 4 pi k / lambda \[1/mm\].
+pub fn medium_records(ir: &SceneIr) -> Records {
     const UM_PER_MM: f64 = 1e3;
-    let row = |medium: &Medium, w: usize| {
-        [medium.n[w], 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM]
-    };
-    ir.media.iter().flat_map(|medium| (0..ir.wavelengths.len()).map(move |w| row(medium, w))).collect()
+    let absorption =
+        |medium: &Medium, w: usize| 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM;
+    let wavelengths = 0..ir.wavelengths.len();
+    let rows = || ir.media.iter().flat_map(|medium| wavelengths.clone().map(move |w| (medium, w)));
+    let mut records = Records::new("Medium", "medium", MEDIA);
+    records.real("n", rows().map(|(medium, w)| medium.n[w]));
+    records.real("absorption", rows().map(|(medium, w)| absorption(medium, w)));
+    records
 }
 
 /// The reflectance of a mirror or a coating at a wavelength of the scene; 1 elsewhere.

@@ -123,17 +123,11 @@ impl ProgramOptions {
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
-    /// True if the shaders choose from the rows of media: sooner done, where they are few, than reading a table in which each
-    /// lane has its own.
-    pub fn chooses_media(&self, ir: &SceneIr, features: &Features) -> bool {
-        features.reads_media() && !self.has_media_table(ir, features)
-    }
-
-    /// True if they read them from a table.
-    pub fn has_media_table(&self, ir: &SceneIr, features: &Features) -> bool {
+    /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in
+    /// which each lane has its own.
+    pub fn bakes_media(&self, ir: &SceneIr) -> bool {
         const MOST_CHOSEN: usize = 16;
-        let are_few = self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN;
-        features.reads_media() && !are_few
+        self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
     /// True if the loops of an invocation may make more rounds than some driver allows (shaders/lib/rounds.wgsl): not if
@@ -220,7 +214,6 @@ pub const TEXELS_PER_LINE: u32 = 4096;
 
 /// Binding of the random generator's table.
 pub const RNG_TABLE: u32 = 1;
-const MEDIA: u32 = 5;
 const SPECTRA: u32 = 6;
 const REFLECTANCES: u32 = 7;
 const SPECTRAL_BINS: u32 = 8;
@@ -342,9 +335,6 @@ impl Program {
         if self.options.precision == Precision::Df64 {
             buffers.push((df64::ZERO, vec![0; 16]));
         }
-        if self.options.has_media_table(ir, &self.features) {
-            buffers.push((MEDIA, self.reals(lowered::media(ir).into_iter().flatten())?));
-        }
         if self.features.polychromatic {
             buffers.push((SPECTRA, spectra(ir)));
         }
@@ -357,15 +347,20 @@ impl Program {
         if self.features.spectral {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
         }
+        let mut tables = Vec::new();
+        if self.features.reads_media() && !self.options.bakes_media(ir) {
+            tables.push(lowered::medium_records(ir));
+        }
         if !self.options.baked {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
             let primitives = lowered::primitive_records(ir, self.centre);
             let contacts = contact::any(contacts).then(|| lowered::contact_records(contacts));
-            for records in [surfaces, sensors, primitives].into_iter().chain(contacts) {
-                let bytes = records.bytes(&self.module, self.options.precision)?;
-                buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
-            }
+            tables.extend([surfaces, sensors, primitives].into_iter().chain(contacts));
+        }
+        for records in tables {
+            let bytes = records.bytes(&self.module, self.options.precision)?;
+            buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
         }
         Ok(buffers)
     }

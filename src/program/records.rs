@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::fmt::Write;
 use std::sync::LazyLock;
 
-/// A table with one row per surface, sensor or primitive.
+/// A table with one row per surface, sensor, primitive, or medium and wavelength.
 #[derive(Debug, Clone)]
 pub struct Records {
     /// Name of the struct in the shader.
@@ -213,7 +213,7 @@ impl Column {
 }
 
 /// A select over the rows `i`; the most frequent value needs none.
-pub fn choose(literals: &[String]) -> String {
+fn choose(literals: &[String]) -> String {
     let mut rows: HashMap<&str, Vec<usize>> = HashMap::new();
     for (row, literal) in literals.iter().enumerate() {
         rows.entry(literal).or_default().push(row);
