@@ -33,6 +33,14 @@ fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32)
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
+// From a refracting surface the path goes on in this medium, which is a constant from here on: the compiler knows what it
+// absorbs.
+fn goes_on_in(ray: ptr<function, Ray>, medium: u32) -> bool {
+    let is_in = (*ray).medium == medium;
+    (*ray).medium = medium;
+    return is_in;
+}
+
 // The last event of a path may be the last one of all.
 fn goes_on(ray: ptr<function, Ray>) -> bool {
     let lives = (*ray).fate == ALIVE;

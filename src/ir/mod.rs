@@ -60,6 +60,13 @@ pub struct Medium {
     pub k: Vec<f64>,
 }
 
+impl Medium {
+    /// True if it takes from rays of some wavelength.
+    pub fn absorbs(&self) -> bool {
+        self.k.iter().any(|&k| k != 0.0)
+    }
+}
+
 /// One surface that a ray can meet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {

@@ -133,6 +133,11 @@ fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
     is_met && q.abs() > 1.001 * a.abs() * bound
 }
 
+/// Whether a stretch that begins on a shape leads to the side of its back medium.
+pub fn goes_to_back(shape: &Shape, stretch: &Stretch) -> bool {
+    Along::of(shape, stretch.from, stretch.to - stretch.from).g > 0.0
+}
+
 /// The rays of a pilot that take the path, and what was taken for granted of them.
 #[derive(Debug)]
 pub struct Pilot<'a> {
@@ -152,7 +157,7 @@ impl<'a> Pilot<'a> {
 
     /// Takes something for granted, if it and all that was taken before hold for nearly all rays, in the frame of a
     /// primitive.
-    fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
+    pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
         let is_so = |way: &Way| match way.positions.get(self.step..self.step + 2) {
             Some(&[from, to]) => holds(&Stretch { from, to }.within(frame)),
             _ => false,

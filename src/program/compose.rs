@@ -639,6 +639,9 @@ impl Composition<'_> {
                 let surface = surfaces.row(self.precision(), primitive)?;
                 let _ =
                     writeln!(walk, "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u) & holds;");
+                if let Some(medium) = event.goes_on_in {
+                    let _ = writeln!(walk, "    holds = goes_on_in(ray, {medium}u) & holds;");
+                }
             } else {
                 walk.push_str(&self.arrival(step, event)?);
             }

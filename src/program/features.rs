@@ -3,7 +3,9 @@
 use super::bsdf::{self, BsdfKind};
 use super::df64;
 use super::lowered::{coating_pass, reflectance};
-use crate::ir::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface};
+use crate::ir::{
+    EmitterKind, Interaction, Medium, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface,
+};
 
 /// Precision of the physics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -172,7 +174,7 @@ impl Features {
                 Interaction::Refractive | Interaction::Absorbing => None,
             })
         };
-        let bulk_absorption = ir.media.iter().any(|m| m.k.iter().any(|&k| k != 0.0));
+        let bulk_absorption = ir.media.iter().any(Medium::absorbs);
         let refractive = ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
         let importance = ir.sampling.reflect_prob != ReflectProb::Fresnel && refractive;
         let splits = splits(ir);

@@ -9,7 +9,7 @@ use super::clearance::{self, Clearance, Pilot};
 use super::contact::{self, Contact};
 use super::end_log::{self, EndLog};
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
-use crate::ir::{Emitter, EmitterKind, Interaction, Outline, SceneIr, Shape};
+use crate::ir::{Emitter, EmitterKind, Interaction, Medium, Outline, SceneIr, Shape};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -60,6 +60,8 @@ pub struct NominalEvent {
     pub at_nearer_crossing: bool,
     /// What else could be met before it, and what shows that a ray is clear of it.
     pub passed: Vec<(usize, Clearance)>,
+    /// The medium that a refracting surface lets the ray go on in, where some medium absorbs.
+    pub goes_on_in: Option<usize>,
 }
 
 impl NominalPath {
@@ -85,6 +87,7 @@ impl NominalPath {
         }
         let shapes = lowered::primitives(ir);
         let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
+        let absorbs = ir.media.iter().any(Medium::absorbs);
         let mut pilot = Pilot::new(ways);
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;
@@ -105,10 +108,22 @@ impl NominalPath {
                 && leaves != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
             let ends = step + 1 == primitives.len() && !is_full;
-            NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed }
+            pilot.step = step + 1;
+            let goes_on_in = (absorbs && !ends).then(|| medium_behind(ir, primitive, &mut pilot)).flatten();
+            NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, goes_on_in }
         });
         Some(NominalPath { events: events.collect() })
     }
+}
+
+/// The medium that nearly all rays of a pilot go on in, on the stretch that begins on a refracting surface.
+fn medium_behind(ir: &SceneIr, primitive: usize, pilot: &mut Pilot) -> Option<usize> {
+    let surface = ir.surfaces.get(primitive).filter(|s| s.interaction == Interaction::Refractive)?;
+    let sides = [(surface.back, true), (surface.front, false)];
+    let goes_on_in = |side: &(usize, bool)| {
+        pilot.takes(&surface.frame, |stretch| clearance::goes_to_back(&surface.shape, stretch) == side.1)
+    };
+    sides.into_iter().find(goes_on_in).map(|(medium, _)| medium)
 }
 
 /// The way of a path's rays to one of its events.

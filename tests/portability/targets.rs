@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Storage buffers that plain WebGPU binds per stage.
 pub const WEBGPU_STORAGE_BUFFERS: usize = 8;
 /// Storage buffers of the portable shader of everything at once: compiled in, and in tables.
-pub const MOST_STORAGE_BUFFERS: (usize, usize) = (11, 12);
+pub const MOST_STORAGE_BUFFERS: (usize, usize) = (11, 11);
 
 /// What shaders are written as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
