@@ -158,7 +158,7 @@ fn unphysical_data_is_a_defect() {
         ["main/Al2O3/Querry-e: k is negative at 0.21 um"]
     );
     let metamaterial = entry("other/exotic/metamaterials/Valentine");
-    let (low, high) = metamaterial.dispersion.range();
+    let (low, high) = metamaterial.dispersion().range();
     let negative =
         [low, (low + high) / 2.0, high].into_iter().find(|&wavelength| metamaterial.n(wavelength) <= 0.0);
     assert!(metamaterial.defects(&[negative.unwrap()])[0].contains("n is not a positive number"));
@@ -172,7 +172,7 @@ fn unphysical_data_is_a_defect() {
 #[test]
 fn missing_extinction_is_zero() {
     let gas = entry("SF6");
-    assert!(gas.extinction.is_none());
+    assert!(gas.extinction().is_none());
     assert_eq!(gas.k(0.7), 0.0);
 }
 
@@ -182,7 +182,7 @@ fn catalog_is_small_and_sound() {
     assert!(packed.len() < 1_000_000, "{} bytes", packed.len());
     assert!(names().count() > 3500);
     for entry in entries() {
-        let (low, high) = entry.dispersion.range();
+        let (low, high) = entry.dispersion().range();
         assert!(low <= high && entry.n(low).is_finite() && entry.k(low).is_finite(), "{}", entry.path);
     }
 }

@@ -86,13 +86,13 @@ fn describe(name: &str, resolved: &Resolved, wavelengths: &[f64]) -> Result<Stri
 
 /// The visible lines for what is used there, else the ends and the middle of the data \[um\].
 fn default_wavelengths(entry: &Entry) -> [f64; 3] {
-    let (low, high) = entry.dispersion.range();
+    let (low, high) = entry.dispersion().range();
     if (low..=high).contains(&VISIBLE_LINES[1]) { VISIBLE_LINES } else { [low, (low + high) / 2.0, high] }
 }
 
 fn dispersion(entry: &Entry) -> String {
-    let (low, high) = entry.dispersion.range();
-    let kind = match &entry.dispersion {
+    let (low, high) = entry.dispersion().range();
+    let kind = match entry.dispersion() {
         Dispersion::Table(table) => format!("table of {} samples", table.wavelengths().len()),
         Dispersion::Formula { number, .. } => format!("formula {number} of refractiveindex.info"),
     };
@@ -100,7 +100,7 @@ fn dispersion(entry: &Entry) -> String {
 }
 
 fn extinction(entry: &Entry) -> String {
-    entry.extinction.as_ref().map_or("no data: 0".to_string(), |table| {
+    entry.extinction().map_or("no data: 0".to_string(), |table| {
         let (low, high) = table.range();
         format!("table of {} samples, {low} to {high} um", table.wavelengths().len())
     })

@@ -20,12 +20,13 @@ pub const OPTILAND_VERSION: &str = "0.6.3";
 
 /// The embedded catalog, compressed.
 static PACKED: &[u8] = include_bytes!("catalog.bin");
+const AS_WRITTEN: &str = "the embedded catalog is what its generator wrote";
 
 /// How many suggestions or alternatives a message lists.
 const MAX_LISTED: usize = 5;
 
 /// One measurement or data sheet of one material.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub struct Entry {
     /// Its place in the catalog, such as `glass/schott/N-BK7`.
     pub path: String,
@@ -35,32 +36,59 @@ pub struct Entry {
     pub page: String,
     /// Where the data was published.
     pub reference: Arc<str>,
-    /// The refractive index.
-    pub dispersion: Dispersion,
-    /// The extinction coefficient, if it was measured.
-    pub extinction: Option<Table>,
+    /// Its numbers, which are unpacked when they are asked for: a scene needs those of a few entries.
+    packed: &'static [u8],
+    optics: OnceLock<Optics>,
+}
+
+/// The numbers of an entry.
+#[derive(Debug)]
+struct Optics {
+    dispersion: Dispersion,
+    extinction: Option<Table>,
+}
+
+/// An entry is the one of its path.
+impl PartialEq for Entry {
+    fn eq(&self, other: &Self) -> bool {
+        self.path == other.path
+    }
 }
 
 impl Entry {
+    /// The refractive index.
+    pub fn dispersion(&self) -> &Dispersion {
+        &self.optics().dispersion
+    }
+
+    /// The extinction coefficient, if it was measured.
+    pub fn extinction(&self) -> Option<&Table> {
+        self.optics().extinction.as_ref()
+    }
+
+    fn optics(&self) -> &Optics {
+        self.optics.get_or_init(|| packed::optics(self.packed).expect(AS_WRITTEN))
+    }
+
     /// Refractive index at a wavelength \[um\]. A table is constant beyond its ends; a formula is extrapolated, and
     /// is NaN where it has no real value.
     pub fn n(&self, wavelength_um: f64) -> f64 {
-        self.dispersion.n(wavelength_um)
+        self.dispersion().n(wavelength_um)
     }
 
     /// Extinction coefficient at a wavelength \[um\]: constant beyond the ends of its table, 0 if there is none.
     pub fn k(&self, wavelength_um: f64) -> f64 {
-        self.extinction.as_ref().map_or(0.0, |table| table.at(wavelength_um))
+        self.extinction().map_or(0.0, |table| table.at(wavelength_um))
     }
 
     /// Says for which of these wavelengths \[um\] n or k goes beyond the data.
     pub fn range_warnings(&self, wavelengths_um: &[f64]) -> Vec<String> {
-        let beyond = match self.dispersion {
+        let beyond = match self.dispersion() {
             Dispersion::Table(_) => "the nearest sample is used",
             Dispersion::Formula { .. } => "the formula is extrapolated",
         };
-        let n = self.range_warning("n", self.dispersion.range(), beyond, wavelengths_um);
-        let k = self.extinction.as_ref().and_then(|table| {
+        let n = self.range_warning("n", self.dispersion().range(), beyond, wavelengths_um);
+        let k = self.extinction().and_then(|table| {
             self.range_warning("k", table.range(), "the nearest sample is used", wavelengths_um)
         });
         n.into_iter().chain(k).collect()
@@ -233,7 +261,11 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 
 fn catalog() -> &'static Catalog {
     static CATALOG: OnceLock<Catalog> = OnceLock::new();
-    CATALOG.get_or_init(|| packed::unpack(PACKED).expect("the embedded catalog is what its generator wrote"))
+    static INFLATED: OnceLock<Vec<u8>> = OnceLock::new();
+    CATALOG.get_or_init(|| {
+        let inflated = INFLATED.get_or_init(|| packed::inflate(PACKED).expect(AS_WRITTEN));
+        packed::unpack(inflated).expect(AS_WRITTEN)
+    })
 }
 
 impl Catalog {

@@ -1,9 +1,11 @@
 //! Pictures of data: maps, polar patterns and spots as RGB pixels, top row first.
 
+use crate::processors;
 use colorous::{Color, Gradient};
 use ndarray::Array2;
 use std::ops::Range;
 use std::sync::LazyLock;
+use std::thread;
 
 /// Colours of maps: zero is black, and brightness rises with the value.
 pub(super) const MAP: Gradient = colorous::INFERNO;
@@ -28,11 +30,6 @@ pub(super) struct Shown {
 impl Raster {
     pub fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
         Raster { width, height, rgb: color.repeat(width * height) }
-    }
-
-    fn set(&mut self, x: usize, y: usize, color: Color) {
-        let at = 3 * (y * self.width + x);
-        self.rgb[at..at + 3].copy_from_slice(&[color.r, color.g, color.b]);
     }
 
     /// Mixes a colour in; outside the raster nothing happens.
@@ -173,46 +170,60 @@ fn covered(index: usize, cells: usize, pixels: usize) -> Range<usize> {
 }
 
 /// A far-field pattern as a disc of directions out to `limit` \[deg\]: the polar angle grows from the middle, the azimuth
-/// turns counter-clockwise from the right. The rim is smoothed on white.
+/// turns counter-clockwise from the right. The rim is smoothed on white. Drawn in bands, one per processor.
 pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
     let top = maximum(intensity);
-    let mut disc = Disc {
-        colors: intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 })),
-        directions: Directions::new(intensity.dim(), limit),
-        raster: Raster::filled(size, size, [255; 3]),
-    };
-    disc.draw(0..size, 0..size);
-    Shown { raster: disc.raster, top }
+    let colors = intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 }));
+    let directions = Directions::new(intensity.dim(), limit);
+    let mut raster = Raster::filled(size, size, [255; 3]);
+    let height = size.div_ceil(processors::count()).max(1);
+    thread::scope(|scope| {
+        for (rgb, first) in raster.rgb.chunks_mut(3 * size.max(1) * height).zip((0..).step_by(height)) {
+            let rows = first..(first + height).min(size);
+            let mut band = Band { colors: &colors, directions: directions.clone(), size, first, rgb };
+            scope.spawn(move || band.draw(0..size, rows));
+        }
+    });
+    Shown { raster, top }
 }
 
-/// A disc of directions in the making.
-struct Disc {
-    colors: Array2<Color>,
+/// Some rows of a disc of directions in the making.
+struct Band<'a> {
+    colors: &'a Array2<Color>,
     directions: Directions,
-    raster: Raster,
+    /// Of the whole picture.
+    size: usize,
+    /// Its first row.
+    first: usize,
+    rgb: &'a mut [u8],
 }
 
-impl Disc {
+impl Band<'_> {
     /// Samples of a pixel along each axis.
     const SAMPLES: usize = 3;
     const OUTSIDE: Color = Color { r: 255, g: 255, b: 255 };
 
     /// A coordinate of a pixel's sample, from -1 to 1 across the picture.
     fn at(&self, pixel: usize, sample: usize) -> f64 {
-        (pixel as f64 + (sample as f64 + 0.5) / Self::SAMPLES as f64) / self.raster.width as f64 * 2.0 - 1.0
+        (pixel as f64 + (sample as f64 + 0.5) / Self::SAMPLES as f64) / self.size as f64 * 2.0 - 1.0
     }
 
     fn color(&mut self, x: f64, y: f64) -> Color {
         self.directions.bin_at(x, y).map_or(Self::OUTSIDE, |bin| self.colors[bin])
     }
 
+    fn set(&mut self, x: usize, y: usize, color: Color) {
+        let at = 3 * ((y - self.first) * self.size + x);
+        self.rgb[at..at + 3].copy_from_slice(&[color.r, color.g, color.b]);
+    }
+
     /// Draws a part of the picture: in one colour, or its halves, down to single pixels.
     fn draw(&mut self, columns: Range<usize>, rows: Range<usize>) {
         if let Some(color) = self.only_color(&columns, &rows) {
-            rows.for_each(|y| columns.clone().for_each(|x| self.raster.set(x, y, color)));
+            rows.for_each(|y| columns.clone().for_each(|x| self.set(x, y, color)));
         } else if columns.len().max(rows.len()) <= 1 {
             let color = self.mean_color(columns.start, rows.start);
-            self.raster.set(columns.start, rows.start, color);
+            self.set(columns.start, rows.start, color);
         } else if columns.len() >= rows.len() {
             let middle = columns.start + columns.len() / 2;
             self.draw(columns.start..middle, rows.clone());
@@ -256,6 +267,7 @@ impl Disc {
 
 /// The bins of a far field, for points of its disc in turn: neighbours mostly lie in the same bin, so that comparisons do
 /// for the angles of millions of points.
+#[derive(Clone)]
 struct Directions {
     /// Squared radii where rows begin, and where the last ends.
     radii: Vec<f64>,
@@ -295,13 +307,12 @@ fn around(x: f64, y: f64) -> f64 {
     if x >= 0.0 { across } else { 2.0_f64.copysign(y) - across }
 }
 
-/// The interval between `edges` that holds `value`, looked for at `guess` first; the first and the last one hold what lies
-/// beyond them too.
+/// The interval between `edges` that holds `value`, looked for at `guess` and beside it first; the first and the last one
+/// hold what lies beyond them too.
 fn interval(guess: usize, value: f64, edges: &[f64]) -> usize {
-    if edges[guess] <= value && value < edges[guess + 1] {
-        return guess;
-    }
-    edges.partition_point(|&edge| edge <= value).clamp(1, edges.len() - 1) - 1
+    let holds = |at: &usize| edges[*at] <= value && edges.get(at + 1).is_some_and(|&next| value < next);
+    let near = [guess, guess.saturating_sub(1), guess + 1].into_iter().find(holds);
+    near.unwrap_or_else(|| edges.partition_point(|&edge| edge <= value).clamp(1, edges.len() - 1) - 1)
 }
 
 /// The largest value; 0 if there is none above.

@@ -2,24 +2,40 @@
 //! does not follow it.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::dispersion::{Dispersion, Table};
-use super::{Catalog, Entry, Name, Omission, Omitted};
+use super::{Catalog, Entry, Name, Omission, Omitted, Optics};
 
 /// Far above what the catalog inflates to, so that damaged data cannot ask for all memory \[bytes\].
 const MAX_INFLATED: usize = 1 << 24;
 
-/// Unpacks a catalog.
-pub(super) fn unpack(compressed: &[u8]) -> Option<Catalog> {
-    let bytes = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(compressed, MAX_INFLATED).ok()?;
-    let mut reader = Reader { bytes: &bytes };
+/// The bytes of a catalog.
+pub(super) fn inflate(compressed: &[u8]) -> Option<Vec<u8>> {
+    miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(compressed, MAX_INFLATED).ok()
+}
+
+/// Unpacks a catalog, but for the numbers of its entries.
+pub(super) fn unpack(bytes: &'static [u8]) -> Option<Catalog> {
+    let mut reader = Reader { bytes };
     let references = reader.list(|reader| Some(Arc::from(reader.text()?)))?;
     let entries = reader.list(|reader| reader.entry(&references))?;
     let omitted = reader.list(Reader::omitted)?;
     let num_targets = entries.len() + omitted.len();
     let names = reader.list(|reader| reader.name(num_targets))?;
     reader.bytes.is_empty().then(|| index(entries, omitted, names))
+}
+
+/// Unpacks the numbers of an entry.
+pub(super) fn optics(bytes: &[u8]) -> Option<Optics> {
+    let mut reader = Reader { bytes };
+    let dispersion = match reader.unsigned()? {
+        0 => Dispersion::Table(Table::new(reader.numbers()?.into(), reader.numbers()?)?),
+        number @ 1..=9 => reader.formula(number as u8)?,
+        _ => return None,
+    };
+    let extinction = reader.extinction(&dispersion)?;
+    reader.bytes.is_empty().then_some(Optics { dispersion, extinction })
 }
 
 fn index(entries: Vec<Entry>, omitted: Vec<Omitted>, names: Vec<Name>) -> Catalog {
@@ -31,12 +47,23 @@ fn index(entries: Vec<Entry>, omitted: Vec<Omitted>, names: Vec<Name>) -> Catalo
     Catalog { entries, omitted, names, by_name, by_path }
 }
 
+/// From this form on, each number has its own power of ten.
+const OWN_EXPONENTS: u64 = 3;
+
 /// What has not been read yet.
 struct Reader<'a> {
     bytes: &'a [u8],
 }
 
-impl Reader<'_> {
+impl Reader<'static> {
+    fn entry(&mut self, references: &[Arc<str>]) -> Option<Entry> {
+        let (path, title, page) = (self.text()?, self.text()?, self.text()?);
+        let reference = references.get(self.index()?)?.clone();
+        Some(Entry { path, title, page, reference, packed: self.packed_optics()?, optics: OnceLock::new() })
+    }
+}
+
+impl<'a> Reader<'a> {
     fn unsigned(&mut self) -> Option<u64> {
         let mut value = 0;
         for shift in (0..64).step_by(7) {
@@ -70,16 +97,25 @@ impl Reader<'_> {
         String::from_utf8(text.to_vec()).ok()
     }
 
-    fn entry(&mut self, references: &[Arc<str>]) -> Option<Entry> {
-        let (path, title, page) = (self.text()?, self.text()?, self.text()?);
-        let reference = references.get(self.index()?)?.clone();
-        let dispersion = match self.unsigned()? {
-            0 => Dispersion::Table(Table::new(self.numbers()?.into(), self.numbers()?)?),
-            number @ 1..=9 => self.formula(number as u8)?,
-            _ => return None,
-        };
-        let extinction = self.extinction(&dispersion)?;
-        Some(Entry { path, title, page, reference, dispersion, extinction })
+    /// The bytes of an entry's numbers, which are passed over: see [`optics`].
+    fn packed_optics(&mut self) -> Option<&'a [u8]> {
+        let all = self.bytes;
+        self.unsigned()?;
+        self.pass_numbers()?;
+        self.pass_numbers()?;
+        for _ in 0..self.unsigned()? {
+            self.pass_numbers()?;
+        }
+        Some(&all[..all.len() - self.bytes.len()])
+    }
+
+    fn pass_numbers(&mut self) -> Option<()> {
+        let count = self.index()?;
+        if count == 0 {
+            return Some(());
+        }
+        let exponents = if self.unsigned()? >= OWN_EXPONENTS { count } else { 1 };
+        (0..exponents.checked_add(count)?).try_for_each(|_| self.unsigned().map(|_| ()))
     }
 
     fn formula(&mut self, number: u8) -> Option<Dispersion> {
@@ -123,9 +159,8 @@ impl Reader<'_> {
             return Some(Vec::new());
         }
         let form = self.unsigned()?;
-        let own_exponents = form >= 3;
-        let exponents = self.integers(if own_exponents { count } else { 1 }, 1)?;
-        let mantissas = self.integers(count, form % 3)?;
+        let exponents = self.integers(if form >= OWN_EXPONENTS { count } else { 1 }, 1)?;
+        let mantissas = self.integers(count, form % OWN_EXPONENTS)?;
         let exponents = exponents.iter().cycle();
         mantissas.iter().zip(exponents).map(|(&mantissa, &exponent)| decimal(mantissa, exponent)).collect()
     }
