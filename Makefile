@@ -24,7 +24,8 @@ ACCURACY_ARGS =
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
-# The tests use the same program, which checks for overflows; times are those of the release.
+# Demo and tests run the program that checks for overflows; times are those of the release (fast-binary), for which
+# BINARY and BUILD_ARGS change together.
 TARGET_FOLDER = $(or $(CARGO_TARGET_DIR),target)
 BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =

@@ -33,9 +33,9 @@ fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32)
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
-// From a refracting surface the path goes on in this medium, which is a constant from here on: the compiler knows what it
-// absorbs.
-fn goes_on_in(ray: ptr<function, Ray>, medium: u32) -> bool {
+// From a refracting surface the path goes on in this medium. From here on it is a constant: of media that are compiled in,
+// the compiler knows what they absorb.
+fn has_come_into(ray: ptr<function, Ray>, medium: u32) -> bool {
     let is_in = (*ray).medium == medium;
     (*ray).medium = medium;
     return is_in;

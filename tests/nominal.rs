@@ -440,6 +440,32 @@ fn window_in_a_ball() -> Rare {
     Rare { ir, step: 0, primitive: 0, spared: "choice of the medium", always }
 }
 
+/// Where the pilot cannot tell the medium, because the next thing is met at once or nothing more is met, none is asked for.
+#[test]
+fn media_are_taken_for_granted_where_the_way_tells_them() {
+    let mut ir = zoo::load("bench_lens");
+    let face = |z: f64, front: usize, back: usize| Surface {
+        shape: Shape::Plane(Outline::Disk { radius: 30.0 }),
+        frame: Frame { origin: DVec3::new(0.0, 0.0, z), rotation: DMat3::IDENTITY },
+        ..Surface { front, back, ..ir.surfaces[0].clone() }
+    };
+    let (air, glass) = (ir.surfaces[0].front, ir.surfaces[0].back);
+    let two_plates =
+        [face(0.0, air, glass), face(5.0, glass, air), face(5.0, air, glass), face(9.0, glass, air)];
+    ir.surfaces = two_plates.to_vec();
+    ir.media[glass].k.fill(1e-6);
+    let media = |max_depth: u32| {
+        let options = TraceOptions { max_depth, ..options(Precision::F64) };
+        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        assert!(tally == trace(&ir, &options).0, "other bits");
+        let events = nominal.unwrap().events;
+        events.iter().map(|event| (event.primitive, event.goes_on_in)).collect::<Vec<_>>()
+    };
+    let to_second_plate = [(0, Some(glass)), (1, None), (2, Some(glass))];
+    assert_eq!(media(16), [&to_second_plate[..], &[(3, Some(air)), (4, None)]].concat());
+    assert_eq!(media(3), [&to_second_plate[..2], &[(2, None)]].concat());
+}
+
 #[test]
 fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
     let rare = [

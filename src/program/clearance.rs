@@ -133,9 +133,10 @@ fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
     is_met && q.abs() > 1.001 * a.abs() * bound
 }
 
-/// Whether a stretch that begins on a shape leads to the side of its back medium.
-pub fn goes_to_back(shape: &Shape, stretch: &Stretch) -> bool {
-    Along::of(shape, stretch.from, stretch.to - stretch.from).g > 0.0
+/// How far a stretch that begins on a shape leads along its normal, and so to the side of its back medium: nowhere, where the
+/// next thing is met at once. In units of the quadric.
+pub fn rise(shape: &Shape, stretch: &Stretch) -> f64 {
+    Along::of(shape, stretch.from, stretch.to - stretch.from).g
 }
 
 /// The rays of a pilot that take the path, and what was taken for granted of them.

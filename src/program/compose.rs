@@ -640,7 +640,7 @@ impl Composition<'_> {
                 let _ =
                     writeln!(walk, "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u) & holds;");
                 if let Some(medium) = event.goes_on_in {
-                    let _ = writeln!(walk, "    holds = goes_on_in(ray, {medium}u) & holds;");
+                    let _ = writeln!(walk, "    holds = has_come_into(ray, {medium}u) & holds;");
                 }
             } else {
                 walk.push_str(&self.arrival(step, event)?);

@@ -1,4 +1,4 @@
-//! What the shaders need of surfaces, sensors and primitives, as records. Origins are relative to the scene's centre.
+//! What the shaders need of surfaces, sensors, primitives and media, as records. Origins are relative to the scene's centre.
 
 use super::bsdf;
 use super::contact::Contact;

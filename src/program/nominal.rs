@@ -60,7 +60,7 @@ pub struct NominalEvent {
     pub at_nearer_crossing: bool,
     /// What else could be met before it, and what shows that a ray is clear of it.
     pub passed: Vec<(usize, Clearance)>,
-    /// The medium that a refracting surface lets the ray go on in, where some medium absorbs.
+    /// The medium that a refracting surface lets the ray go on in to the next event, where some medium absorbs.
     pub goes_on_in: Option<usize>,
 }
 
@@ -109,7 +109,8 @@ impl NominalPath {
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
             let ends = step + 1 == primitives.len() && !is_full;
             pilot.step = step + 1;
-            let goes_on_in = (absorbs && !ends).then(|| medium_behind(ir, primitive, &mut pilot)).flatten();
+            let is_asked = absorbs && step + 1 < primitives.len();
+            let goes_on_in = is_asked.then(|| medium_behind(ir, primitive, &mut pilot)).flatten();
             NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, goes_on_in }
         });
         Some(NominalPath { events: events.collect() })
@@ -119,11 +120,14 @@ impl NominalPath {
 /// The medium that nearly all rays of a pilot go on in, on the stretch that begins on a refracting surface.
 fn medium_behind(ir: &SceneIr, primitive: usize, pilot: &mut Pilot) -> Option<usize> {
     let surface = ir.surfaces.get(primitive).filter(|s| s.interaction == Interaction::Refractive)?;
-    let sides = [(surface.back, true), (surface.front, false)];
-    let goes_on_in = |side: &(usize, bool)| {
-        pilot.takes(&surface.frame, |stretch| clearance::goes_to_back(&surface.shape, stretch) == side.1)
+    let mut leads_to = |side: f64| {
+        pilot.takes(&surface.frame, |stretch| side * clearance::rise(&surface.shape, stretch) > 0.0)
     };
-    sides.into_iter().find(goes_on_in).map(|(medium, _)| medium)
+    match () {
+        () if leads_to(1.0) => Some(surface.back),
+        () if leads_to(-1.0) => Some(surface.front),
+        () => None,
+    }
 }
 
 /// The way of a path's rays to one of its events.

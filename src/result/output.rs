@@ -7,12 +7,11 @@
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::thread;
 
 use crate::error::{Error, Result};
-use crate::processors;
 use crate::result::report::Files;
 use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
+use rayon::prelude::*;
 
 /// Name of the document in the folder.
 pub const REPORT: &str = "report.json";
@@ -137,17 +136,9 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
     Ok(names)
 }
 
-/// Draws pictures of detectors, as many at a time as there are processors.
+/// Draws pictures of detectors, side by side.
 fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
-    let at_a_time = processors::count();
-    pictures.chunks(at_a_time).try_for_each(|some| {
-        thread::scope(|scope| {
-            let start = |(detector, path)| scope.spawn(move || png::write_detector(path, detector));
-            let threads: Vec<_> = some.iter().map(|(detector, path)| start((*detector, path))).collect();
-            let mut ended = threads.into_iter().map(thread::ScopedJoinHandle::join);
-            ended.try_for_each(|drawn| drawn.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        })
-    })
+    pictures.par_iter().try_for_each(|(detector, path)| png::write_detector(path, detector))
 }
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {

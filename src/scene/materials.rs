@@ -11,7 +11,7 @@ mod dispersion;
 mod packed;
 
 use std::collections::HashMap;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, LazyLock, OnceLock};
 
 pub use dispersion::{Dispersion, Table};
 
@@ -48,7 +48,7 @@ struct Optics {
     extinction: Option<Table>,
 }
 
-/// An entry is the one of its path.
+/// Entries are the same if their paths are.
 impl PartialEq for Entry {
     fn eq(&self, other: &Self) -> bool {
         self.path == other.path
@@ -261,11 +261,8 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 
 fn catalog() -> &'static Catalog {
     static CATALOG: OnceLock<Catalog> = OnceLock::new();
-    static INFLATED: OnceLock<Vec<u8>> = OnceLock::new();
-    CATALOG.get_or_init(|| {
-        let inflated = INFLATED.get_or_init(|| packed::inflate(PACKED).expect(AS_WRITTEN));
-        packed::unpack(inflated).expect(AS_WRITTEN)
-    })
+    static INFLATED: LazyLock<Vec<u8>> = LazyLock::new(|| packed::inflate(PACKED).expect(AS_WRITTEN));
+    CATALOG.get_or_init(|| packed::unpack(&INFLATED).expect(AS_WRITTEN))
 }
 
 impl Catalog {

@@ -1,11 +1,10 @@
 //! Pictures of data: maps, polar patterns and spots as RGB pixels, top row first.
 
-use crate::processors;
 use colorous::{Color, Gradient};
 use ndarray::Array2;
+use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::LazyLock;
-use std::thread;
 
 /// Colours of maps: zero is black, and brightness rises with the value.
 pub(super) const MAP: Gradient = colorous::INFERNO;
@@ -170,19 +169,16 @@ fn covered(index: usize, cells: usize, pixels: usize) -> Range<usize> {
 }
 
 /// A far-field pattern as a disc of directions out to `limit` \[deg\]: the polar angle grows from the middle, the azimuth
-/// turns counter-clockwise from the right. The rim is smoothed on white. Drawn in bands, one per processor.
+/// turns counter-clockwise from the right. The rim is smoothed on white.
 pub(super) fn polar(intensity: &Array2<f64>, limit: f64, size: usize) -> Shown {
     let top = maximum(intensity);
     let colors = intensity.mapv(|value| map_color(if top > 0.0 { value / top } else { 0.0 }));
     let directions = Directions::new(intensity.dim(), limit);
     let mut raster = Raster::filled(size, size, [255; 3]);
-    let height = size.div_ceil(processors::count()).max(1);
-    thread::scope(|scope| {
-        for (rgb, first) in raster.rgb.chunks_mut(3 * size.max(1) * height).zip((0..).step_by(height)) {
-            let rows = first..(first + height).min(size);
-            let mut band = Band { colors: &colors, directions: directions.clone(), size, first, rgb };
-            scope.spawn(move || band.draw(0..size, rows));
-        }
+    raster.rgb.par_chunks_mut(3 * size * Band::HEIGHT).enumerate().for_each(|(number, rgb)| {
+        let first = number * Band::HEIGHT;
+        let rows = first..(first + Band::HEIGHT).min(size);
+        Band { colors: &colors, directions: directions.clone(), size, first, rgb }.draw(0..size, rows);
     });
     Shown { raster, top }
 }
@@ -199,6 +195,8 @@ struct Band<'a> {
 }
 
 impl Band<'_> {
+    /// Rows of all but the last.
+    const HEIGHT: usize = 64;
     /// Samples of a pixel along each axis.
     const SAMPLES: usize = 3;
     const OUTSIDE: Color = Color { r: 255, g: 255, b: 255 };
@@ -311,7 +309,7 @@ fn around(x: f64, y: f64) -> f64 {
 /// hold what lies beyond them too.
 fn interval(guess: usize, value: f64, edges: &[f64]) -> usize {
     let holds = |at: &usize| edges[*at] <= value && edges.get(at + 1).is_some_and(|&next| value < next);
-    let near = [guess, guess.saturating_sub(1), guess + 1].into_iter().find(holds);
+    let near = [guess, guess + 1, guess.saturating_sub(1)].into_iter().find(holds);
     near.unwrap_or_else(|| edges.partition_point(|&edge| edge <= value).clamp(1, edges.len() - 1) - 1)
 }
 

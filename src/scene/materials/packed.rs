@@ -103,6 +103,7 @@ impl<'a> Reader<'a> {
         self.unsigned()?;
         self.pass_numbers()?;
         self.pass_numbers()?;
+        // What kind of extinction it is says, too, how many lists it has.
         for _ in 0..self.unsigned()? {
             self.pass_numbers()?;
         }
