@@ -666,7 +666,7 @@ pub const MUTANTS: &[Mutant] = &[
     mutant("any surface is the next of the nominal path", "nominal.wgsl",
         "interact(ray, surface, primitive);\n    return (hit.primitive == primitive) & goes_on(ray);",
         "interact(ray, surface, primitive);\n    return goes_on(ray);",
-        "parity cooke_triplet, nominal"),
+        "parity hubble_nasmyth, nominal"),
     mutant("the nominal path's end not booked", "lib/path_entries.wgsl",
         "settle(ray);",
         "",
