@@ -107,10 +107,11 @@ impl NominalPath {
             let at_nearer_crossing = !touches(primitive)
                 && leaves != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
-            let ends = step + 1 == primitives.len() && !is_full;
+            let is_last = step + 1 == primitives.len();
             pilot.step = step + 1;
-            let is_asked = absorbs && step + 1 < primitives.len();
-            let goes_on_in = is_asked.then(|| medium_behind(ir, primitive, &mut pilot)).flatten();
+            let goes_on_in =
+                if absorbs && !is_last { medium_behind(ir, primitive, &mut pilot) } else { None };
+            let ends = is_last && !is_full;
             NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, goes_on_in }
         });
         Some(NominalPath { events: events.collect() })
@@ -123,10 +124,12 @@ fn medium_behind(ir: &SceneIr, primitive: usize, pilot: &mut Pilot) -> Option<us
     let mut leads_to = |side: f64| {
         pilot.takes(&surface.frame, |stretch| side * clearance::rise(&surface.shape, stretch) > 0.0)
     };
-    match () {
-        () if leads_to(1.0) => Some(surface.back),
-        () if leads_to(-1.0) => Some(surface.front),
-        () => None,
+    if leads_to(1.0) {
+        Some(surface.back)
+    } else if leads_to(-1.0) {
+        Some(surface.front)
+    } else {
+        None
     }
 }
 

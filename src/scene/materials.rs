@@ -260,9 +260,9 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 fn catalog() -> &'static Catalog {
-    static CATALOG: OnceLock<Catalog> = OnceLock::new();
     static INFLATED: LazyLock<Vec<u8>> = LazyLock::new(|| packed::inflate(PACKED).expect(AS_WRITTEN));
-    CATALOG.get_or_init(|| packed::unpack(&INFLATED).expect(AS_WRITTEN))
+    static CATALOG: LazyLock<Catalog> = LazyLock::new(|| packed::unpack(&INFLATED).expect(AS_WRITTEN));
+    &CATALOG
 }
 
 impl Catalog {
