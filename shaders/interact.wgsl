@@ -62,18 +62,36 @@ fn reflect_off(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec
     (*ray).direction = mirrored((*ray).direction, n);
 }
 
-// Snell and Fresnel, unpolarised. The side is decided by the direction against the geometric normal, never by the
-// indices.
-fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geometric: vec3<real>) {
+// A smooth boundary of two media as a ray meets it, unpolarised: Snell and Fresnel.
+struct Boundary {
+    // The transmitted direction is `eta` times the ray's own and `along_normal` times the geometric normal.
+    eta: real,
+    along_normal: real,
+    total_reflection: bool,
+    // Of the bare boundary.
+    reflectance: Share,
+    transmittance: real,
+}
+
+// The side is decided by the direction against the geometric normal, never by the indices.
+fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3<real>) {
     let d = (*ray).direction;
-    let entering_back = dot(d, n_geometric) > 0.0;
-    let n = select(n_geometric, -n_geometric, entering_back);
-    let indices = indices_of(surface, (*ray).wavelength);
+    let cosine = dot(d, n);
+    let entering_back = cosine > 0.0;
+    let boundary = boundary_of(surface, (*ray).wavelength, cosine, entering_back);
+    let reflects = reflects_at(ray, surface, primitive, boundary);
+    (*ray).direction = select(transmitted(d, n, boundary), mirrored(d, n), reflects);
+    leave_boundary(ray, surface, primitive, entering_back, reflects);
+}
+
+// `cosine`: of the direction with the geometric normal.
+fn boundary_of(surface: Surface, wavelength: u32, cosine: real, entering_back: bool) -> Boundary {
+    let indices = indices_of(surface, wavelength);
     let n1 = select(indices.y, indices.x, entering_back);
     let n2 = select(indices.x, indices.y, entering_back);
     // Both quotients, before the side is known: what follows waits for it, and a division takes long.
     let eta = select(indices.y / indices.x, indices.x / indices.y, entering_back);
-    let cos_i = abs(dot(d, n));
+    let cos_i = abs(cosine);
     // 1 - eta^2 (1 - cos_i^2), in a form that keeps its digits at grazing incidence, whatever the indices.
     let cos_t_squared = (1.0 - eta) * (1.0 + eta) + (eta * cos_i) * (eta * cos_i);
     let total_reflection = cos_t_squared < 0.0;
@@ -84,19 +102,31 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n_geome
     // (r_s^2 + r_p^2) / 2, over one denominator: a division takes long, and a draw needs none.
     let part_s = (n1 * cos_i - n2 * cos_t) * sum_p;
     let part_p = (n2 * cos_i - n1 * cos_t) * sum_s;
-    let bare = Share(0.5 * (part_s * part_s + part_p * part_p), (sum_s * sum_p) * (sum_s * sum_p));
+    let reflectance = Share(0.5 * (part_s * part_s + part_p * part_p), (sum_s * sum_p) * (sum_s * sum_p));
     // Not 1 - R, which cancels near grazing incidence and near the critical angle.
     let product = 2.0 * (n1 * cos_i) * (n2 * cos_t);
-    let bare_pass = product / (sum_s * sum_s) + product / (sum_p * sum_p);
-    let coated = coated_reflectance(surface, primitive, (*ray).wavelength, bare);
+    let transmittance = product / (sum_s * sum_s) + product / (sum_p * sum_p);
+    let against_normal = eta * cos_i - cos_t;
+    let along_normal = select(against_normal, -against_normal, entering_back);
+    return Boundary(eta, along_normal, total_reflection, reflectance, transmittance);
+}
+
+fn reflects_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, boundary: Boundary) -> bool {
+    let total_reflection = boundary.total_reflection;
+    let coated = coated_reflectance(surface, primitive, (*ray).wavelength, boundary.reflectance);
     // No coating lets light out where there is no transmitted wave.
     let reflectance = Share(select(coated.part, 1.0, total_reflection), select(coated.whole, 1.0, total_reflection));
-    let transmittance = coated_transmittance(surface, bare_pass, coated);
+    let transmittance = coated_transmittance(surface, boundary.transmittance, coated);
     let bits = stream_bits((*ray).fresnel);
-    let reflects = draw_reflection(ray, bits, reflectance, transmittance, total_reflection);
-    let refracted = renormalize(eta * d + (eta * cos_i - cos_t) * n);
-    (*ray).direction = select(refracted, mirrored(d, n), reflects);
-    // The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.
+    return draw_reflection(ray, bits, reflectance, transmittance, total_reflection);
+}
+
+fn transmitted(d: vec3<real>, n: vec3<real>, boundary: Boundary) -> vec3<real> {
+    return renormalize(boundary.eta * d + boundary.along_normal * n);
+}
+
+// The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.
+fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, primitive: u32, entering_back: bool, reflects: bool) {
     let medium = select(surface.front, surface.back, entering_back != reflects);
     (*ray).medium = medium;
     if !reflects {

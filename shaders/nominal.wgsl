@@ -5,6 +5,10 @@
 // round of a loop that a few rays need.
 // Nor does it mark what it reaches: where a ray has kept to the path, the host knows what that is.
 
+// Events in which the ray has kept to the path: those that stray at the same event have ways alike, and are traced side by
+// side.
+var<private> kept_events: u32 = 0u;
+
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     begin();
@@ -20,6 +24,7 @@ fn follow_nominal(index: u32) {
     }
     keep_bins();
     begin_path();
+    kept_events = 0u;
     var ray = new_ray(key_in_range(index), index);
     let holds = walk(&ray);
     end_path(ray, holds);
@@ -33,12 +38,26 @@ fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32)
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
-// From a refracting surface the path goes on in this medium. From here on it is a constant: of media that are compiled in,
-// the compiler knows what they absorb.
-fn has_come_into(ray: ptr<function, Ray>, medium: u32) -> bool {
-    let is_in = (*ray).medium == medium;
-    (*ray).medium = medium;
-    return is_in;
+// The same at a refracting surface to which the path's rays come from one side, and which reflects all of them or none: what
+// follows from that is a constant, the medium in which the ray goes on above all.
+fn crosses(
+    ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32, entering_back: bool, reflected: bool,
+) -> bool {
+    reach(ray, Hit(hit.distance, primitive));
+    let n = geometric_normal(surface, (*ray).position);
+    let d = (*ray).direction;
+    let cosine = dot(d, n);
+    let boundary = boundary_of(surface, (*ray).wavelength, cosine, entering_back);
+    let reflects = reflects_at(ray, surface, primitive, boundary);
+    if reflected {
+        (*ray).direction = mirrored(d, n);
+    } else {
+        (*ray).direction = transmitted(d, n, boundary);
+    }
+    leave_boundary(ray, surface, primitive, entering_back, reflected);
+    note_side(ray, n);
+    let takes_side = ((cosine > 0.0) == entering_back) & (reflects == reflected);
+    return (hit.primitive == primitive) & takes_side & goes_on(ray);
 }
 
 // The last event of a path may be the last one of all.

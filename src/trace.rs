@@ -597,7 +597,7 @@ impl<'a> Tracer<'a> {
         for range in self.ranges(first, end) {
             match &mut self.end_logs {
                 Some(logs) if !path_pays(&self.program, &self.options, logs) => {
-                    logs.list(range.emitter, range.first..range.first + u64::from(range.count));
+                    logs.list(&range);
                 }
                 _ => self.dispatch(&range, Rays::OfRange)?,
             }

@@ -40,16 +40,15 @@ fn hits_below(taps: FourTaps) -> bool {
 }
 
 // The position in pixels, with the pixel that was hit.
-fn marked_position(taps: FourTaps) -> vec2<real> {
-    return taps.position
-        * vec2<real>(choose(1.0, HIT_NEXT, hits_right(taps)), choose(1.0, HIT_NEXT, hits_below(taps)));
+fn marked_position(position: vec2<real>, hits_right: bool, hits_below: bool) -> vec2<real> {
+    return position * vec2<real>(choose(1.0, HIT_NEXT, hits_right), choose(1.0, HIT_NEXT, hits_below));
 }
 
 fn end_in_taps(taps: FourTaps, weight: real) {
     end_weight = weight;
     if LOGS_POSITIONS {
         end |= END_IN_TAPS;
-        end_place = marked_position(taps);
+        end_place = marked_position(taps.position, hits_right(taps), hits_below(taps));
     } else {
         let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
         let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
@@ -63,8 +62,9 @@ fn end_without_place() {
     end = END_WITHOUT_PLACE;
 }
 
-fn end_strayed() {
-    end = END_STRAYED;
+// `event`: of the nominal path, the one at which the ray has strayed.
+fn end_strayed(event: u32) {
+    end = END_STRAYED | event;
 }
 
 fn log_end(index: u32) {

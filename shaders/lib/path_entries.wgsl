@@ -31,7 +31,7 @@ fn end_path(ray: Ray, holds: bool) {
         restore_bins();
         // What it left in passing is overwritten.
         go_on_after_passes(0u);
-        end_strayed();
+        end_strayed(kept_events);
     }
     entries |= end;
     log_end(ray.index);

@@ -20,7 +20,7 @@ struct Approach {
     has_roots: bool,
 }
 
-// Where the line crosses the quadric: MISS where it does not.
+// Where the line crosses the quadric: -MISS, behind every ray, where it does not.
 struct Crossings {
     base: vec3<real>,
     shift: real,
@@ -30,8 +30,8 @@ struct Crossings {
 
 fn crossings(o: vec3<real>, d: vec3<real>, s: Quadric, leaving: bool) -> Crossings {
     let line = approach(o, d, s, leaving);
-    let first = select(line.q / line.a, MISS, (line.a == 0.0) | !line.has_roots);
-    let second = select(line.f / line.q, MISS, (line.q == 0.0) | !line.has_roots | leaving);
+    let first = select(line.q / line.a, -MISS, (line.a == 0.0) | !line.has_roots);
+    let second = select(line.f / line.q, -MISS, (line.q == 0.0) | !line.has_roots | leaving);
     return Crossings(line.base, line.shift, first, second);
 }
 
@@ -65,12 +65,11 @@ fn value_at(p: vec3<real>, s: Quadric) -> real {
 }
 
 // The distance from the ray's origin to the crossing that comes first, of those that are on the shape and ahead of the
-// ray; or MISS.
+// ray; MISS, or a distance that is no less and so never taken (`nearer`), where there is none.
 fn first_ahead(c: Crossings, first_on_shape: bool, second_on_shape: bool) -> real {
     let first = c.first + c.shift;
     let second = c.second + c.shift;
-    let meets_first = first_on_shape & (first > 0.0) & (first < MISS);
-    let meets_second = second_on_shape & (second > 0.0) & (second < MISS);
-    let second_comes_first = meets_second & (!meets_first | (second < first));
-    return select(select(MISS, first, meets_first), second, second_comes_first);
+    let met_first = select(MISS, first, first_on_shape & (first > 0.0));
+    let met_second = select(MISS, second, second_on_shape & (second > 0.0));
+    return select(met_first, met_second, met_second < met_first);
 }

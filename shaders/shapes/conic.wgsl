@@ -19,15 +19,17 @@ fn conic_holds(p: vec3<real>, curvature: real, axial: real, aperture: real) -> b
 }
 
 // conic_distance, where it is the distance to the crossing that is nearer to the base of the line, F / q; else that, or
-// MISS. The other crossing, q / A, does not come first where it lies behind the ray or beyond this one.
+// MISS. The other crossing, q / A, does not come first where it lies behind the ray's origin, at -shift, or beyond this one:
+// farther from the middle between the two than half the distance, with room for roundings.
 fn nearer_conic_distance(
     o: vec3<real>, d: vec3<real>, curvature: real, axial: real, aperture: real, leaving: bool,
 ) -> real {
     let line = approach(o, d, conic_quadric(curvature, axial), leaving);
-    let t = select(line.f / line.q, MISS, (line.q == 0.0) | !line.has_roots);
-    let bound = select(abs(line.shift), abs(t), (line.q < 0.0) == (line.a < 0.0));
-    let comes_first = abs(line.q) > 1.001 * abs(line.a) * bound;
-    let on_shape = conic_holds(line.base + t * d, curvature, axial, aperture);
+    let t = line.f / line.q;
+    let is_met = (line.q != 0.0) & line.has_roots;
     let distance = t + line.shift;
-    return select(MISS, distance, comes_first & on_shape & (distance > 0.0) & (distance < MISS));
+    let room = abs(distance) + 0.002 * (abs(t) + abs(line.shift));
+    let comes_first = abs(2.0 * line.q - line.a * (t - line.shift)) > abs(line.a) * room;
+    let on_shape = conic_holds(line.base + t * d, curvature, axial, aperture);
+    return select(MISS, distance, is_met & comes_first & on_shape & (distance > 0.0));
 }

@@ -2,7 +2,7 @@
 
 fn plane_distance(o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
     let t = -o.z / d.z;
-    return select(MISS, t, (d.z != 0.0) & !leaving & (t > 0.0) & (t < MISS));
+    return select(MISS, t, (d.z != 0.0) & !leaving & (t > 0.0));
 }
 
 fn rectangle_distance(o: vec3<real>, d: vec3<real>, half_width: real, half_height: real, leaving: bool) -> real {

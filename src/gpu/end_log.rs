@@ -1,12 +1,13 @@
 //! Adds up the log of where rays end (`shaders/lib/ends_logged.wgsl`), on devices whose memory is the host's.
 
 use super::Gpu;
-use super::end_sums::{EndSums, LoggedRays};
+use super::end_sums::{EndSums, LoggedRays, Stray};
 use crate::error::{Error, Result};
 use crate::processors;
 use crate::program::Cells;
 use crate::program::RayRange;
 use crate::program::end_log::{self, EndLog};
+use crate::program::nominal::MAX_EVENTS;
 use crate::program::path_log::PathLog;
 
 /// Two logs, so that the host adds up one while the device writes the other.
@@ -23,12 +24,17 @@ pub struct EndLogs {
     /// The one that the next dispatch writes.
     turn: usize,
     written: Option<Written>,
-    /// Ids of rays that strayed from the nominal path, per emitter.
-    strays: Vec<Vec<u64>>,
+    strays: Strays,
     /// Rays of ranges that were added up in this trace, and those of them that strayed.
     num_followed: u64,
     num_strayed: u64,
 }
+
+/// Ids of rays that strayed from the nominal path, per emitter and event at which they did, or the number of its events
+/// where that is seen at the end: their ways are alike, and wide machines wait for the longest of those that they trace side
+/// by side.
+#[derive(Debug, Default)]
+struct Strays(Vec<[Vec<u64>; MAX_EVENTS as usize + 1]>);
 
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
@@ -75,7 +81,7 @@ impl EndLogs {
             stride,
             turn: 0,
             written: None,
-            strays: Vec::new(),
+            strays: Strays::default(),
             num_followed: 0,
             num_strayed: 0,
         })
@@ -118,7 +124,7 @@ impl EndLogs {
         if let Some(written) = self.written.take() {
             self.logs[written.log].unmap();
         }
-        self.strays.clear();
+        self.strays = Strays::default();
         (self.num_followed, self.num_strayed) = (0, 0);
     }
 
@@ -132,13 +138,12 @@ impl EndLogs {
 
     /// How many strays of an emitter wait.
     pub fn num_strays(&self, emitter: usize) -> usize {
-        self.strays.get(emitter).map_or(0, Vec::len)
+        self.strays.0.get(emitter).map_or(0, |of_event| of_event.iter().map(Vec::len).sum())
     }
 
     /// Strays of an emitter, at most so many of those that wait.
     pub fn take_strays(&mut self, emitter: usize, most: u32) -> Vec<u64> {
-        let Some(strays) = self.strays.get_mut(emitter) else { return Vec::new() };
-        strays.split_off(strays.len().saturating_sub(most as usize))
+        self.strays.take(emitter, most as usize)
     }
 
     /// How many rays of this trace were to keep to the nominal path, and how many of them strayed.
@@ -184,16 +189,39 @@ impl EndLogs {
     }
 
     /// Notes the rays of a range that strayed.
-    fn note_strays(&mut self, strays: &[u32], range: &RayRange) {
+    fn note_strays(&mut self, strays: &[Stray], range: &RayRange) {
         self.num_followed += u64::from(range.count);
         self.num_strayed += strays.len() as u64;
-        self.list(range.emitter, strays.iter().map(|&ray| range.first + u64::from(ray)));
+        self.strays.add(strays, range);
     }
 
-    /// Lets rays of an emitter wait with its strays, by their ids.
-    pub fn list(&mut self, emitter: usize, ids: impl Iterator<Item = u64>) {
-        self.strays.resize(self.strays.len().max(emitter + 1), Vec::new());
-        self.strays[emitter].extend(ids);
+    /// Lets all rays of a range wait with the strays.
+    pub fn list(&mut self, range: &RayRange) {
+        self.strays.of(range.emitter)[0].extend(range.first..range.first + u64::from(range.count));
+    }
+}
+
+impl Strays {
+    fn add(&mut self, strays: &[Stray], range: &RayRange) {
+        let of_event = self.of(range.emitter);
+        for &Stray { ray, event } in strays {
+            of_event[event.min(MAX_EVENTS) as usize].push(range.first + u64::from(ray));
+        }
+    }
+
+    fn take(&mut self, emitter: usize, most: usize) -> Vec<u64> {
+        let mut taken = Vec::new();
+        for waiting in self.0.get_mut(emitter).into_iter().flatten() {
+            let room = most - taken.len();
+            taken.append(&mut waiting.split_off(waiting.len().saturating_sub(room)));
+        }
+        taken
+    }
+
+    fn of(&mut self, emitter: usize) -> &mut [Vec<u64>; MAX_EVENTS as usize + 1] {
+        let none = || std::array::from_fn(|_| Vec::new());
+        self.0.resize_with(self.0.len().max(emitter + 1), none);
+        &mut self.0[emitter]
     }
 }
 
@@ -214,7 +242,7 @@ fn add_side_by_side(
     logged: &LoggedRays,
     shape: &EndLog,
     path: Option<&PathLog>,
-) -> Result<Vec<u32>> {
+) -> Result<Vec<Stray>> {
     let rays = &logged.rays;
     let entries_per_ray = path.map_or(shape.max_passes as usize + 1, |path| path.places.len());
     let num_entries = rays.len() * entries_per_ray;
@@ -264,8 +292,19 @@ mod tests {
         crate::Scene::from_json(text).unwrap().lower().unwrap()
     }
 
+    #[test]
+    fn strays_are_taken_in_the_order_of_their_events() {
+        let range = RayRange { first: 100, count: 7, emitter: 1, log_stride: 0, reached: 0 };
+        let of_events = [(0, 2), (1, 0), (2, 2), (3, u32::MAX), (4, 0), (5, 2)];
+        let mut strays = Strays::default();
+        strays.add(&of_events.map(|(ray, event)| Stray { ray, event }), &range);
+        assert_eq!(strays.take(1, 4), [101, 104, 102, 105]);
+        assert_eq!(strays.take(1, 4), [100, 103]);
+        assert!(strays.take(1, 4).is_empty() && strays.take(0, 4).is_empty());
+    }
+
     /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or have strayed.
-    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<u32>) {
+    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<Stray>) {
         let [in_cell, passes, strayed]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
         let cells = Cells::of(&scene());
         let shape = log(Form::Packed, 1);
@@ -273,7 +312,7 @@ mod tests {
         let weight = |ray: usize| u64::from((1.0 + ray as f32).to_bits()) << 32;
         let cell = |ray: usize| ray as u64 % u64::from(cells.num_cells);
         let first = |ray| match ray % 7 {
-            0 => strayed,
+            0 => strayed | (ray as u64 % 5),
             1 => in_cell | passes | cell(ray) | weight(ray),
             _ => in_cell | cell(ray) | weight(ray),
         };
@@ -291,7 +330,8 @@ mod tests {
     fn any_number_of_threads_adds_up_the_same() {
         for num in [1, LEAST_ENTRIES, 3 * LEAST_ENTRIES + 1, 4 * LEAST_ENTRIES + 63] {
             let (alone, strays) = added(1, num);
-            assert!(strays.iter().copied().eq((0..num as u32).step_by(7)));
+            let stray = |ray: u32| Stray { ray, event: ray % 5 };
+            assert!(strays.iter().copied().eq((0..num as u32).step_by(7).map(stray)));
             assert_eq!(alone.counts.iter().sum::<u64>(), (num - strays.len() + (num + 5) / 7) as u64);
             for num_threads in [2, 3, 8] {
                 let (sums, strays_of_threads) = added(num_threads, num);

@@ -3,7 +3,7 @@
 
 use super::end_positions::{BLOCK, Block, PositionEntry};
 use super::end_reals::Real;
-use super::end_sums::{EndSums, LoggedRays};
+use super::end_sums::{EndSums, LoggedRays, Stray};
 use crate::program::end_log::{Form, Grid};
 use crate::program::path_log::{PathLog, Place};
 
@@ -24,7 +24,7 @@ impl EndSums {
         logged: &LoggedRays,
         form: Form,
         log: &PathLog,
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
     ) -> Option<()> {
         match form {
             Form::Counts => None,
@@ -37,7 +37,7 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         log: &PathLog,
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
     ) -> Option<()> {
         let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
         let deposits: Vec<Deposits<E::Real>> =
@@ -83,14 +83,16 @@ impl EndSums {
 }
 
 /// Those of at most 64 rays that have not strayed, a bit each.
-fn kept_rays<E: PositionEntry>(entries: &[E], first: usize, strays: &mut Vec<u32>) -> u64 {
+fn kept_rays<E: PositionEntry>(entries: &[E], first: usize, strays: &mut Vec<Stray>) -> u64 {
     let mut strayed = 0_u64;
     for (i, entry) in entries.iter().enumerate() {
         strayed |= u64::from(entry.position()[0].is_off_detectors()) << i;
     }
     let kept = u64::MAX >> (BLOCK - entries.len()) & !strayed;
     while strayed != 0 {
-        strays.push(first as u32 + strayed.trailing_zeros());
+        let i = strayed.trailing_zeros();
+        let event: f64 = entries[i as usize].position()[1].into();
+        strays.push(Stray { ray: first as u32 + i, event: event as u32 });
         strayed &= strayed - 1;
     }
     kept
@@ -119,11 +121,11 @@ mod tests {
 
     fn place(weights: &[Weight]) -> Place {
         let arrivals = weights.iter().map(|&weight| Arrival { event: 0, weight }).collect();
-        Place { grid: GRID, sensor: 0, arrivals }
+        Place { grid: GRID, sensor: 0, arrivals, edge_room: None }
     }
 
     /// What rays of a birth weight of 2 add up to, whose places lie row by row, one beyond the other of 70.
-    fn added(log: &PathLog, rows: &[&[[f64; 2]]], form: Form) -> Option<(EndSums, Vec<u32>)> {
+    fn added(log: &PathLog, rows: &[&[[f64; 2]]], form: Form) -> Option<(EndSums, Vec<Stray>)> {
         const STRIDE: usize = 70;
         let mut reals = vec![f64::NAN; 2 * STRIDE * rows.len()];
         for (number, row) in rows.iter().enumerate() {
@@ -142,12 +144,13 @@ mod tests {
         let places = vec![place(&[Weight::Known(1.0), Weight::Known(0.5)]), place(&[Weight::Born])];
         let end = Some(LedgerEnd { cell: 1, weight: Weight::Known(0.25) });
         let log = PathLog { places, end };
-        let strays_sixth = |i: usize| if i % 6 == 5 { [OFF, 0.0] } else { [0.5, 0.0] };
+        let strays_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
         let first: Vec<[f64; 2]> = (0..66).map(strays_sixth).collect();
         let second = [[2.0, 1.0]; 66];
         for form in [Form::Packed, Form::Words, Form::Reals] {
             let (sums, strays) = added(&log, &[&first, &second], form).unwrap();
-            assert!(strays.iter().copied().eq((5..66).step_by(6)), "{form:?}");
+            let stray = |i: u32| Stray { ray: i, event: i % 4 };
+            assert!(strays.iter().copied().eq((5..66).step_by(6).map(stray)), "{form:?}");
             let tap = UNIT * 3 / 4 * 55;
             let expected = [0, UNIT / 4 * 55, 0, tap, tap, 0, 0, 0, 2 * UNIT * 55];
             assert_eq!(sums.quanta().collect::<Vec<_>>(), expected, "{form:?}");

@@ -32,6 +32,15 @@ pub struct LoggedRays<'a> {
     pub weight: f64,
 }
 
+/// A ray that has strayed from the nominal path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stray {
+    /// Its number in the dispatch.
+    pub ray: u32,
+    /// The event of the path at which it did.
+    pub event: u32,
+}
+
 /// Rays whose entries are added row by row: as many as a word has bits.
 const BLOCK: usize = 64;
 
@@ -64,7 +73,7 @@ impl EndSums {
 
     /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number. None
     /// if an entry makes no sense.
-    pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
+    pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<Stray>) -> Option<()> {
         match (log.form, log.taps) {
             (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, strays),
             (Form::Packed, Taps::None) => self.add_rays::<[u64; 1]>(logged, log, strays),
@@ -103,7 +112,12 @@ impl EndSums {
             .try_for_each(|(cell, quanta)| self.quanta.add(cell, quanta))
     }
 
-    fn add_rays<E: Entry>(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<u32>) -> Option<()> {
+    fn add_rays<E: Entry>(
+        &mut self,
+        logged: &LoggedRays,
+        log: &EndLog,
+        strays: &mut Vec<Stray>,
+    ) -> Option<()> {
         let LoggedRays { bytes, ref rays, stride, .. } = *logged;
         let entries: &[E] = bytemuck::try_cast_slice(bytes).ok()?;
         if log.max_passes == 0 {
@@ -124,7 +138,7 @@ impl EndSums {
         rays: Range<usize>,
         stride: usize,
         grids: &[Grid],
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
     ) -> Option<()> {
         let mut rows = entries.get(rays.start..)?.chunks(stride);
         let mut unended = u64::MAX >> (BLOCK - rays.len());
@@ -148,7 +162,7 @@ impl EndSums {
         end: End<E::Real>,
         ray: usize,
         grids: &[Grid],
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
     ) -> Option<()> {
         if end.what & IN_TAPS != 0 {
             return self.add_taps_of(end, grid_of(grids, end.what)?);
@@ -162,11 +176,11 @@ impl EndSums {
         &mut self,
         end: End<T>,
         ray: usize,
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
         is_counted: bool,
     ) -> Option<()> {
         if end.what & STRAYED != 0 {
-            strays.push(ray as u32);
+            strays.push(Stray { ray: ray as u32, event: end.what & CELL_MASK });
         }
         self.add_count(end.what)?;
         if is_counted || end.what & IN_CELL == 0 {
@@ -181,7 +195,7 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         grid: &Grid,
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
     ) -> Option<()> {
         let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
         let born = E::Real::nearest(logged.weight);
@@ -218,7 +232,7 @@ impl EndSums {
         born: E::Real,
         ray: usize,
         grid: &Grid,
-        strays: &mut Vec<u32>,
+        strays: &mut Vec<Stray>,
     ) -> Option<()> {
         let position = entry.position();
         if position[0].is_off_detectors() {
@@ -492,7 +506,7 @@ mod tests {
 
     #[test]
     fn strays_are_told_and_add_nothing_in_every_form() {
-        let whats = [STRAYED, IN_CELL | 2, STRAYED];
+        let whats = [STRAYED, IN_CELL | 2, STRAYED | 7];
         let words = |what: u32| [what, 0, 0, 0];
         let counts = whats;
         let packed = whats.map(|what| [u64::from(what), 0]);
@@ -505,7 +519,8 @@ mod tests {
         ] {
             let (mut sums, mut strays) = (sums(), Vec::new());
             assert_eq!(sums.add(&logged(bytes, 3), &log(form, 0), &mut strays), Some(()), "{form:?}");
-            assert_eq!((strays, sums.counts), (vec![0, 2], vec![0, 0, 1, 0, 0, 0, 0]), "{form:?}");
+            assert_eq!(strays, [Stray { ray: 0, event: 0 }, Stray { ray: 2, event: 7 }], "{form:?}");
+            assert_eq!(sums.counts, [0, 0, 1, 0, 0, 0, 0], "{form:?}");
         }
     }
 

@@ -127,16 +127,25 @@ fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
     let Along { a, g, f } = Along::of(shape, stretch.from + shift * direction, direction);
     let q = -(g + (g * g - a * f).sqrt().copysign(g));
     let t = f / q;
-    let bound = if (q < 0.0) == (a < 0.0) { t.abs() } else { shift.abs() };
     // A pilot in f32 has its roundings.
     let is_met = (t + shift - distance).abs() <= 1e-3 * distance;
-    is_met && q.abs() > 1.001 * a.abs() * bound
+    let room = (t + shift).abs() + 0.002 * (t.abs() + shift.abs());
+    is_met && (2.0 * q - a * (t - shift)).abs() > a.abs() * room
 }
 
-/// How far a stretch that begins on a shape leads along its normal, and so to the side of its back medium: nowhere, where the
-/// next thing is met at once. In units of the quadric.
-pub fn rise(shape: &Shape, stretch: &Stretch) -> f64 {
-    Along::of(shape, stretch.from, stretch.to - stretch.from).g
+/// How nearly all rays come to a shape and go on from it: along its normal, which is to the side of its back medium, or
+/// against it; nothing where that is not the same for nearly all. A stretch without a length, between faces in contact,
+/// tells nothing: then the other does, and they are taken to go through.
+pub fn sides((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> Option<[bool; 2]> {
+    let all = [[true, true], [false, false], [true, false], [false, true]];
+    all.into_iter().find(|&along| {
+        pilot.takes_turn(frame, |stretches| {
+            let place = stretches[0].to;
+            let slopes = stretches.map(|stretch| Along::of(shape, place, stretch.to - stretch.from).g);
+            let agrees = |(slope, along): (f64, bool)| if along { slope >= 0.0 } else { slope <= 0.0 };
+            slopes != [0.0; 2] && slopes.into_iter().zip(along).all(agrees)
+        })
+    })
 }
 
 /// The rays of a pilot that take the path, and what was taken for granted of them.
@@ -159,10 +168,27 @@ impl<'a> Pilot<'a> {
     /// Takes something for granted, if it and all that was taken before hold for nearly all rays, in the frame of a
     /// primitive.
     pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
-        let is_so = |way: &Way| match way.positions.get(self.step..self.step + 2) {
+        let step = self.step;
+        self.takes_of_each(|way| match way.positions.get(step..step + 2) {
             Some(&[from, to]) => holds(&Stretch { from, to }.within(frame)),
             _ => false,
-        };
+        })
+    }
+
+    /// The same of the stretch and the one behind it.
+    pub fn takes_turn(&mut self, frame: &Frame, holds: impl Fn([&Stretch; 2]) -> bool) -> bool {
+        let step = self.step;
+        self.takes_of_each(|way| match way.positions.get(step..step + 3) {
+            Some(&[from, at, to]) => {
+                let [before, after] =
+                    [Stretch { from, to: at }, Stretch { from: at, to }].map(|stretch| stretch.within(frame));
+                holds([&before, &after])
+            }
+            _ => false,
+        })
+    }
+
+    fn takes_of_each(&mut self, is_so: impl Fn(&Way) -> bool) -> bool {
         let rays = self.keeps.iter().zip(self.ways);
         let keeps: Vec<bool> = rays.map(|(keeps, way)| *keeps && is_so(way)).collect();
         let num = keeps.iter().filter(|keeps| **keeps).count();
@@ -186,15 +212,15 @@ impl Along {
     }
 
     fn leaves(&self, distance: f64) -> bool {
-        (self.g < 0.0) == (self.a < 0.0) || self.g.abs() > 0.501 * distance * self.a.abs()
+        let half = 0.2505 * distance * self.a;
+        (self.g + half).abs() > half.abs() + 1e-15
     }
 
     fn stays_off(&self, margin: f64, distance: f64) -> bool {
-        let there = self.g + self.a * distance;
-        let end = self.f + distance * (self.g + there);
-        let is_off = self.f.abs() > margin && end.abs() > margin && (self.f < 0.0) == (end < 0.0);
-        let turns = (self.g < 0.0) != (there < 0.0);
-        is_off && (!turns || (self.a < 0.0) != (self.f < 0.0))
+        let halfway = self.f + distance * self.g;
+        let there = halfway + distance * (self.g + self.a * distance);
+        let is_off = |x: f64, y: f64| (x + y).abs() > (x - y).abs() + 2.0 * margin;
+        is_off(self.f, halfway) && is_off(halfway, there)
     }
 }
 

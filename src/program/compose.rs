@@ -11,7 +11,7 @@ use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS};
 use super::mesh::Triangles;
-use super::nominal::{NominalEvent, NominalPath};
+use super::nominal::{Crossing, NominalEvent, NominalPath};
 use super::path_log::{PathLog, Weight};
 use super::records::{Records, literal};
 use super::splitting::Splitting;
@@ -635,16 +635,22 @@ impl Composition<'_> {
             );
             let primitive = event.primitive;
             if primitive < self.ir.surfaces.len() {
-                let does = if event.ends { "ends_on_surface" } else { "keeps_to" };
                 let surface = surfaces.row(self.precision(), primitive)?;
-                let _ =
-                    writeln!(walk, "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u) & holds;");
-                if let Some(medium) = event.goes_on_in {
-                    let _ = writeln!(walk, "    holds = has_come_into(ray, {medium}u) & holds;");
-                }
+                let (does, how) = match event.crossing {
+                    Some(Crossing { entering_back, reflected }) => {
+                        ("crosses", format!(", {entering_back}, {reflected}"))
+                    }
+                    None if event.ends => ("ends_on_surface", String::new()),
+                    None => ("keeps_to", String::new()),
+                };
+                let _ = writeln!(
+                    walk,
+                    "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u{how}) & holds;"
+                );
             } else {
                 walk.push_str(&self.arrival(step, event)?);
             }
+            walk.push_str("    kept_events += select(0u, 1u, holds);\n");
             last = Some(primitive);
         }
         if let Some(end) = self.path_log.and_then(|log| log.end) {
@@ -665,10 +671,20 @@ impl Composition<'_> {
         let (number, place, arrival) = log.arrival(step).ok_or_else(no_place)?;
         let mut text = format!("    holds = arrives(ray, hit_{step}, {primitive}u) & holds;\n");
         if place.arrivals[0].event == step {
-            let _ = writeln!(text, "    let place_{number} = log_place({number}u, *ray, {}u);", place.sensor);
+            let logs = match place.edge_room {
+                None => format!("log_place({number}u, *ray, {}u)", place.sensor),
+                Some([x, y]) => {
+                    let [x, y] = [self.real(x)?, self.real(y)?];
+                    format!("log_place_off_edges({number}u, *ray, {}u, vec2<real>({x}, {y}))", place.sensor)
+                }
+            };
+            let _ = writeln!(
+                text,
+                "    let place_{number} = {logs};\n    holds = place_{number}.is_sure & holds;"
+            );
         } else {
             let again = format!("place_on(*ray, {}u)", place.sensor);
-            let _ = writeln!(text, "    holds = all({again} == place_{number}) & holds;");
+            let _ = writeln!(text, "    holds = all({again} == place_{number}.at) & holds;");
         }
         text.push_str(&self.weighs(arrival.weight)?);
         if !ends {

@@ -9,7 +9,7 @@ use super::clearance::{self, Clearance, Pilot};
 use super::contact::{self, Contact};
 use super::end_log::{self, EndLog};
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
-use crate::ir::{Emitter, EmitterKind, Interaction, Medium, Outline, SceneIr, Shape};
+use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, Shape, Surface};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -60,8 +60,17 @@ pub struct NominalEvent {
     pub at_nearer_crossing: bool,
     /// What else could be met before it, and what shows that a ray is clear of it.
     pub passed: Vec<(usize, Clearance)>,
-    /// The medium that a refracting surface lets the ray go on in to the next event, where some medium absorbs.
-    pub goes_on_in: Option<usize>,
+    /// What the path does at a refracting surface, where its rays tell.
+    pub crossing: Option<Crossing>,
+}
+
+/// How a ray comes to a refracting surface, and how it goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Crossing {
+    /// It comes from the side of the front medium.
+    pub entering_back: bool,
+    /// It goes back to that side.
+    pub reflected: bool,
 }
 
 impl NominalPath {
@@ -87,7 +96,6 @@ impl NominalPath {
         }
         let shapes = lowered::primitives(ir);
         let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
-        let absorbs = ir.media.iter().any(Medium::absorbs);
         let mut pilot = Pilot::new(ways);
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;
@@ -108,29 +116,27 @@ impl NominalPath {
                 && leaves != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
             let is_last = step + 1 == primitives.len();
-            pilot.step = step + 1;
-            let goes_on_in =
-                if absorbs && !is_last { medium_behind(ir, primitive, &mut pilot) } else { None };
+            let crossing = match is_last {
+                true => None,
+                false => crossing(&ir.surfaces, &shapes[primitive], primitive, &mut pilot),
+            };
             let ends = is_last && !is_full;
-            NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, goes_on_in }
+            NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
         });
         Some(NominalPath { events: events.collect() })
     }
 }
 
-/// The medium that nearly all rays of a pilot go on in, on the stretch that begins on a refracting surface.
-fn medium_behind(ir: &SceneIr, primitive: usize, pilot: &mut Pilot) -> Option<usize> {
-    let surface = ir.surfaces.get(primitive).filter(|s| s.interaction == Interaction::Refractive)?;
-    let mut leads_to = |side: f64| {
-        pilot.takes(&surface.frame, |stretch| side * clearance::rise(&surface.shape, stretch) > 0.0)
-    };
-    if leads_to(1.0) {
-        Some(surface.back)
-    } else if leads_to(-1.0) {
-        Some(surface.front)
-    } else {
-        None
-    }
+/// How nearly all rays of a pilot cross a refracting surface at the end of the stretch that is looked at.
+fn crossing(
+    surfaces: &[Surface],
+    primitive: &(Frame, Shape),
+    i: usize,
+    pilot: &mut Pilot,
+) -> Option<Crossing> {
+    let refracts = surfaces.get(i).is_some_and(|surface| surface.interaction == Interaction::Refractive);
+    let [comes, leaves] = refracts.then(|| clearance::sides(primitive, pilot)).flatten()?;
+    Some(Crossing { entering_back: comes, reflected: comes != leaves })
 }
 
 /// The way of a path's rays to one of its events.

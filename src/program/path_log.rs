@@ -4,11 +4,11 @@
 //! once more at the place of before, as between parallel mirrors, it knows that, too. The pilot only says what may be so:
 //! the stage looks at each ray, and one that weighs something else or arrives elsewhere has strayed.
 
-use super::ProgramOptions;
 use super::end_log::{EndLog, Form, Grid};
 use super::lowered::{CELL_DEPTH_KILLED, Cells};
 use super::nominal::{NominalPath, Way};
-use crate::ir::{SceneIr, SensorKind, Splat};
+use super::{Precision, ProgramOptions};
+use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
 /// The log of the stage `trace_nominal`.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +28,9 @@ pub struct Place {
     pub sensor: usize,
     /// When rays arrive there.
     pub arrivals: Vec<Arrival>,
+    /// How near to an edge between pixels roundings decide which one is hit, by columns and by rows \[pixels\], if nearly all
+    /// rays are farther.
+    pub edge_room: Option<[f64; 2]>,
 }
 
 /// One of the times that rays arrive at a place.
@@ -67,6 +70,37 @@ impl Weight {
     }
 }
 
+/// Positions are told from the edges of pixels as long as that holds for this share of the rays: the others are traced twice.
+const LEAST_OFF_EDGES: f64 = 0.99;
+
+/// [`Place::edge_room`]. `pixel_of` and `pixel_position` in splat.wgsl round five numbers of at most as many pixels as there
+/// are, one of them a quotient, for which WGSL allows 2.5 ulp (section 15.7.4): 12 units of roundoff if each may be rounded
+/// either way, and some room.
+fn edge_room(
+    sensor: &Sensor,
+    size: [u32; 2],
+    ways: &[Way],
+    event: usize,
+    precision: Precision,
+) -> Option<[f64; 2]> {
+    let SensorKind::Irradiance(grid) = &sensor.kind else { return None };
+    let room = size.map(|num_pixels| 16.0 * f64::from(num_pixels) / precision.significands());
+    let is_off = |way: &&Way| {
+        way.positions.get(event + 1).is_some_and(|&position| {
+            let p = sensor.frame.rotation.transpose() * (position - sensor.frame.origin);
+            let from_edge = |at: f64, width: f64, num: u32| {
+                let edge = (at / width + 0.5) * f64::from(num);
+                (edge - edge.round()).abs()
+            };
+            let by_axis = [from_edge(p.x, grid.width, size[0]), from_edge(p.y, grid.height, size[1])];
+            // Recorded positions have roundings of their own.
+            by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > 2.0 * room)
+        })
+    };
+    let num_off = ways.iter().filter(is_off).count();
+    (num_off as f64 >= LEAST_OFF_EDGES * ways.len() as f64).then_some(room)
+}
+
 impl PathLog {
     /// The log of a path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or with
     /// weights that differ.
@@ -103,7 +137,10 @@ impl PathLog {
             match places.iter_mut().find(is_there) {
                 Some(place) => place.arrivals.push(arrival),
                 None => {
-                    places.push(Place { grid: *log.grids.get(sensor)?, sensor, arrivals: vec![arrival] });
+                    let grid = *log.grids.get(sensor)?;
+                    let edge_room =
+                        edge_room(&ir.sensors[sensor], grid.size, &pilot.ways, number, options.precision);
+                    places.push(Place { grid, sensor, arrivals: vec![arrival], edge_room });
                 }
             }
         }
