@@ -21,8 +21,9 @@ var<private> end_weight: real = 0.0;
 // The fractions of its taps, or the position in pixels.
 var<private> end_place: vec2<real> = vec2<real>(0.0, 0.0);
 
-// The column of a position off every detector, whose row is the entry.
-const OFF_DETECTORS: real = -2.0;
+// The column of a position off every detector, whose row is the entry. A position so far beyond the map is marked, by its
+// taps, which are one pixel, or by its fraction.
+const OFF_DETECTORS: real = -1.25;
 // A position times so much, which is exact, tells that the pixel that was hit is not the one before but the next.
 const HIT_NEXT: real = 79228162514264337593543950336.0;
 

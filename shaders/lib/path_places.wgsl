@@ -33,7 +33,7 @@ fn log_place(number: u32, ray: Ray, sensor_index: u32) -> Place {
 }
 
 // The same where nearly all rays are off the edges: the position itself tells which pixel is hit, but so close to an edge,
-// within `edge_room` [pixels], that roundings decide.
+// within `edge_room` [pixels], that roundings decide. Such a ray strays.
 fn log_place_off_edges(number: u32, ray: Ray, sensor_index: u32, edge_room: vec2<real>) -> Place {
     let sensor = sensor_of(sensor_index);
     let p = local_position(ray, sensor);

@@ -19,8 +19,8 @@ fn conic_holds(p: vec3<real>, curvature: real, axial: real, aperture: real) -> b
 }
 
 // conic_distance, where it is the distance to the crossing that is nearer to the base of the line, F / q; else that, or
-// MISS. The other crossing, q / A, does not come first where it lies behind the ray's origin, at -shift, or beyond this one:
-// farther from the middle between the two than half the distance, with room for roundings.
+// MISS. The other crossing, u = q / A, does not come first where it lies behind the ray's origin, at -shift, or beyond this
+// one, at t: where |u - (t - shift) / 2| > (t + shift) / 2, with room for roundings.
 fn nearer_conic_distance(
     o: vec3<real>, d: vec3<real>, curvature: real, axial: real, aperture: real, leaving: bool,
 ) -> real {

@@ -1,4 +1,5 @@
 // The plane z = 0, unbounded or within a rectangle or disk. A ray that leaves a plane never meets it again.
+// A distance that is no less than MISS is never taken (`nearer`).
 
 fn plane_distance(o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
     let t = -o.z / d.z;

@@ -195,7 +195,7 @@ impl EndLogs {
         self.strays.add(strays, range);
     }
 
-    /// Lets all rays of a range wait with the strays.
+    /// Lets all rays of a range wait with the strays, as if none had followed the path.
     pub fn list(&mut self, range: &RayRange) {
         self.strays.of(range.emitter)[0].extend(range.first..range.first + u64::from(range.count));
     }
@@ -213,7 +213,7 @@ impl Strays {
         let mut taken = Vec::new();
         for waiting in self.0.get_mut(emitter).into_iter().flatten() {
             let room = most - taken.len();
-            taken.append(&mut waiting.split_off(waiting.len().saturating_sub(room)));
+            taken.extend(waiting.drain(waiting.len().saturating_sub(room)..));
         }
         taken
     }

@@ -117,7 +117,7 @@ mod tests {
     const UNIT: u128 = QUANTA_PER_UNIT;
     /// Three columns and two rows behind the counter of invalid deposits and two cells of the ledger.
     const GRID: Grid = Grid { first: 3, column: 1, row: 3, size: [3, 2] };
-    const OFF: f64 = -2.0;
+    const OFF: f64 = -1.25;
 
     fn place(weights: &[Weight]) -> Place {
         let arrivals = weights.iter().map(|&weight| Arrival { event: 0, weight }).collect();

@@ -3,15 +3,15 @@
 use super::sums::QUANTA_PER_UNIT;
 
 // How a position is written (ends_logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
-// is the second of the two that it lies between. So is one at the edge of the map or, by the roundings of a place far from
-// the scene's centre, beyond, where both are the same pixel. A position of 0, which HIT_NEXT cannot mark, is the middle of
+// is the second of the two that it lies between. At the edge of the map or, by the roundings of a place far from the scene's
+// centre, beyond, both are the same pixel, marked or not. A position of 0, which HIT_NEXT cannot mark, is the middle of
 // the first pixel: the one that was hit.
 /// `HIT_NEXT` in ends_logged.wgsl.
 pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
 /// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
 pub const LAST_POSITION: f64 = (1 << 30) as f64;
-/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked.
-pub const OFF_DETECTORS: f64 = -2.0;
+/// `OFF_DETECTORS` there: the column of what is no position; beyond the map, and not marked, as such a position is.
+pub const OFF_DETECTORS: f64 = -1.25;
 
 /// The taps of a position along one axis.
 #[derive(Debug, Clone, Copy)]
@@ -187,6 +187,13 @@ mod tests {
         ] {
             assert_eq!(whole_part(number), number as i64, "{number}");
         }
+    }
+
+    #[test]
+    fn a_position_where_what_is_none_would_lie_is_marked_by_its_fraction() {
+        assert!(OFF_DETECTORS - OFF_DETECTORS.floor() >= 0.5 && OFF_DETECTORS < -0.5);
+        assert!((OFF_DETECTORS * HIT_NEXT).tap(7).hit == 0 && !(OFF_DETECTORS * HIT_NEXT).is_off_detectors());
+        assert!((OFF_DETECTORS as f32).is_off_detectors());
     }
 
     #[test]

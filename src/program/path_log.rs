@@ -70,22 +70,24 @@ impl Weight {
     }
 }
 
-/// Positions are told from the edges of pixels as long as that holds for this share of the rays: the others are traced twice.
+/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others stray.
 const LEAST_OFF_EDGES: f64 = 0.99;
 
-/// [`Place::edge_room`]. `pixel_of` and `pixel_position` in splat.wgsl round five numbers of at most as many pixels as there
-/// are, one of them a quotient, for which WGSL allows 2.5 ulp (section 15.7.4): 12 units of roundoff if each may be rounded
-/// either way, and some room.
+/// [`Place::edge_room`] where rays arrive at an event; `are_off` tells which of them are off the edges of all places before.
+/// `pixel_position` in splat.wgsl rounds the sum x + half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and
+/// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
+/// pixels as there are, if each may be rounded either way, and some room.
 fn edge_room(
     sensor: &Sensor,
-    size: [u32; 2],
     ways: &[Way],
     event: usize,
     precision: Precision,
+    are_off: &mut Vec<bool>,
 ) -> Option<[f64; 2]> {
     let SensorKind::Irradiance(grid) = &sensor.kind else { return None };
+    let size = [grid.num_pixels_x, grid.num_pixels_y];
     let room = size.map(|num_pixels| 16.0 * f64::from(num_pixels) / precision.significands());
-    let is_off = |way: &&Way| {
+    let is_off = |way: &Way| {
         way.positions.get(event + 1).is_some_and(|&position| {
             let p = sensor.frame.rotation.transpose() * (position - sensor.frame.origin);
             let from_edge = |at: f64, width: f64, num: u32| {
@@ -93,12 +95,16 @@ fn edge_room(
                 (edge - edge.round()).abs()
             };
             let by_axis = [from_edge(p.x, grid.width, size[0]), from_edge(p.y, grid.height, size[1])];
-            // Recorded positions have roundings of their own.
-            by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > 2.0 * room)
+            by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > room)
         })
     };
-    let num_off = ways.iter().filter(is_off).count();
-    (num_off as f64 >= LEAST_OFF_EDGES * ways.len() as f64).then_some(room)
+    let still_off: Vec<bool> = are_off.iter().zip(ways).map(|(off, way)| *off && is_off(way)).collect();
+    let num_off = still_off.iter().filter(|off| **off).count();
+    let tells = num_off as f64 >= LEAST_OFF_EDGES * ways.len() as f64;
+    if tells {
+        *are_off = still_off;
+    }
+    tells.then_some(room)
 }
 
 impl PathLog {
@@ -125,6 +131,7 @@ impl PathLog {
             false => at(event + 1).filter(|weight| is_born_alike && weight.is_finite()).map(Weight::Known),
         };
         let mut places: Vec<Place> = Vec::new();
+        let mut are_off = vec![true; pilot.ways.len()];
         for (number, event) in path.events.iter().enumerate() {
             let Some(sensor) = event.primitive.checked_sub(num_surfaces) else { continue };
             if !is_bilinear(&ir.sensors.get(sensor)?.kind) {
@@ -138,8 +145,9 @@ impl PathLog {
                 Some(place) => place.arrivals.push(arrival),
                 None => {
                     let grid = *log.grids.get(sensor)?;
+                    let precision = options.precision;
                     let edge_room =
-                        edge_room(&ir.sensors[sensor], grid.size, &pilot.ways, number, options.precision);
+                        edge_room(&ir.sensors[sensor], &pilot.ways, number, precision, &mut are_off);
                     places.push(Place { grid, sensor, arrivals: vec![arrival], edge_room });
                 }
             }
