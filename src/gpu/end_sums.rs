@@ -362,7 +362,7 @@ fn quantize(weight: f64) -> Option<u128> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::end_reals::HIT_NEXT;
+    use super::super::end_reals::{HIT_NEXT, OFF_DETECTORS};
     use super::*;
     use bytemuck::cast_slice;
 
@@ -468,7 +468,7 @@ mod tests {
         for (form, has_weights) in [(Form::Words, false), (Form::Packed, true), (Form::Reals, false)] {
             for (place, expected) in [
                 ([-1.0, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
-                ([-2.0, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
+                ([OFF_DETECTORS, 0.5], [UNIT, 0, 0, UNIT, 0, 0]),
                 ([3.75, 0.5], [0, 0, UNIT, 0, 0, UNIT]),
                 ([1e30, -7.5], [0, 0, 2 * UNIT, 0, 0, 0]),
                 ([-1e30, 1e12], [0, 0, 0, 2 * UNIT, 0, 0]),
@@ -484,7 +484,7 @@ mod tests {
 
     #[test]
     fn what_is_no_position_ends_as_it_says() {
-        let off = f64::from(-2.0_f32);
+        let off = OFF_DETECTORS;
         let bits = |what: u32| f64::from(f32::from_bits(what));
         for (form, end) in [(Form::Words, bits(IN_CELL | 3)), (Form::Reals, f64::from(IN_CELL | 3))] {
             let sums = sums_of_positions(form, false, &[[off, end], [off, end]]).unwrap();
