@@ -582,6 +582,26 @@ fn speck_shape(kind: usize, radius: f64) -> Shape {
     }
 }
 
+/// A disk before a lens, on which some rays end.
+#[test]
+fn rays_that_end_before_a_refracting_surface_do_not_cross_it() {
+    let mut ir = zoo::load("bench_lens");
+    ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -10.0), speck_shape(0, 3.0), DQuat::IDENTITY));
+    let options = options(Precision::F64);
+    let tally = trace(&ir, &options).0;
+    let with = with_nominal_path(&options);
+    let (traced, nominal) = trace(&ir, &with);
+    let first = &nominal.unwrap().events[0];
+    assert!(first.crossing.is_some() && first.candidates.len() == 2 && traced == tally, "{first:?}");
+    let plant = |wgsl: String| {
+        let right = "(hit.primitive == primitive) & takes_side & goes_on(ray)";
+        assert!(wgsl.contains(right), "the shader has changed");
+        wgsl.replace(right, "takes_side & goes_on(ray)")
+    };
+    let planted = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with, plant).unwrap().trace(|_| true).unwrap();
+    assert!(planted != tally, "any surface is crossed");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
