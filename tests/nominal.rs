@@ -46,6 +46,21 @@ fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
     TraceOptions { nominal_path: Some(true), ..options.clone() }
 }
 
+/// The stage with a change of its shader: one text instead of the other.
+fn edited<'a>(ir: &'a SceneIr, options: &TraceOptions, [before, after]: [&str; 2]) -> Tracer<'a> {
+    let edit = |wgsl: String| {
+        assert!(wgsl.contains(before), "the shader has changed: {before}");
+        wgsl.replace(before, after)
+    };
+    Tracer::with_wgsl_edit(zoo::gpu(), ir, options, edit).unwrap()
+}
+
+/// Asserts that without this text of the shader the bits are others.
+fn is_needed(text: &str, ir: &SceneIr, options: &TraceOptions, tally: &Tally) {
+    let without = edited(ir, options, [text, ""]).trace(|_| true).unwrap();
+    assert!(without != *tally, "{text}: no ray needs it");
+}
+
 /// Scenes of every kind that have a path to give a stage to.
 const SOME: [&str; 7] = [
     "bench_lens",
@@ -222,11 +237,8 @@ fn a_path_that_all_rays_stray_from_is_left() {
     let ir = zoo::load("bench_lens");
     let plain = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
     let by_itself = TraceOptions { nominal_path: None, ..plain.clone() };
-    let lost = |wgsl: String| {
-        assert!(wgsl.contains("return holds & has_place(*ray);"), "the shader has changed");
-        wgsl.replace("return holds & has_place(*ray);", "return has_place(*ray) & (range.count == 0u);")
-    };
-    let mut tracer = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &by_itself, lost).unwrap();
+    let lost = ["return holds & has_place(*ray);", "return has_place(*ray) & (range.count == 0u);"];
+    let mut tracer = edited(&ir, &by_itself, lost);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
     let [nominal, new] = dispatches(&mut tracer);
@@ -244,19 +256,14 @@ fn errors_in_the_log_of_places_are_seen() {
     ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
     let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
-    for (right, wrong) in [
-        ("number * range.log_stride + ray.index", "number * (range.log_stride - 1u) + ray.index"),
-        ("_edges(1u,", "_edges(2u,"),
-        ("select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds)", "first_place"),
-        ("if !holds {\n        restore_bins();\n    }", ""),
+    for planted in [
+        ["number * range.log_stride + ray.index", "number * (range.log_stride - 1u) + ray.index"],
+        ["log_place_off_edges(1u,", "log_place_off_edges(2u,"],
+        ["select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds)", "first_place"],
+        ["if !holds {\n        restore_bins();\n    }", ""],
     ] {
-        let plant = |wgsl: String| {
-            assert!(wgsl.contains(right), "the shader has changed: {right}");
-            wgsl.replace(right, wrong)
-        };
-        let planted = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with_nominal_path(&options), plant);
-        let traced = planted.unwrap().trace(|_| true);
-        assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
+        let traced = edited(&ir, &with_nominal_path(&options), planted).trace(|_| true);
+        assert!(traced.is_err() || traced.unwrap() != tally, "{planted:?} is not seen");
     }
 }
 
@@ -274,13 +281,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     let with = with_nominal_path(&options);
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
-    let unseen = |wgsl: String| {
-        let look = "holds = all(place_on(*ray, 0u) == place_0.at) & holds;";
-        assert!(wgsl.contains(look), "the shader has changed");
-        wgsl.replace(look, "")
-    };
-    let mut unseen = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with, unseen).unwrap();
-    assert!(unseen.trace(|_| true).unwrap() != tally, "no ray is unlike the others");
+    is_needed("holds = all(place_on(*ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
 }
 
 /// A paraboloid focuses all rays on the corner of four pixels, where roundings decide which of them is hit.
@@ -314,14 +315,9 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     let options = TraceOptions { num_rays: 200_000, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     assert_eq!(arrivals(&ir, &options), Some(vec![1]));
-    assert!(trace(&ir, &with_nominal_path(&options)).0 == tally, "other bits");
-    let unseen = |wgsl: String| {
-        let look = "holds = place_0.is_sure & holds;";
-        assert!(wgsl.contains(look), "the shader has changed");
-        wgsl.replace(look, "")
-    };
-    let mut unseen = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with_nominal_path(&options), unseen).unwrap();
-    assert!(unseen.trace(|_| true).unwrap() != tally, "no roundings decided");
+    let with = with_nominal_path(&options);
+    assert!(trace(&ir, &with).0 == tally, "other bits");
+    is_needed("holds = place_0.is_sure & holds;", &ir, &with, &tally);
 }
 
 /// A path through a passing detector to one that absorbs: so deep that passes are no longer logged, it has no stage.
@@ -399,7 +395,7 @@ struct Rare {
     primitive: usize,
     spared: &'static str,
     /// A change of the shader that takes all rays for clear.
-    always: (&'static str, &'static str),
+    always: [&'static str; 2],
 }
 
 fn gaussian_lens(sigma: f64) -> SceneIr {
@@ -413,10 +409,7 @@ fn tube_around_the_beam() -> Rare {
     let mut ir = gaussian_lens(2.2);
     let tube = Shape::Frustum { r_front: 9.0, r_back: 9.0, z_front: -6.0, z_back: 6.0 };
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -12.0), tube, DQuat::from_rotation_y(0.15)));
-    let always = (
-        "return (abs(f + halfway) > abs(f - halfway) + 2.0 * margin)\n        & (abs(halfway + there) > abs(halfway - there) + 2.0 * margin);",
-        "return true;",
-    );
+    let always = ["return both_off(f, halfway, margin) & both_off(halfway, there, margin);", "return true;"];
     Rare { ir, step: 0, primitive: 3, spared: "off", always }
 }
 
@@ -429,7 +422,7 @@ fn plate_along_the_beam() -> Rare {
     let plate = Shape::Plane(Outline::Disk { radius: 5.0 });
     let turn = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
     ir.surfaces.push(speck(DVec3::new(7.5, 0.0, -7.0), plate, turn));
-    let always = ("return abs(o.z + z - (low + high)) > abs(o.z - z) + (high - low);", "return true;");
+    let always = ["return both_off(off, off + distance * d.z, 0.5 * (high - low));", "return true;"];
     Rare { ir, step: 0, primitive: 3, spared: "beside", always }
 }
 
@@ -448,7 +441,7 @@ fn mirror_met_again() -> Rare {
     if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
         (grid.width, grid.height) = (400.0, 400.0);
     }
-    let always = ("return abs(slope_along(o, d, s) + half) > abs(half) + 1e-15;", "return true;");
+    let always = ["return abs(slope_along(o, d, s) + half) > abs(half) + 1e-15;", "return true;"];
     Rare { ir, step: 1, primitive: 0, spared: "leaves", always }
 }
 
@@ -464,7 +457,7 @@ fn bowl_met_from_the_side() -> Rare {
     let aside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2 - 0.1);
     rare.ir.emitters[0].frame = Frame { origin: DVec3::new(-60.0, 0.0, 10.0), rotation: aside };
     rare.ir.sensors[0].frame.origin.z = -30.0;
-    rare.always = ("is_met & comes_first & on_shape", "is_met & on_shape");
+    rare.always = ["is_met & comes_first & on_shape", "is_met & on_shape"];
     Rare { step: 0, spared: "farther crossing", ..rare }
 }
 
@@ -480,7 +473,7 @@ fn window_in_a_ball() -> Rare {
     ir.surfaces = vec![window, speck(DVec3::ZERO, ball, DQuat::IDENTITY)];
     let beside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2);
     ir.sensors[0].frame = Frame { origin: DVec3::new(50.0, 0.0, 0.0), rotation: beside };
-    let always = (" & (reflects == reflected);", ";");
+    let always = [" & (reflects == reflected);", ";"];
     Rare { ir, step: 0, primitive: 0, spared: "choice of branch", always }
 }
 
@@ -494,7 +487,7 @@ fn window_between_two_sources() -> Rare {
     // So little that hardly any ray is reflected.
     rare.ir.media[behind.medium].n.fill(1.02);
     rare.ir.emitters.push(behind);
-    rare.always = ("((cosine > 0.0) == entering_back) & ", "");
+    rare.always = ["((cosine > 0.0) == entering_back) & ", ""];
     Rare { spared: "look at the side", ..rare }
 }
 
@@ -547,12 +540,8 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
             }));
             assert!(spared.contains(&(rare.primitive, rare.spared)), "{}: {event:?}", rare.spared);
             assert!(tally == trace(&rare.ir, &options).0, "{}: other bits", rare.spared);
-            let wrong = |wgsl: String| {
-                assert!(wgsl.contains(rare.always.0), "the shader has changed");
-                wgsl.replace(rare.always.0, rare.always.1)
-            };
-            let wrong = Tracer::with_wgsl_edit(zoo::gpu(), &rare.ir, &with, wrong).unwrap().trace(|_| true);
-            assert!(tally != wrong.unwrap(), "{}: no ray is unlike the others", rare.spared);
+            let wrong = edited(&rare.ir, &with, rare.always).trace(|_| true).unwrap();
+            assert!(tally != wrong, "{}: no ray is unlike the others", rare.spared);
         }
     }
 }
@@ -593,13 +582,8 @@ fn rays_that_end_before_a_refracting_surface_do_not_cross_it() {
     let (traced, nominal) = trace(&ir, &with);
     let first = &nominal.unwrap().events[0];
     assert!(first.crossing.is_some() && first.candidates.len() == 2 && traced == tally, "{first:?}");
-    let plant = |wgsl: String| {
-        let right = "(hit.primitive == primitive) & takes_side & goes_on(ray)";
-        assert!(wgsl.contains(right), "the shader has changed");
-        wgsl.replace(right, "takes_side & goes_on(ray)")
-    };
-    let planted = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &with, plant).unwrap().trace(|_| true).unwrap();
-    assert!(planted != tally, "any surface is crossed");
+    let any = ["(hit.primitive == primitive) & takes_side", "takes_side"];
+    assert!(edited(&ir, &with, any).trace(|_| true).unwrap() != tally, "any surface is crossed");
 }
 
 proptest! {

@@ -1,8 +1,13 @@
 // What shows that a ray does not meet a primitive before it has gone `distance`, without a root or a quotient
 // (program::clearance). Each is sufficient, with room for what the search of lib/quadric.wgsl and shapes/ rounds; a ray
 // for which one fails may meet the primitive or not. In the primitive's frame, as the search is.
-// |x + y| - |x - y| is twice the smaller of |x| and |y| where both have the same sign, and not positive where they have
-// not: one comparison for several, each of which takes wide machines as long as a few products.
+
+// Both have the same sign, and are farther from 0 than the margin. |x + y| - |x - y| is twice the smaller of |x| and |y|
+// where the signs agree, and not positive where they do not: one comparison for several, each of which takes wide machines
+// as long as a few products.
+fn both_off(x: real, y: real, margin: real) -> bool {
+    return abs(x + y) > abs(x - y) + 2.0 * margin;
+}
 
 // The ray leaves the quadric: its other crossing, at -2 g / a, lies behind the ray or beyond. That is so unless g lies
 // between 0 and -a distance / 2. Room is needed for that quotient alone: g and a are the search's own.
@@ -19,12 +24,11 @@ fn stays_off(o: vec3<real>, d: vec3<real>, s: Quadric, margin: real, distance: r
     let f = value_at(o, s);
     let halfway = f + distance * g;
     let there = halfway + distance * (g + square_along(d, s) * distance);
-    return (abs(f + halfway) > abs(f - halfway) + 2.0 * margin)
-        & (abs(halfway + there) > abs(halfway - there) + 2.0 * margin);
+    return both_off(f, halfway, margin) & both_off(halfway, there, margin);
 }
 
 // Both ends lie before what fills z from low to high, or both behind it.
 fn stays_beside(o: vec3<real>, d: vec3<real>, low: real, high: real, distance: real) -> bool {
-    let z = o.z + distance * d.z;
-    return abs(o.z + z - (low + high)) > abs(o.z - z) + (high - low);
+    let off = o.z - 0.5 * (low + high);
+    return both_off(off, off + distance * d.z, 0.5 * (high - low));
 }

@@ -138,7 +138,7 @@ impl EndLogs {
 
     /// How many strays of an emitter wait.
     pub fn num_strays(&self, emitter: usize) -> usize {
-        self.strays.0.get(emitter).map_or(0, |of_event| of_event.iter().map(Vec::len).sum())
+        self.strays.num(emitter)
     }
 
     /// Strays of an emitter, at most so many of those that wait.
@@ -207,6 +207,10 @@ impl Strays {
         for &Stray { ray, event } in strays {
             of_event[event.min(MAX_EVENTS) as usize].push(range.first + u64::from(ray));
         }
+    }
+
+    fn num(&self, emitter: usize) -> usize {
+        self.0.get(emitter).into_iter().flatten().map(Vec::len).sum()
     }
 
     fn take(&mut self, emitter: usize, most: usize) -> Vec<u64> {

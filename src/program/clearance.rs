@@ -18,8 +18,8 @@ use glam::DVec3;
 /// stretch, whose length may be twice S, some ten times as many.
 const ROUNDINGS: f64 = 1024.0;
 
-/// Clearances pay as long as all that are taken hold for this share of the rays: the others are traced twice.
-const LEAST_CLEAR: f64 = 0.995;
+/// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
+pub const LEAST_CLEAR: f64 = 0.995;
 
 /// What is to be seen of a stretch to know that it is clear of a primitive, in the primitive's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,18 +155,20 @@ pub struct Pilot<'a> {
     ways: &'a [Way],
     /// The stretch that is looked at, by its number.
     pub step: usize,
+    /// The share of them for which all that is taken must hold.
+    least: f64,
     /// Whether all that was taken so far holds for it.
     keeps: Vec<bool>,
 }
 
 impl<'a> Pilot<'a> {
-    /// Rays of whom nothing is taken for granted.
-    pub fn new(ways: &'a [Way]) -> Self {
-        Pilot { ways, step: 0, keeps: vec![true; ways.len()] }
+    /// Rays of whom nothing is taken for granted yet, and the share of them for which all that will be must hold.
+    pub fn new(ways: &'a [Way], least: f64) -> Self {
+        Pilot { ways, step: 0, least, keeps: vec![true; ways.len()] }
     }
 
-    /// Takes something for granted, if it and all that was taken before hold for nearly all rays, in the frame of a
-    /// primitive.
+    /// Takes something for granted, if it and all that was taken before hold for that share of the rays, in the frame of
+    /// a primitive.
     pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
         let step = self.step;
         self.takes_of_each(|way| match way.positions.get(step..step + 2) {
@@ -192,7 +194,7 @@ impl<'a> Pilot<'a> {
         let rays = self.keeps.iter().zip(self.ways);
         let keeps: Vec<bool> = rays.map(|(keeps, way)| *keeps && is_so(way)).collect();
         let num = keeps.iter().filter(|keeps| **keeps).count();
-        let pays = num > 0 && num as f64 >= LEAST_CLEAR * keeps.len() as f64;
+        let pays = num > 0 && num as f64 >= self.least * keeps.len() as f64;
         if pays {
             self.keeps = keeps;
         }
@@ -219,8 +221,8 @@ impl Along {
     fn stays_off(&self, margin: f64, distance: f64) -> bool {
         let halfway = self.f + distance * self.g;
         let there = halfway + distance * (self.g + self.a * distance);
-        let is_off = |x: f64, y: f64| (x + y).abs() > (x - y).abs() + 2.0 * margin;
-        is_off(self.f, halfway) && is_off(halfway, there)
+        let both_off = |x: f64, y: f64| (x + y).abs() > (x - y).abs() + 2.0 * margin;
+        both_off(self.f, halfway) && both_off(halfway, there)
     }
 }
 

@@ -96,7 +96,7 @@ impl NominalPath {
         }
         let shapes = lowered::primitives(ir);
         let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
-        let mut pilot = Pilot::new(ways);
+        let mut pilot = Pilot::new(ways, clearance::LEAST_CLEAR);
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;
             pilot.step = step;

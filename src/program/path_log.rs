@@ -4,6 +4,7 @@
 //! once more at the place of before, as between parallel mirrors, it knows that, too. The pilot only says what may be so:
 //! the stage looks at each ray, and one that weighs something else or arrives elsewhere has strayed.
 
+use super::clearance::{Pilot, Stretch};
 use super::end_log::{EndLog, Form, Grid};
 use super::lowered::{CELL_DEPTH_KILLED, Cells};
 use super::nominal::{NominalPath, Way};
@@ -73,38 +74,23 @@ impl Weight {
 /// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others stray.
 const LEAST_OFF_EDGES: f64 = 0.99;
 
-/// [`Place::edge_room`] where rays arrive at an event; `are_off` tells which of them are off the edges of all places before.
+/// [`Place::edge_room`] where a pilot's rays arrive on a detector.
 /// `pixel_position` in splat.wgsl rounds the sum x + half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and
 /// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
 /// pixels as there are, if each may be rounded either way, and some room.
-fn edge_room(
-    sensor: &Sensor,
-    ways: &[Way],
-    event: usize,
-    precision: Precision,
-    are_off: &mut Vec<bool>,
-) -> Option<[f64; 2]> {
+fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option<[f64; 2]> {
     let SensorKind::Irradiance(grid) = &sensor.kind else { return None };
     let size = [grid.num_pixels_x, grid.num_pixels_y];
     let room = size.map(|num_pixels| 16.0 * f64::from(num_pixels) / precision.significands());
-    let is_off = |way: &Way| {
-        way.positions.get(event + 1).is_some_and(|&position| {
-            let p = sensor.frame.rotation.transpose() * (position - sensor.frame.origin);
-            let from_edge = |at: f64, width: f64, num: u32| {
-                let edge = (at / width + 0.5) * f64::from(num);
-                (edge - edge.round()).abs()
-            };
-            let by_axis = [from_edge(p.x, grid.width, size[0]), from_edge(p.y, grid.height, size[1])];
-            by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > room)
-        })
+    let from_edge = |at: f64, width: f64, num_pixels: u32| {
+        let edge = (at / width + 0.5) * f64::from(num_pixels);
+        (edge - edge.round()).abs()
     };
-    let still_off: Vec<bool> = are_off.iter().zip(ways).map(|(off, way)| *off && is_off(way)).collect();
-    let num_off = still_off.iter().filter(|off| **off).count();
-    let tells = num_off as f64 >= LEAST_OFF_EDGES * ways.len() as f64;
-    if tells {
-        *are_off = still_off;
-    }
-    tells.then_some(room)
+    let is_off = |Stretch { to, .. }: &Stretch| {
+        let by_axis = [from_edge(to.x, grid.width, size[0]), from_edge(to.y, grid.height, size[1])];
+        by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > room)
+    };
+    pilot.takes(&sensor.frame, is_off).then_some(room)
 }
 
 impl PathLog {
@@ -131,7 +117,7 @@ impl PathLog {
             false => at(event + 1).filter(|weight| is_born_alike && weight.is_finite()).map(Weight::Known),
         };
         let mut places: Vec<Place> = Vec::new();
-        let mut are_off = vec![true; pilot.ways.len()];
+        let mut off_edges = Pilot::new(&pilot.ways, LEAST_OFF_EDGES);
         for (number, event) in path.events.iter().enumerate() {
             let Some(sensor) = event.primitive.checked_sub(num_surfaces) else { continue };
             if !is_bilinear(&ir.sensors.get(sensor)?.kind) {
@@ -145,9 +131,8 @@ impl PathLog {
                 Some(place) => place.arrivals.push(arrival),
                 None => {
                     let grid = *log.grids.get(sensor)?;
-                    let precision = options.precision;
-                    let edge_room =
-                        edge_room(&ir.sensors[sensor], &pilot.ways, number, precision, &mut are_off);
+                    off_edges.step = number;
+                    let edge_room = edge_room(&ir.sensors[sensor], options.precision, &mut off_edges);
                     places.push(Place { grid, sensor, arrivals: vec![arrival], edge_room });
                 }
             }
