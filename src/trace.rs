@@ -8,224 +8,33 @@
 //! fair sample of the scene.
 
 use crate::error::{Error, Result};
+use crate::gpu::Gpu;
 use crate::gpu::end_log::{EndLogs, Rays};
 use crate::gpu::profile::Profile;
-use crate::gpu::sums::DeviceSums;
-use crate::gpu::tuning::Tuning;
-use crate::gpu::{self, AdapterInfo, Gpu};
 use crate::ir::{SceneIr, ray_id};
 use crate::nominal;
 use crate::processors;
 use crate::program::end_log::EndLog;
 use crate::program::{
-    self, Features, PathSampling, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments,
-    Splitting, df64, events,
+    self, Features, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments, Splitting, df64,
+    events,
 };
 use crate::result::{
     Booking, PathEvent, PathEventKind, QUANTA_PER_WEIGHT, RayRow, RaySet, RaySpan, Recorded, Recording,
-    RunInfo, SensorTally, StageTime, SurfaceTally, Tally, check_shape,
+    SensorTally, StageTime, SurfaceTally, Tally, check_shape,
 };
+use budget::{EmitterRays, distribute, part};
+use device::{DeviceState, stride_of};
 use intake::{Counted, Intake};
+use options::check_options;
 use std::time::{Duration, Instant};
 
+mod budget;
+mod device;
 mod intake;
+mod options;
 
-/// Options of a trace, with Optiland's defaults.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TraceOptions {
-    /// Rays to launch.
-    pub num_rays: u64,
-    /// Number of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
-    pub first_ray: u64,
-    /// The rays are a part, from `first_ray` on, of a trace of so many rays, which the sources share: each source gives
-    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a lone source both are
-    /// the same.
-    pub of_rays: Option<u64>,
-    /// Seed of every draw.
-    pub seed: u64,
-    /// Largest number of events of a ray.
-    pub max_depth: u32,
-    /// Roulette starts below the larger of this and the scene's `rr_start_flux`, times the mean flux of a new ray.
-    pub min_flux_fraction: f64,
-    /// Rays per dispatch; chosen where not given. It never changes a result.
-    pub batch_size: Option<u32>,
-    /// Precision of the physics.
-    pub precision: Precision,
-    /// Which paths are recorded.
-    pub paths: RecordPaths,
-    /// Whether second moments are summed as well, so that results have standard errors.
-    pub standard_error: StandardError,
-    /// The scene compiled in or in tables; chosen by its size where not given.
-    pub baked: Option<bool>,
-    /// What the draws are.
-    pub sampler: Sampler,
-    /// A scene in tables is searched by a tree of boxes, or one primitive after the other; by a tree where not given.
-    pub tree: Option<bool>,
-    /// The host adds up where rays end, instead of atomics on the device; where not given, on adapters that are
-    /// processors.
-    pub host_sums: Option<bool>,
-    /// Invocations a workgroup.
-    pub workgroup_size: u32,
-    /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
-    /// adapters that are processors, as long as each of these has workgroups enough.
-    pub rays_per_invocation: Option<u32>,
-    /// Events a ray goes through in registers before the survivors are compacted.
-    pub events_per_dispatch: u32,
-    /// Whether arithmetic is strict: then a scene compiled in and the same in tables give the same bits.
-    pub strict: Strict,
-    /// The path that most rays take has a stage of its own, and rays that stray from it are traced again; where not given,
-    /// in long traces in which the host adds up. It never changes a result.
-    pub nominal_path: Option<bool>,
-    /// Sums are bound in parts of at most so many bytes; in the largest that the adapter binds where not given. It never
-    /// changes a result.
-    #[doc(hidden)]
-    pub part_bytes: Option<u64>,
-    /// Trees of at most so many bytes lie in images; as large as the adapter's images where not given, if it is a
-    /// processor. It never changes a result.
-    #[doc(hidden)]
-    pub texel_bytes: Option<u64>,
-}
-
-/// Whether no floating-point operations are fused or reordered by the driver.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Strict {
-    /// On processors, where it costs nothing and the device can be told; elsewhere not.
-    #[default]
-    Auto,
-    /// Yes, or the trace is refused.
-    On,
-    /// No.
-    Off,
-}
-
-impl Strict {
-    /// True if a trace on this adapter is strict.
-    pub fn holds(self, adapter: &AdapterInfo) -> bool {
-        match self {
-            Strict::Auto => adapter.strict && adapter.is_cpu(),
-            Strict::On => true,
-            Strict::Off => false,
-        }
-    }
-}
-
-/// Whether second moments are summed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum StandardError {
-    /// Where they cost little: where a ray ends on every detector, in one cell. Spread over pixels, or come by several
-    /// times, a ray makes as many deposits again. Of Sobol points never: scrambled apart, they are spread less evenly.
-    #[default]
-    Auto,
-    /// Always.
-    On,
-    /// Never.
-    Off,
-}
-
-/// Which paths are recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RecordPaths {
-    /// None.
-    None,
-    /// About so many, chosen by a hash of the ray id.
-    About(u64),
-    /// All.
-    All,
-}
-
-impl Default for TraceOptions {
-    fn default() -> Self {
-        TraceOptions {
-            num_rays: 1_000_000,
-            first_ray: 0,
-            of_rays: None,
-            seed: 0,
-            max_depth: 16,
-            min_flux_fraction: 1e-6,
-            batch_size: None,
-            precision: Precision::F64,
-            paths: RecordPaths::None,
-            standard_error: StandardError::Auto,
-            baked: None,
-            sampler: Sampler::Pcg,
-            tree: None,
-            host_sums: None,
-            workgroup_size: Tuning::default().workgroup_size,
-            rays_per_invocation: None,
-            events_per_dispatch: Tuning::default().events_per_dispatch,
-            strict: Strict::Auto,
-            nominal_path: None,
-            part_bytes: None,
-            texel_bytes: None,
-        }
-    }
-}
-
-impl TraceOptions {
-    /// With the work cut as suits an adapter.
-    pub fn tuned(self, adapter: &AdapterInfo) -> Self {
-        let Tuning { workgroup_size, events_per_dispatch } = Tuning::of(adapter);
-        TraceOptions { workgroup_size, events_per_dispatch, ..self }
-    }
-
-    /// The driver and how it rounds: what decides over the last bits.
-    pub fn driver(&self, adapter: &AdapterInfo) -> String {
-        let rounding = if self.strict.holds(adapter) { ", strict" } else { "" };
-        format!("{}{rounding}", adapter.driver)
-    }
-
-    /// What a result says of a trace with these options on an adapter.
-    pub fn run_info(&self, adapter: &AdapterInfo) -> RunInfo {
-        RunInfo {
-            num_rays: self.num_rays,
-            seed: self.seed,
-            max_depth: self.max_depth,
-            min_flux_fraction: self.min_flux_fraction,
-            precision: self.precision.name().into(),
-            sampler: self.sampler.name().into(),
-            adapter: adapter.name.clone(),
-            driver: self.driver(adapter),
-            first_ray: self.first_ray,
-            of_rays: self.of_rays,
-            ..RunInfo::default()
-        }
-    }
-}
-
-impl RecordPaths {
-    /// As Optiland samples: the ray is recorded when its 32-bit hash is below n / num_rays of 2^32.
-    fn sampling(self, num_rays: u64) -> PathSampling {
-        match self {
-            RecordPaths::None | RecordPaths::About(0) => PathSampling::None,
-            RecordPaths::All => PathSampling::All,
-            RecordPaths::About(n) if n >= num_rays => PathSampling::All,
-            RecordPaths::About(n) => {
-                let share = n as f64 / num_rays as f64;
-                PathSampling::Hashed { threshold: (share * 4294967296.0) as u32 }
-            }
-        }
-    }
-}
-
-/// Rays of one emitter, numbered from `first`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct EmitterRays {
-    first: u64,
-    count: u64,
-    weight: f64,
-}
-
-impl EmitterRays {
-    /// How many of them are done at `position` of `length`.
-    fn done(&self, position: u64, length: u64) -> u64 {
-        share(self.count, position, length)
-    }
-}
-
-/// floor(count * position / length): its share of `count` things.
-fn share(count: u64, position: u64, length: u64) -> u64 {
-    (u128::from(count) * u128::from(position) / u128::from(length.max(1))) as u64
-}
+pub use options::{RecordPaths, StandardError, Strict, TraceOptions};
 
 /// Rays in one dispatch of a trace with no limit of its own.
 const DEFAULT_BATCH: u32 = 1 << 18;
@@ -268,29 +77,6 @@ pub struct Tracer<'a> {
     /// One for each emitter.
     recordings: Vec<Recording>,
     profile: Option<Profile>,
-}
-
-struct DeviceState {
-    trace_new: wgpu::ComputePipeline,
-    trace_queued: Option<wgpu::ComputePipeline>,
-    trace_nominal: Option<wgpu::ComputePipeline>,
-    advance: wgpu::ComputePipeline,
-    /// Group 0; one for each log of ends, where there are logs.
-    scenes: Vec<wgpu::BindGroup>,
-    /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
-    queues: [wgpu::BindGroup; 2],
-    advancing: wgpu::BindGroup,
-    range: wgpu::Buffer,
-    emitter: wgpu::Buffer,
-    counts: wgpu::Buffer,
-    workgroups: wgpu::Buffer,
-    rng_table: wgpu::Buffer,
-    /// The ids of rays that strayed from the nominal path, as a dispatch reads them.
-    strays: Option<wgpu::Buffer>,
-    sums: DeviceSums,
-    tops: Option<DeviceSums>,
-    counters: DeviceSums,
-    events: Option<wgpu::Buffer>,
 }
 
 /// A row as the device wrote it; positions are relative to the scene's centre.
@@ -350,7 +136,7 @@ impl<'a> Tracer<'a> {
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
         check_options(gpu, options)?;
-        let rays = part(distribute(ir, budget(options))?, options)?;
+        let rays = part(distribute(ir, options.budget())?, options)?;
         let primitives = ir.surfaces.len() + ir.sensors.len();
         let weights: Vec<f64> = rays.iter().map(|r| r.weight).collect();
         let roulette_threshold = options.min_flux_fraction.max(ir.sampling.rr_start_flux);
@@ -377,7 +163,7 @@ impl<'a> Tracer<'a> {
             most_rays_per_invocation: options
                 .rays_per_invocation
                 .unwrap_or_else(|| most_rays_per_invocation(gpu, options)),
-            paths: options.paths.sampling(budget(options)),
+            paths: options.paths.sampling(options.budget()),
             weights,
             sampler: options.sampler,
             moments: match moments {
@@ -967,236 +753,10 @@ fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
     ray_id::of(first + u64::from(position), number)
 }
 
-/// One dispatch of a stage.
-struct Stage<'a> {
-    name: &'static str,
-    pipeline: &'a wgpu::ComputePipeline,
-    groups: [Option<&'a wgpu::BindGroup>; 2],
-    workgroups: Workgroups<'a>,
-}
-
-#[derive(Clone, Copy)]
-enum Workgroups<'a> {
-    Of([u32; 3]),
-    /// As many as the device has counted.
-    Counted(&'a wgpu::Buffer),
-}
-
-impl Stage<'_> {
-    fn record(&self, pass: &mut wgpu::ComputePass) {
-        pass.set_pipeline(self.pipeline);
-        for (index, group) in (0..).zip(self.groups.into_iter().flatten()) {
-            pass.set_bind_group(index, group, &[]);
-        }
-        match self.workgroups {
-            Workgroups::Of([x, y, z]) => pass.dispatch_workgroups(x, y, z),
-            Workgroups::Counted(counts) => pass.dispatch_workgroups_indirect(counts, 0),
-        }
-    }
-}
-
-impl DeviceState {
-    fn new(
-        gpu: &Gpu,
-        program: &Program,
-        batch: u32,
-        strict: bool,
-        end_logs: Option<&EndLogs>,
-    ) -> Result<Self> {
-        let bindings = gpu::compute::bindings_of(&program.module);
-        check_bindings(gpu, program, &bindings)?;
-        let shader = match strict {
-            true => gpu.strict_shader("trace", &program.module, &bindings)?,
-            false => gpu.shader("trace", program.source()),
-        };
-        let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
-        let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
-        let layouts = [&scene_layout, &queue_layout];
-        let has_queue = program.options.has_queue();
-        let trace_new = gpu.pipeline(program.entry_point(), &shader, &layouts, &[]);
-        let trace_queued = has_queue.then(|| gpu.pipeline("trace_queued", &shader, &layouts, &[]));
-        let nominal = program.nominal.as_ref();
-        let trace_nominal = nominal.map(|_| gpu.pipeline("trace_nominal", &shader, &layouts, &[]));
-
-        let sums = DeviceSums::new(gpu, &program.sums.sums)?;
-        let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
-        let counters = DeviceSums::new(gpu, &program.sums.counters)?;
-        let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
-        let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
-        let events = match program.options.has_events(&program.features) {
-            true => {
-                let rows = program.max_events_per_ray * u64::from(batch);
-                Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
-            }
-            false => None,
-        };
-        let is_image = |number: u32| {
-            let is_it = |binding: &gpu::compute::Binding| (binding.group, binding.number) == (0, number);
-            bindings.iter().any(|binding| is_it(binding) && binding.access == gpu::compute::Access::Texels)
-        };
-        let (images, buffers): (Vec<_>, Vec<_>) =
-            program.buffers.iter().partition(|(number, _)| is_image(*number));
-        let image =
-            |(number, bytes): &(u32, Vec<u8>)| (*number, gpu.scene_texels(bytes, program::TEXELS_PER_LINE));
-        let images: Vec<(u32, wgpu::TextureView)> = images.into_iter().map(image).collect();
-        let buffer = |(number, bytes): &(u32, Vec<u8>)| Ok((*number, gpu.scene_buffer(bytes)?));
-        let constants: Vec<(u32, wgpu::Buffer)> = buffers.into_iter().map(buffer).collect::<Result<_>>()?;
-        let strays = match program.nominal {
-            Some(_) => Some(gpu.buffer("rays that strayed", u64::from(batch) * 8)?),
-            None => None,
-        };
-        let rng_table = gpu.constant_buffer("draws", &program.rng_table);
-        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (program::RNG_TABLE, &rng_table)];
-        scene.extend(
-            [Some(&sums), tops.as_ref(), Some(&counters)]
-                .into_iter()
-                .flatten()
-                .flat_map(DeviceSums::bindings),
-        );
-        if !program.emitters.is_empty() {
-            scene.push((program::lowered::EMITTER, &emitter));
-        }
-        scene.extend(events.as_ref().map(|events| (12, events)));
-        scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
-        scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
-        let logs = end_logs.map_or(vec![None], |logs| logs.buffers().map(Some).into());
-        let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log), &images);
-        let scenes = logs.into_iter().map(group).collect();
-
-        let counts = gpu.buffer("queue counts", 16)?;
-        let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
-        let queue =
-            [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
-        let direction = |from: usize, to: usize| {
-            let mut buffers = vec![(0, &counts)];
-            if has_queue {
-                buffers.extend([(1, &queue[from]), (2, &queue[to])]);
-            }
-            gpu.bind_group("queues", &queue_layout, buffers, &[])
-        };
-        let queues = [direction(1, 0), direction(0, 1)];
-
-        let workgroups = gpu.buffer("workgroups", 12)?;
-        let advance_bindings = [0, 1].map(|number| gpu::compute::Binding {
-            group: 0,
-            number,
-            access: gpu::compute::Access::ReadWrite,
-        });
-        let advance_layout = gpu.bind_group_layout("advance", &advance_bindings, 0);
-        let advance_shader = gpu.shader("advance", program::compose::ADVANCE);
-        let size = f64::from(program.options.workgroup_size);
-        let advance =
-            gpu.pipeline("advance", &advance_shader, &[&advance_layout], &[("workgroup_size", size)]);
-        let advancing = gpu.bind_group("advance", &advance_layout, [(0, &counts), (1, &workgroups)], &[]);
-        gpu.check()?;
-        Ok(DeviceState {
-            trace_new,
-            trace_queued,
-            trace_nominal,
-            advance,
-            scenes,
-            queues,
-            advancing,
-            range,
-            emitter,
-            counts,
-            workgroups,
-            rng_table,
-            strays,
-            sums,
-            tops,
-            counters,
-            events,
-        })
-    }
-
-    /// The stage of the nominal path, where such rays take it.
-    fn trace_nominal(&self, rays: Rays) -> Option<&wgpu::ComputePipeline> {
-        self.trace_nominal.as_ref().filter(|_| matches!(rays, Rays::OfRange))
-    }
-
-    /// The stages of one batch, in their order; `log` is the log of ends that they write.
-    fn stages(
-        &self,
-        new_workgroups: [u32; 3],
-        num_rounds: usize,
-        log: usize,
-        rays: Rays,
-    ) -> impl Iterator<Item = Stage<'_>> {
-        let scene = &self.scenes[log];
-        let (name, pipeline, queued) = match self.trace_nominal(rays) {
-            Some(trace_nominal) => ("trace_nominal", trace_nominal, None),
-            None => ("trace_new", &self.trace_new, self.trace_queued.as_ref()),
-        };
-        let first = Stage {
-            name,
-            pipeline,
-            groups: [Some(scene), Some(&self.queues[0])],
-            workgroups: Workgroups::Of(new_workgroups),
-        };
-        let rounds = queued.into_iter().flat_map(move |trace_queued| {
-            (1..num_rounds).flat_map(move |round| {
-                let advance = Stage {
-                    name: "advance",
-                    pipeline: &self.advance,
-                    groups: [Some(&self.advancing), None],
-                    workgroups: Workgroups::Of([1, 1, 1]),
-                };
-                let trace_queued = Stage {
-                    name: "trace_queued",
-                    pipeline: trace_queued,
-                    groups: [Some(scene), Some(&self.queues[round % 2])],
-                    workgroups: Workgroups::Counted(&self.workgroups),
-                };
-                [advance, trace_queued]
-            })
-        });
-        std::iter::once(first).chain(rounds)
-    }
-
-    fn clear(&self, gpu: &Gpu) {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        for sums in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
-            sums.clear(&mut encoder);
-        }
-        gpu.queue.submit([encoder.finish()]);
-    }
-}
-
 /// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
 fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
     let weight = precision.nearest(weight);
     (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128
-}
-
-/// What a scene's shaders bind must be what the adapter can bind at once: more of the sums, more parts.
-fn check_bindings(gpu: &Gpu, program: &Program, bindings: &[gpu::compute::Binding]) -> Result<()> {
-    let most = gpu.device.limits().max_storage_buffers_per_shader_stage as usize;
-    let is_storage = |binding: &&gpu::compute::Binding| match binding.access {
-        gpu::compute::Access::Uniform | gpu::compute::Access::Texels => false,
-        gpu::compute::Access::Read | gpu::compute::Access::ReadWrite => true,
-    };
-    let storage = bindings.iter().filter(is_storage).count();
-    if storage <= most {
-        return Ok(());
-    }
-    let parts: Vec<u64> = program.sums.all().flat_map(|buffer| buffer.part_bytes()).collect();
-    let advice = match program.options.moments {
-        SecondMoments::None => "fewer pixels",
-        SecondMoments::Squares | SecondMoments::Replicates => "fewer pixels, --standard-error off",
-    };
-    Err(Error::Device(format!(
-        "the scene needs {storage} storage buffers, {} of them for {} bytes of sums, and the adapter `{}` binds at most \
-         {most}, each of at most {} bytes; use {advice} or another adapter",
-        parts.len(),
-        parts.iter().sum::<u64>(),
-        gpu.info.name,
-        gpu.largest_binding(),
-    )))
-}
-
-fn stride_of(program: &Program, name: &str) -> Result<u64> {
-    Ok(program::records::StructLayout::of(&program.module, name)?.stride as u64)
 }
 
 /// Workgroups as a grid, within the limit of one dimension.
@@ -1204,53 +764,6 @@ fn grid(workgroups: u32, gpu: &Gpu) -> (u32, u32) {
     let limit = gpu.device.limits().max_compute_workgroups_per_dimension;
     let y = workgroups.div_ceil(limit).max(1);
     (workgroups.div_ceil(y), y)
-}
-
-fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
-    let usage = |message: String| Err(Error::Usage(message));
-    if options.num_rays == 0 {
-        return usage("the number of rays is 0; at least one ray is needed".into());
-    }
-    let end = options.first_ray.checked_add(options.num_rays);
-    if end.is_none_or(|end| end > MAX_RAY_ID) {
-        return usage(format!(
-            "{} rays from ray {} on: ray ids end at 2^63",
-            options.num_rays, options.first_ray
-        ));
-    }
-    if let Some(of_rays) = options.of_rays
-        && end.is_some_and(|end| end > of_rays)
-    {
-        return usage(format!(
-            "{} rays from ray {} on are no part of a trace of {of_rays} rays",
-            options.num_rays, options.first_ray
-        ));
-    }
-    if options.max_depth == 0 || options.max_depth > MAX_DEPTH_LIMIT {
-        return usage(format!("max_depth is {}; it must lie in 1..={MAX_DEPTH_LIMIT}", options.max_depth));
-    }
-    if !(0.0..=1.0).contains(&options.min_flux_fraction) {
-        return usage(format!("min_flux_fraction is {}; it must lie in 0..=1", options.min_flux_fraction));
-    }
-    if options.batch_size == Some(0) {
-        return usage("the batch size is 0; at least one ray is needed".into());
-    }
-    if options.host_sums == Some(true) && !gpu.has_shared_memory() {
-        return usage(format!(
-            "the adapter `{}` shares no memory with the host, which cannot add up",
-            gpu.info.name
-        ));
-    }
-    if options.precision == Precision::F64 && !gpu.f64 {
-        return usage(format!(
-            "the adapter `{}` has no 64-bit floats; use --precision df64 or f32",
-            gpu.info.name
-        ));
-    }
-    if options.precision == Precision::Df64 {
-        gpu.check_df64()?;
-    }
-    Ok(())
 }
 
 /// What splitting could make of the launched rays must have ids, and be counted.
@@ -1280,12 +793,6 @@ fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
 fn counts_per_ray(program: &Program) -> u64 {
     program.most_rays() * u64::from(program.options.max_depth + 1)
 }
-
-/// NumPy and Optiland keep ray ids in signed integers.
-const MAX_RAY_ID: u64 = 1 << 63;
-
-/// The table of draws has a row an event: 16 bytes each.
-const MAX_DEPTH_LIMIT: u32 = 1 << 20;
 
 fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
     let default = match program.end_log {
@@ -1329,83 +836,4 @@ fn most_rays_per_invocation(gpu: &Gpu, options: &TraceOptions) -> u32 {
     let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
     (dispatch_rays / (WORKGROUPS * processors * u64::from(options.workgroup_size.max(1)))).clamp(1, MOST)
         as u32
-}
-
-/// Rays that the sources share.
-fn budget(options: &TraceOptions) -> u64 {
-    options.of_rays.unwrap_or(options.num_rays)
-}
-
-/// Those of a budget's rays that are traced here.
-fn part(budget_rays: Vec<EmitterRays>, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
-    let Some(of_rays) = options.of_rays else {
-        let shift = |rays: EmitterRays| EmitterRays { first: rays.first + options.first_ray, ..rays };
-        return Ok(budget_rays.into_iter().map(shift).collect());
-    };
-    let end = options.first_ray + options.num_rays;
-    let rays = budget_rays.into_iter().map(|rays| {
-        let before = rays.done(options.first_ray, of_rays);
-        EmitterRays { first: rays.first + before, count: rays.done(end, of_rays) - before, ..rays }
-    });
-    let rays: Vec<EmitterRays> = rays.collect();
-    if rays.iter().all(|rays| rays.count == 0) {
-        return Err(Error::Usage(format!(
-            "no source has a ray in so small a part: {} of {of_rays} rays",
-            options.num_rays
-        )));
-    }
-    Ok(rays)
-}
-
-/// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by
-/// flux with the largest remainders first (of equal ones the larger flux, then the first).
-fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<EmitterRays>> {
-    let fluxes: Vec<f64> = ir.emitters.iter().map(|e| e.total_flux).collect();
-    let total: f64 = fluxes.iter().sum();
-    let counts = distribute_ray_budget(num_rays, &fluxes);
-    let mean = total / num_rays as f64;
-    let mut first = 0;
-    let mut rays = Vec::new();
-    for ((&count, &flux), emitter) in counts.iter().zip(&fluxes).zip(&ir.emitters) {
-        let weight = if count == 0 || total == 0.0 { 0.0 } else { flux / count as f64 / mean };
-        if weight > 0.0 && weight * QUANTA_PER_WEIGHT < SMALLEST_BIRTH_QUANTA {
-            return Err(Error::Usage(format!(
-                "source `{}` emits {flux:e} W, less than the other sources' sums can resolve (a quantum is {:e} W); \
-                 trace it on its own",
-                emitter.name,
-                mean / QUANTA_PER_WEIGHT
-            )));
-        }
-        rays.push(EmitterRays { first, count, weight });
-        first += count;
-    }
-    Ok(rays)
-}
-
-/// A new ray must weigh so many quanta that rounding to whole ones does not matter.
-const SMALLEST_BIRTH_QUANTA: f64 = (1u64 << 30) as f64;
-
-fn distribute_ray_budget(num_rays: u64, fluxes: &[f64]) -> Vec<u64> {
-    let num_sources = fluxes.len() as u64;
-    if num_sources == 1 {
-        return vec![num_rays];
-    }
-    let total: f64 = fluxes.iter().sum();
-    if total <= 0.0 {
-        let extra = num_rays % num_sources.max(1);
-        return (0..num_sources).map(|i| num_rays / num_sources + u64::from(i < extra)).collect();
-    }
-    let mut counts: Vec<u64> = (0..num_sources).map(|i| u64::from(i < num_rays)).collect();
-    let remaining = num_rays.saturating_sub(num_sources);
-    if remaining == 0 {
-        return counts;
-    }
-    let shares: Vec<f64> = fluxes.iter().map(|flux| remaining as f64 * (flux / total)).collect();
-    counts.iter_mut().zip(&shares).for_each(|(count, share)| *count += *share as u64);
-    let leftover = num_rays.saturating_sub(counts.iter().sum());
-    let mut order: Vec<usize> = (0..fluxes.len()).collect();
-    let key = |i: usize| (shares[i] - shares[i].floor(), fluxes[i]);
-    order.sort_by(|&a, &b| key(b).partial_cmp(&key(a)).unwrap_or(std::cmp::Ordering::Equal));
-    order.into_iter().take(leftover as usize).for_each(|i| counts[i] += 1);
-    counts
 }

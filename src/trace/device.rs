@@ -1,0 +1,278 @@
+//! A program on a device: pipelines, buffers, and the stages of a batch.
+
+use crate::error::{Error, Result};
+use crate::gpu::end_log::{EndLogs, Rays};
+use crate::gpu::sums::DeviceSums;
+use crate::gpu::{self, Gpu};
+use crate::program::{self, Program, SecondMoments};
+
+/// What the traces of a program take of a device.
+pub(super) struct DeviceState {
+    trace_new: wgpu::ComputePipeline,
+    trace_nominal: Option<wgpu::ComputePipeline>,
+    /// What follows rays that outlive a dispatch, where some can.
+    rounds: Option<Rounds>,
+    /// Group 0; one for each log of ends, where there are logs.
+    scenes: Vec<wgpu::BindGroup>,
+    /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
+    queues: [wgpu::BindGroup; 2],
+    pub(super) range: wgpu::Buffer,
+    pub(super) emitter: wgpu::Buffer,
+    pub(super) counts: wgpu::Buffer,
+    pub(super) rng_table: wgpu::Buffer,
+    /// The ids of rays that strayed from the nominal path, as a dispatch reads them.
+    pub(super) strays: Option<wgpu::Buffer>,
+    pub(super) sums: DeviceSums,
+    pub(super) tops: Option<DeviceSums>,
+    pub(super) counters: DeviceSums,
+    pub(super) events: Option<wgpu::Buffer>,
+}
+
+/// The stages that follow the rays in a queue, again and again.
+struct Rounds {
+    advance: wgpu::ComputePipeline,
+    advancing: wgpu::BindGroup,
+    trace_queued: wgpu::ComputePipeline,
+    /// As many as the queue has work for.
+    workgroups: wgpu::Buffer,
+}
+
+/// One dispatch of a stage.
+pub(super) struct Stage<'a> {
+    pub(super) name: &'static str,
+    pipeline: &'a wgpu::ComputePipeline,
+    groups: [Option<&'a wgpu::BindGroup>; 2],
+    workgroups: Workgroups<'a>,
+}
+
+#[derive(Clone, Copy)]
+enum Workgroups<'a> {
+    Of([u32; 3]),
+    /// As many as the device has counted.
+    Counted(&'a wgpu::Buffer),
+}
+
+impl Stage<'_> {
+    pub(super) fn record(&self, pass: &mut wgpu::ComputePass) {
+        pass.set_pipeline(self.pipeline);
+        for (index, group) in (0..).zip(self.groups.into_iter().flatten()) {
+            pass.set_bind_group(index, group, &[]);
+        }
+        match self.workgroups {
+            Workgroups::Of([x, y, z]) => pass.dispatch_workgroups(x, y, z),
+            Workgroups::Counted(counts) => pass.dispatch_workgroups_indirect(counts, 0),
+        }
+    }
+}
+
+impl DeviceState {
+    pub(super) fn new(
+        gpu: &Gpu,
+        program: &Program,
+        batch: u32,
+        strict: bool,
+        end_logs: Option<&EndLogs>,
+    ) -> Result<Self> {
+        let bindings = gpu::compute::bindings_of(&program.module);
+        check_bindings(gpu, program, &bindings)?;
+        let shader = match strict {
+            true => gpu.strict_shader("trace", &program.module, &bindings)?,
+            false => gpu.shader("trace", program.source()),
+        };
+        let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
+        let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
+        let layouts = [&scene_layout, &queue_layout];
+        let has_queue = program.options.has_queue();
+        let pipeline = |entry_point| gpu.pipeline(entry_point, &shader, &layouts, &[]);
+        let counts = gpu.buffer("queue counts", 16)?;
+        // To compile one takes lavapipe a tenth of a second and more.
+        let (trace_new, (trace_nominal, rounds)) = rayon::join(
+            || pipeline(program.entry_point()),
+            || {
+                let trace_nominal = program.nominal.as_ref().map(|_| pipeline("trace_nominal"));
+                let rounds = || Rounds::new(gpu, program, &counts, pipeline("trace_queued"));
+                (trace_nominal, has_queue.then(rounds).transpose())
+            },
+        );
+        let rounds = rounds?;
+
+        let sums = DeviceSums::new(gpu, &program.sums.sums)?;
+        let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
+        let counters = DeviceSums::new(gpu, &program.sums.counters)?;
+        let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
+        let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
+        let events = match program.options.has_events(&program.features) {
+            true => {
+                let rows = program.max_events_per_ray * u64::from(batch);
+                Some(gpu.buffer("the rows", rows * stride_of(program, "Event")?)?)
+            }
+            false => None,
+        };
+        let is_image = |number: u32| {
+            let is_it = |binding: &gpu::compute::Binding| (binding.group, binding.number) == (0, number);
+            bindings.iter().any(|binding| is_it(binding) && binding.access == gpu::compute::Access::Texels)
+        };
+        let (images, buffers): (Vec<_>, Vec<_>) =
+            program.buffers.iter().partition(|(number, _)| is_image(*number));
+        let image =
+            |(number, bytes): &(u32, Vec<u8>)| (*number, gpu.scene_texels(bytes, program::TEXELS_PER_LINE));
+        let images: Vec<(u32, wgpu::TextureView)> = images.into_iter().map(image).collect();
+        let buffer = |(number, bytes): &(u32, Vec<u8>)| Ok((*number, gpu.scene_buffer(bytes)?));
+        let constants: Vec<(u32, wgpu::Buffer)> = buffers.into_iter().map(buffer).collect::<Result<_>>()?;
+        let strays = match program.nominal {
+            Some(_) => Some(gpu.buffer("rays that strayed", u64::from(batch) * 8)?),
+            None => None,
+        };
+        let rng_table = gpu.constant_buffer("draws", &program.rng_table);
+        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (program::RNG_TABLE, &rng_table)];
+        scene.extend(
+            [Some(&sums), tops.as_ref(), Some(&counters)]
+                .into_iter()
+                .flatten()
+                .flat_map(DeviceSums::bindings),
+        );
+        if !program.emitters.is_empty() {
+            scene.push((program::lowered::EMITTER, &emitter));
+        }
+        scene.extend(events.as_ref().map(|events| (12, events)));
+        scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
+        scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
+        let logs = end_logs.map_or(vec![None], |logs| logs.buffers().map(Some).into());
+        let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log), &images);
+        let scenes = logs.into_iter().map(group).collect();
+
+        let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
+        let queue =
+            [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
+        let direction = |from: usize, to: usize| {
+            let mut buffers = vec![(0, &counts)];
+            if has_queue {
+                buffers.extend([(1, &queue[from]), (2, &queue[to])]);
+            }
+            gpu.bind_group("queues", &queue_layout, buffers, &[])
+        };
+        let queues = [direction(1, 0), direction(0, 1)];
+        gpu.check()?;
+        Ok(DeviceState {
+            trace_new,
+            trace_nominal,
+            rounds,
+            scenes,
+            queues,
+            range,
+            emitter,
+            counts,
+            rng_table,
+            strays,
+            sums,
+            tops,
+            counters,
+            events,
+        })
+    }
+
+    /// The stage of the nominal path, where such rays take it.
+    pub(super) fn trace_nominal(&self, rays: Rays) -> Option<&wgpu::ComputePipeline> {
+        self.trace_nominal.as_ref().filter(|_| matches!(rays, Rays::OfRange))
+    }
+
+    /// The stages of one batch, in their order; `log` is the log of ends that they write.
+    pub(super) fn stages(
+        &self,
+        new_workgroups: [u32; 3],
+        num_rounds: usize,
+        log: usize,
+        rays: Rays,
+    ) -> impl Iterator<Item = Stage<'_>> {
+        let scene = &self.scenes[log];
+        let (name, pipeline, rounds) = match self.trace_nominal(rays) {
+            Some(trace_nominal) => ("trace_nominal", trace_nominal, None),
+            None => ("trace_new", &self.trace_new, self.rounds.as_ref()),
+        };
+        let first = Stage {
+            name,
+            pipeline,
+            groups: [Some(scene), Some(&self.queues[0])],
+            workgroups: Workgroups::Of(new_workgroups),
+        };
+        let rounds = rounds.into_iter().flat_map(move |rounds| {
+            (1..num_rounds).flat_map(move |round| {
+                let advance = Stage {
+                    name: "advance",
+                    pipeline: &rounds.advance,
+                    groups: [Some(&rounds.advancing), None],
+                    workgroups: Workgroups::Of([1, 1, 1]),
+                };
+                let trace_queued = Stage {
+                    name: "trace_queued",
+                    pipeline: &rounds.trace_queued,
+                    groups: [Some(scene), Some(&self.queues[round % 2])],
+                    workgroups: Workgroups::Counted(&rounds.workgroups),
+                };
+                [advance, trace_queued]
+            })
+        });
+        std::iter::once(first).chain(rounds)
+    }
+
+    pub(super) fn clear(&self, gpu: &Gpu) {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for sums in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
+            sums.clear(&mut encoder);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+}
+
+impl Rounds {
+    fn new(
+        gpu: &Gpu,
+        program: &Program,
+        counts: &wgpu::Buffer,
+        trace_queued: wgpu::ComputePipeline,
+    ) -> Result<Self> {
+        let workgroups = gpu.buffer("workgroups", 12)?;
+        let bindings = [0, 1].map(|number| gpu::compute::Binding {
+            group: 0,
+            number,
+            access: gpu::compute::Access::ReadWrite,
+        });
+        let layout = gpu.bind_group_layout("advance", &bindings, 0);
+        let shader = gpu.shader("advance", program::compose::ADVANCE);
+        let size = f64::from(program.options.workgroup_size);
+        let advance = gpu.pipeline("advance", &shader, &[&layout], &[("workgroup_size", size)]);
+        let advancing = gpu.bind_group("advance", &layout, [(0, counts), (1, &workgroups)], &[]);
+        Ok(Rounds { advance, advancing, trace_queued, workgroups })
+    }
+}
+
+/// What a scene's shaders bind must be what the adapter can bind at once: more of the sums, more parts.
+fn check_bindings(gpu: &Gpu, program: &Program, bindings: &[gpu::compute::Binding]) -> Result<()> {
+    let most = gpu.device.limits().max_storage_buffers_per_shader_stage as usize;
+    let is_storage = |binding: &&gpu::compute::Binding| match binding.access {
+        gpu::compute::Access::Uniform | gpu::compute::Access::Texels => false,
+        gpu::compute::Access::Read | gpu::compute::Access::ReadWrite => true,
+    };
+    let storage = bindings.iter().filter(is_storage).count();
+    if storage <= most {
+        return Ok(());
+    }
+    let parts: Vec<u64> = program.sums.all().flat_map(|buffer| buffer.part_bytes()).collect();
+    let advice = match program.options.moments {
+        SecondMoments::None => "fewer pixels",
+        SecondMoments::Squares | SecondMoments::Replicates => "fewer pixels, --standard-error off",
+    };
+    Err(Error::Device(format!(
+        "the scene needs {storage} storage buffers, {} of them for {} bytes of sums, and the adapter `{}` binds at most \
+         {most}, each of at most {} bytes; use {advice} or another adapter",
+        parts.len(),
+        parts.iter().sum::<u64>(),
+        gpu.info.name,
+        gpu.largest_binding(),
+    )))
+}
+
+/// Bytes from one struct of that name to the next in an array of the program's.
+pub(super) fn stride_of(program: &Program, name: &str) -> Result<u64> {
+    Ok(program::records::StructLayout::of(&program.module, name)?.stride as u64)
+}
