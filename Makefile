@@ -14,6 +14,8 @@ SHELL := bash
 
 # Mesa complains on stderr where this is unset.
 export XDG_RUNTIME_DIR ?= /tmp
+# A test mostly waits for its device, whose driver compiles shaders one after the other.
+export RUST_TEST_THREADS ?= $(shell echo $$((2 * $$(getconf _NPROCESSORS_ONLN))))
 
 PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
