@@ -14,8 +14,6 @@ SHELL := bash
 
 # Mesa complains on stderr where this is unset.
 export XDG_RUNTIME_DIR ?= /tmp
-# A test mostly waits for its device, whose driver compiles shaders one after the other.
-export RUST_TEST_THREADS ?= $(shell echo $$((2 * $$(getconf _NPROCESSORS_ONLN))))
 
 PYTHON = python3
 DEMO_SCENE = scenes/cooke_triplet.json
@@ -24,6 +22,8 @@ BENCH_ARGS = --quick
 ACCURACY_ARGS =
 # Torch takes part where `make test-torch` has installed it.
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
+# More tests at once than processors: those of a file share a device, and often wait for it.
+TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
 # Demo and tests run the program that checks for overflows; times are those of the release (fast-binary), for which
@@ -53,7 +53,7 @@ test-rust: adapter rust-components display
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 	cargo check --no-default-features
-	cargo test
+	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
 
 test-python: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs tests --ignore tests/test_torch.py

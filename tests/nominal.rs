@@ -46,7 +46,7 @@ fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
     TraceOptions { nominal_path: Some(true), ..options.clone() }
 }
 
-/// The stage with a change of its shader: one text instead of the other.
+/// A tracer with a change of its shader: one text instead of the other.
 fn edited<'a>(ir: &'a SceneIr, options: &TraceOptions, [before, after]: [&str; 2]) -> Tracer<'a> {
     let edit = |wgsl: String| {
         assert!(wgsl.contains(before), "the shader has changed: {before}");
@@ -56,7 +56,7 @@ fn edited<'a>(ir: &'a SceneIr, options: &TraceOptions, [before, after]: [&str; 2
 }
 
 /// Asserts that without this text of the shader the bits are others.
-fn is_needed(text: &str, ir: &SceneIr, options: &TraceOptions, tally: &Tally) {
+fn assert_needed(text: &str, ir: &SceneIr, options: &TraceOptions, tally: &Tally) {
     let without = edited(ir, options, [text, ""]).trace(|_| true).unwrap();
     assert!(without != *tally, "{text}: no ray needs it");
 }
@@ -281,7 +281,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     let with = with_nominal_path(&options);
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
-    is_needed("holds = all(place_on(*ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
+    assert_needed("holds = all(place_on(*ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
 }
 
 /// A paraboloid focuses all rays on the corner of four pixels, where roundings decide which of them is hit.
@@ -317,7 +317,7 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     assert_eq!(arrivals(&ir, &options), Some(vec![1]));
     let with = with_nominal_path(&options);
     assert!(trace(&ir, &with).0 == tally, "other bits");
-    is_needed("holds = place_0.is_sure & holds;", &ir, &with, &tally);
+    assert_needed("holds = place_0.is_sure & holds;", &ir, &with, &tally);
 }
 
 /// A path through a passing detector to one that absorbs: so deep that passes are no longer logged, it has no stage.

@@ -18,9 +18,6 @@ use glam::DVec3;
 /// stretch, whose length may be twice S, some ten times as many.
 const ROUNDINGS: f64 = 1024.0;
 
-/// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
-pub const LEAST_CLEAR: f64 = 0.995;
-
 /// What is to be seen of a stretch to know that it is clear of a primitive, in the primitive's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Clearance {
@@ -155,20 +152,20 @@ pub struct Pilot<'a> {
     ways: &'a [Way],
     /// The stretch that is looked at, by its number.
     pub step: usize,
-    /// The share of them for which all that is taken must hold.
-    least: f64,
-    /// Whether all that was taken so far holds for it.
+    /// For so many of the rays all that is taken must hold.
+    least_share: f64,
+    /// For each ray, whether all that was taken so far does.
     keeps: Vec<bool>,
 }
 
 impl<'a> Pilot<'a> {
-    /// Rays of whom nothing is taken for granted yet, and the share of them for which all that will be must hold.
-    pub fn new(ways: &'a [Way], least: f64) -> Self {
-        Pilot { ways, step: 0, least, keeps: vec![true; ways.len()] }
+    /// Rays of whom nothing is taken for granted yet, and the share of them for which all that is taken must hold.
+    pub fn new(ways: &'a [Way], least_share: f64) -> Self {
+        Pilot { ways, step: 0, least_share, keeps: vec![true; ways.len()] }
     }
 
-    /// Takes something for granted, if it and all that was taken before hold for that share of the rays, in the frame of
-    /// a primitive.
+    /// Takes something for granted, if it and all that was taken before hold for the least share of the rays, in the
+    /// frame of a primitive.
     pub fn takes(&mut self, frame: &Frame, holds: impl Fn(&Stretch) -> bool) -> bool {
         let step = self.step;
         self.takes_of_each(|way| match way.positions.get(step..step + 2) {
@@ -194,7 +191,7 @@ impl<'a> Pilot<'a> {
         let rays = self.keeps.iter().zip(self.ways);
         let keeps: Vec<bool> = rays.map(|(keeps, way)| *keeps && is_so(way)).collect();
         let num = keeps.iter().filter(|keeps| **keeps).count();
-        let pays = num > 0 && num as f64 >= self.least * keeps.len() as f64;
+        let pays = num > 0 && num as f64 >= self.least_share * keeps.len() as f64;
         if pays {
             self.keeps = keeps;
         }

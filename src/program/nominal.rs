@@ -22,6 +22,9 @@ pub const MAX_EVENTS: u32 = 32;
 /// Nor one on whose way so much is to be looked at.
 const MOST_LOOKED_AT: usize = 256;
 
+/// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
+const LEAST_CLEAR: f64 = 0.995;
+
 /// What a pilot's rays say of the path.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PilotPath {
@@ -96,7 +99,7 @@ impl NominalPath {
         }
         let shapes = lowered::primitives(ir);
         let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
-        let mut pilot = Pilot::new(ways, clearance::LEAST_CLEAR);
+        let mut pilot = Pilot::new(ways, LEAST_CLEAR);
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;
             pilot.step = step;

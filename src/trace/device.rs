@@ -86,15 +86,15 @@ impl DeviceState {
         let pipeline = |entry_point| gpu.pipeline(entry_point, &shader, &layouts, &[]);
         let counts = gpu.buffer("queue counts", 16)?;
         // To compile one takes lavapipe a tenth of a second and more.
-        let (trace_new, (trace_nominal, rounds)) = rayon::join(
-            || pipeline(program.entry_point()),
-            || {
-                let trace_nominal = program.nominal.as_ref().map(|_| pipeline("trace_nominal"));
-                let rounds = || Rounds::new(gpu, program, &counts, pipeline("trace_queued"));
-                (trace_nominal, has_queue.then(rounds).transpose())
-            },
-        );
-        let rounds = rounds?;
+        let others = || -> Result<_> {
+            let trace_nominal = program.nominal.as_ref().map(|_| pipeline("trace_nominal"));
+            let rounds = || Rounds::new(gpu, program, &counts, pipeline("trace_queued"));
+            Ok((trace_nominal, has_queue.then(rounds).transpose()?))
+        };
+        let has_others = program.nominal.is_some() || has_queue;
+        let (trace_new, others) =
+            side_by_side(|| pipeline(program.entry_point()), has_others.then_some(others))?;
+        let (trace_nominal, rounds) = others.transpose()?.unwrap_or_default();
 
         let sums = DeviceSums::new(gpu, &program.sums.sums)?;
         let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
@@ -222,6 +222,25 @@ impl DeviceState {
         }
         gpu.queue.submit([encoder.finish()]);
     }
+}
+
+/// What two give, the second of which runs in a thread of its own, if there is one.
+fn side_by_side<A, B: Send>(
+    first: impl FnOnce() -> A,
+    second: Option<impl FnOnce() -> B + Send>,
+) -> Result<(A, Option<B>)> {
+    /// As large as that of a main thread: compilers recurse.
+    const STACK_BYTES: usize = 8 << 20;
+    std::thread::scope(|scope| {
+        let thread = |second| std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, second);
+        let no_thread = |error| Error::Device(format!("no thread to compile a stage: {error}"));
+        let second = second.map(thread).transpose().map_err(no_thread)?;
+        let first = first();
+        let join = |thread: std::thread::ScopedJoinHandle<B>| {
+            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        };
+        Ok((first, second.map(join)))
+    })
 }
 
 impl Rounds {
