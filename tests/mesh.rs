@@ -21,7 +21,7 @@ use nsq_gpu::ir::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::RecordPaths;
-use nsq_gpu::{Scene, TraceOptions, Tracer};
+use nsq_gpu::{Scene, TraceOptions};
 use shapes::{bumpy_ball, cube, icosphere};
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
@@ -95,11 +95,7 @@ fn trap(mesh: Mesh) -> SceneIr {
 }
 
 fn edited(ir: &SceneIr, options: &TraceOptions, old: &str, new: &str) -> Tally {
-    let edit = |wgsl: String| {
-        assert!(wgsl.contains(old), "the shader has no `{old}`");
-        wgsl.replace(old, new)
-    };
-    Tracer::with_wgsl_edit(zoo::gpu(), ir, options, edit).unwrap().trace(|_| true).unwrap()
+    zoo::edited(ir, options, old, new).trace(|_| true).unwrap()
 }
 
 // No ray is lost.

@@ -46,18 +46,9 @@ fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
     TraceOptions { nominal_path: Some(true), ..options.clone() }
 }
 
-/// A tracer with a change of its shader: one text instead of the other.
-fn edited<'a>(ir: &'a SceneIr, options: &TraceOptions, [before, after]: [&str; 2]) -> Tracer<'a> {
-    let edit = |wgsl: String| {
-        assert!(wgsl.contains(before), "the shader has changed: {before}");
-        wgsl.replace(before, after)
-    };
-    Tracer::with_wgsl_edit(zoo::gpu(), ir, options, edit).unwrap()
-}
-
 /// Asserts that without this text of the shader the bits are others.
 fn assert_needed(text: &str, ir: &SceneIr, options: &TraceOptions, tally: &Tally) {
-    let without = edited(ir, options, [text, ""]).trace(|_| true).unwrap();
+    let without = zoo::edited(ir, options, text, "").trace(|_| true).unwrap();
     assert!(without != *tally, "{text}: no ray needs it");
 }
 
@@ -237,8 +228,8 @@ fn a_path_that_all_rays_stray_from_is_left() {
     let ir = zoo::load("bench_lens");
     let plain = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
     let by_itself = TraceOptions { nominal_path: None, ..plain.clone() };
-    let lost = ["return holds & has_place(*ray);", "return has_place(*ray) & (range.count == 0u);"];
-    let mut tracer = edited(&ir, &by_itself, lost);
+    let (right, wrong) = ("return holds & has_place(*ray);", "return has_place(*ray) & (range.count == 0u);");
+    let mut tracer = zoo::edited(&ir, &by_itself, right, wrong);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
     let [nominal, new] = dispatches(&mut tracer);
@@ -256,14 +247,14 @@ fn errors_in_the_log_of_places_are_seen() {
     ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
     let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
-    for planted in [
+    for [right, wrong] in [
         ["number * range.log_stride + ray.index", "number * (range.log_stride - 1u) + ray.index"],
         ["log_place_off_edges(1u,", "log_place_off_edges(2u,"],
         ["select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds)", "first_place"],
         ["if !holds {\n        restore_bins();\n    }", ""],
     ] {
-        let traced = edited(&ir, &with_nominal_path(&options), planted).trace(|_| true);
-        assert!(traced.is_err() || traced.unwrap() != tally, "{planted:?} is not seen");
+        let traced = zoo::edited(&ir, &with_nominal_path(&options), right, wrong).trace(|_| true);
+        assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
     }
 }
 
@@ -540,7 +531,7 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
             }));
             assert!(spared.contains(&(rare.primitive, rare.spared)), "{}: {event:?}", rare.spared);
             assert!(tally == trace(&rare.ir, &options).0, "{}: other bits", rare.spared);
-            let wrong = edited(&rare.ir, &with, rare.always).trace(|_| true).unwrap();
+            let wrong = zoo::edited(&rare.ir, &with, rare.always[0], rare.always[1]).trace(|_| true).unwrap();
             assert!(tally != wrong, "{}: no ray is unlike the others", rare.spared);
         }
     }
@@ -582,8 +573,8 @@ fn rays_that_end_before_a_refracting_surface_do_not_cross_it() {
     let (traced, nominal) = trace(&ir, &with);
     let first = &nominal.unwrap().events[0];
     assert!(first.crossing.is_some() && first.candidates.len() == 2 && traced == tally, "{first:?}");
-    let any = ["(hit.primitive == primitive) & takes_side", "takes_side"];
-    assert!(edited(&ir, &with, any).trace(|_| true).unwrap() != tally, "any surface is crossed");
+    let mut any = zoo::edited(&ir, &with, "(hit.primitive == primitive) & takes_side", "takes_side");
+    assert!(any.trace(|_| true).unwrap() != tally, "any surface is crossed");
 }
 
 proptest! {

@@ -241,11 +241,8 @@ fn boxes_without_slack_are_noticed() {
     let ir = random_scene(6, 150, 60.0);
     let options =
         TraceOptions { tree: Some(true), paths: RecordPaths::All, ..zoo::options(20_000, 7, Precision::F32) };
-    let narrow = |wgsl: String| {
-        let line = "box_ray(position, vec3<f32>(ray.direction), TREE_SLACK * size)";
-        assert!(wgsl.contains(line));
-        wgsl.replace(line, "box_ray(position, vec3<f32>(ray.direction), -0.01 * size)")
-    };
-    let lossy = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &options, narrow).unwrap().trace(|_| true).unwrap();
+    let [wide, narrow] = ["TREE_SLACK", "-0.01"]
+        .map(|slack| format!("box_ray(position, vec3<f32>(ray.direction), {slack} * size)"));
+    let lossy = zoo::edited(&ir, &options, &wide, &narrow).trace(|_| true).unwrap();
     assert!(lossy != trace_by(&ir, &options, true));
 }

@@ -36,6 +36,15 @@ fn open(native: Native) -> Gpu {
     Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true }).expect("an adapter opens")
 }
 
+/// A tracer with a change of its shader: one text, which it must have, instead of the other.
+pub fn edited<'a>(ir: &'a SceneIr, options: &TraceOptions, before: &str, after: &str) -> Tracer<'a> {
+    let edit = |wgsl: String| {
+        assert!(wgsl.contains(before), "the shader has no `{before}`");
+        wgsl.replace(before, after)
+    };
+    Tracer::with_wgsl_edit(gpu(), ir, options, edit).unwrap()
+}
+
 /// The names of the JSON files in a folder of the repository, in order.
 pub fn json_files(folder: &str) -> Vec<String> {
     let entries = std::fs::read_dir(repository(folder)).unwrap();
