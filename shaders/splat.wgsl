@@ -151,11 +151,23 @@ fn splat_gaussian(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride
         sum_y += gaussian_share(iy + i, position.y, sensor);
     }
     var rest = quantize_counted(weight);
-    for (var j = -radius; j <= radius; j++) {
+    var j = -radius;
+    loop {
         let share_y = gaussian_share(iy + j, position.y, sensor) / sum_y;
-        for (var i = -radius; i <= radius; i++) {
-            let share = gaussian_share(ix + i, position.x, sensor) / sum_x * share_y;
-            deposit_tap(tap_cell(ix + i, iy + j, sensor, base, stride), weight * share, &rest);
+        var i = -radius;
+        loop {
+            if is_dispatched() & (i <= radius) & (j <= radius) {
+                let share = gaussian_share(ix + i, position.x, sensor) / sum_x * share_y;
+                deposit_tap(tap_cell(ix + i, iy + j, sensor, base, stride), weight * share, &rest);
+            }
+            i += 1;
+            if i > radius {
+                break;
+            }
+        }
+        j += 1;
+        if j > radius {
+            break;
         }
     }
     deposit(tap_cell(ix, iy, sensor, base, stride), rest);

@@ -32,14 +32,18 @@ fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
     var ray = generate(index);
     record_birth(ray);
     budget = FAMILY_BUDGET + select(0u, 1u, draw_first(ray.key, SPLIT_BUDGET) < FAMILY_BUDGET_FRACTION);
-    follow(&ray);
-    while num_waiting != 0u {
+    loop {
+        if is_dispatched() & (ray.fate == ALIVE) {
+            follow(&ray);
+        }
+        if num_waiting == 0u {
+            break;
+        }
         num_waiting -= 1u;
         ray = waiting[num_waiting].ray;
         budget = waiting[num_waiting].budget;
         restore_triangle(waiting[num_waiting].triangle);
         transmits = true;
-        follow(&ray);
     }
     flush_bins();
     flush_reached();

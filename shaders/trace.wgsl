@@ -32,8 +32,15 @@ fn follow_new(index: u32) -> Ray {
 // Up to EVENTS_PER_DISPATCH events; then where the ray ended goes to memory. A ray ends at most once, so this is dealt with
 // after the loop: on wide machines every lane pays for what any lane does inside.
 fn follow(ray: ptr<function, Ray>) {
-    for (var step = 0u; step < EVENTS_PER_DISPATCH && (*ray).fate == ALIVE; step++) {
-        next_event(ray);
+    var step = 0u;
+    loop {
+        if is_dispatched() & ((*ray).fate == ALIVE) {
+            next_event(ray);
+        }
+        step += 1u;
+        if step >= EVENTS_PER_DISPATCH || (*ray).fate != ALIVE {
+            break;
+        }
     }
     if (*ray).fate != ALIVE && !has_place(*ray) {
         end_without_place();

@@ -205,6 +205,31 @@ fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
     }
 }
 
+/// Commands leave out the checks that tests run with, which are branches in every loop: without them a driver may treat
+/// lanes that have left a loop otherwise (shaders/lib/state.wgsl).
+#[test]
+fn shaders_without_run_time_checks_give_the_same_bits() {
+    let assert_same = |name: &str, ir: &SceneIr, options: &TraceOptions| {
+        let [checked, unchecked] =
+            [zoo::gpu(), zoo::unchecked_gpu()].map(|gpu| zoo::trace_on(gpu, ir, options));
+        assert!(checked == unchecked, "{name}: other bits, {options:?}");
+    };
+    for name in DIVERSE.into_iter().chain(SCATTERING).chain(["bench_lens", "bench_cavity", "mesh_lens"]) {
+        let ir = zoo::load(name);
+        let plain = zoo::options(1000, 11, Precision::F64);
+        for options in [
+            TraceOptions { standard_error: StandardError::On, ..plain.clone() },
+            TraceOptions { baked: Some(false), tree: Some(false), ..plain.clone() },
+            TraceOptions { tree: Some(true), baked: Some(false), precision: Precision::F32, ..plain },
+        ] {
+            assert_same(name, &ir, &options);
+        }
+    }
+    for which in SPLIT {
+        assert_same(which.0, &split(which), &zoo::options(500, 11, Precision::F64));
+    }
+}
+
 /// A processor without 64-bit integers writes words of 32 bits.
 #[test]
 fn logs_of_32_bit_words_add_up_to_the_same_bits() {

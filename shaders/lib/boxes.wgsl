@@ -96,6 +96,13 @@ fn sorted(keys: vec4<u32>) -> vec4<u32> {
     return vec4<u32>(min(low.x, low.y), min(a, b), max(a, b), max(high.x, high.y));
 }
 
+// True if the walk goes on to a node before any item. It descends and tries items in turns, in loops of their own: wide
+// machines run all of a branch, and no more of a loop than some ray needs. Every node is visited at most once, so that no
+// loop makes more rounds than there are rows.
+fn is_descending(walk: ptr<function, Walk>) -> bool {
+    return ((*walk).node != NONE) & ((*walk).items == 0u);
+}
+
 // Finds the children whose boxes the ray enters between `start` and `end`. The walk goes on to the nearest inner one and
 // the others wait, or to the nearest of those that have waited least. Whether it has fallen behind the nearest hit is
 // left to its own children: where a wide machine stores by index, an entry with every group costs more than it saves.

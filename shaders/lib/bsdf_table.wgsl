@@ -5,12 +5,19 @@
 fn interval_of(x: real, first: u32, count: u32) -> u32 {
     var low = 0u;
     var high = count - 1u;
-    for (var step = 0u; step < 32u && high - low > 1u; step++) {
+    var step = 0u;
+    loop {
         let middle = (low + high) / 2u;
-        if bsdf_table[first + middle] <= x {
-            low = middle;
-        } else {
-            high = middle;
+        if is_dispatched() & (high - low > 1u) {
+            if bsdf_table[first + middle] <= x {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        step += 1u;
+        if step >= 32u || high - low <= 1u {
+            break;
         }
     }
     return low;

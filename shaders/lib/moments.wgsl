@@ -44,14 +44,28 @@ fn add_pixel_moments(weight: real, sensor: Sensor, p: vec3<real>, pixel: u32, ba
     let y = taps_of(position.y, sensor);
     let last_column = i32(sensor.num_x) - 1;
     let last_row = i32(sensor.num_y) - 1;
-    for (var row = clamp(y.first, 0, last_row); row <= clamp(y.last, 0, last_row); row++) {
+    let end_row = clamp(y.last, 0, last_row);
+    let end_column = clamp(x.last, 0, last_column);
+    var row = clamp(y.first, 0, last_row);
+    loop {
         let row_weight = weight * pixel_share(y, row, last_row, sensor);
-        for (var column = clamp(x.first, 0, last_column); column <= clamp(x.last, 0, last_column); column++) {
-            let taken = row_weight * pixel_share(x, column, last_column, sensor);
-            let before = taken_by_pixel(sensor, base, column, row);
-            let cell = base + (u32(row) * sensor.num_x + u32(column)) * stride;
-            deposit_square(cell + SQUARES_OFFSET, taken * (taken + 2.0 * before));
+        var column = clamp(x.first, 0, last_column);
+        loop {
+            if is_dispatched() & (row <= end_row) & (column <= end_column) {
+                let taken = row_weight * pixel_share(x, column, last_column, sensor);
+                let before = taken_by_pixel(sensor, base, column, row);
+                let cell = base + (u32(row) * sensor.num_x + u32(column)) * stride;
+                deposit_square(cell + SQUARES_OFFSET, taken * (taken + 2.0 * before));
+            }
+            if column >= end_column {
+                break;
+            }
+            column += 1;
         }
+        if row >= end_row {
+            break;
+        }
+        row += 1;
     }
     remember(sensor, NONE, base, position, weight);
 }
@@ -91,8 +105,15 @@ fn pixel_share(taps: Taps, pixel: i32, last_pixel: i32, sensor: Sensor) -> real 
     let first = select(max(taps.first, pixel), taps.first, pixel == 0);
     let last = select(min(taps.last, pixel), taps.last, pixel == last_pixel);
     var share: real = 0.0;
-    for (var i = first; i <= last; i++) {
-        share += tap_share(taps, i, sensor);
+    var i = first;
+    loop {
+        if is_dispatched() & (i <= last) {
+            share += tap_share(taps, i, sensor);
+        }
+        if i >= last {
+            break;
+        }
+        i += 1;
     }
     return share;
 }

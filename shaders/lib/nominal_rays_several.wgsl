@@ -4,7 +4,12 @@
 fn follow_nominal_rays(invocation: u32) {
     let local = invocation % WORKGROUP_SIZE;
     let first = (invocation - local) * NOMINAL_RAYS_PER_INVOCATION + local;
-    for (var turn = 0u; turn < NOMINAL_RAYS_PER_INVOCATION; turn++) {
+    var turn = 0u;
+    loop {
         follow_nominal(first + turn * WORKGROUP_SIZE);
+        turn += 1u;
+        if turn >= NOMINAL_RAYS_PER_INVOCATION {
+            break;
+        }
     }
 }

@@ -3,8 +3,13 @@
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     let here = standing(ray);
     var best = start;
-    for (var i = 0u; i < NUM_PRIMITIVES; i++) {
+    var i = 0u;
+    loop {
         best = try_primitive(best, ray, here, i);
+        i += 1u;
+        if i >= NUM_PRIMITIVES {
+            break;
+        }
     }
     return best;
 }

@@ -5,21 +5,45 @@
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     let here = standing(ray);
     var best = nearest_apart(ray, start);
-    for (var row = FIRST_BOUNDLESS; row < TREE_ROWS; row++) {
-        best = try_in_any_order(best, ray, here, tree_row(row).x);
+    if FIRST_BOUNDLESS < TREE_ROWS {
+        var row = FIRST_BOUNDLESS;
+        loop {
+            best = try_in_any_order(best, ray, here, tree_row(row).x);
+            row += 1u;
+            if row >= TREE_ROWS {
+                break;
+            }
+        }
     }
     let position = vec3<f32>(ray.position);
     let size = max(max(abs(position.x), abs(position.y)), abs(position.z));
     let boxes = box_ray(position, vec3<f32>(ray.direction), TREE_SLACK * size);
     var walk = walk_from(TREE_ROOT);
-    // Loops rather than branches: wide machines run all of a branch, and no more of a loop than some ray needs. Every
-    // node is visited at most once.
-    for (var round = 0u; round < TREE_ROWS && walk.node != NONE; round++) {
-        for (var level = 0u; level < TREE_ROWS && walk.node != NONE && walk.items == 0u; level++) {
-            visit(&walk, boxes, 0.0, f32(best.distance));
+    var round = 0u;
+    loop {
+        var level = 0u;
+        loop {
+            if is_dispatched() & is_descending(&walk) {
+                visit(&walk, boxes, 0.0, f32(best.distance));
+            }
+            level += 1u;
+            if level >= TREE_ROWS || !is_descending(&walk) {
+                break;
+            }
         }
-        for (var i = 0u; i < NODE_CHILDREN && walk.items != 0u; i++) {
-            best = try_in_any_order(best, ray, here, tree_row(FIRST_PRIMITIVE + take_item(&walk)).x);
+        var i = 0u;
+        loop {
+            if is_dispatched() & (walk.items != 0u) {
+                best = try_in_any_order(best, ray, here, tree_row(FIRST_PRIMITIVE + take_item(&walk)).x);
+            }
+            i += 1u;
+            if i >= NODE_CHILDREN || walk.items == 0u {
+                break;
+            }
+        }
+        round += 1u;
+        if round >= TREE_ROWS || walk.node == NONE {
+            break;
         }
     }
     return best;

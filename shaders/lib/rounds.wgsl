@@ -3,8 +3,8 @@
 // a loop that should make two, and marks what the host must not believe.
 
 fn notice_cut_loops() {
-    // Not a constant: a compiler would unroll the loop.
-    let wanted = select(2u, 3u, range.count == 0u);
+    // Of a constant a compiler would unroll the loop.
+    let wanted = select(3u, 2u, is_dispatched());
     var rounds = 0u;
     for (var i = 0u; i < wanted; i++) {
         rounds += 1u;

@@ -8,12 +8,19 @@ fn draw_wavelength(key: RayKey, e: Emitter) -> u32 {
     let bits = draw_first(key, SOURCE_WAVELENGTH);
     var low = 0u;
     var high = e.spectrum_count - 1u;
-    for (var step = 0u; step < 32u && low < high; step++) {
+    var step = 0u;
+    loop {
         let middle = (low + high) / 2u;
-        if spectra[e.spectrum_first + middle].x >= bits {
-            high = middle;
-        } else {
-            low = middle + 1u;
+        if is_dispatched() & (low < high) {
+            if spectra[e.spectrum_first + middle].x >= bits {
+                high = middle;
+            } else {
+                low = middle + 1u;
+            }
+        }
+        step += 1u;
+        if step >= 32u || low >= high {
+            break;
         }
     }
     return spectra[e.spectrum_first + low].y;

@@ -45,6 +45,14 @@ struct Hit {
 
 // Where a decision costs little, `&`, `|` and select stand for `&&`, `||` and `if`: wide machines run both sides of a
 // branch anyway, and pay for the branch on top.
+//
+// Loops ask at both ends of a round whether to go on. lavapipe makes the first round in any case, and looks at its end
+// whether some lane wants another. So a loop that asks only before its rounds makes one of them for nothing; where rays end
+// at their first surface, that is every other event. A loop that asks only after them goes wrong there (Mesa 22.3): it
+// computes on for lanes that have left it, and reads zeros from memory for them. The outcome of a branch stays theirs: so
+// whatever is used after a loop and may differ between lanes changes within a branch alone, and `is_dispatched` keeps Mesa
+// from seeing that whoever comes again takes it. Where all lanes make the same rounds, to ask after them is enough, and
+// where rounds are short, before them.
 
 // The nearer of two hits; the earlier in the list wins a tie. In turn, it is the one that was met first; from a tree,
 // it may come later.
@@ -74,6 +82,11 @@ struct Range {
 @group(0) @binding(0) var<uniform> range_uniform: Range;
 
 var<private> range: Range;
+
+// Always true, which compilers do not see.
+fn is_dispatched() -> bool {
+    return range.count != 0u;
+}
 
 // The row of rng_table for step 0.
 fn first_jump() -> vec4<u32> {

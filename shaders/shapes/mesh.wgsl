@@ -100,18 +100,36 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
     var nearest = farthest + ray.start + 1e-6 * (farthest + abs(ray.start));
     var found = NONE;
     var walk = walk_from(u32(root));
-    // Every node is visited at most once.
-    for (var round = 0u; round < TREE_ROWS && walk.node != NONE; round++) {
-        for (var level = 0u; level < TREE_ROWS && walk.node != NONE && walk.items == 0u; level++) {
-            visit(&walk, ray.boxes, f32(ray.start), f32(nearest));
-        }
-        for (var i = 0u; i < NODE_CHILDREN && walk.items != 0u; i++) {
-            let triangle = TRIANGLE_ROWS * take_item(&walk);
-            let t = triangle_crossing(ray, triangle);
-            if t > ray.start && t < nearest && triangle != ray.leaves {
-                nearest = t;
-                found = triangle;
+    var round = 0u;
+    loop {
+        var level = 0u;
+        loop {
+            if is_dispatched() & is_descending(&walk) {
+                visit(&walk, ray.boxes, f32(ray.start), f32(nearest));
             }
+            level += 1u;
+            if level >= TREE_ROWS || !is_descending(&walk) {
+                break;
+            }
+        }
+        var i = 0u;
+        loop {
+            if is_dispatched() & (walk.items != 0u) {
+                let triangle = TRIANGLE_ROWS * take_item(&walk);
+                let t = triangle_crossing(ray, triangle);
+                if t > ray.start && t < nearest && triangle != ray.leaves {
+                    nearest = t;
+                    found = triangle;
+                }
+            }
+            i += 1u;
+            if i >= NODE_CHILDREN || walk.items == 0u {
+                break;
+            }
+        }
+        round += 1u;
+        if round >= TREE_ROWS || walk.node == NONE {
+            break;
         }
     }
     let distance = nearest - ray.start;

@@ -23,17 +23,23 @@ pub fn repository(path: &str) -> PathBuf {
 /// The device of a test binary; its shaders run with every run-time check.
 pub fn gpu() -> &'static Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| open(Native::Allowed))
+    GPU.get_or_init(|| open(Native::Allowed, true))
 }
 
-/// The same without optional features of the device.
+/// The same without them, as commands open it.
+pub fn unchecked_gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| open(Native::Allowed, false))
+}
+
+/// The first without optional features of the device.
 pub fn portable_gpu() -> &'static Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| open(Native::Off))
+    GPU.get_or_init(|| open(Native::Off, true))
 }
 
-fn open(native: Native) -> Gpu {
-    Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true }).expect("an adapter opens")
+fn open(native: Native, runtime_checks: bool) -> Gpu {
+    Gpu::open(&AdapterChoice { name: None, native, runtime_checks }).expect("an adapter opens")
 }
 
 /// A tracer with a change of its shader: one text, which it must have, instead of the other.
