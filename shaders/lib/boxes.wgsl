@@ -96,13 +96,6 @@ fn sorted(keys: vec4<u32>) -> vec4<u32> {
     return vec4<u32>(min(low.x, low.y), min(a, b), max(a, b), max(high.x, high.y));
 }
 
-// True if the walk goes on to a node before any item. It descends and tries items in turns, in loops of their own: wide
-// machines run all of a branch, and no more of a loop than some ray needs. Every node is visited at most once, so that no
-// loop makes more rounds than there are rows.
-fn is_descending(walk: ptr<function, Walk>) -> bool {
-    return ((*walk).node != NONE) & ((*walk).items == 0u);
-}
-
 // Finds the children whose boxes the ray enters between `start` and `end`. The walk goes on to the nearest inner one and
 // the others wait, or to the nearest of those that have waited least. Whether it has fallen behind the nearest hit is
 // left to its own children: where a wide machine stores by index, an entry with every group costs more than it saves.
@@ -145,6 +138,26 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     (*walk).node = select(nearest_of(group), lower.w + (keys.x & 3u), descends);
     wait_at(walk, place, rest);
     (*walk).num_waiting = place + select(1u, 0u, is_empty(rest));
+}
+
+// Visits nodes until there are items, or nothing to visit. A walk descends and tries items in turns, in loops of their own:
+// wide machines run all of a branch, and no more of a loop than some ray needs. Every node is visited at most once, so that
+// no loop makes more rounds than there are rows.
+fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
+    var level = 0u;
+    loop {
+        if is_dispatched() & is_descending(walk) {
+            visit(walk, ray, start, end);
+        }
+        level += 1u;
+        if level >= TREE_ROWS || !is_descending(walk) {
+            break;
+        }
+    }
+}
+
+fn is_descending(walk: ptr<function, Walk>) -> bool {
+    return ((*walk).node != NONE) & ((*walk).items == 0u);
 }
 
 // The first of the items that are left.

@@ -21,16 +21,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     var walk = walk_from(TREE_ROOT);
     var round = 0u;
     loop {
-        var level = 0u;
-        loop {
-            if is_dispatched() & is_descending(&walk) {
-                visit(&walk, boxes, 0.0, f32(best.distance));
-            }
-            level += 1u;
-            if level >= TREE_ROWS || !is_descending(&walk) {
-                break;
-            }
-        }
+        descend(&walk, boxes, 0.0, f32(best.distance));
         var i = 0u;
         loop {
             if is_dispatched() & (walk.items != 0u) {

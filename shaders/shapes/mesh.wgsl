@@ -102,16 +102,7 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
     var walk = walk_from(u32(root));
     var round = 0u;
     loop {
-        var level = 0u;
-        loop {
-            if is_dispatched() & is_descending(&walk) {
-                visit(&walk, ray.boxes, f32(ray.start), f32(nearest));
-            }
-            level += 1u;
-            if level >= TREE_ROWS || !is_descending(&walk) {
-                break;
-            }
-        }
+        descend(&walk, ray.boxes, f32(ray.start), f32(nearest));
         var i = 0u;
         loop {
             if is_dispatched() & (walk.items != 0u) {
