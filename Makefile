@@ -22,8 +22,10 @@ BENCH_ARGS = --quick
 ACCURACY_ARGS =
 # Torch takes part where `make test-torch` has installed it.
 PEER_PYTHON = $(firstword $(wildcard .venv-torch/bin/python) .venv/bin/python)
-# More tests at once than processors: those of a file share a device, and often wait for it.
+# More tests at once than processors: they share devices, and often wait for them.
 TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
+# NumPy computes in one thread. Neighbours stay together: they share what the reference traced.
+PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
 RANDOM_SCENES = 200
 RANDOM_SEED = 1
 # Demo and tests run the program that checks for overflows; times are those of the release (fast-binary), for which
@@ -56,11 +58,12 @@ test-rust: adapter rust-components display
 	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
 
 test-python: adapter .venv/installed
-	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs tests --ignore tests/test_torch.py
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
+		--ignore tests/test_torch.py
 
 test-random: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
-		../.venv/bin/python -m pytest tests/test_random.py
+		../.venv/bin/python -m pytest $(PYTEST_WORKERS) tests/test_random.py
 
 test-torch: adapter .venv-torch/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py \

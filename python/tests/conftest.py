@@ -12,7 +12,8 @@ from tests import parity
 from tests.agreement import Agreement
 
 ROOT = Path(__file__).resolve().parents[2]
-LINES = pytest.StashKey[list[str]]()
+#: The name of a test's property that has its comparison's line; properties come back from workers too.
+AGREEMENT = "agreement"
 
 
 @pytest.fixture(scope="session")
@@ -29,14 +30,15 @@ def report(request: pytest.FixtureRequest) -> Callable[[str, Path, Agreement], N
     """Keeps a comparison's line for the end of the run, and fails the test where a limit was broken."""
 
     def judge(title: str, scene: Path, agreement: Agreement) -> None:
-        request.config.stash.setdefault(LINES, []).append(f"{title:6} {parity.line(scene, agreement)}")
+        request.node.user_properties.append((AGREEMENT, f"{title:6} {parity.line(scene, agreement)}"))
         assert not agreement.violations, "\n".join(agreement.violations)
 
     return judge
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    lines = config.stash.get(LINES, [])
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    calls = (test for tests in terminalreporter.stats.values() for test in tests if getattr(test, "when", "") == "call")
+    lines = sorted(line for call in calls for name, line in call.user_properties if name == AGREEMENT)
     if lines:
         terminalreporter.section("worst deviations from Optiland")
-        terminalreporter.write_line("\n".join(sorted(lines)))
+        terminalreporter.write_line("\n".join(lines))

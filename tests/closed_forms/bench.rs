@@ -1,14 +1,15 @@
-//! An optical bench: scenes as JSON text, traced on one shared device in either precision.
+//! An optical bench: scenes as JSON text, traced on a shared device in either precision.
 
+use crate::devices::Devices;
 use glam::DVec3;
-use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
+use nsq_gpu::gpu::{AdapterChoice, Gpu, Native, list_adapters};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, FarFieldPattern, IrradianceMap, RayPaths, RunInfo, SpectralMap};
 use nsq_gpu::trace::RecordPaths;
 use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
 use serde_json::{Map, Value, json};
 use std::io::Write;
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 
 /// The wavelength of scenes with one \[um\].
 pub const WAVELENGTH: f64 = 0.5;
@@ -16,7 +17,7 @@ pub const WAVELENGTH: f64 = 0.5;
 /// The seed of every trace.
 pub const SEED: u64 = 20_260_101;
 
-/// A precision on the shared device.
+/// A precision on a shared device.
 pub struct Tier {
     gpu: &'static Gpu,
     precision: Precision,
@@ -24,17 +25,18 @@ pub struct Tier {
 
 /// The precisions that this machine has; a loud line for what is skipped.
 pub fn tiers(test: &str) -> Vec<Tier> {
-    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    let open =
-        || Gpu::open(&AdapterChoice { name: None, native: Native::Allowed, runtime_checks: true }).ok();
+    static GPUS: Devices<Gpu> = Devices::new();
+    static IS_ANY: LazyLock<bool> = LazyLock::new(|| !list_adapters().is_empty());
     // Straight to the stream: the test runner hides what a passing test prints.
     let skip = |what: &str| {
         writeln!(std::io::stderr(), "SKIPPED: {test}: {what}").expect("standard error takes a line")
     };
-    let Some(gpu) = GPU.get_or_init(open) else {
+    if !*IS_ANY {
         skip("no adapter");
         return Vec::new();
-    };
+    }
+    let choice = AdapterChoice { name: None, native: Native::Allowed, runtime_checks: true };
+    let gpu = GPUS.mine(|| Gpu::open(&choice).expect("an adapter opens"));
     if !gpu.f64 {
         skip("no 64-bit floats on this adapter");
         return vec![Tier { gpu, precision: Precision::F32 }];

@@ -14,6 +14,8 @@ mod bench;
 mod bookkeeping;
 mod detectors;
 mod deviation;
+#[path = "../zoo/devices.rs"]
+mod devices;
 mod imaging;
 mod interfaces;
 mod shapes;

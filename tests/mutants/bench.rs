@@ -1,5 +1,6 @@
 //! Traces scenes with shaders as they are, or with one mutant.
 
+use crate::devices::Devices;
 use crate::table::Mutant;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::ir::{SceneIr, SensorKind};
@@ -7,13 +8,11 @@ use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use std::cell::Cell;
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
 /// Devices, and the mutant that shaders suffer.
 pub struct Bench {
-    gpus: Rc<Gpus>,
+    gpus: &'static Gpus,
     mutant: Option<&'static Mutant>,
     mutated: Cell<bool>,
 }
@@ -43,6 +42,14 @@ impl Default for Setting {
 }
 
 impl Gpus {
+    fn open() -> Option<Self> {
+        let open = |native| Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true }).ok();
+        let (native, portable, mut portable_logged) =
+            (open(Native::Allowed)?, open(Native::Off)?, open(Native::Allowed)?);
+        portable_logged.int64 = false;
+        (native.f64 && native.int64).then_some(Gpus { native, portable, portable_logged })
+    }
+
     fn of(&self, setting: &Setting) -> &Gpu {
         match (setting.native, setting.options.host_sums) {
             (true, _) => &self.native,
@@ -53,29 +60,16 @@ impl Gpus {
 }
 
 impl Bench {
-    /// Opens the devices, or says on stderr what is skipped for want of one.
-    pub fn open(test: &str) -> Option<Self> {
-        let open = |native| Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true });
-        let opened = (open(Native::Allowed), open(Native::Off), open(Native::Allowed));
-        let (native, portable, mut portable_logged) = match opened {
-            (Ok(native), Ok(portable), Ok(other)) if native.f64 && native.int64 => (native, portable, other),
-            _ => {
-                // Straight to the stream: the test runner hides what a passing test prints.
-                let _ = writeln!(
-                    std::io::stderr(),
-                    "SKIPPED: {test}: no adapter with 64-bit floats and integers"
-                );
-                return None;
-            }
-        };
-        portable_logged.int64 = false;
-        let gpus = Gpus { native, portable, portable_logged };
-        Some(Bench { gpus: Rc::new(gpus), mutant: None, mutated: Cell::new(false) })
+    /// The shaders as they are; `None` where no adapter has what the checks need.
+    pub fn of_originals() -> Option<Self> {
+        static GPUS: Devices<Option<Gpus>> = Devices::new();
+        let gpus = GPUS.mine(Gpus::open).as_ref()?;
+        Some(Bench { gpus, mutant: None, mutated: Cell::new(false) })
     }
 
     /// The same devices, their shaders changed.
     pub fn with_mutant(&self, mutant: &'static Mutant) -> Self {
-        Bench { gpus: self.gpus.clone(), mutant: Some(mutant), mutated: Cell::new(false) }
+        Bench { gpus: self.gpus, mutant: Some(mutant), mutated: Cell::new(false) }
     }
 
     /// True if some trace so far contained the mutant's file.
@@ -88,7 +82,7 @@ impl Bench {
         let gpu = self.gpus.of(setting);
         Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
             .and_then(|mut tracer| tracer.trace(|_| true))
-            .unwrap_or_else(|error: Error| panic!("{}: {error}", self.mutant.map_or("original", |m| m.name)))
+            .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
     }
 
     /// The sums before the first ray, and after each.
@@ -106,7 +100,7 @@ impl Bench {
         };
         Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
             .and_then(trace)
-            .unwrap_or_else(|error: Error| panic!("{}: {error}", self.mutant.map_or("original", |m| m.name)))
+            .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
     }
 
     /// The result of a trace.
@@ -118,7 +112,14 @@ impl Bench {
     /// What the device makes of double-word arithmetic.
     pub fn double_words(&self) -> Result<(), String> {
         let library = self.edit(df64::LIBRARY.to_string());
-        self.gpus.native.test_df64(&library).map_err(|error| error.to_string())
+        match self.gpus.native.test_df64(&library) {
+            Err(Error::Usage(message)) => Err(message),
+            outcome => Ok(outcome.unwrap_or_else(|error| panic!("{}: {error}", self.name()))),
+        }
+    }
+
+    fn name(&self) -> &str {
+        self.mutant.map_or("original", |mutant| mutant.name)
     }
 
     fn edit(&self, wgsl: String) -> String {

@@ -7,69 +7,88 @@
 mod bench;
 mod checks;
 mod closed_forms;
+#[path = "../zoo/devices.rs"]
+mod devices;
 mod oracle;
 mod table;
 
 use bench::Bench;
 use checks::Check;
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
 use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
+use std::process::ExitCode;
+use std::sync::LazyLock;
 use table::{MUTANTS, Mutant};
+
+/// A test for the table, one for each check on the shaders as they are, and one for each mutant. Where a device is lost,
+/// those after it on that device fail as well: the first one tells why. `--nocapture` shows how mutants were noticed.
+fn main() -> ExitCode {
+    let mut arguments = Arguments::from_args();
+    arguments.test_threads = arguments.test_threads.or_else(threads_of_environment);
+    let shows_how = arguments.nocapture;
+    let table = Trial::test("table", every_mutant_changes_one_place_and_has_a_name_of_its_own);
+    let originals = named_checks().into_iter().map(|name| {
+        let passes = move |originals: &Bench| Ok(Check::named(name).run(originals)?);
+        on_the_device(format!("original: {name}"), passes)
+    });
+    let mutants = MUTANTS.iter().map(|mutant| {
+        let is_noticed = move |originals: &Bench| is_noticed(originals, mutant, shows_how);
+        on_the_device(format!("mutant: {}", mutant.name), is_noticed)
+    });
+    let trials = std::iter::once(table).chain(originals).chain(mutants).collect();
+    libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+/// As many as tests of the standard harness would have.
+fn threads_of_environment() -> Option<usize> {
+    let count = std::env::var("RUST_TEST_THREADS").ok()?;
+    Some(count.parse::<NonZeroUsize>().expect("RUST_TEST_THREADS is a positive number").get())
+}
+
+/// A test that is skipped where the first device does not have what all need.
+fn on_the_device(name: String, test: impl FnOnce(&Bench) -> Result<(), Failed> + Send + 'static) -> Trial {
+    static IS_SKIPPED: LazyLock<bool> = LazyLock::new(|| Bench::of_originals().is_none());
+    Trial::ignorable_test(name, || {
+        if *IS_SKIPPED {
+            return Ok(Completion::ignored_with("no adapter with 64-bit floats and integers"));
+        }
+        let originals = Bench::of_originals().ok_or("only the first device opens")?;
+        test(&originals).map(|()| Completion::Completed)
+    })
+}
 
 /// Checks named in the table, each once.
 fn named_checks() -> BTreeSet<&'static str> {
     MUTANTS.iter().map(|mutant| mutant.check).collect()
 }
 
-#[test]
-fn every_mutant_changes_one_place_and_has_a_name_of_its_own() {
+fn every_mutant_changes_one_place_and_has_a_name_of_its_own() -> Result<(), Failed> {
     let names: BTreeSet<&str> = MUTANTS.iter().map(|mutant| mutant.name).collect();
     assert_eq!(names.len(), MUTANTS.len(), "two mutants share a name");
-    let misplaced: Vec<String> = MUTANTS
-        .iter()
-        .filter(|mutant| mutant.old == mutant.new || mutant.occurrences() != 1)
-        .map(|m| format!("{}: `{}` occurs {} times in shaders/{}", m.name, m.old, m.occurrences(), m.file))
-        .collect();
-    assert!(misplaced.is_empty(), "{}", misplaced.join("\n"));
+    let misplaced: Vec<String> = MUTANTS.iter().filter_map(misplacement).collect();
+    if misplaced.is_empty() { Ok(()) } else { Err(misplaced.join("\n").into()) }
 }
 
-#[test]
-fn every_check_passes_on_the_shaders_as_they_are() {
-    let Some(bench) = Bench::open("checks of the original shaders") else { return };
-    let failures: Vec<String> = named_checks()
-        .into_iter()
-        .filter_map(|name| Check::named(name).run(&bench).err().map(|why| format!("{name}: {why}")))
-        .collect();
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
+/// Says why a mutant is none; `None` if it is one.
+fn misplacement(mutant: &Mutant) -> Option<String> {
+    let (occurrences, Mutant { name, old, file, .. }) = (mutant.occurrences(), mutant);
+    (mutant.old == mutant.new || occurrences != 1)
+        .then(|| format!("{name}: `{old}` occurs {occurrences} times in shaders/{file}"))
 }
 
-#[test]
-fn every_mutant_fails_the_check_that_is_named_for_it() {
-    let Some(bench) = Bench::open("mutants") else { return };
-    let survivors: Vec<String> = MUTANTS.iter().filter_map(|mutant| survival(&bench, mutant)).collect();
-    assert!(
-        survivors.is_empty(),
-        "{} of {} survive:\n{}",
-        survivors.len(),
-        MUTANTS.len(),
-        survivors.join("\n")
-    );
-}
-
-/// Says how a mutant survived; `None` if it was noticed.
-fn survival(bench: &Bench, mutant: &'static Mutant) -> Option<String> {
-    if mutant.occurrences() != 1 {
-        return Some(format!("{}: its text is not in shaders/{}", mutant.name, mutant.file));
+fn is_noticed(originals: &Bench, mutant: &'static Mutant, shows_how: bool) -> Result<(), Failed> {
+    if let Some(why) = misplacement(mutant) {
+        return Err(why.into());
     }
-    let mutated = bench.with_mutant(mutant);
+    let mutated = originals.with_mutant(mutant);
     let outcome = Check::named(mutant.check).run(&mutated);
     if !mutated.was_mutated() {
-        return Some(format!("{}: {} does not compose shaders/{}", mutant.name, mutant.check, mutant.file));
+        return Err(format!("{} does not compose shaders/{}", mutant.check, mutant.file).into());
     }
-    match outcome {
-        Ok(()) => Some(format!("{}: passes {}", mutant.name, mutant.check)),
-        Err(why) => {
-            println!("{}: {}: {why}", mutant.name, mutant.check);
-            None
-        }
+    let Err(how) = outcome else { return Err(format!("survives: passes {}", mutant.check).into()) };
+    if shows_how {
+        println!("{}: {}: {how}", mutant.name, mutant.check);
     }
+    Ok(())
 }

@@ -6,9 +6,11 @@
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
-use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+pub mod devices;
 
+use std::path::{Path, PathBuf};
+
+use devices::Devices;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::ir::SceneIr;
 use nsq_gpu::program::Precision;
@@ -20,22 +22,22 @@ pub fn repository(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
-/// The device of a test binary; its shaders run with every run-time check.
+/// The device of a test; its shaders run with every run-time check.
 pub fn gpu() -> &'static Gpu {
-    static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| open(Native::Allowed, true))
+    static GPUS: Devices<Gpu> = Devices::new();
+    GPUS.mine(|| open(Native::Allowed, true))
 }
 
 /// The same without them, as commands open it.
 pub fn unchecked_gpu() -> &'static Gpu {
-    static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| open(Native::Allowed, false))
+    static GPUS: Devices<Gpu> = Devices::new();
+    GPUS.mine(|| open(Native::Allowed, false))
 }
 
-/// The first without optional features of the device.
+/// The one without optional features; it checks as well.
 pub fn portable_gpu() -> &'static Gpu {
-    static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| open(Native::Off, true))
+    static GPUS: Devices<Gpu> = Devices::new();
+    GPUS.mine(|| open(Native::Off, true))
 }
 
 fn open(native: Native, runtime_checks: bool) -> Gpu {
@@ -89,7 +91,7 @@ pub fn trace_on(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Tally {
     tally
 }
 
-/// Traces all rays on the device of this binary.
+/// Traces all rays on the device of this test.
 pub fn trace(ir: &SceneIr, options: &TraceOptions) -> Tally {
     trace_on(gpu(), ir, options)
 }
