@@ -10,7 +10,7 @@ mod zoo;
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
+use nsq_gpu::gpu::Gpu;
 use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
     Shape, Spectrum, Splat, Surface,
@@ -233,15 +233,13 @@ fn shaders_without_run_time_checks_give_the_same_bits() {
 /// A processor without 64-bit integers writes words of 32 bits.
 #[test]
 fn logs_of_32_bit_words_add_up_to_the_same_bits() {
-    let choice = AdapterChoice { name: None, native: Native::Allowed, runtime_checks: true };
-    let mut gpu = Gpu::open(&choice).unwrap();
-    gpu.int64 = false;
+    let gpu = zoo::logging_in_32_bits_gpu();
     for name in ["bench_lens", "bench_cavity", "kaleidoscope"] {
         let ir = zoo::load(name);
         let options = zoo::options(2000, 11, Precision::F32);
         let [booked, logged] =
             [false, true].map(|host| TraceOptions { host_sums: Some(host), ..options.clone() });
-        assert!(zoo::trace_on(&gpu, &ir, &logged) == zoo::trace(&ir, &booked), "{name}: other bits");
+        assert!(zoo::trace_on(gpu, &ir, &logged) == zoo::trace(&ir, &booked), "{name}: other bits");
     }
 }
 

@@ -1,8 +1,8 @@
 //! An optical bench: scenes as JSON text, traced on a shared device in either precision.
 
-use crate::devices::Devices;
+use crate::zoo;
 use glam::DVec3;
-use nsq_gpu::gpu::{AdapterChoice, Gpu, Native, list_adapters};
+use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, FarFieldPattern, IrradianceMap, RayPaths, RunInfo, SpectralMap};
 use nsq_gpu::trace::RecordPaths;
@@ -25,7 +25,6 @@ pub struct Tier {
 
 /// The precisions that this machine has; a loud line for what is skipped.
 pub fn tiers(test: &str) -> Vec<Tier> {
-    static GPUS: Devices<Gpu> = Devices::new();
     static IS_ANY: LazyLock<bool> = LazyLock::new(|| !list_adapters().is_empty());
     // Straight to the stream: the test runner hides what a passing test prints.
     let skip = |what: &str| {
@@ -35,8 +34,7 @@ pub fn tiers(test: &str) -> Vec<Tier> {
         skip("no adapter");
         return Vec::new();
     }
-    let choice = AdapterChoice { name: None, native: Native::Allowed, runtime_checks: true };
-    let gpu = GPUS.mine(|| Gpu::open(&choice).expect("an adapter opens"));
+    let gpu = zoo::gpu();
     if !gpu.f64 {
         skip("no 64-bit floats on this adapter");
         return vec![Tier { gpu, precision: Precision::F32 }];

@@ -14,10 +14,10 @@ mod bench;
 mod bookkeeping;
 mod detectors;
 mod deviation;
-#[path = "../zoo/devices.rs"]
-mod devices;
 mod imaging;
 mod interfaces;
 mod shapes;
 mod sources;
 mod splitting;
+#[path = "../zoo/mod.rs"]
+mod zoo;

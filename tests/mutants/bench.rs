@@ -1,8 +1,8 @@
 //! Traces scenes with shaders as they are, or with one mutant.
 
-use crate::devices::Devices;
 use crate::table::Mutant;
-use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
+use crate::zoo;
+use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::ir::{SceneIr, SensorKind};
 use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
@@ -10,18 +10,10 @@ use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
-/// Devices, and the mutant that shaders suffer.
+/// The mutant that shaders suffer, if any.
 pub struct Bench {
-    gpus: &'static Gpus,
     mutant: Option<&'static Mutant>,
     mutated: Cell<bool>,
-}
-
-struct Gpus {
-    native: Gpu,
-    portable: Gpu,
-    /// Without 64-bit integers, but with the host's memory: logs where rays end.
-    portable_logged: Gpu,
 }
 
 /// How a check traces.
@@ -41,35 +33,30 @@ impl Default for Setting {
     }
 }
 
-impl Gpus {
-    fn open() -> Option<Self> {
-        let open = |native| Gpu::open(&AdapterChoice { name: None, native, runtime_checks: true }).ok();
-        let (native, portable, mut portable_logged) =
-            (open(Native::Allowed)?, open(Native::Off)?, open(Native::Allowed)?);
-        portable_logged.int64 = false;
-        (native.f64 && native.int64).then_some(Gpus { native, portable, portable_logged })
-    }
-
-    fn of(&self, setting: &Setting) -> &Gpu {
-        match (setting.native, setting.options.host_sums) {
-            (true, _) => &self.native,
-            (false, Some(true)) => &self.portable_logged,
-            (false, _) => &self.portable,
+impl Setting {
+    fn gpu(&self) -> &'static Gpu {
+        match (self.native, self.options.host_sums) {
+            (true, _) => zoo::gpu(),
+            (false, Some(true)) => zoo::logging_in_32_bits_gpu(),
+            (false, _) => zoo::portable_gpu(),
         }
     }
 }
 
+/// True if an adapter has what the checks need.
+pub fn is_possible() -> bool {
+    !list_adapters().is_empty() && zoo::gpu().f64 && zoo::gpu().int64
+}
+
 impl Bench {
-    /// The shaders as they are; `None` where no adapter has what the checks need.
-    pub fn of_originals() -> Option<Self> {
-        static GPUS: Devices<Option<Gpus>> = Devices::new();
-        let gpus = GPUS.mine(Gpus::open).as_ref()?;
-        Some(Bench { gpus, mutant: None, mutated: Cell::new(false) })
+    /// The shaders as they are.
+    pub fn of_originals() -> Self {
+        Bench { mutant: None, mutated: Cell::new(false) }
     }
 
-    /// The same devices, their shaders changed.
-    pub fn with_mutant(&self, mutant: &'static Mutant) -> Self {
-        Bench { gpus: self.gpus, mutant: Some(mutant), mutated: Cell::new(false) }
+    /// The shaders with a mutant.
+    pub fn of_mutant(mutant: &'static Mutant) -> Self {
+        Bench { mutant: Some(mutant), mutated: Cell::new(false) }
     }
 
     /// True if some trace so far contained the mutant's file.
@@ -79,7 +66,7 @@ impl Bench {
 
     /// The sums of a trace. A device may refuse a mutant for no other reason than that it is no valid shader.
     pub fn tally(&self, ir: &SceneIr, setting: &Setting) -> Tally {
-        let gpu = self.gpus.of(setting);
+        let gpu = setting.gpu();
         Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
             .and_then(|mut tracer| tracer.trace(|_| true))
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
@@ -87,7 +74,7 @@ impl Bench {
 
     /// The sums before the first ray, and after each.
     pub fn ray_by_ray(&self, ir: &SceneIr, setting: &Setting) -> Vec<Tally> {
-        let gpu = self.gpus.of(setting);
+        let gpu = setting.gpu();
         let trace = |mut tracer: Tracer| {
             let mut snapshots = vec![tracer.empty_tally()];
             tracer.pause_at(1);
@@ -112,7 +99,7 @@ impl Bench {
     /// What the device makes of double-word arithmetic.
     pub fn double_words(&self) -> Result<(), String> {
         let library = self.edit(df64::LIBRARY.to_string());
-        match self.gpus.native.test_df64(&library) {
+        match zoo::gpu().test_df64(&library) {
             Ok(()) => Ok(()),
             Err(Error::Usage(message)) => Err(message),
             Err(error) => panic!("{}: {error}", self.name()),

@@ -7,10 +7,10 @@
 mod bench;
 mod checks;
 mod closed_forms;
-#[path = "../zoo/devices.rs"]
-mod devices;
 mod oracle;
 mod table;
+#[path = "../zoo/mod.rs"]
+mod zoo;
 
 use bench::Bench;
 use checks::Check;
@@ -29,12 +29,11 @@ fn main() -> ExitCode {
     let shows_how = arguments.nocapture;
     let table = Trial::test("table", every_mutant_changes_one_place_and_has_a_name_of_its_own);
     let originals = named_checks().into_iter().map(|name| {
-        let passes = move |originals: &Bench| Ok(Check::named(name).run(originals)?);
+        let passes = move || Ok(Check::named(name).run(&Bench::of_originals())?);
         on_the_device(format!("original: {name}"), passes)
     });
     let mutants = MUTANTS.iter().map(|mutant| {
-        let is_noticed = move |originals: &Bench| is_noticed(originals, mutant, shows_how);
-        on_the_device(format!("mutant: {}", mutant.name), is_noticed)
+        on_the_device(format!("mutant: {}", mutant.name), move || is_noticed(mutant, shows_how))
     });
     let trials = std::iter::once(table).chain(originals).chain(mutants).collect();
     libtest_mimic::run(&arguments, trials).exit_code()
@@ -46,15 +45,12 @@ fn threads_of_environment() -> Option<usize> {
     Some(count.parse::<NonZeroUsize>().expect("RUST_TEST_THREADS is a positive number").get())
 }
 
-/// A test that is skipped where the first device does not have what all need.
-fn on_the_device(name: String, test: impl FnOnce(&Bench) -> Result<(), Failed> + Send + 'static) -> Trial {
-    static IS_SKIPPED: LazyLock<bool> = LazyLock::new(|| Bench::of_originals().is_none());
-    Trial::ignorable_test(name, || {
-        if *IS_SKIPPED {
-            return Ok(Completion::ignored_with("no adapter with 64-bit floats and integers"));
-        }
-        let originals = Bench::of_originals().ok_or("only the first device opens")?;
-        test(&originals).map(|()| Completion::Completed)
+/// A test that is skipped where no adapter has what all need.
+fn on_the_device(name: String, test: impl FnOnce() -> Result<(), Failed> + Send + 'static) -> Trial {
+    static IS_POSSIBLE: LazyLock<bool> = LazyLock::new(bench::is_possible);
+    Trial::ignorable_test(name, || match *IS_POSSIBLE {
+        true => test().map(|()| Completion::Completed),
+        false => Ok(Completion::ignored_with("no adapter with 64-bit floats and integers")),
     })
 }
 
@@ -77,11 +73,11 @@ fn misplacement(mutant: &Mutant) -> Option<String> {
         .then(|| format!("{name}: `{old}` occurs {occurrences} times in shaders/{file}"))
 }
 
-fn is_noticed(originals: &Bench, mutant: &'static Mutant, shows_how: bool) -> Result<(), Failed> {
+fn is_noticed(mutant: &'static Mutant, shows_how: bool) -> Result<(), Failed> {
     if let Some(why) = misplacement(mutant) {
         return Err(why.into());
     }
-    let mutated = originals.with_mutant(mutant);
+    let mutated = Bench::of_mutant(mutant);
     let outcome = Check::named(mutant.check).run(&mutated);
     if !mutated.was_mutated() {
         return Err(format!("{} does not compose shaders/{}", mutant.check, mutant.file).into());
