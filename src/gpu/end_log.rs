@@ -157,9 +157,11 @@ impl EndLogs {
     /// [`Error::Internal`] if those of the threads do not fit together.
     pub fn take(&mut self, cells: &Cells) -> Result<EndSums> {
         let empty = no_sums(self.sums.len(), cells, &self.shape);
-        let mut parts = std::mem::replace(&mut self.sums, empty).into_iter();
-        let mut sums = parts.next().unwrap_or_default();
+        let mut parts = std::mem::replace(&mut self.sums, empty);
         let misfit = || Error::Internal("the threads that add up the log of ends have unlike sums".into());
+        parts.iter_mut().try_for_each(EndSums::settle).ok_or_else(misfit)?;
+        let mut parts = parts.into_iter();
+        let mut sums = parts.next().unwrap_or_default();
         parts.try_for_each(|part| sums.merge(&part)).ok_or_else(misfit)?;
         Ok(sums)
     }

@@ -3,7 +3,7 @@
 
 use super::end_positions::{BLOCK, Block, PositionEntry};
 use super::end_reals::Real;
-use super::end_sums::{EndSums, LoggedRays, Stray};
+use super::end_sums::{EndSums, LoggedRays, Stray, bits};
 use crate::program::end_log::{Form, Grid};
 use crate::program::path_log::{PathLog, Place};
 
@@ -46,13 +46,17 @@ impl EndSums {
         let mut num_kept = 0;
         for first in logged.rays.clone().step_by(BLOCK) {
             let rays = first..(first + BLOCK).min(logged.rays.end);
-            let kept = kept_rays(entries.get(rays.clone())?, rays.start, strays);
-            num_kept += u64::from(kept.count_ones());
-            for (row, deposits) in deposits.iter().enumerate() {
-                let start = row * logged.stride;
+            let mut kept = u64::MAX >> (BLOCK - rays.len());
+            for (number, deposits) in deposits.iter().enumerate() {
+                let start = number * logged.stride;
                 let row = entries.get(start + rays.start..start + rays.end)?;
-                self.add_row(&mut block, row, kept, deposits)?;
+                block.lay_out(row, &deposits.weights, deposits.grid);
+                if number == 0 {
+                    kept &= !strays_among(row, block.others & kept, rays.start, strays);
+                }
+                self.add_row(&block, row, kept, deposits)?;
             }
+            num_kept += u64::from(kept.count_ones());
         }
         log.end.map_or(Some(()), |end| {
             let weight = E::Real::nearest(end.weight.of_born(logged.weight));
@@ -60,42 +64,31 @@ impl EndSums {
         })
     }
 
-    /// Adds one place of those rays of a block that kept to the path.
+    /// Adds one place, which is laid out, of those rays of a block that kept to the path.
     fn add_row<E: PositionEntry>(
         &mut self,
-        block: &mut Block<E::Real>,
+        block: &Block<E::Real>,
         row: &[E],
         kept: u64,
         deposits: &Deposits<E::Real>,
     ) -> Option<()> {
-        block.lay_out(row, &deposits.weights, deposits.grid);
-        let arrivals = deposits.weights.len() as u64;
-        for (i, entry) in row.iter().enumerate().filter(|(i, _)| kept >> i & 1 == 1) {
-            if block.is_other[i] || !deposits.fit {
-                let mut weights = deposits.weights.iter();
-                weights.try_for_each(|&weight| self.add_position(entry.position(), weight, deposits.grid))?;
-            } else {
-                self.add_laid_out(block, i, arrivals)?;
-            }
-        }
-        Some(())
+        let others = if deposits.fit { block.others } else { u64::MAX };
+        self.add_laid_out(block, kept & !others, deposits.weights.len() as u64, deposits.grid)?;
+        bits(kept & others).try_for_each(|i| {
+            let mut weights = deposits.weights.iter();
+            weights.try_for_each(|&weight| self.add_position(row[i].position(), weight, deposits.grid))
+        })
     }
 }
 
-/// Those of at most 64 rays that have not strayed, a bit each.
-fn kept_rays<E: PositionEntry>(entries: &[E], first: usize, strays: &mut Vec<Stray>) -> u64 {
-    let mut strayed = 0_u64;
-    for (i, entry) in entries.iter().enumerate() {
-        strayed |= u64::from(entry.position()[0].is_off_detectors()) << i;
-    }
-    let kept = u64::MAX >> (BLOCK - entries.len()) & !strayed;
-    while strayed != 0 {
-        let i = strayed.trailing_zeros();
-        let event: f64 = entries[i as usize].position()[1].into();
-        strays.push(Stray { ray: first as u32 + i, event: event as u32 });
-        strayed &= strayed - 1;
-    }
-    kept
+/// Those of some rays of a block, a bit each, that have strayed, by their first places.
+fn strays_among<E: PositionEntry>(places: &[E], rays: u64, first: usize, strays: &mut Vec<Stray>) -> u64 {
+    let off = bits(rays).filter(|&i| places[i].position()[0].is_off_detectors());
+    off.fold(0, |strayed, i| {
+        let event: f64 = places[i].position()[1].into();
+        strays.push(Stray { ray: (first + i) as u32, event: event as u32 });
+        strayed | 1 << i
+    })
 }
 
 impl<'a, T: Real> Deposits<'a, T> {
@@ -136,7 +129,8 @@ mod tests {
         let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
         let logged = LoggedRays { bytes, rays: 0..rows[0].len(), stride: STRIDE, weight: 2.0 };
         let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
-        sums.add_path(&logged, form, log, &mut strays).map(|()| (sums, strays))
+        sums.add_path(&logged, form, log, &mut strays)?;
+        sums.settle().map(|()| (sums, strays))
     }
 
     #[test]

@@ -15,12 +15,13 @@ pub const BLOCK: usize = 64;
 pub struct Block<T> {
     /// The pixels that were hit.
     pub hits: [u32; BLOCK],
-    /// The cells of each tap.
-    pub cells: [[u32; BLOCK]; 4],
-    /// Their quanta.
-    pub quanta: [[u64; BLOCK]; 4],
-    /// What is no position, or has a weight whose quanta need more than a word.
-    pub is_other: [bool; BLOCK],
+    /// The corners between the pixels of the taps.
+    pub corners: [u32; BLOCK],
+    /// Quanta of the taps.
+    pub quanta: [[u64; 4]; BLOCK],
+    /// What is no position, or has a weight whose quanta need more than a word: a bit for each ray.
+    pub others: u64,
+    is_other: [bool; BLOCK],
     /// What the first three taps take of a weight of 1.
     parts: [[T; BLOCK]; 3],
 }
@@ -32,10 +33,18 @@ pub struct PositionTaps<T> {
     pub hit: u32,
     /// The cells of the taps.
     pub cells: [u32; 4],
+    /// The corner between them ([`corner`]).
+    pub corner: u32,
     /// How far the position is from the first to the next, by columns and by rows.
     pub fractions: [T; 2],
     /// It is one of numbers.
     pub is_number: bool,
+}
+
+/// The number of the corner behind so many columns and rows of a grid: there is one more of each than there are pixels.
+#[inline(always)]
+fn corner(columns: u32, rows: u32, grid: &Grid) -> u32 {
+    rows * (grid.size[0] + 1) + columns
 }
 
 /// An entry that is a position where the ray has ended in taps.
@@ -66,6 +75,7 @@ impl<T> PositionTaps<T> {
         PositionTaps {
             hit: start(row.hit) + column.hit,
             cells: [above + column.first, above + column.next, below + column.first, below + column.next],
+            corner: corner(column.corner, row.corner, grid),
             fractions: [column.fraction, row.fraction],
             is_number: column.is_number & row.is_number,
         }
@@ -78,8 +88,9 @@ impl<T: Real> Block<T> {
         let zero = T::nearest(0.0);
         Block {
             hits: [0; BLOCK],
-            cells: [[0; BLOCK]; 4],
-            quanta: [[0; BLOCK]; 4],
+            corners: [0; BLOCK],
+            quanta: [[0; 4]; BLOCK],
+            others: 0,
             is_other: [false; BLOCK],
             parts: [[zero; BLOCK]; 3],
         }
@@ -150,37 +161,51 @@ impl<T: Real> Block<T> {
         grid: &Grid,
     ) {
         self.place(entries, grid);
-        for &weight in weights {
-            let weight = |i: usize| entries[i].weight(weight);
-            if (0..BLOCK).all(|i| weight(i).is_at_most_one()) {
-                self.share::<true>(weight);
-            } else {
-                self.share::<false>(weight);
+        match weights.split_first() {
+            None => self.quanta = [[0; 4]; BLOCK],
+            Some((&first, more)) => {
+                self.share_any(|i| entries[i].weight(first), |_, quanta| quanta);
+                for &weight in more {
+                    self.share_any(|i| entries[i].weight(weight), u64::wrapping_add);
+                }
             }
         }
+        self.others = (0..BLOCK).fold(0, |bits, i| bits | u64::from(self.is_other[i]) << i);
     }
 
-    /// Finds the taps; nothing lies in them yet.
+    /// Finds the taps.
     #[inline(always)]
     fn place<E: PositionEntry<Real = T>>(&mut self, entries: &[E; BLOCK], grid: &Grid) {
         for (i, entry) in entries.iter().enumerate() {
             let taps = PositionTaps::of(entry.position(), grid);
             self.hits[i] = taps.hit;
-            self.cells.iter_mut().zip(taps.cells).for_each(|(cells, cell)| cells[i] = cell);
+            self.corners[i] = taps.corner;
             let parts = T::parts(taps.fractions);
             self.parts.iter_mut().zip(parts).for_each(|(all, part)| all[i] = part);
             self.is_other[i] = !taps.is_number | entry.position()[0].is_off_detectors();
         }
-        self.quanta = [[0; BLOCK]; 4];
     }
 
-    /// Shares a weight among the taps of each ray.
+    /// Shares a weight among the taps of each ray, which get what is `made` of what they have and take.
     #[inline(always)]
-    fn share<const AT_MOST_ONE: bool>(&mut self, weight: impl Fn(usize) -> T) {
+    fn share_any(&mut self, weight: impl Fn(usize) -> T, made: impl Fn(u64, u64) -> u64) {
+        if (0..BLOCK).all(|i| weight(i).is_at_most_one()) {
+            self.share::<true>(weight, made);
+        } else {
+            self.share::<false>(weight, made);
+        }
+    }
+
+    #[inline(always)]
+    fn share<const AT_MOST_ONE: bool>(
+        &mut self,
+        weight: impl Fn(usize) -> T,
+        made: impl Fn(u64, u64) -> u64,
+    ) {
         for i in 0..BLOCK {
             let parts = [self.parts[0][i], self.parts[1][i], self.parts[2][i]];
             let (quanta, is_small) = T::quanta::<AT_MOST_ONE>(weight(i), parts);
-            self.quanta.iter_mut().zip(quanta).for_each(|(all, more)| all[i] = all[i].wrapping_add(more));
+            self.quanta[i].iter_mut().zip(quanta).for_each(|(all, taken)| *all = made(*all, taken));
             self.is_other[i] |= !is_small;
         }
     }

@@ -22,10 +22,17 @@ pub struct AxisTaps<T> {
     pub next: u32,
     /// The one that was hit.
     pub hit: u32,
+    /// The corner between them: 0 before the first pixel of all, their number behind the last.
+    pub corner: u32,
     /// How far from the first to the next it is, in 0..=1.
     pub fraction: T,
     /// It is a number.
     pub is_number: bool,
+}
+
+/// The pixels before and behind a corner ([`AxisTaps::corner`]).
+pub fn pixels_at(corner: u32, num_pixels: u32) -> [u32; 2] {
+    [corner.saturating_sub(1), corner.min(num_pixels - 1)]
 }
 
 /// The arithmetic of weights and positions, in the precision of the trace.
@@ -136,11 +143,11 @@ macro_rules! real {
                 let position = if above < FARTHEST { above } else { FARTHEST };
                 let corner = position.floor();
                 let last = (num_pixels - 1) as $real;
-                let pixel = |number: $real| {
+                let between = |number: $real, last: $real| {
                     let number = if number > 0.0 { number } else { 0.0 };
                     if number < last { number } else { last }
                 };
-                let (first, next) = (pixel(corner), pixel(corner + 1.0));
+                let (first, next) = (between(corner, last), between(corner + 1.0, last));
                 // SAFETY: from 0 to the farthest and one.
                 #[allow(unsafe_code)]
                 let whole = |pixel: $real| unsafe { pixel.to_int_unchecked::<i32>() as u32 };
@@ -148,6 +155,7 @@ macro_rules! real {
                     first: whole(first),
                     next: whole(next),
                     hit: whole(if hits_next { next } else { first }),
+                    corner: whole(between(corner + 1.0, last + 1.0)),
                     fraction: position - corner,
                     is_number: !self.is_nan(),
                 }
@@ -207,6 +215,7 @@ mod tests {
                 for (logged, hit) in [(position, first), (position * HIT_NEXT, marked)] {
                     for taps in [logged.tap(num_pixels), widened((logged as f32).tap(num_pixels))] {
                         assert_eq!((taps.first, taps.next, taps.hit), (first, next, hit), "{logged}");
+                        assert_eq!(pixels_at(taps.corner, num_pixels), [first, next], "{logged}");
                         assert!(taps.is_number && taps.fraction == position - corner, "{logged}");
                     }
                 }
@@ -226,8 +235,8 @@ mod tests {
     }
 
     fn widened(taps: AxisTaps<f32>) -> AxisTaps<f64> {
-        let AxisTaps { first, next, hit, fraction, is_number } = taps;
-        AxisTaps { first, next, hit, fraction: fraction.into(), is_number }
+        let AxisTaps { first, next, hit, corner, fraction, is_number } = taps;
+        AxisTaps { first, next, hit, corner, fraction: fraction.into(), is_number }
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! What the log of ends adds up to: the integers of the device's atomics (`shaders/lib/sums.wgsl`), on the host.
 
+use super::end_corners::CornerSums;
 use super::end_entries::{
     CELL_MASK, End, Entry, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN, NEXT_ROW, PASSES,
     STRAYED, WITHOUT_PLACE,
 };
-use super::end_positions::{self, Block, PositionEntry, PositionTaps};
+use super::end_positions::{BLOCK, Block, PositionEntry, PositionTaps};
 use super::end_reals::Real;
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
@@ -17,6 +18,8 @@ pub struct EndSums {
     /// Ends per counter.
     pub counts: Vec<u64>,
     quanta: Quanta,
+    /// What has not come to its cells yet.
+    corners: Vec<CornerSums>,
 }
 
 /// What the rays of a dispatch logged.
@@ -41,9 +44,6 @@ pub struct Stray {
     pub event: u32,
 }
 
-/// Rays whose entries are added row by row: as many as a word has bits.
-const BLOCK: usize = 64;
-
 /// Quanta per cell, in two words: the low ones of a map fit the fastest cache, the high ones are seldom touched.
 #[derive(Debug, Default)]
 struct Quanta {
@@ -56,16 +56,25 @@ impl EndSums {
     pub fn new(cells: &Cells, form: Form) -> Self {
         let num_sums = if form == Form::Counts { 0 } else { cells.num_sums as usize };
         let quanta = Quanta { low: vec![0; num_sums], high: vec![0; num_sums] };
-        EndSums { counts: vec![0; cells.num_counters as usize], quanta }
+        EndSums { counts: vec![0; cells.num_counters as usize], quanta, corners: Vec::new() }
     }
 
     /// No ends in so many cells.
     #[cfg(test)]
     pub(super) fn of_num(num: usize) -> Self {
-        EndSums { counts: vec![0; num], quanta: Quanta { low: vec![0; num], high: vec![0; num] } }
+        let quanta = Quanta { low: vec![0; num], high: vec![0; num] };
+        EndSums { counts: vec![0; num], quanta, corners: Vec::new() }
     }
 
-    /// Quanta per cell; none where they follow from the counts.
+    /// Brings what lies at corners to its cells.
+    pub fn settle(&mut self) -> Option<()> {
+        std::mem::take(&mut self.corners)
+            .iter()
+            .flat_map(CornerSums::by_cell)
+            .try_for_each(|(cell, quanta)| self.quanta.add_low(cell, quanta))
+    }
+
+    /// Quanta per cell, when all have come to them; none where they follow from the counts.
     pub fn quanta(&self) -> impl Iterator<Item = u128> {
         let words = self.quanta.low.iter().zip(&self.quanta.high);
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
@@ -101,7 +110,7 @@ impl EndSums {
         }
     }
 
-    /// Adds what others have summed up.
+    /// Adds what others have summed up, who have settled.
     pub fn merge(&mut self, other: &EndSums) -> Option<()> {
         for (count, more) in self.counts.iter_mut().zip(&other.counts) {
             *count += more;
@@ -201,26 +210,66 @@ impl EndSums {
         let born = E::Real::nearest(logged.weight);
         let mut block = Block::new();
         let mut first = logged.rays.start;
-        for entries in entries.get(logged.rays.clone())?.chunks(end_positions::BLOCK) {
+        for entries in entries.get(logged.rays.clone())?.chunks(BLOCK) {
             block.lay_out(entries, &[born], grid);
-            for (i, entry) in entries.iter().enumerate() {
-                if block.is_other[i] {
-                    self.add_other(entry, born, first + i, grid, strays)?;
-                    continue;
-                }
-                self.add_laid_out(&block, i, 1)?;
-            }
+            let all = u64::MAX >> (BLOCK - entries.len());
+            self.add_laid_out(&block, all & !block.others, 1, grid)?;
+            bits(all & block.others)
+                .try_for_each(|i| self.add_other(&entries[i], born, first + i, grid, strays))?;
             first += entries.len();
         }
         Some(())
     }
 
-    /// What a ray of a block leaves in so many arrivals.
+    /// What some rays of a block, a bit each, leave in so many arrivals.
+    pub(super) fn add_laid_out<T>(
+        &mut self,
+        block: &Block<T>,
+        rays: u64,
+        arrivals: u64,
+        grid: &Grid,
+    ) -> Option<()> {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1") {
+            // SAFETY: the processor has what the function is compiled for.
+            #[allow(unsafe_code)]
+            return unsafe { self.add_laid_out_in_avx2(block, rays, arrivals, grid) };
+        }
+        self.add_laid_out_inline(block, rays, arrivals, grid)
+    }
+
+    /// The same in vectors of 256 bits, which hold the taps of a ray.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1")]
+    fn add_laid_out_in_avx2<T>(
+        &mut self,
+        block: &Block<T>,
+        rays: u64,
+        arrivals: u64,
+        grid: &Grid,
+    ) -> Option<()> {
+        self.add_laid_out_inline(block, rays, arrivals, grid)
+    }
+
     #[inline(always)]
-    pub(super) fn add_laid_out<T>(&mut self, block: &Block<T>, ray: usize, arrivals: u64) -> Option<()> {
-        *self.counts.get_mut(block.hits[ray] as usize)? += arrivals;
-        for tap in 0..4 {
-            self.quanta.add_low(block.cells[tap][ray] as usize, block.quanta[tap][ray])?;
+    fn add_laid_out_inline<T>(
+        &mut self,
+        block: &Block<T>,
+        rays: u64,
+        arrivals: u64,
+        grid: &Grid,
+    ) -> Option<()> {
+        let at = self.corners.iter().position(|corners| corners.are_of(grid)).unwrap_or_else(|| {
+            self.corners.push(CornerSums::new(*grid));
+            self.corners.len() - 1
+        });
+        let corners = &mut self.corners[at];
+        for ray in bits(rays) {
+            let (corner, quanta) = (block.corners[ray], block.quanta[ray]);
+            *self.counts.get_mut(block.hits[ray] as usize)? += arrivals;
+            if corners.add(corner, quanta)? {
+                corners.carries(corner, quanta).try_for_each(|cell| self.quanta.carry(cell))?;
+            }
         }
         Some(())
     }
@@ -337,11 +386,23 @@ impl Quanta {
         let low = self.low.get_mut(cell)?;
         let (sum, carries) = low.overflowing_add(quanta);
         *low = sum;
-        if carries {
-            *self.high.get_mut(cell)? += 1;
-        }
+        if carries { self.carry(cell) } else { Some(()) }
+    }
+
+    fn carry(&mut self, cell: usize) -> Option<()> {
+        *self.high.get_mut(cell)? += 1;
         Some(())
     }
+}
+
+/// The numbers of the bits that are set.
+#[inline(always)]
+pub(super) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lowest = word.trailing_zeros();
+        word &= word.wrapping_sub(1);
+        (lowest < u64::BITS).then_some(lowest as usize)
+    })
 }
 
 /// The detector that has the end's cell.
@@ -438,7 +499,8 @@ mod tests {
         let mut sums = sums();
         let bytes = &cast_slice(&aligned)[..bytes.len()];
         let logged = LoggedRays { weight: 2.0, ..logged(bytes, positions.len()) };
-        sums.add(&logged, &position_log(form, has_weights), &mut Vec::new()).map(|()| sums)
+        sums.add(&logged, &position_log(form, has_weights), &mut Vec::new())?;
+        sums.settle().map(|()| sums)
     }
 
     #[test]
@@ -479,6 +541,22 @@ mod tests {
                 assert_eq!(sums.counts.iter().sum::<u64>(), 1);
             }
             assert!(sums_of_positions(form, has_weights, &[[0.0, f64::NAN]]).is_none(), "{form:?}");
+        }
+    }
+
+    #[test]
+    fn sums_at_corners_carry() {
+        // Each of them half of what a word holds, at first in one tap, then in two.
+        let (large, num) = (1024.0, 13);
+        for x in [1.0, 0.5] {
+            let mut sums = sums();
+            let entries = vec![[x, 0.0, large]; num];
+            let logged = logged(cast_slice(&entries), num);
+            assert_eq!(sums.add(&logged, &position_log(Form::Reals, true), &mut Vec::new()), Some(()));
+            sums.settle().unwrap();
+            let all = num as u128 * 1024 * UNIT;
+            let expected = if x == 1.0 { [0, all, 0] } else { [all / 2, all / 2, 0] };
+            assert_eq!(quanta(&sums)[1..4], expected);
         }
     }
 

@@ -3,6 +3,7 @@
 pub mod adapter;
 pub mod compute;
 pub mod double_word;
+mod end_corners;
 mod end_entries;
 pub mod end_log;
 mod end_paths;
