@@ -10,15 +10,17 @@
 var<private> kept_events: u32 = 0u;
 
 @compute @workgroup_size(WORKGROUP_SIZE)
-fn trace_nominal(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+fn trace_nominal(invocation: Invocation) {
     begin();
-    follow_nominal_rays(id.y * groups.x * WORKGROUP_SIZE + id.x);
+    begin_lanes(invocation);
+    follow_nominal_rays(invocation.id.y * invocation.groups.x * WORKGROUP_SIZE + invocation.id.x);
     use_entries();
     flush_bins();
     notice_cut_loops();
 }
 
-fn follow_nominal(index: u32) {
+fn follow_nominal(invocation: u32) {
+    let index = ray_of(invocation);
     if index >= range.count {
         return;
     }

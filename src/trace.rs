@@ -163,6 +163,7 @@ impl<'a> Tracer<'a> {
             most_rays_per_invocation: options
                 .rays_per_invocation
                 .unwrap_or_else(|| most_rays_per_invocation(gpu, options)),
+            lanes: lanes_together(gpu, options),
             paths: options.paths.sampling(options.budget()),
             weights,
             sampler: options.sampler,
@@ -823,6 +824,12 @@ fn path_pays(program: &Program, options: &TraceOptions, logs: &EndLogs) -> bool 
     program.nominal.is_none()
         || options.nominal_path == Some(true)
         || nominal::pays(logs.num_followed_and_strayed())
+}
+
+/// Lanes that store together: 1 where workgroups are not made of whole subgroups.
+fn lanes_together(gpu: &Gpu, options: &TraceOptions) -> u32 {
+    let is_wanted = options.stores_together.unwrap_or(gpu.prefers_stores_together());
+    if is_wanted && options.workgroup_size.is_multiple_of(gpu.lanes) { gpu.lanes } else { 1 }
 }
 
 /// So few rays an invocation that a dispatch has several workgroups for each processor.

@@ -20,8 +20,8 @@ static IS_WIDE: OnceLock<bool> = OnceLock::new();
 enum Wide {
     /// It has none, or slows down when it computes in them.
     Slow,
-    /// It computes in them, but to read a part of one that was just stored takes it four times as long as of one of 256
-    /// bits; and so lavapipe takes the lanes of every load, store and atomic one by one.
+    /// It computes in them, but to read a part of one that was just stored takes it four times as long, on average, as of
+    /// one of 256 bits; and so lavapipe takes the lanes of every load, store and atomic one by one.
     Whole,
     /// Fast, whole and in parts.
     Fast,
@@ -41,6 +41,11 @@ fn suit_on(processor: Wide, ir: &SceneIr, num_rays: u64) -> bool {
             Wide::Whole => nominal::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb),
             Wide::Fast => true,
         }
+}
+
+/// True if this processor reads parts of vectors of 512 bits slowly that it has just stored.
+pub fn have_slow_parts() -> bool {
+    Wide::of_this_processor() == Wide::Whole
 }
 
 /// Lets lavapipe compute in vectors of 512 bits; by itself it takes 256. No bit of a result depends on it. Whoever has set

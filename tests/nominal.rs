@@ -108,6 +108,40 @@ fn so_do_invocations_of_one_ray_or_several() {
     }
 }
 
+/// Some lanes of a vector store the places of others.
+#[test]
+fn so_do_lanes_that_store_together() {
+    if zoo::gpu().lanes == 1 {
+        println!("skipped: so_do_lanes_that_store_together: the adapter has no subgroups of one size");
+        return;
+    }
+    let [lens, cavity, billiard] = ["bench_lens", "bench_cavity", "mirror_ball_billiard"].map(zoo::load);
+    let mut aslant = cavity.clone();
+    aslant.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    // Batches that vectors fill; one ray more; two and three that are missing.
+    for (ir, max_depth, num_rays, num_places) in
+        [(&lens, 16, 4096, 1), (&cavity, 16, 4097, 1), (&billiard, 16, 4094, 1), (&aslant, 6, 4093, 3)]
+    {
+        for (precision, rays_per_invocation) in
+            [(Precision::F32, 1), (Precision::F64, 1), (Precision::F64, 3)]
+        {
+            let rays = TraceOptions {
+                num_rays,
+                max_depth,
+                batch_size: Some(2048),
+                rays_per_invocation: Some(rays_per_invocation),
+                ..options(precision)
+            };
+            assert_eq!(arrivals(ir, &rays).unwrap().len(), num_places);
+            let together = TraceOptions { stores_together: Some(true), ..with_nominal_path(&rays) };
+            let mut tracer = Tracer::new(zoo::gpu(), ir, &together).unwrap();
+            assert!(tracer.program().wgsl.contains("subgroupShuffle"), "no lanes together");
+            let tally = tracer.trace(|_| true).unwrap();
+            assert!(tally == trace(ir, &rays).0, "{num_rays} rays in {precision:?}: other bits");
+        }
+    }
+}
+
 #[test]
 fn so_do_scenes_in_tables() {
     for (i, name) in SOME.into_iter().enumerate() {

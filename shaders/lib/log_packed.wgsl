@@ -24,11 +24,6 @@ fn joined(low: u32, high: u32) -> u64 {
     return u64(low) | (u64(high) << 32u);
 }
 
-// A place alone (lib/path_places.wgsl).
-fn write_place(number: u32, place: vec2<real>) {
-    end_log[number] = packed_place(place);
-}
-
 fn packed_place(place: vec2<real>) -> u64 {
     return joined(bitcast<u32>(place.x), bitcast<u32>(place.y));
 }

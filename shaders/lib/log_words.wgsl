@@ -20,9 +20,3 @@ fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
         end_log[word + 3u] = bitcast<u32>(place.y);
     }
 }
-
-// A place alone (lib/path_places.wgsl).
-fn write_place(number: u32, place: vec2<real>) {
-    end_log[2u * number] = bitcast<u32>(place.x);
-    end_log[2u * number + 1u] = bitcast<u32>(place.y);
-}

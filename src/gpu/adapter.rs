@@ -2,7 +2,7 @@
 
 use super::compute::TEXEL_BYTES;
 use crate::error::{Error, Result};
-use crate::vectors::without_width;
+use crate::vectors::{self, without_width};
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// How to choose an adapter.
@@ -71,6 +71,9 @@ pub struct Gpu {
     pub f64: bool,
     /// 64-bit integers and their atomics are enabled.
     pub int64: bool,
+    /// Lanes of a subgroup, where it is known that they are neighbours in their workgroup, on lavapipe, and how many;
+    /// otherwise 1.
+    pub lanes: u32,
     /// Bounds checks in shaders.
     pub runtime_checks: bool,
     /// What it was opened with.
@@ -106,6 +109,12 @@ fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
 
 fn int64_features() -> wgpu::Features {
     wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS
+}
+
+/// Invocations of every subgroup; 1 if some have more than others.
+fn subgroup_size(adapter: &wgpu::Adapter) -> u32 {
+    let info = adapter.get_info();
+    if info.subgroup_min_size == info.subgroup_max_size { info.subgroup_min_size.max(1) } else { 1 }
 }
 
 /// The adapters that can compute, best first: discrete, integrated, virtual, then software.
@@ -175,6 +184,9 @@ impl Gpu {
         if native && info.is_cpu() {
             // The device's memory is the host's.
             features |= adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
+            if info.is_vulkan() {
+                features |= adapter.features() & wgpu::Features::SUBGROUP;
+            }
         }
         if info.strict {
             features |= wgpu::Features::PASSTHROUGH_SHADERS;
@@ -204,9 +216,10 @@ impl Gpu {
             );
         }));
         let (f64, int64) = (info.f64, native && info.int64);
+        let lanes = if features.contains(wgpu::Features::SUBGROUP) { subgroup_size(adapter) } else { 1 };
         let (runtime_checks, df64) = (choice.runtime_checks, OnceLock::new());
         let (adapter, choice) = (adapter.clone(), choice.clone());
-        Ok(Gpu { device, queue, info, f64, int64, runtime_checks, adapter, choice, failure, df64 })
+        Ok(Gpu { device, queue, info, f64, int64, lanes, runtime_checks, adapter, choice, failure, df64 })
     }
 
     /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms, by
@@ -234,6 +247,13 @@ impl Gpu {
     /// ten times a store.
     pub fn prefers_host_sums(&self) -> bool {
         self.info.is_cpu() && self.has_shared_memory()
+    }
+
+    /// True if lanes of a subgroup should store places together: where vectors have 512 bits, whose later parts the
+    /// processor reads slowly (lib/lanes_together.wgsl).
+    pub fn prefers_stores_together(&self) -> bool {
+        const WIDE: u32 = 16;
+        self.lanes >= WIDE && vectors::have_slow_parts()
     }
 
     /// True if the host can read what a dispatch wrote where it lies.

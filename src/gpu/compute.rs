@@ -44,7 +44,8 @@ impl Access {
     }
 }
 
-/// The buffers and images that a module declares.
+/// The buffers and images that a module declares. A buffer that stages declare under several names, as unlike types,
+/// counts once.
 pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     let mut bindings: Vec<Binding> = module
         .global_variables
@@ -64,6 +65,7 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
         })
         .collect();
     bindings.sort_by_key(|b| (b.group, b.number));
+    bindings.dedup();
     bindings
 }
 

@@ -54,7 +54,7 @@ impl CornerSums {
         self.cells(corner).into_iter().zip(lost).filter(|(_, lost)| *lost).map(|(cell, _)| cell)
     }
 
-    /// What lies in each cell, and so far not in another one's sum: several times where corners share it.
+    /// The sums of all taps with their cells: a cell comes once for each corner that it touches.
     pub fn by_cell(&self) -> impl Iterator<Item = (usize, u64)> {
         let corners = (0..).zip(self.words[self.start..].chunks_exact(TAPS));
         let lit = corners.filter(|(_, sums)| sums.iter().any(|&sum| sum != 0));

@@ -41,7 +41,7 @@ const OFF_POWERS_OF_TWO: u32 = 8;
 
 /// More threads would wait for memory.
 const MOST_THREADS: usize = 8;
-/// Cells of all threads: what they add to stays in the caches.
+/// Cells of all threads, whose sums would crowd each other out of the caches if there were more.
 const MOST_CELLS: usize = 1 << 20;
 /// A thread is not worth its start for fewer entries.
 const LEAST_ENTRIES: usize = 1 << 12;

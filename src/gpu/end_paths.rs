@@ -12,7 +12,7 @@ struct Deposits<'a, T> {
     grid: &'a Grid,
     /// One for each time that rays arrive.
     weights: Vec<T>,
-    /// Their quanta together fit a word.
+    /// Their quanta together fit 63 bits, however the sum of the weights was rounded.
     fit: bool,
 }
 
@@ -96,7 +96,7 @@ impl<'a, T: Real> Deposits<'a, T> {
         let weights: Vec<T> =
             place.arrivals.iter().map(|arrival| T::nearest(arrival.weight.of_born(born))).collect();
         let total: f64 = weights.iter().map(|&weight| weight.into()).sum();
-        Deposits { grid: &place.grid, weights, fit: total < T::LIMIT }
+        Deposits { grid: &place.grid, weights, fit: total < T::LIMIT / 2.0 }
     }
 }
 

@@ -19,14 +19,15 @@ pub struct Block<T> {
     pub corners: [u32; BLOCK],
     /// Quanta of the taps.
     pub quanta: [[u64; 4]; BLOCK],
-    /// What is no position, or has a weight whose quanta need more than a word: a bit for each ray.
+    /// What is no position, or has a weight whose quanta need more than 63 bits: a bit for each ray.
     pub others: u64,
     is_other: [bool; BLOCK],
     /// What the first three taps take of a weight of 1.
     parts: [[T; BLOCK]; 3],
 }
 
-/// The taps of a position on a map whose pixels have one cell each (`bilinear_taps` in splat.wgsl).
+/// The taps of a position on a map whose pixels have one cell each, as those of irradiance have (`bilinear_taps` in
+/// splat.wgsl).
 #[derive(Debug, Clone, Copy)]
 pub struct PositionTaps<T> {
     /// The pixel that was hit.

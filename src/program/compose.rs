@@ -114,6 +114,7 @@ impl Composition<'_> {
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         if self.nominal.is_some() {
             uint("NOMINAL_RAYS_PER_INVOCATION", o.nominal_rays_per_invocation(f));
+            uint("LANES", o.lanes);
         }
         uint("EVENTS_PER_DISPATCH", o.events_per_dispatch);
         uint("MAX_DEPTH", o.max_depth);
@@ -350,6 +351,15 @@ impl Composition<'_> {
                     shader!("lib/path_entries.wgsl"),
                 ),
             ),
+            (
+                self.nominal.is_some(),
+                pick(
+                    self.stores_together(),
+                    shader!("lib/lanes_together.wgsl"),
+                    shader!("lib/lanes_alone.wgsl"),
+                ),
+            ),
+            (self.path_log.is_some(), self.places_file()),
             (self.nominal.is_some(), shader!("lib/clearances.wgsl")),
             (
                 self.nominal.is_some(),
@@ -362,6 +372,22 @@ impl Composition<'_> {
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
+    }
+
+    /// Lanes of a subgroup store their places together.
+    fn stores_together(&self) -> bool {
+        self.path_log.is_some() && self.options.lanes > 1
+    }
+
+    fn places_file(&self) -> &'static str {
+        let reals = self.precision() == Precision::F64;
+        match (self.stores_together(), reals, self.options.native) {
+            (true, true, _) => shader!("lib/places_reals_together.wgsl"),
+            (true, false, _) => shader!("lib/places_words_together.wgsl"),
+            (false, true, _) => shader!("lib/places_reals.wgsl"),
+            (false, false, true) => shader!("lib/places_packed.wgsl"),
+            (false, false, false) => shader!("lib/places_words.wgsl"),
+        }
     }
 
     fn has_trees(&self) -> bool {

@@ -83,6 +83,9 @@ pub struct ProgramOptions {
     pub workgroup_size: u32,
     /// Most rays that an invocation follows, see [`ProgramOptions::rays_per_invocation`]. The results are the same bits.
     pub most_rays_per_invocation: u32,
+    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/lib/lanes_together.wgsl); 1 if each
+    /// stores its own. The results are the same bits.
+    pub lanes: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
     /// The weight that each emitter's rays are born with.

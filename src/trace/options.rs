@@ -40,6 +40,10 @@ pub struct TraceOptions {
     /// The host adds up where rays end, instead of atomics on the device; where not given, on adapters that are
     /// processors.
     pub host_sums: Option<bool>,
+    /// Lanes of a processor's vectors store together where rays arrive that keep to the nominal path, instead of each alone;
+    /// where not given, if vectors have 16. It never changes a result.
+    #[doc(hidden)]
+    pub stores_together: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
@@ -126,6 +130,7 @@ impl Default for TraceOptions {
             sampler: Sampler::Pcg,
             tree: None,
             host_sums: None,
+            stores_together: None,
             workgroup_size: Tuning::default().workgroup_size,
             rays_per_invocation: None,
             events_per_dispatch: Tuning::default().events_per_dispatch,
@@ -229,6 +234,9 @@ pub(super) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
             "the adapter `{}` shares no memory with the host, which cannot add up",
             gpu.info.name
         ));
+    }
+    if options.stores_together == Some(true) && gpu.lanes == 1 {
+        return usage(format!("the adapter `{}` has no subgroups of one size", gpu.info.name));
     }
     if options.precision == Precision::F64 && !gpu.f64 {
         return usage(format!(

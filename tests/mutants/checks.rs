@@ -96,8 +96,10 @@ impl Scene {
                 ("nominal", _) => {
                     setting.options.host_sums = Some(true);
                     setting.options.nominal_path = Some(true);
+                    setting.options.stores_together = Some(false);
                     setting.options.standard_error = StandardError::Off;
                 }
+                ("together", _) => setting.options.stores_together = Some(true),
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
                     setting.options.baked = Some(false);
@@ -151,6 +153,7 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let mut other = first.clone();
     other.native = false;
     other.options.host_sums = Some(false);
+    other.options.stores_together = None;
     other.options.rays_per_invocation = Some(1);
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;

@@ -425,6 +425,8 @@ impl Variant {
             nominal: self.nominal.clone(),
             host_sums: self.host_sums,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
+            // Only drivers of processors get more.
+            lanes: 1,
             part_bytes: self.part_bytes,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
