@@ -71,8 +71,8 @@ pub struct Gpu {
     pub f64: bool,
     /// 64-bit integers and their atomics are enabled.
     pub int64: bool,
-    /// Lanes of a subgroup, where it is known that they are neighbours in their workgroup, on lavapipe, and how many;
-    /// otherwise 1.
+    /// Lanes of a subgroup, a multiple of 4, where they are known to be neighbours in their workgroup: on lavapipe.
+    /// Elsewhere 1.
     pub lanes: u32,
     /// Bounds checks in shaders.
     pub runtime_checks: bool,
@@ -111,10 +111,11 @@ fn int64_features() -> wgpu::Features {
     wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS
 }
 
-/// Invocations of every subgroup; 1 if some have more than others.
+/// Invocations of every subgroup, a multiple of 4; 1 if there is no such number.
 fn subgroup_size(adapter: &wgpu::Adapter) -> u32 {
     let info = adapter.get_info();
-    if info.subgroup_min_size == info.subgroup_max_size { info.subgroup_min_size.max(1) } else { 1 }
+    let (least, most) = (info.subgroup_min_size, info.subgroup_max_size);
+    if least == most && least.is_multiple_of(4) { least.max(1) } else { 1 }
 }
 
 /// The adapters that can compute, best first: discrete, integrated, virtual, then software.

@@ -21,7 +21,7 @@ impl CornerSums {
     /// None yet.
     pub fn new(grid: Grid) -> Self {
         let num_corners: usize = grid.size.iter().map(|&num_pixels| num_pixels as usize + 1).product();
-        // Zeros that no one has touched cost nothing, and come from the allocator in words alone.
+        // Words of zero come from the allocator untouched, which larger types do not: so the first corner is put right here.
         let words = vec![0; TAPS * (num_corners + 1)];
         let start = words.as_ptr().align_offset(TAPS * size_of::<u64>()).min(TAPS);
         CornerSums { grid, words, start }

@@ -578,6 +578,7 @@ mod tests {
         let entries = [[0.5, 0.0, large], [0.5, 0.0, f64::NAN]];
         let logged = logged(cast_slice(&entries), 2);
         assert_eq!(sums.add(&logged, &position_log(Form::Reals, true), &mut Vec::new()), Some(()));
+        sums.settle().unwrap();
         assert_eq!(quanta(&sums)[1..3], [UNIT << 19, UNIT << 19]);
         assert_eq!(sums.counts, [1, 2, 0, 0, 0, 0, 0], "a deposit that no sum can hold");
     }

@@ -114,6 +114,8 @@ impl Composition<'_> {
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         if self.nominal.is_some() {
             uint("NOMINAL_RAYS_PER_INVOCATION", o.nominal_rays_per_invocation(f));
+        }
+        if self.stores_together() {
             uint("LANES", o.lanes);
         }
         uint("EVENTS_PER_DISPATCH", o.events_per_dispatch);
