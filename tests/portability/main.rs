@@ -154,6 +154,9 @@ fn every_shader_file_is_composed_by_some_variant() {
         for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {
             texts.push(variant.program(tier).wgsl);
         }
+        // Only drivers of processors get such shaders.
+        let together = Variant { lanes: 8, ..Variant::of_choice(Choice::NominalThroughDetector).1 };
+        texts.push(together.program(tier).wgsl);
     }
     let dead: Vec<String> = snapshots::shader_files()
         .into_iter()

@@ -4,7 +4,7 @@ use naga::back::{hlsl, msl, pipeline_constants, spv, wgsl};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module};
-use nsq_gpu::program::{Precision, Program, ProgramOptions};
+use nsq_gpu::program::{Precision, Program, ProgramOptions, end_log};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Storage buffers that plain WebGPU binds per stage.
@@ -62,13 +62,14 @@ pub fn capabilities(options: &ProgramOptions) -> Capabilities {
     floats | integers
 }
 
-/// Validates; also that no two variables share a binding.
+/// Validates; also that no two variables share a binding but those of the log, which stages write as unlike types: that none
+/// uses both is seen by naga.
 pub fn validate(name: &str, program: &Program) -> ModuleInfo {
     let mut bindings = BTreeSet::new();
     for (_, variable) in program.module.global_variables.iter() {
         if let Some(binding) = variable.binding {
             assert!(
-                bindings.insert((binding.group, binding.binding)),
+                bindings.insert((binding.group, binding.binding)) || binding.binding == end_log::LOG,
                 "{name}: two variables at {binding:?}"
             );
         }

@@ -47,6 +47,8 @@ pub struct Variant {
     pub moments: SecondMoments,
     /// The host adds up where rays end.
     pub host_sums: bool,
+    /// Lanes that store places together.
+    pub lanes: u32,
     /// The path that has a stage of its own.
     pub nominal: Option<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
@@ -390,6 +392,7 @@ impl Default for Variant {
             roulette_threshold: 0.0,
             sampler: Sampler::Pcg,
             host_sums: false,
+            lanes: 1,
             nominal: None,
             part_bytes: 1 << 27,
             moments: SecondMoments::None,
@@ -425,8 +428,7 @@ impl Variant {
             nominal: self.nominal.clone(),
             host_sums: self.host_sums,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
-            // Only drivers of processors get more.
-            lanes: 1,
+            lanes: self.lanes,
             part_bytes: self.part_bytes,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
