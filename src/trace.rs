@@ -48,6 +48,13 @@ const MANY_RAYS: u64 = 8;
 const MAX_EVENTS: u32 = 1 << 18;
 /// A pass should keep the device for about so long: a desktop stays usable and no watchdog fires.
 const PASS_TIME: Duration = Duration::from_millis(40);
+/// A second device saves a tenth of the time and more, and takes a fifth of a second to open: it pays in a tracer that is
+/// busy for so long.
+const SECOND_DEVICE_PAYS: Duration = Duration::from_secs(2);
+/// What the first dispatches took tells how long the others will, when drivers have compiled.
+const SECOND_DEVICE_CONSIDERED: Duration = Duration::from_millis(300);
+/// A program's buffers lie on either device: it may have so much of them.
+const SECOND_DEVICE_BYTES: u64 = 64 << 20;
 /// Counters are 32 bits wide: they are drained before they can overflow.
 const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
 const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
@@ -62,7 +69,8 @@ pub struct Tracer<'a> {
     num_rays: u64,
     moments: MomentSource,
     batch: u32,
-    device: DeviceState,
+    /// One, or two that take turns.
+    devices: Vec<DeviceState>,
     end_logs: Option<EndLogs>,
     /// Passes since the sums were drained.
     num_passes: u64,
@@ -73,6 +81,10 @@ pub struct Tracer<'a> {
     launched_rays: RaySet,
     pause: Option<u64>,
     pass_time: Duration,
+    /// What earlier traces took.
+    busy: Duration,
+    /// A second device has not been opened, nor tried in vain.
+    takes_second_device: bool,
     events: Vec<DeviceEvent>,
     /// One for each emitter.
     recordings: Vec<Recording>,
@@ -186,7 +198,8 @@ impl<'a> Tracer<'a> {
             None => None,
         };
         let strict = options.strict.holds(&gpu.info);
-        let device = DeviceState::new(gpu, &program, batch, strict, end_logs.as_ref())?;
+        let logs = end_logs.as_ref().map(|logs| &logs.devices()[0]);
+        let device = DeviceState::new(gpu, &program, batch, strict, logs)?;
         Ok(Tracer {
             gpu,
             ir,
@@ -196,7 +209,7 @@ impl<'a> Tracer<'a> {
             num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             batch,
-            device,
+            devices: vec![device],
             end_logs,
             reached: 0,
             counts_undrained: 0,
@@ -205,6 +218,8 @@ impl<'a> Tracer<'a> {
             launched_rays: RaySet::default(),
             pause: None,
             pass_time: PASS_TIME,
+            busy: Duration::ZERO,
+            takes_second_device: true,
             events: Vec::new(),
             recordings: Vec::new(),
             profile: None,
@@ -216,11 +231,17 @@ impl<'a> Tracer<'a> {
         &self.program
     }
 
+    /// Devices that take turns.
+    #[doc(hidden)]
+    pub fn num_devices(&self) -> usize {
+        self.devices.len()
+    }
+
     /// Other draws from now on, with what was compiled for the ones before.
     pub fn set_seed(&mut self, seed: u64) {
         self.options.seed = seed;
         let table = self.program.set_seed(seed);
-        self.gpu.queue.write_buffer(&self.device.rng_table, 0, table);
+        self.devices.iter().for_each(|device| device.gpu.queue.write_buffer(&device.rng_table, 0, table));
     }
 
     /// Passes should take about so long from now on, but a batch at least. It never changes a result.
@@ -231,8 +252,14 @@ impl<'a> Tracer<'a> {
     /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace.
+    /// [`Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace, or if two devices already share the
+    /// work, as in long traces on a processor.
     pub fn enable_profile(&mut self) -> Result<()> {
+        if self.devices.len() > 1 {
+            return Err(Error::Usage(
+                "two devices share the work already: profile a trace from its beginning".into(),
+            ));
+        }
         self.profile = Some(Profile::new(self.gpu, 2 * self.num_rounds() as u64)?);
         Ok(())
     }
@@ -291,7 +318,8 @@ impl<'a> Tracer<'a> {
         if self.counts_undrained > 0 {
             self.drain(&mut self.empty_tally())?;
         }
-        let mut position = self.position_after(&begun)?;
+        let begun_at = self.position_after(&begun)?;
+        let mut position = begun_at;
         check_shape(self.ir, &begun)?;
         let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
@@ -319,12 +347,49 @@ impl<'a> Tracer<'a> {
             if !keep_going(&mut progress)? {
                 break;
             }
+            let share_done = (position - begun_at) as f64 / (self.num_rays - begun_at) as f64;
+            self.consider_second_device(start.elapsed(), share_done)?;
         }
         self.drain(&mut tally)?;
+        self.busy += start.elapsed();
         if self.rays.len() > 1 {
             tally.sort_rows();
         }
         Ok(tally)
+    }
+
+    /// Lets a second device take turns with the first if the tracer is busy for long, this trace included: when that has
+    /// taken so much time, and such a share of it is done.
+    fn consider_second_device(&mut self, elapsed: Duration, share_done: f64) -> Result<()> {
+        let busy = self.busy + elapsed;
+        let expected = self.busy.as_secs_f64() + elapsed.as_secs_f64() / share_done;
+        let pays = self.gpu.prefers_two_devices()
+            && busy >= SECOND_DEVICE_CONSIDERED
+            && expected >= SECOND_DEVICE_PAYS.as_secs_f64();
+        let is_possible = self.profile.is_none()
+            && self.devices[0].events.is_none()
+            && self.program.device_bytes() <= SECOND_DEVICE_BYTES;
+        if self.takes_second_device && is_possible && self.options.second_device.unwrap_or(pays) {
+            self.takes_second_device = false;
+            self.open_second_device()?;
+        }
+        Ok(())
+    }
+
+    /// That it cannot be had costs speed, and nothing else.
+    fn open_second_device(&mut self) -> Result<()> {
+        let Some(logs) = &mut self.end_logs else { return Ok(()) };
+        let strict = self.options.strict.holds(&self.gpu.info);
+        let opened = self.gpu.open_again().and_then(|gpu| {
+            let own_logs = logs.logs_on(&gpu)?;
+            let device = DeviceState::new(&gpu, &self.program, self.batch, strict, Some(&own_logs))?;
+            Ok((device, own_logs))
+        });
+        if let Ok((device, own_logs)) = opened {
+            logs.add_device(own_logs)?;
+            self.devices.push(device);
+        }
+        Ok(())
     }
 
     /// Rays in all.
@@ -375,7 +440,7 @@ impl<'a> Tracer<'a> {
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
         let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.program);
         // Rows for the host are fetched once a pass, and there is room for those of one batch.
-        let limit = if self.device.events.is_some() { batch } else { most.max(batch) };
+        let limit = if self.devices[0].events.is_some() { batch } else { most.max(batch) };
         wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
     }
 
@@ -393,7 +458,7 @@ impl<'a> Tracer<'a> {
             let (count, emitter) = (u64::from(range.count), range.emitter as u32);
             self.launched_rays += RaySpan { first: range.first, count, emitter };
             self.counts_undrained += u64::from(range.count) * counts_per_ray(&self.program);
-            if self.device.events.is_some() {
+            if self.devices[0].events.is_some() {
                 self.fetch_events(&range)?;
             }
         }
@@ -419,7 +484,7 @@ impl<'a> Tracer<'a> {
     }
 
     fn finish_logs(&mut self) -> Result<()> {
-        self.end_logs.as_mut().map_or(Ok(()), |logs| logs.finish(self.gpu))
+        self.end_logs.as_mut().map_or(Ok(()), EndLogs::finish)
     }
 
     /// Traces the rays of an emitter that have strayed from the nominal path, while so many wait.
@@ -428,8 +493,9 @@ impl<'a> Tracer<'a> {
             && logs.num_strays(emitter) >= at_least as usize
         {
             let strays = logs.take_strays(emitter, self.batch);
-            if let Some(buffer) = &self.device.strays {
-                self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&strays));
+            let (device, _) = turn(&self.devices, Some(logs));
+            if let Some(buffer) = &device.strays {
+                device.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&strays));
             }
             let (log_stride, reached) = (logs.stride(), self.reached);
             let range = RayRange { first: 0, count: strays.len() as u32, emitter, log_stride, reached };
@@ -446,7 +512,9 @@ impl<'a> Tracer<'a> {
         if !is_mask || self.reached.count_ones() as usize == self.ir.surfaces.len() {
             return Ok(());
         }
-        self.reached = self.device.counters.read_word(self.gpu, cells.reached)?;
+        for device in &self.devices {
+            self.reached |= device.counters.read_word(&device.gpu, cells.reached)?;
+        }
         Ok(())
     }
 
@@ -482,19 +550,19 @@ impl<'a> Tracer<'a> {
     /// One batch: new rays through their first events, then the survivors until none can be left.
     fn dispatch(&mut self, range: &RayRange, rays: Rays) -> Result<()> {
         let num_rounds = self.num_rounds();
-        let device = &self.device;
-        let log = self.end_logs.as_ref().map_or(0, EndLogs::turn);
-        self.gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
+        let (device, log) = turn(&self.devices, self.end_logs.as_ref());
+        let gpu = &device.gpu;
+        gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
         if let Some(emitter) = self.program.emitters.get(range.emitter) {
-            self.gpu.queue.write_buffer(&device.emitter, 0, emitter);
+            gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let rays_per_invocation = match device.trace_nominal(rays) {
             Some(_) => self.program.options.nominal_rays_per_invocation(&self.program.features),
             None => self.program.options.rays_per_invocation(&self.program.features),
         };
         let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;
-        let (x, y) = grid(range.count.div_ceil(rays_per_workgroup), self.gpu);
+        let (x, y) = grid(range.count.div_ceil(rays_per_workgroup), gpu);
         let stages = device.stages([x, y, 1], num_rounds, log, rays);
         match &mut self.profile {
             Some(profile) => {
@@ -507,14 +575,14 @@ impl<'a> Tracer<'a> {
                 stages.for_each(|stage| stage.record(&mut pass));
             }
         }
-        let submission = self.gpu.queue.submit([encoder.finish()]);
+        let submission = gpu.queue.submit([encoder.finish()]);
         if let Some(logs) = &mut self.end_logs {
-            logs.submitted(self.gpu, *range, rays, submission)?;
+            logs.submitted(*range, rays, submission)?;
         }
         if let Some(profile) = &mut self.profile {
-            profile.collect(self.gpu)?;
+            profile.collect(gpu)?;
         }
-        self.gpu.check()
+        gpu.check()
     }
 
     /// Dispatches until no ray can be left.
@@ -524,20 +592,20 @@ impl<'a> Tracer<'a> {
 
     /// Takes the rows of a range.
     fn fetch_events(&mut self, range: &RayRange) -> Result<()> {
-        let Some(buffer) = &self.device.events else {
+        let DeviceState { gpu, counts: device_counts, events: Some(buffer), .. } = &self.devices[0] else {
             return Ok(());
         };
-        let counts = self.gpu.read(&self.device.counts, 12)?;
+        let counts = gpu.read(device_counts, 12)?;
         let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
         let layout = program::records::StructLayout::of(&self.program.module, "Event")?;
         let size = u64::from(num_events) * layout.stride as u64;
         if size > buffer.size() {
             return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
         }
-        let bytes = self.gpu.read(buffer, size)?;
+        let bytes = gpu.read(buffer, size)?;
         let decode = self.event_decoder(&layout, range.first)?;
         let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
-        self.gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
+        gpu.queue.write_buffer(device_counts, 0, &[0; 12]);
         events.sort_unstable_by_key(|event| (event.row.order(), event.kind));
         match self.recordings.get_mut(range.emitter) {
             Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
@@ -603,13 +671,17 @@ impl<'a> Tracer<'a> {
         self.check_loops()?;
         self.note_nominal_path(tally);
         let cells = &self.program.cells;
-        let mut intake = Intake::new(cells, self.counted(), self.rays.len(), tally);
-        self.device.counters.read(self.gpu, |counter, count| intake.count(counter, count as u64))?;
-        for sums in [Some(&self.device.sums), self.device.tops.as_ref()].into_iter().flatten() {
-            sums.read(self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
+        let (counted, num_emitters) = (self.counted(), self.rays.len());
+        let in_mask = self.program.options.baked && cells.fit_reached_mask();
+        for device in &self.devices {
+            // One for each: bits of what was reached do not add up.
+            let mut intake = Intake::new(cells, counted, num_emitters, tally);
+            device.drain(&mut intake)?;
+            intake.finish(in_mask);
         }
         if let Some(logs) = &mut self.end_logs {
             let ends = logs.take(cells)?;
+            let mut intake = Intake::new(cells, counted, num_emitters, tally);
             (0..)
                 .zip(ends.counts.iter().copied())
                 .filter(|(_, count)| *count > 0)
@@ -618,9 +690,8 @@ impl<'a> Tracer<'a> {
                 .zip(ends.quanta())
                 .filter(|(_, sum)| *sum > 0)
                 .for_each(|(cell, sum)| intake.sum(cell, sum));
+            intake.finish(in_mask);
         }
-        intake.finish(self.program.options.baked && cells.fit_reached_mask());
-        self.device.clear(self.gpu);
         self.reached = 0;
         self.num_passes = 0;
         self.counts_undrained = 0;
@@ -655,11 +726,13 @@ impl<'a> Tracer<'a> {
         if !self.program.options.has_many_rounds(&self.program.features) {
             return Ok(());
         }
-        let counts = self.gpu.read(&self.device.counts, 16)?;
-        if counts[12..].iter().all(|&byte| byte == 0) {
+        let mut were_cut = false;
+        for device in &self.devices {
+            were_cut |= device.take_cut_loops()?;
+        }
+        if !were_cut {
             return Ok(());
         }
-        self.gpu.queue.write_buffer(&self.device.counts, 12, &[0; 4]);
         let (depth, budget) = (self.ir.sampling.split_depth, self.ir.sampling.split_budget);
         let has_splitting = self.program.splitting.is_some();
         let [.., has_gaussian] = self.program.features.splats;
@@ -758,6 +831,12 @@ fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
 fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
     let weight = precision.nearest(weight);
     (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128
+}
+
+/// The device whose turn it is, and the one of its logs.
+fn turn<'d>(devices: &'d [DeviceState], logs: Option<&EndLogs>) -> (&'d DeviceState, usize) {
+    let (device, log) = logs.map_or((0, 0), EndLogs::turn);
+    (&devices[device], log)
 }
 
 /// Workgroups as a grid, within the limit of one dimension.

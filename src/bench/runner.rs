@@ -267,8 +267,10 @@ impl<'a> Subject<'a> {
         let start = Instant::now();
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
-                let tracer =
-                    Tracer::new(session.gpu, ir, &options(case, precision).tuned(&session.gpu.info))?;
+                // As in the midst of a long trace.
+                let second_device = session.gpu.prefers_two_devices().then_some(true);
+                let options = TraceOptions { second_device, ..options(case, precision) };
+                let tracer = Tracer::new(session.gpu, ir, &options.tuned(&session.gpu.info))?;
                 let ready_sec = read_sec + start.elapsed().as_secs_f64();
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
             }

@@ -58,8 +58,8 @@ impl AdapterInfo {
     }
 }
 
-/// An open device.
-#[derive(Debug)]
+/// An open device; a clone is another handle of it.
+#[derive(Debug, Clone)]
 pub struct Gpu {
     /// The device.
     pub device: wgpu::Device,
@@ -255,6 +255,12 @@ impl Gpu {
     pub fn prefers_stores_together(&self) -> bool {
         const WIDE: u32 = 16;
         self.lanes >= WIDE && vectors::have_slow_parts()
+    }
+
+    /// True if two devices on one adapter keep it busier than one: a processor's, of which lavapipe deals a dispatch out in
+    /// equal parts, and waits for the last of them before it begins the next.
+    pub fn prefers_two_devices(&self) -> bool {
+        self.info.is_cpu() && self.info.is_vulkan()
     }
 
     /// True if the host can read what a dispatch wrote where it lies.

@@ -9,8 +9,9 @@ use crate::program::RayRange;
 use crate::program::end_log::{self, EndLog};
 use crate::program::nominal::MAX_EVENTS;
 use crate::program::path_log::PathLog;
+use std::collections::VecDeque;
 
-/// Two logs, so that the host adds up one while the device writes the other.
+/// Two logs a device, so that the host adds up one while the devices write the others.
 #[derive(Debug)]
 pub struct EndLogs {
     shape: EndLog,
@@ -20,10 +21,12 @@ pub struct EndLogs {
     sums: Vec<EndSums>,
     /// From an entry of a ray to its next.
     stride: u32,
-    logs: [wgpu::Buffer; 2],
-    /// The one that the next dispatch writes.
+    /// They take turns.
+    devices: Vec<DeviceLogs>,
+    /// The next dispatch's, in 0..[`EndLogs::num_logs`].
     turn: usize,
-    written: Option<Written>,
+    /// In the order of their turns.
+    written: VecDeque<Written>,
     strays: Strays,
     /// Rays of ranges that were added up in this trace, and those of them that strayed.
     num_followed: u64,
@@ -39,6 +42,8 @@ struct Strays(Vec<[Vec<u64>; MAX_EVENTS as usize + 1]>);
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
 
+const LOGS_PER_DEVICE: usize = 2;
+
 /// More threads would wait for memory.
 const MOST_THREADS: usize = 8;
 /// Cells of all threads, whose sums would crowd each other out of the caches if there were more.
@@ -46,10 +51,17 @@ const MOST_CELLS: usize = 1 << 20;
 /// A thread is not worth its start for fewer entries.
 const LEAST_ENTRIES: usize = 1 << 12;
 
+/// The logs of a device.
+#[derive(Debug)]
+pub struct DeviceLogs {
+    gpu: Gpu,
+    buffers: [wgpu::Buffer; LOGS_PER_DEVICE],
+}
+
 /// The log of a submitted dispatch.
 #[derive(Debug)]
 struct Written {
-    log: usize,
+    turn: usize,
     range: RayRange,
     rays: Rays,
     submission: wgpu::SubmissionIndex,
@@ -71,30 +83,62 @@ impl EndLogs {
     /// [`Error::Device`] if the adapter cannot bind so much.
     pub fn new(gpu: &Gpu, shape: EndLog, path: Option<PathLog>, cells: &Cells, rays: u32) -> Result<Self> {
         let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
-        let bytes = u64::from(stride) * shape.ray_bytes();
-        let log = || gpu.mappable_buffer("the log of ends", bytes);
         Ok(EndLogs {
-            logs: [log()?, log()?],
+            devices: vec![DeviceLogs::new(gpu, stride, &shape)?],
             sums: no_sums(num_threads(cells), cells, &shape),
             shape,
             path,
             stride,
             turn: 0,
-            written: None,
+            written: VecDeque::new(),
             strays: Strays::default(),
             num_followed: 0,
             num_strayed: 0,
         })
     }
 
-    /// The buffer of either log, by binding.
-    pub fn buffers(&self) -> [(u32, &wgpu::Buffer); 2] {
-        [0, 1].map(|i| (end_log::LOG, &self.logs[i]))
+    /// The logs of each device.
+    pub fn devices(&self) -> &[DeviceLogs] {
+        &self.devices
     }
 
-    /// The log that the next dispatch writes.
-    pub fn turn(&self) -> usize {
-        self.turn
+    /// Logs of another device.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if it cannot bind so much.
+    pub fn logs_on(&self, gpu: &Gpu) -> Result<DeviceLogs> {
+        DeviceLogs::new(gpu, self.stride, &self.shape)
+    }
+
+    /// Lets another device take turns with those before it, when all that these have logged is added up.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if one of these fails.
+    pub fn add_device(&mut self, logs: DeviceLogs) -> Result<()> {
+        self.finish()?;
+        self.devices.push(logs);
+        self.turn = 0;
+        Ok(())
+    }
+
+    /// The device of the next dispatch, and the one of its logs that this writes.
+    pub fn turn(&self) -> (usize, usize) {
+        self.place_of(self.turn)
+    }
+
+    fn place_of(&self, turn: usize) -> (usize, usize) {
+        (turn % self.devices.len(), turn / self.devices.len())
+    }
+
+    fn num_logs(&self) -> usize {
+        LOGS_PER_DEVICE * self.devices.len()
+    }
+
+    /// The log of a turn, and its device.
+    fn log(&self, turn: usize) -> (&Gpu, &wgpu::Buffer) {
+        let (device, log) = self.place_of(turn);
+        let DeviceLogs { gpu, buffers } = &self.devices[device];
+        (gpu, &buffers[log])
     }
 
     /// From an entry of a ray to its next.
@@ -102,27 +146,26 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch, and adds up the one before it meanwhile.
+    /// Takes note of a dispatch, and adds up the one whose log is the next to be written.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
     pub fn submitted(
         &mut self,
-        gpu: &Gpu,
         range: RayRange,
         rays: Rays,
         submission: wgpu::SubmissionIndex,
     ) -> Result<()> {
-        self.logs[self.turn].map_async(wgpu::MapMode::Read, .., |_| {});
-        let before = self.written.replace(Written { log: self.turn, range, rays, submission });
-        self.turn = 1 - self.turn;
-        before.map_or(Ok(()), |written| self.add_up(gpu, written))
+        self.log(self.turn).1.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.written.push_back(Written { turn: self.turn, range, rays, submission });
+        self.turn = (self.turn + 1) % self.num_logs();
+        if self.written.len() == self.num_logs() { self.add_up_next() } else { Ok(()) }
     }
 
     /// Begins a trace: forgets what is not added up, and the strays.
     pub fn discard(&mut self) {
-        if let Some(written) = self.written.take() {
-            self.logs[written.log].unmap();
+        for written in std::mem::take(&mut self.written) {
+            self.log(written.turn).1.unmap();
         }
         self.strays = Strays::default();
         (self.num_followed, self.num_strayed) = (0, 0);
@@ -132,8 +175,11 @@ impl EndLogs {
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
-    pub fn finish(&mut self, gpu: &Gpu) -> Result<()> {
-        self.written.take().map_or(Ok(()), |written| self.add_up(gpu, written))
+    pub fn finish(&mut self) -> Result<()> {
+        while !self.written.is_empty() {
+            self.add_up_next()?;
+        }
+        Ok(())
     }
 
     /// How many strays of an emitter wait.
@@ -166,9 +212,13 @@ impl EndLogs {
         Ok(sums)
     }
 
-    fn add_up(&mut self, gpu: &Gpu, written: Written) -> Result<()> {
+    /// Adds up the first of those that are written.
+    fn add_up_next(&mut self) -> Result<()> {
+        let Some(written) = self.written.pop_front() else { return Ok(()) };
+        let (device, log) = self.place_of(written.turn);
+        let DeviceLogs { gpu, buffers } = &self.devices[device];
+        let log = &buffers[log];
         gpu.wait_for(written.submission)?;
-        let log = &self.logs[written.log];
         let strays = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
@@ -200,6 +250,18 @@ impl EndLogs {
     /// Lets all rays of a range wait with the strays, as if none had followed the path.
     pub fn list(&mut self, range: &RayRange) {
         self.strays.of(range.emitter)[0].extend(range.first..range.first + u64::from(range.count));
+    }
+}
+
+impl DeviceLogs {
+    fn new(gpu: &Gpu, stride: u32, shape: &EndLog) -> Result<Self> {
+        let log = || gpu.mappable_buffer("the log of ends", u64::from(stride) * shape.ray_bytes());
+        Ok(DeviceLogs { gpu: gpu.clone(), buffers: [log()?, log()?] })
+    }
+
+    /// The buffers, by binding.
+    pub fn bindings(&self) -> [(u32, &wgpu::Buffer); LOGS_PER_DEVICE] {
+        self.buffers.each_ref().map(|buffer| (end_log::LOG, buffer))
     }
 }
 

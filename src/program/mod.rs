@@ -226,6 +226,12 @@ const BSDF_TABLE: u32 = 14;
 const SOURCE_STEPS: u32 = 33;
 
 impl Program {
+    /// What its sums and tables take of a device \[bytes\].
+    pub fn device_bytes(&self) -> u64 {
+        let sums: u64 = self.sums.all().flat_map(|sums| sums.part_bytes()).sum();
+        sums + self.buffers.iter().map(|(_, bytes)| bytes.len() as u64).sum::<u64>()
+    }
+
     /// Composes and packs a scene for a seed.
     ///
     /// # Errors

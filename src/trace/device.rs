@@ -1,13 +1,15 @@
 //! A program on a device: pipelines, buffers, and the stages of a batch.
 
+use super::intake::Intake;
 use crate::error::{Error, Result};
-use crate::gpu::end_log::{EndLogs, Rays};
+use crate::gpu::end_log::{DeviceLogs, Rays};
 use crate::gpu::sums::DeviceSums;
 use crate::gpu::{self, Gpu};
 use crate::program::{self, Program, SecondMoments};
 
-/// What the traces of a program take of a device.
+/// A device, and what the traces of a program take of it.
 pub(super) struct DeviceState {
+    pub(super) gpu: Gpu,
     trace_new: wgpu::ComputePipeline,
     trace_nominal: Option<wgpu::ComputePipeline>,
     /// What follows rays that outlive a dispatch, where some can.
@@ -71,7 +73,7 @@ impl DeviceState {
         program: &Program,
         batch: u32,
         strict: bool,
-        end_logs: Option<&EndLogs>,
+        logs: Option<&DeviceLogs>,
     ) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
         check_bindings(gpu, program, &bindings)?;
@@ -137,7 +139,7 @@ impl DeviceState {
         scene.extend(events.as_ref().map(|events| (12, events)));
         scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
-        let logs = end_logs.map_or(vec![None], |logs| logs.buffers().map(Some).into());
+        let logs = logs.map_or(vec![None], |logs| logs.bindings().map(Some).into());
         let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log), &images);
         let scenes = logs.into_iter().map(group).collect();
 
@@ -154,6 +156,7 @@ impl DeviceState {
         let queues = [direction(1, 0), direction(0, 1)];
         gpu.check()?;
         Ok(DeviceState {
+            gpu: gpu.clone(),
             trace_new,
             trace_nominal,
             rounds,
@@ -215,12 +218,29 @@ impl DeviceState {
         std::iter::once(first).chain(rounds)
     }
 
-    pub(super) fn clear(&self, gpu: &Gpu) {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    /// Hands over what was summed up, and clears it.
+    pub(super) fn drain(&self, intake: &mut Intake) -> Result<()> {
+        let Gpu { device, queue, .. } = &self.gpu;
+        self.counters.read(&self.gpu, |counter, count| intake.count(counter, count as u64))?;
+        for sums in [Some(&self.sums), self.tops.as_ref()].into_iter().flatten() {
+            sums.read(&self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
+        }
+        let mut encoder = device.create_command_encoder(&Default::default());
         for sums in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
             sums.clear(&mut encoder);
         }
-        gpu.queue.submit([encoder.finish()]);
+        queue.submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// True if the driver has left a loop before its end since the last time.
+    pub(super) fn take_cut_loops(&self) -> Result<bool> {
+        const CUT_LOOPS: u64 = 12;
+        let was_cut = self.gpu.read_at(&self.counts, CUT_LOOPS, 4)?.iter().any(|&byte| byte != 0);
+        if was_cut {
+            self.gpu.queue.write_buffer(&self.counts, CUT_LOOPS, &[0; 4]);
+        }
+        Ok(was_cut)
     }
 }
 

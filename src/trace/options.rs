@@ -41,9 +41,13 @@ pub struct TraceOptions {
     /// processors.
     pub host_sums: Option<bool>,
     /// Lanes of a processor's vectors store together where rays arrive that keep to the nominal path, instead of each alone;
-    /// where not given, if vectors have 16. It never changes a result.
+    /// where not given, on a processor that reads the parts of a wide vector slowly. It never changes a result.
     #[doc(hidden)]
     pub stores_together: Option<bool>,
+    /// Two devices on one adapter take turns where the host adds up: the second from the end of the first pass on; where not
+    /// given, on processors, in traces that take long. It never changes a result.
+    #[doc(hidden)]
+    pub second_device: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
@@ -131,6 +135,7 @@ impl Default for TraceOptions {
             tree: None,
             host_sums: None,
             stores_together: None,
+            second_device: None,
             workgroup_size: Tuning::default().workgroup_size,
             rays_per_invocation: None,
             events_per_dispatch: Tuning::default().events_per_dispatch,

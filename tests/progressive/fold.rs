@@ -83,6 +83,42 @@ fn a_trace_that_is_taken_up_again_has_the_same_bits() {
     }
 }
 
+/// The second is opened after the first pass, when the host has yet to add up what the first has logged.
+#[test]
+fn two_devices_by_turns_add_up_to_one() {
+    // Rays that stray from a path; several sources; rays that outlive a dispatch; a tree in an image; a scattering bulk.
+    for (name, nominal_path) in [
+        ("bench_lens", true),
+        ("tessar_gaussian_beams", false),
+        ("kaleidoscope", false),
+        ("mesh_prism", false),
+        ("opal_lamp", false),
+    ] {
+        let ir = zoo::load(name);
+        for precision in [Precision::F32, Precision::F64] {
+            let alone = TraceOptions {
+                standard_error: StandardError::Off,
+                nominal_path: Some(nominal_path),
+                second_device: Some(false),
+                precision,
+                ..options(10_007)
+            };
+            let both = TraceOptions { second_device: Some(true), ..alone.clone() };
+            let mut tracer = Tracer::new(zoo::gpu(), &ir, &both).unwrap();
+            for seed in [alone.seed, 12] {
+                tracer.set_seed(seed);
+                let tally = tracer.go_on(tracer.empty_tally(), |progress| {
+                    // Once the books are asked for after each pass, once they are not.
+                    if seed == 12 { Ok(true) } else { progress.tally().map(|_| true) }
+                });
+                assert_eq!(tracer.num_devices(), 2, "{name}");
+                let expected = zoo::trace(&ir, &TraceOptions { seed, ..alone.clone() });
+                assert!(tally.unwrap() == expected, "{name} in {precision:?}: other bits");
+            }
+        }
+    }
+}
+
 #[test]
 fn rays_of_another_trace_are_no_beginning() {
     let ir = zoo::load("nested_media");
