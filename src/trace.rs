@@ -249,18 +249,15 @@ impl<'a> Tracer<'a> {
         self.pass_time = time;
     }
 
-    /// Times the stages of what is traced from now on. The sums stay the same bits; the trace becomes slower.
+    /// Times the stages of what is traced from now on, on one device: side by side, stages of two would be told to take what
+    /// they wait for each other. The sums stay the same bits; the trace becomes slower.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace, or if two devices already share the
-    /// work, as in long traces on a processor.
+    /// [`Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace.
     pub fn enable_profile(&mut self) -> Result<()> {
-        if self.devices.len() > 1 {
-            return Err(Error::Usage(
-                "two devices share the work already: profile a trace from its beginning".into(),
-            ));
-        }
         self.profile = Some(Profile::new(self.gpu, 2 * self.num_rounds() as u64)?);
+        self.devices.truncate(1);
+        self.end_logs.as_mut().into_iter().for_each(EndLogs::keep_first_device);
         Ok(())
     }
 
@@ -347,8 +344,10 @@ impl<'a> Tracer<'a> {
             if !keep_going(&mut progress)? {
                 break;
             }
-            let share_done = (position - begun_at) as f64 / (self.num_rays - begun_at) as f64;
-            self.consider_second_device(start.elapsed(), share_done)?;
+            if position < self.num_rays {
+                let share_done = (position - begun_at) as f64 / (self.num_rays - begun_at) as f64;
+                self.consider_second_device(start.elapsed(), share_done)?;
+            }
         }
         self.drain(&mut tally)?;
         self.busy += start.elapsed();
@@ -376,7 +375,7 @@ impl<'a> Tracer<'a> {
         Ok(())
     }
 
-    /// That it cannot be had costs speed, and nothing else.
+    /// Without one, where it cannot be had, the trace is slower, and nothing else.
     fn open_second_device(&mut self) -> Result<()> {
         let Some(logs) = &mut self.end_logs else { return Ok(()) };
         let strict = self.options.strict.holds(&self.gpu.info);

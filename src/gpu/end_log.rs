@@ -121,11 +121,19 @@ impl EndLogs {
         Ok(())
     }
 
+    /// Leaves the first device alone, between traces.
+    pub fn keep_first_device(&mut self) {
+        self.discard();
+        self.devices.truncate(1);
+        self.turn = 0;
+    }
+
     /// The device of the next dispatch, and the one of its logs that this writes.
     pub fn turn(&self) -> (usize, usize) {
         self.place_of(self.turn)
     }
 
+    /// Devices alternate, each with its logs in order.
     fn place_of(&self, turn: usize) -> (usize, usize) {
         (turn % self.devices.len(), turn / self.devices.len())
     }
@@ -134,11 +142,10 @@ impl EndLogs {
         LOGS_PER_DEVICE * self.devices.len()
     }
 
-    /// The log of a turn, and its device.
-    fn log(&self, turn: usize) -> (&Gpu, &wgpu::Buffer) {
+    /// The log of a turn.
+    fn log(&self, turn: usize) -> &wgpu::Buffer {
         let (device, log) = self.place_of(turn);
-        let DeviceLogs { gpu, buffers } = &self.devices[device];
-        (gpu, &buffers[log])
+        &self.devices[device].buffers[log]
     }
 
     /// From an entry of a ray to its next.
@@ -156,7 +163,7 @@ impl EndLogs {
         rays: Rays,
         submission: wgpu::SubmissionIndex,
     ) -> Result<()> {
-        self.log(self.turn).1.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.log(self.turn).map_async(wgpu::MapMode::Read, .., |_| {});
         self.written.push_back(Written { turn: self.turn, range, rays, submission });
         self.turn = (self.turn + 1) % self.num_logs();
         if self.written.len() == self.num_logs() { self.add_up_next() } else { Ok(()) }
@@ -165,7 +172,7 @@ impl EndLogs {
     /// Begins a trace: forgets what is not added up, and the strays.
     pub fn discard(&mut self) {
         for written in std::mem::take(&mut self.written) {
-            self.log(written.turn).1.unmap();
+            self.log(written.turn).unmap();
         }
         self.strays = Strays::default();
         (self.num_followed, self.num_strayed) = (0, 0);

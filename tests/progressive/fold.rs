@@ -4,6 +4,7 @@ use crate::zoo;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, Tally};
 use nsq_gpu::{Error, StandardError, TraceOptions, Tracer};
+use std::time::Duration;
 
 /// One source and several; rays that outlive a dispatch; rows for the host.
 const SCENES: [&str; 4] = ["nested_media", "tessar_gaussian_beams", "filter_stack", "kaleidoscope"];
@@ -115,6 +116,13 @@ fn two_devices_by_turns_add_up_to_one() {
                 let expected = zoo::trace(&ir, &TraceOptions { seed, ..alone.clone() });
                 assert!(tally.unwrap() == expected, "{name} in {precision:?}: other bits");
             }
+            tracer.enable_profile().unwrap();
+            let expected = zoo::trace(&ir, &TraceOptions { seed: 12, ..alone });
+            assert!(
+                tracer.trace(|_| true).unwrap() == expected,
+                "{name} in {precision:?}: other bits, timed"
+            );
+            assert_eq!(tracer.num_devices(), 1, "{name}");
         }
     }
 }
@@ -130,10 +138,21 @@ fn rays_of_another_trace_are_no_beginning() {
 #[test]
 fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
     let ir = zoo::load("nested_media");
-    let mut tracer = Tracer::new(zoo::gpu(), &ir, &options(10_000)).unwrap();
-    let failed = tracer.go_on(tracer.empty_tally(), |_| Err(Error::Tolerance("planted".into())));
-    assert_eq!(failed.unwrap_err(), Error::Tolerance("planted".into()));
-    assert!(tracer.trace(|_| true).unwrap() == zoo::trace(&ir, &options(10_000)));
+    // Only what the host adds up is shared by two.
+    for (standard_error, num_devices) in [(StandardError::On, 1), (StandardError::Off, 2)] {
+        let second_device = Some(num_devices == 2);
+        let options = TraceOptions { standard_error, second_device, ..options(10_000) };
+        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        tracer.set_pass_time(Duration::ZERO);
+        let mut num_passes = 0;
+        let failed = tracer.go_on(tracer.empty_tally(), |_| {
+            num_passes += 1;
+            if num_passes < 4 { Ok(true) } else { Err(Error::Tolerance("planted".into())) }
+        });
+        assert_eq!(failed.unwrap_err(), Error::Tolerance("planted".into()));
+        assert_eq!(tracer.num_devices(), num_devices);
+        assert!(tracer.trace(|_| true).unwrap() == zoo::trace(&ir, &options));
+    }
 }
 
 #[test]
