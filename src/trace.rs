@@ -27,12 +27,14 @@ use budget::{EmitterRays, distribute, part};
 use device::{DeviceState, stride_of};
 use intake::{Counted, Intake};
 use options::check_options;
+use pace::Pace;
 use std::time::{Duration, Instant};
 
 mod budget;
 mod device;
 mod intake;
 mod options;
+mod pace;
 
 pub use options::{RecordPaths, StandardError, Strict, TraceOptions};
 
@@ -48,12 +50,9 @@ const MANY_RAYS: u64 = 8;
 const MAX_EVENTS: u32 = 1 << 18;
 /// A pass should keep the device for about so long: a desktop stays usable and no watchdog fires.
 const PASS_TIME: Duration = Duration::from_millis(40);
-/// A second device saves a tenth of the time and more, and takes a fifth of a second to open: it pays in a tracer that is
-/// busy for so long.
-const SECOND_DEVICE_PAYS: Duration = Duration::from_secs(2);
-/// What the first dispatches took tells how long the others will, when drivers have compiled.
-const SECOND_DEVICE_CONSIDERED: Duration = Duration::from_millis(300);
-/// A program's buffers lie on either device: it may have so much of them.
+/// A second device saves a tenth of the time and more, and takes a fifth of a second to open: it pays where so much is left.
+const SECOND_DEVICE_PAYS_SEC: f64 = 2.0;
+/// It needs as much memory as the first, which may be so much \[bytes\].
 const SECOND_DEVICE_BYTES: u64 = 64 << 20;
 /// Counters are 32 bits wide: they are drained before they can overflow.
 const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
@@ -81,8 +80,6 @@ pub struct Tracer<'a> {
     launched_rays: RaySet,
     pause: Option<u64>,
     pass_time: Duration,
-    /// What earlier traces took.
-    busy: Duration,
     /// A second device has not been opened, nor tried in vain.
     takes_second_device: bool,
     events: Vec<DeviceEvent>,
@@ -218,7 +215,6 @@ impl<'a> Tracer<'a> {
             launched_rays: RaySet::default(),
             pause: None,
             pass_time: PASS_TIME,
-            busy: Duration::ZERO,
             takes_second_device: true,
             events: Vec::new(),
             recordings: Vec::new(),
@@ -315,11 +311,11 @@ impl<'a> Tracer<'a> {
         if self.counts_undrained > 0 {
             self.drain(&mut self.empty_tally())?;
         }
-        let begun_at = self.position_after(&begun)?;
-        let mut position = begun_at;
+        let mut position = self.position_after(&begun)?;
         check_shape(self.ir, &begun)?;
         let mut tally = begun;
         let mut pass_rays = u64::from(self.batch);
+        let mut pace = Pace::default();
         let start = Instant::now();
         while position < self.num_rays {
             let mut end = self.num_rays.min(position + pass_rays);
@@ -328,7 +324,9 @@ impl<'a> Tracer<'a> {
             }
             let pass_start = Instant::now();
             self.pass(position, end)?;
-            pass_rays = self.next_pass_rays(end - position, pass_start.elapsed());
+            let pass_time = pass_start.elapsed();
+            pace.note(end - position, pass_time);
+            pass_rays = self.next_pass_rays(end - position, pass_time);
             position = end;
             if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
                 self.drain(&mut tally)?;
@@ -344,38 +342,34 @@ impl<'a> Tracer<'a> {
             if !keep_going(&mut progress)? {
                 break;
             }
-            if position < self.num_rays {
-                let share_done = (position - begun_at) as f64 / (self.num_rays - begun_at) as f64;
-                self.consider_second_device(start.elapsed(), share_done)?;
-            }
+            self.consider_second_device(&pace, self.num_rays - position)?;
         }
         self.drain(&mut tally)?;
-        self.busy += start.elapsed();
         if self.rays.len() > 1 {
             tally.sort_rows();
         }
         Ok(tally)
     }
 
-    /// Lets a second device take turns with the first if the tracer is busy for long, this trace included: when that has
-    /// taken so much time, and such a share of it is done.
-    fn consider_second_device(&mut self, elapsed: Duration, share_done: f64) -> Result<()> {
-        let busy = self.busy + elapsed;
-        let expected = self.busy.as_secs_f64() + elapsed.as_secs_f64() / share_done;
-        let pays = self.gpu.prefers_two_devices()
-            && busy >= SECOND_DEVICE_CONSIDERED
-            && expected >= SECOND_DEVICE_PAYS.as_secs_f64();
-        let is_possible = self.profile.is_none()
+    /// Opens a second device if that pays for so many rays as are left, or is asked for.
+    fn consider_second_device(&mut self, pace: &Pace, rays_left: u64) -> Result<()> {
+        let is_possible = self.takes_second_device
+            && rays_left > 0
+            && self.profile.is_none()
             && self.devices[0].events.is_none()
-            && self.program.device_bytes() <= SECOND_DEVICE_BYTES;
-        if self.takes_second_device && is_possible && self.options.second_device.unwrap_or(pays) {
+            && self.devices[0].bytes <= SECOND_DEVICE_BYTES;
+        let pays = || {
+            let seconds_left = pace.seconds_for(rays_left);
+            self.gpu.prefers_two_devices() && seconds_left.is_some_and(|left| left >= SECOND_DEVICE_PAYS_SEC)
+        };
+        if is_possible && self.options.second_device.unwrap_or_else(pays) {
             self.takes_second_device = false;
             self.open_second_device()?;
         }
         Ok(())
     }
 
-    /// Without one, where it cannot be had, the trace is slower, and nothing else.
+    /// Where none can be opened, the first goes on alone.
     fn open_second_device(&mut self) -> Result<()> {
         let Some(logs) = &mut self.end_logs else { return Ok(()) };
         let strict = self.options.strict.holds(&self.gpu.info);
@@ -673,7 +667,7 @@ impl<'a> Tracer<'a> {
         let (counted, num_emitters) = (self.counted(), self.rays.len());
         let in_mask = self.program.options.baked && cells.fit_reached_mask();
         for device in &self.devices {
-            // One for each: bits of what was reached do not add up.
+            // One for each: bits of what was reached do not add up, and cells that overflow tell so on their device.
             let mut intake = Intake::new(cells, counted, num_emitters, tally);
             device.drain(&mut intake)?;
             intake.finish(in_mask);

@@ -267,8 +267,9 @@ impl<'a> Subject<'a> {
         let start = Instant::now();
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
-                // As in the midst of a long trace.
-                let second_device = session.gpu.prefers_two_devices().then_some(true);
+                // As in the midst of a long trace, where the case stands for such.
+                let is_long = case.num_rays >= LONG_TRACE && session.gpu.prefers_two_devices();
+                let second_device = is_long.then_some(true);
                 let options = TraceOptions { second_device, ..options(case, precision) };
                 let tracer = Tracer::new(session.gpu, ir, &options.tuned(&session.gpu.info))?;
                 let ready_sec = read_sec + start.elapsed().as_secs_f64();
@@ -330,6 +331,9 @@ impl<'a> Subject<'a> {
         })
     }
 }
+
+/// Rays of a case that stands for long traces.
+const LONG_TRACE: u64 = 10_000_000;
 
 /// How long one run took \[s\].
 struct Run {

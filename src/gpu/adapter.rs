@@ -2,6 +2,7 @@
 
 use super::compute::TEXEL_BYTES;
 use crate::error::{Error, Result};
+use crate::processors;
 use crate::vectors::{self, without_width};
 use std::sync::{Arc, Mutex, OnceLock};
 
@@ -257,10 +258,10 @@ impl Gpu {
         self.lanes >= WIDE && vectors::have_slow_parts()
     }
 
-    /// True if two devices on one adapter keep it busier than one: a processor's, of which lavapipe deals a dispatch out in
-    /// equal parts, and waits for the last of them before it begins the next.
+    /// True if two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and
+    /// waits for the last of them before it begins the next of the same device.
     pub fn prefers_two_devices(&self) -> bool {
-        self.info.is_cpu() && self.info.is_vulkan()
+        self.info.is_cpu() && self.info.is_vulkan() && processors::count() > 1
     }
 
     /// True if the host can read what a dispatch wrote where it lies.

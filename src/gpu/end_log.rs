@@ -121,7 +121,7 @@ impl EndLogs {
         Ok(())
     }
 
-    /// Leaves the first device alone, between traces.
+    /// Keeps the first device only, between traces.
     pub fn keep_first_device(&mut self) {
         self.discard();
         self.devices.truncate(1);
@@ -130,12 +130,7 @@ impl EndLogs {
 
     /// The device of the next dispatch, and the one of its logs that this writes.
     pub fn turn(&self) -> (usize, usize) {
-        self.place_of(self.turn)
-    }
-
-    /// Devices alternate, each with its logs in order.
-    fn place_of(&self, turn: usize) -> (usize, usize) {
-        (turn % self.devices.len(), turn / self.devices.len())
+        place_of(self.turn, self.devices.len())
     }
 
     fn num_logs(&self) -> usize {
@@ -144,7 +139,7 @@ impl EndLogs {
 
     /// The log of a turn.
     fn log(&self, turn: usize) -> &wgpu::Buffer {
-        let (device, log) = self.place_of(turn);
+        let (device, log) = place_of(turn, self.devices.len());
         &self.devices[device].buffers[log]
     }
 
@@ -153,7 +148,7 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch, and adds up the one whose log is the next to be written.
+    /// Takes note of a dispatch, and, when all logs are written, adds up the one whose turn is next.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
@@ -222,7 +217,7 @@ impl EndLogs {
     /// Adds up the first of those that are written.
     fn add_up_next(&mut self) -> Result<()> {
         let Some(written) = self.written.pop_front() else { return Ok(()) };
-        let (device, log) = self.place_of(written.turn);
+        let (device, log) = place_of(written.turn, self.devices.len());
         let DeviceLogs { gpu, buffers } = &self.devices[device];
         let log = &buffers[log];
         gpu.wait_for(written.submission)?;
@@ -300,6 +295,11 @@ impl Strays {
     }
 }
 
+/// The device whose turn it is, of so many, and the one of its logs: devices alternate, each with its logs in order.
+fn place_of(turn: usize, num_devices: usize) -> (usize, usize) {
+    (turn % num_devices, turn / num_devices)
+}
+
 /// Threads that add up. Lavapipe deals a dispatch out to all processors in equal parts and waits for each: a lone thread
 /// would keep one of them from its part, and then the others wait.
 fn num_threads(cells: &Cells) -> usize {
@@ -365,6 +365,16 @@ mod tests {
     fn scene() -> SceneIr {
         let text = include_str!("../../scenes/cooke_triplet.json");
         crate::Scene::from_json(text).unwrap().lower().unwrap()
+    }
+
+    #[test]
+    fn devices_take_turns() {
+        let places = |num_devices| {
+            let turns = 0..LOGS_PER_DEVICE * num_devices;
+            turns.map(|turn| place_of(turn, num_devices)).collect::<Vec<_>>()
+        };
+        assert_eq!(places(1), [(0, 0), (0, 1)]);
+        assert_eq!(places(2), [(0, 0), (1, 0), (0, 1), (1, 1)]);
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub const CELL_BITS: u32 = 22;
 /// Deeper traces log no passes: a ray may make as many as it has events.
 const MAX_LOGGED_DEPTH: u32 = 255;
 
-/// Of one log; there are two.
+/// Of one log; each device has two.
 const MAX_BYTES: u64 = 16 << 20;
 
 /// What the log of a program holds.

@@ -10,6 +10,8 @@ use crate::program::{self, Program, SecondMoments};
 /// A device, and what the traces of a program take of it.
 pub(super) struct DeviceState {
     pub(super) gpu: Gpu,
+    /// What the program's buffers take of it.
+    pub(super) bytes: u64,
     trace_new: wgpu::ComputePipeline,
     trace_nominal: Option<wgpu::ComputePipeline>,
     /// What follows rays that outlive a dispatch, where some can.
@@ -140,6 +142,7 @@ impl DeviceState {
         scene.extend(strays.as_ref().map(|strays| (program::nominal::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let logs = logs.map_or(vec![None], |logs| logs.bindings().map(Some).into());
+        let log_bytes: u64 = logs.iter().flatten().map(|(_, log)| log.size()).sum();
         let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log), &images);
         let scenes = logs.into_iter().map(group).collect();
 
@@ -155,8 +158,10 @@ impl DeviceState {
         };
         let queues = [direction(1, 0), direction(0, 1)];
         gpu.check()?;
+        let stray_bytes = strays.as_ref().map_or(0, wgpu::Buffer::size);
         Ok(DeviceState {
             gpu: gpu.clone(),
+            bytes: program.device_bytes() + log_bytes + stray_bytes + 2 * queue_bytes,
             trace_new,
             trace_nominal,
             rounds,
