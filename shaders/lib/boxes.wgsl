@@ -140,17 +140,17 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     (*walk).num_waiting = place + select(1u, 0u, is_empty(rest));
 }
 
-// Visits nodes until there are items, or nothing to visit. A walk descends and tries items in turns, in loops of their own:
-// wide machines run all of a branch, and no more of a loop than some ray needs. Every node is visited at most once, so that
-// no loop makes more rounds than there are rows.
-fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
+// Visits nodes until there are items, or nothing to visit, or so many have been. A walk descends and tries items in turns,
+// in loops of their own: wide machines run all of a branch, and no more of a loop than some ray needs. Every node is visited
+// at most once, so that no loop makes more rounds than there are rows.
+fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32, most_visits: u32) {
     var level = 0u;
     loop {
         if is_dispatched() & is_descending(walk) {
             visit(walk, ray, start, end);
         }
         level += 1u;
-        if level >= TREE_ROWS || !is_descending(walk) {
+        if level >= most_visits || !is_descending(walk) {
             break;
         }
     }
@@ -158,6 +158,10 @@ fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
 
 fn is_descending(walk: ptr<function, Walk>) -> bool {
     return ((*walk).node != NONE) & ((*walk).items == 0u);
+}
+
+fn is_over(walk: ptr<function, Walk>) -> bool {
+    return ((*walk).node == NONE) & ((*walk).items == 0u);
 }
 
 // The first of the items that are left.

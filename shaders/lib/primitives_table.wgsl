@@ -5,7 +5,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     var best = start;
     var i = 0u;
     loop {
-        best = try_primitive(best, ray, here, i);
+        best = try_primitive(best, ray, here, i, primitive_of(i));
         i += 1u;
         if i >= NUM_PRIMITIVES {
             break;

@@ -102,7 +102,7 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
     var walk = walk_from(u32(root));
     var round = 0u;
     loop {
-        descend(&walk, ray.boxes, f32(ray.start), f32(nearest));
+        descend(&walk, ray.boxes, f32(ray.start), f32(nearest), TREE_ROWS);
         var i = 0u;
         loop {
             if is_dispatched() & (walk.items != 0u) {

@@ -138,7 +138,9 @@ impl Composition<'_> {
             let first = first_triangle + self.num_triangle_rows();
             uint("TREE_ROOT", tree.root);
             uint("FIRST_PRIMITIVE", first as u32);
-            uint("FIRST_BOUNDLESS", (first + tree.num_boxed()) as u32);
+            uint("PRIMITIVE_ROWS", tree.rows_each(o.precision) as u32);
+            uint("BOXED_PRIMITIVES", tree.num_boxed() as u32);
+            uint("TREE_PRIMITIVES", tree.primitives().len() as u32);
         }
         for (i, name) in (0..).zip(LEDGER_CELLS) {
             uint(name, i);
@@ -318,6 +320,14 @@ impl Composition<'_> {
             ),
             (self.has_trees() && !self.chooses_what_waits(), shader!("lib/waiting_indexed.wgsl")),
             (self.tree.is_some(), shader!("lib/primitives_tree.wgsl")),
+            (
+                self.tree.is_some(),
+                pick(
+                    self.tree_records().is_some(),
+                    shader!("lib/placed_texels.wgsl"),
+                    shader!("lib/placed_table.wgsl"),
+                ),
+            ),
             (!o.baked && self.tree.is_none(), shader!("lib/primitives_table.wgsl")),
             (
                 !o.baked,
@@ -396,11 +406,9 @@ impl Composition<'_> {
         self.num_tree_rows() > 0
     }
 
-    /// Trees lie in an image. In df64 they do not: the rewriting of f64 knows none.
+    /// Trees lie in an image.
     fn has_texels(&self) -> bool {
-        const ROW_BYTES: u64 = 16;
-        let fits = self.num_tree_rows() as u64 * ROW_BYTES <= self.options.texel_bytes;
-        self.has_trees() && fits && self.precision() != Precision::Df64
+        self.options.are_texels(self.num_tree_rows())
     }
 
     /// Processors choose what waits among all levels sooner than each lane finds it by its index.
@@ -438,7 +446,13 @@ impl Composition<'_> {
 
     /// Nodes, triangles, primitives.
     fn num_tree_rows(&self) -> usize {
-        self.forest.num_rows() + self.num_triangle_rows() + self.tree.map_or(0, PrimitiveTree::num_rows)
+        let of_primitives = self.tree.map_or(0, |tree| tree.num_rows(self.precision()));
+        self.forest.num_rows() + self.num_triangle_rows() + of_primitives
+    }
+
+    /// What stands of primitives beside their tree.
+    fn tree_records(&self) -> Option<&Records> {
+        self.tree?.records.as_ref()
     }
 
     fn logs_passes(&self) -> bool {
@@ -484,7 +498,10 @@ impl Composition<'_> {
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
         if !self.options.baked {
-            text.push_str(&self.rows_of(&lowered::primitive_records(self.ir, self.centre), false)?);
+            text.push_str(&match self.tree_records() {
+                Some(records) => records.texels(self.precision())?,
+                None => self.rows_of(&lowered::primitive_records(self.ir, self.centre), false)?,
+            });
         }
         Ok(text)
     }

@@ -404,6 +404,13 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3) -> Records {
     records
 }
 
+/// The records of these primitives, each with its number.
+pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> Records {
+    let mut records = primitive_records(ir, centre).picked(primitives);
+    records.uint("number", primitives.iter().copied());
+    records
+}
+
 /// The sensors' records.
 pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     let mut records = Records::new("Sensor", "sensor", SENSORS);

@@ -30,7 +30,7 @@ use glam::DVec3;
 pub use lowered::Cells;
 use nominal::{NominalPath, PilotPath};
 use path_log::PathLog;
-use records::{StructLayout, put_real};
+use records::{Records, StructLayout, put_real};
 pub use rng::Sampler;
 pub use splitting::Splitting;
 use sums::SumBuffers;
@@ -124,6 +124,32 @@ impl ProgramOptions {
         let (surfaces, sensors) = (ir.surfaces.len(), ir.sensors.len());
         let num = if sensors <= MAX_SENSORS_APART { surfaces } else { surfaces + sensors };
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
+    }
+
+    /// True if so many rows of trees lie in an image. In df64 they do not: the rewriting of f64 knows none.
+    pub fn are_texels(&self, num_rows: usize) -> bool {
+        const ROW_BYTES: u64 = 16;
+        let fits = num_rows as u64 * ROW_BYTES <= self.texel_bytes;
+        num_rows > 0 && fits && self.precision != Precision::Df64
+    }
+
+    /// What shaders read of primitives, if it is to lie in an image with so many other rows. Lenses are traced a tenth faster
+    /// so; spheres alone a tenth slower, whose records are short.
+    fn records_in_texels(
+        &self,
+        ir: &SceneIr,
+        centre: DVec3,
+        primitives: &[u32],
+        num_others: usize,
+    ) -> Option<Records> {
+        let records = lowered::numbered_primitive_records(ir, centre, primitives);
+        let makes_reals = match self.precision {
+            Precision::F32 => true,
+            Precision::F64 => self.native,
+            Precision::Df64 => false,
+        };
+        let num_rows = num_others + records.num_texels(self.precision) * primitives.len();
+        (makes_reals && records.has_varying("shape") && self.are_texels(num_rows)).then_some(records)
     }
 
     /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in
@@ -270,7 +296,10 @@ impl Program {
         let tree = match has_tree {
             true => {
                 let boxes = tree::boxes(ir, centre, &contacts, options.precision);
-                Some(tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len())?)
+                let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len())?;
+                let num_others = forest.num_rows() + triangles.num_rows();
+                tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
+                Some(tree)
             }
             false => None,
         };
@@ -333,13 +362,18 @@ impl Program {
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &contacts)?;
+        program.buffers = program.pack(ir, &contacts, tree.as_ref())?;
         program.buffers.extend(program.trees(&forest, &triangles, tree.as_ref())?);
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
 
-    fn pack(&self, ir: &SceneIr, contacts: &[contact::Contact]) -> Result<Vec<(u32, Vec<u8>)>> {
+    fn pack(
+        &self,
+        ir: &SceneIr,
+        contacts: &[contact::Contact],
+        tree: Option<&tree::PrimitiveTree>,
+    ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
         if self.options.precision == Precision::Df64 {
             buffers.push((df64::ZERO, vec![0; 16]));
@@ -363,9 +397,10 @@ impl Program {
         if !self.options.baked {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
-            let primitives = lowered::primitive_records(ir, self.centre);
+            let has_records = tree.is_some_and(|tree| tree.records.is_some());
+            let primitives = (!has_records).then(|| lowered::primitive_records(ir, self.centre));
             let contacts = contact::any(contacts).then(|| lowered::contact_records(contacts));
-            tables.extend([surfaces, sensors, primitives].into_iter().chain(contacts));
+            tables.extend([surfaces, sensors].into_iter().chain(primitives).chain(contacts));
         }
         for records in tables {
             let bytes = records.bytes(&self.module, self.options.precision)?;
@@ -386,8 +421,9 @@ impl Program {
         if self.options.precision == Precision::F32 {
             rows.append(&mut of_triangles);
         }
-        let primitives = tree.into_iter().flat_map(tree::PrimitiveTree::words);
-        rows.extend(primitives.flat_map(u32::to_le_bytes));
+        if let Some(tree) = tree {
+            rows.extend(tree.words(self.options.precision)?.into_iter().flat_map(u32::to_le_bytes));
+        }
         let buffers = [(mesh::ROWS, of_triangles), (bvh::ROWS, rows)];
         Ok(buffers.into_iter().filter(|(_, bytes)| !bytes.is_empty()).collect())
     }

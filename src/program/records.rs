@@ -107,6 +107,62 @@ impl Records {
         Ok(text)
     }
 
+    /// Some of the rows, in this order.
+    pub fn picked(&self, rows: &[u32]) -> Self {
+        let pick = |column: &Column| Column { name: column.name.clone(), values: column.values.picked(rows) };
+        Records { columns: self.columns.iter().map(pick).collect(), ..self.clone() }
+    }
+
+    /// True if rows differ in a column.
+    pub fn has_varying(&self, name: &str) -> bool {
+        self.varying().into_iter().any(|column| column.name == name)
+    }
+
+    /// Texels, of four words each, that a row takes in an image.
+    pub fn num_texels(&self, precision: Precision) -> usize {
+        let words = self.varying().into_iter().map(|column| column.num_words(precision));
+        words.sum::<usize>().div_ceil(TEXEL_WORDS)
+    }
+
+    /// The struct, and the function that gives the row whose texels begin with the one numbered `first` (`tree_row`):
+    /// what differs between rows, in turn. What all rows share is a constant. In f32, and in f64 where the device has 64-bit
+    /// integers.
+    pub fn texels(&self, precision: Precision) -> Result<String> {
+        let (name, rows) = (self.name, self.rows);
+        let mut text = declaration(name, self.columns.iter());
+        let _ = writeln!(text, "fn {rows}_at(first: u32) -> {name} {{");
+        for texel in 0..self.num_texels(precision) {
+            let _ = writeln!(text, "    let texel_{texel} = tree_row(first + {texel}u);");
+        }
+        let mut next = 0;
+        let mut field = |column: &Column| -> Result<String> {
+            if !column.varies() {
+                return column.chosen(precision);
+            }
+            let word = next;
+            next += column.num_words(precision);
+            Ok(column.of_words(word, precision))
+        };
+        let fields =
+            self.columns.iter().map(&mut field).collect::<Result<Vec<String>>>()?.join(",\n        ");
+        let _ = writeln!(text, "    return {name}(\n        {fields},\n    );\n}}");
+        Ok(text)
+    }
+
+    /// The words of all rows' texels.
+    pub fn texel_words(&self, precision: Precision) -> Result<Vec<u32>> {
+        let row_words = TEXEL_WORDS * self.num_texels(precision);
+        let num_rows = self.columns.first().map_or(0, Column::len);
+        let mut words = Vec::with_capacity(row_words * num_rows);
+        for row in 0..num_rows {
+            for column in self.varying() {
+                words.extend(column.words(row, precision)?);
+            }
+            words.resize(row_words * (row + 1), 0);
+        }
+        Ok(words)
+    }
+
     fn varying(&self) -> Vec<&Column> {
         self.columns.iter().filter(|column| column.varies()).collect()
     }
@@ -142,6 +198,8 @@ impl Records {
     }
 }
 
+const TEXEL_WORDS: usize = 4;
+
 /// Fills a row of a uniform up to a multiple of 16 bytes.
 static PADDING: LazyLock<[Column; 3]> = LazyLock::new(|| {
     ["padding_0", "padding_1", "padding_2"]
@@ -150,10 +208,7 @@ static PADDING: LazyLock<[Column; 3]> = LazyLock::new(|| {
 
 /// Bytes of a row in a uniform, and how many columns of [`PADDING`] it takes.
 fn uniform_stride(columns: &[&Column], precision: Precision) -> (usize, usize) {
-    let size = |column: &Column| match (&column.values, precision) {
-        (Values::Real(_), Precision::Df64 | Precision::F64) => 8,
-        _ => 4,
-    };
+    let size = |column: &Column| 4 * column.num_words(precision);
     let end = columns.iter().fold(0_usize, |end, column| end.next_multiple_of(size(column)) + size(column));
     let stride = end.next_multiple_of(16);
     (stride, (stride - end) / 4)
@@ -188,6 +243,15 @@ fn packed(columns: &[&Column], layout: &StructLayout, precision: Precision) -> R
     Ok(bytes)
 }
 
+impl Values {
+    fn picked(&self, rows: &[u32]) -> Values {
+        match self {
+            Values::Real(values) => Values::Real(rows.iter().map(|&row| values[row as usize]).collect()),
+            Values::Uint(values) => Values::Uint(rows.iter().map(|&row| values[row as usize]).collect()),
+        }
+    }
+}
+
 impl Column {
     fn varies(&self) -> bool {
         match &self.values {
@@ -200,6 +264,36 @@ impl Column {
         match &self.values {
             Values::Real(values) => values.len(),
             Values::Uint(values) => values.len(),
+        }
+    }
+
+    /// Words of a value.
+    fn num_words(&self, precision: Precision) -> usize {
+        match (&self.values, precision) {
+            (Values::Real(_), Precision::Df64 | Precision::F64) => 2,
+            _ => 1,
+        }
+    }
+
+    fn words(&self, row: usize, precision: Precision) -> Result<Vec<u32>> {
+        let mut bytes = [0; 8];
+        match &self.values {
+            Values::Real(values) => put_real(&mut bytes, values[row], precision)?,
+            Values::Uint(values) => bytes[..4].copy_from_slice(&values[row].to_le_bytes()),
+        }
+        let words: [u32; 2] = bytemuck::cast(bytes);
+        Ok(words[..self.num_words(precision)].to_vec())
+    }
+
+    /// The value in the shader, from texels in which its words begin at `first`.
+    fn of_words(&self, first: usize, precision: Precision) -> String {
+        let word = |i: usize| format!("texel_{}.{}", i / TEXEL_WORDS, ["x", "y", "z", "w"][i % TEXEL_WORDS]);
+        match (&self.values, precision) {
+            (Values::Uint(_), _) => word(first),
+            (Values::Real(_), Precision::F32) => format!("bitcast<f32>({})", word(first)),
+            (Values::Real(_), Precision::Df64 | Precision::F64) => {
+                format!("bitcast<f64>(u64({}) | (u64({}) << 32u))", word(first), word(first + 1))
+            }
         }
     }
 

@@ -13,6 +13,7 @@ use super::Precision;
 use super::bvh::{Forest, MAX_DEPTH};
 use super::contact::{self, Contact};
 use super::lowered;
+use super::records::Records;
 use crate::error::{Error, Result};
 use crate::ir::{Frame, Mesh, Outline, SceneIr, Shape};
 use glam::{DVec2, DVec3};
@@ -32,6 +33,8 @@ pub struct PrimitiveTree {
     /// In the order of the tree, then those without a box.
     primitives: Vec<u32>,
     num_boxed: usize,
+    /// What shaders read of them, where it stands in the rows that follow the nodes; else those have their numbers alone.
+    pub records: Option<Records>,
 }
 
 impl PrimitiveTree {
@@ -60,22 +63,38 @@ impl PrimitiveTree {
         }
         let in_order = tree.order.iter().map(|&place| boxed[place as usize]);
         let primitives = in_order.chain(boundless).collect();
-        Ok(PrimitiveTree { root: root as u32, primitives, num_boxed: boxed.len() })
+        Ok(PrimitiveTree { root: root as u32, primitives, num_boxed: boxed.len(), records: None })
     }
 
-    /// Rows of primitives that have a box.
+    /// In the order of the tree, then those without a box.
+    pub fn primitives(&self) -> &[u32] {
+        &self.primitives
+    }
+
+    /// Primitives that have a box.
     pub fn num_boxed(&self) -> usize {
         self.num_boxed
     }
 
-    /// Rows of all primitives.
-    pub fn num_rows(&self) -> usize {
-        self.primitives.len()
+    /// Rows of a primitive, after the nodes.
+    pub fn rows_each(&self, precision: Precision) -> usize {
+        self.records.as_ref().map_or(1, |records| records.num_texels(precision))
     }
 
-    /// The rows that follow the nodes: one a primitive.
-    pub fn words(&self) -> impl Iterator<Item = u32> + '_ {
-        self.primitives.iter().flat_map(|&i| [i, 0, 0, 0])
+    /// Rows of all primitives.
+    pub fn num_rows(&self, precision: Precision) -> usize {
+        self.rows_each(precision) * self.primitives.len()
+    }
+
+    /// The rows that follow the nodes.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the precision cannot hold a number.
+    pub fn words(&self, precision: Precision) -> Result<Vec<u32>> {
+        match &self.records {
+            Some(records) => records.texel_words(precision),
+            None => Ok(self.primitives.iter().flat_map(|&i| [i, 0, 0, 0]).collect()),
+        }
     }
 }
 

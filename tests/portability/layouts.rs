@@ -1,9 +1,11 @@
 //! Structs shared with the host: what it writes and reads lies where the shaders have it, in both precisions.
 
-use crate::variants::{Choice, Tier, Variant, everything};
+use crate::twins::constant;
+use crate::variants::{Choice, Tier, Variant, everything, everything_in_buffers};
 use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::ir::SceneIr;
+use nsq_gpu::program::features::ShapeKind;
 use nsq_gpu::program::records::StructLayout;
 use nsq_gpu::program::{
     PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler, end_log, lowered, nominal,
@@ -75,7 +77,7 @@ fn tiers_in_tables() -> [Tier; 2] {
 #[test]
 fn structs_shared_with_the_host_are_packed_scalars() {
     for tier in tiers_in_tables() {
-        let program = everything().program(tier);
+        let program = everything_in_buffers().program(tier);
         let structs = ["Range", "Emitter", "Event", "SurfaceRow", "SensorRow", "PrimitiveRow", "QueueCounts"];
         for name in structs {
             assert_packed(&program.module, name, program.real_size());
@@ -307,7 +309,7 @@ pub fn binding(program: &Program, variable: &str) -> u32 {
 #[test]
 fn tables_hold_the_scene_where_the_shaders_look() {
     for tier in tiers_in_tables() {
-        let mut variant = everything();
+        let mut variant = everything_in_buffers();
         // What all rows share is a constant, and in no table.
         for (i, surface) in variant.ir.surfaces.iter_mut().enumerate() {
             surface.frame.origin.z += 0.5 * i as f64;
@@ -325,6 +327,64 @@ fn tables_hold_the_scene_where_the_shaders_look() {
         assert_eq!(of("SensorRow", "sensor_table", "absorb"), absorb, "{tier:?}");
         let primitives = ir.surfaces.len() + ir.sensors.len();
         assert_eq!(of("PrimitiveRow", "primitive_table", "shape").len(), primitives, "{tier:?}");
+    }
+}
+
+/// A number as `primitive_at` puts it together from the words of a primitive's texels.
+fn from_texels(expression: &str, words: &[u32]) -> f64 {
+    let named: Vec<u32> = expression
+        .split("texel_")
+        .skip(1)
+        .map(|rest| {
+            let (texel, component) = rest.split_once('.').unwrap();
+            words[4 * texel.parse::<usize>().unwrap() + "xyzw".find(&component[..1]).unwrap()]
+        })
+        .collect();
+    match (expression.split_once("texel_").unwrap().0, &named[..]) {
+        ("", &[word]) => f64::from(word),
+        ("bitcast<f32>(", &[word]) => f64::from(f32::from_bits(word)),
+        ("bitcast<f64>(u64(", &[low, high]) => f64::from_bits(u64::from(low) | u64::from(high) << 32),
+        other => panic!("{other:?} in {expression}"),
+    }
+}
+
+#[test]
+fn texels_hold_the_primitives_where_the_shaders_look() {
+    for tier in [(Precision::F32, false), (Precision::F64, true)].map(|(precision, native)| Tier {
+        precision,
+        native,
+        baked: false,
+    }) {
+        let mut variant = everything();
+        for (i, surface) in variant.ir.surfaces.iter_mut().enumerate() {
+            surface.frame.origin.z += 0.5 * i as f64;
+        }
+        let program = variant.program(tier);
+        let of = |name: &str| constant(&program.module, name) as usize;
+        let (first, each, num) = (of("FIRST_PRIMITIVE"), of("PRIMITIVE_ROWS"), of("TREE_PRIMITIVES"));
+        let rows = words(&program, "tree_rows");
+        assert_eq!(rows.len(), 4 * (first + each * num), "{tier:?}");
+        let (_, body) = program.wgsl.split_once("fn primitive_at(").unwrap();
+        let (_, values) = body.split_once("return Primitive(\n").unwrap();
+        let values: Vec<&str> =
+            values.lines().take_while(|line| line.trim() != ");").map(str::trim).collect();
+        let fields = names(&program.module, "Primitive");
+        assert_eq!(values.len(), fields.len(), "{values:?}");
+        let expression = |name: &str| values[fields.iter().position(|field| field == name).unwrap()];
+        let primitives = lowered::primitives(&variant.ir);
+        let mut numbers = Vec::new();
+        for place in 0..num {
+            let texels = &rows[4 * (first + each * place)..][..4 * each];
+            let number = from_texels(expression("number"), texels) as usize;
+            let (frame, shape) = &primitives[number];
+            let kind = from_texels(expression("shape"), texels);
+            assert_eq!(kind, f64::from(ShapeKind::of(shape) as u32), "shape of {number}, {tier:?}");
+            let z = tier.precision.nearest(frame.origin.z - program.centre.z);
+            assert_eq!(from_texels(expression("origin_z"), texels), z, "place of {number}, {tier:?}");
+            numbers.push(number);
+        }
+        numbers.sort_unstable();
+        assert_eq!(numbers, (0..num).collect::<Vec<_>>(), "{tier:?}");
     }
 }
 

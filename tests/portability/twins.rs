@@ -2,7 +2,7 @@
 
 use crate::layouts::{binding, column};
 use crate::variants::{
-    Tier, Variant, bsdf_of, bsdfs, emitters, everything, interactions, sensors, shapes, splats,
+    Tier, Variant, bsdf_of, bsdfs, emitters, everything_in_buffers, interactions, sensors, shapes, splats,
 };
 use naga::{Expression, Literal, Module};
 use nsq_gpu::gpu::sums;
@@ -11,13 +11,13 @@ use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
 use nsq_gpu::program::{Precision, Program, events, rng};
 
 fn tables() -> (Variant, Program) {
-    let variant = everything();
+    let variant = everything_in_buffers();
     let program = variant.program(Tier { precision: Precision::F32, native: false, baked: false });
     (variant, program)
 }
 
 /// A constant of a module.
-fn constant(module: &Module, name: &str) -> f64 {
+pub fn constant(module: &Module, name: &str) -> f64 {
     let found = module.constants.iter().find(|(_, constant)| constant.name.as_deref() == Some(name));
     let (_, constant) = found.unwrap_or_else(|| panic!("no constant {name}"));
     match module.global_expressions[constant.init] {

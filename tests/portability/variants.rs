@@ -446,6 +446,11 @@ pub fn everything() -> Variant {
     variant
 }
 
+/// The same with no tree in an image, and so every primitive in a table.
+pub fn everything_in_buffers() -> Variant {
+    Variant { texel_bytes: 0, ..everything() }
+}
+
 /// Every choice at once.
 pub fn everything_split() -> Variant {
     let mut variant = everything();
