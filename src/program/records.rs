@@ -152,10 +152,11 @@ impl Records {
     /// The words of all rows' texels.
     pub fn texel_words(&self, precision: Precision) -> Result<Vec<u32>> {
         let row_words = TEXEL_WORDS * self.num_texels(precision);
-        let num_rows = self.columns.first().map_or(0, Column::len);
+        let varying = self.varying();
+        let num_rows = varying.first().map_or(0, |column| column.len());
         let mut words = Vec::with_capacity(row_words * num_rows);
         for row in 0..num_rows {
-            for column in self.varying() {
+            for column in &varying {
                 words.extend(column.words(row, precision)?);
             }
             words.resize(row_words * (row + 1), 0);
