@@ -15,6 +15,7 @@ use crate::ir::{SceneIr, ray_id};
 use crate::nominal;
 use crate::processors;
 use crate::program::end_log::EndLog;
+use crate::program::lowered::ReachedMarks;
 use crate::program::{
     self, Features, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments, Splitting, df64,
     events,
@@ -501,14 +502,20 @@ impl<'a> Tracer<'a> {
     /// tell it again.
     fn learn_reached(&mut self) -> Result<()> {
         let cells = &self.program.cells;
-        let is_mask = self.program.options.baked && cells.fit_reached_mask();
-        if !is_mask || self.reached.count_ones() as usize == self.ir.surfaces.len() {
+        if self.reached_marks() != ReachedMarks::Bits
+            || self.reached.count_ones() as usize == self.ir.surfaces.len()
+        {
             return Ok(());
         }
         for device in &self.devices {
             self.reached |= device.counters.read_word(&device.gpu, cells.reached)?;
         }
         Ok(())
+    }
+
+    fn reached_marks(&self) -> ReachedMarks {
+        let Program { cells, features, options, .. } = &self.program;
+        cells.reached_marks(features, options.baked)
     }
 
     /// What a range is born with.
@@ -665,12 +672,12 @@ impl<'a> Tracer<'a> {
         self.note_nominal_path(tally);
         let cells = &self.program.cells;
         let (counted, num_emitters) = (self.counted(), self.rays.len());
-        let in_mask = self.program.options.baked && cells.fit_reached_mask();
+        let marks = self.reached_marks();
         for device in &self.devices {
             // One for each: bits of what was reached do not add up, and cells that overflow tell so on their device.
             let mut intake = Intake::new(cells, counted, num_emitters, tally);
             device.drain(&mut intake)?;
-            intake.finish(in_mask);
+            intake.finish(marks);
         }
         if let Some(logs) = &mut self.end_logs {
             let ends = logs.take(cells)?;
@@ -683,7 +690,7 @@ impl<'a> Tracer<'a> {
                 .zip(ends.quanta())
                 .filter(|(_, sum)| *sum > 0)
                 .for_each(|(cell, sum)| intake.sum(cell, sum));
-            intake.finish(in_mask);
+            intake.finish(marks);
         }
         self.reached = 0;
         self.num_passes = 0;

@@ -54,8 +54,12 @@ pub fn all(max_rays: u64) -> Vec<Case> {
     cases.extend(depth_sweep());
     cases.extend(short());
     cases.extend((0..10).map(|i| long(trace(&format!("lens_{i}"), "lenses", random_lens(i)))));
-    cases.push(trace("spheres_100", "spheres", spheres_scene(100)));
-    cases.push(trace("mesh_100k", "meshes", torus_scene(224)));
+    for (axis, name, scene) in
+        [("spheres", "spheres_100", spheres_scene(100)), ("meshes", "mesh_100k", torus_scene(224))]
+    {
+        cases.push(long(trace(name, axis, scene.clone())));
+        cases.push(trace(&format!("{name}_short"), axis, scene));
+    }
     cases.push(trace("flat", "splats", beam_scene(25.0)));
     cases.push(trace("spot", "splats", beam_scene(2500.0)));
     cases.extend(commands());

@@ -9,7 +9,7 @@ use super::contact::{self, Contact};
 use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
-use super::lowered::{self, Cells, LEDGER_CELLS};
+use super::lowered::{self, Cells, LEDGER_CELLS, ReachedMarks};
 use super::mesh::Triangles;
 use super::nominal::{Crossing, NominalEvent, NominalPath};
 use super::path_log::{PathLog, Weight};
@@ -230,11 +230,11 @@ impl Composition<'_> {
             shader!("lib/quadric.wgsl"),
             shader!("lib/bookkeeping.wgsl"),
             shader!("lib/counts.wgsl"),
-            pick(
-                o.baked && self.cells.fit_reached_mask(),
-                shader!("lib/reached_mask.wgsl"),
-                shader!("lib/reached_table.wgsl"),
-            ),
+            match self.cells.reached_marks(f, o.baked) {
+                ReachedMarks::None => shader!("lib/reached_none.wgsl"),
+                ReachedMarks::Bits => shader!("lib/reached_mask.wgsl"),
+                ReachedMarks::Counters => shader!("lib/reached_table.wgsl"),
+            },
             pick(
                 self.constant_weights,
                 shader!("lib/weights_constant.wgsl"),
@@ -500,7 +500,10 @@ impl Composition<'_> {
         if !self.options.baked {
             text.push_str(&match self.tree_records() {
                 Some(records) => records.texels(self.precision())?,
-                None => self.rows_of(&lowered::primitive_records(self.ir, self.centre), false)?,
+                None => {
+                    let num = self.options.num_in_table(self.ir);
+                    self.rows_of(&lowered::primitive_records(self.ir, self.centre, num), false)?
+                }
             });
         }
         Ok(text)
@@ -749,34 +752,23 @@ impl Composition<'_> {
     }
 
     fn nearest_primitive_table(&self) -> String {
-        let rotated = lowered::any_rotated(lowered::primitives(self.ir).iter().map(|(frame, _)| frame));
+        let primitives = &lowered::primitives(self.ir)[..self.options.num_in_table(self.ir)];
+        let rotated = lowered::any_rotated(primitives.iter().map(|(frame, _)| frame));
+        let kinds = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
         let mut text = frame_functions("Primitive", "primitive", rotated);
-        text.push_str(
-            "fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real {\n    switch p.shape {\n",
+        text += &by_kind(
+            "fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real",
+            &kinds,
+            "MISS",
+            |kind, arguments| {
+                let farthest = if kind.is_searched() { ", farthest" } else { "" };
+                format!("{}(o, d{arguments}, leaving{farthest})", kind.name().0)
+            },
         );
-        for kind in &self.features.shapes {
-            let arguments: String = ["p.a0, ", "p.a1, ", "p.a2, ", "p.a3, "][..kind.num_arguments()].concat();
-            let _ = writeln!(
-                text,
-                "        case {}u: {{ return {}(o, d, {arguments}leaving{}); }}",
-                *kind as u32,
-                kind.name().0,
-                if kind.is_searched() { ", farthest" } else { "" }
-            );
-        }
-        text.push_str("        default: { return MISS; }\n    }\n}\n");
         if contact::any(self.contacts) {
-            text.push_str("fn shape_holds(p: Primitive, o: vec3<real>) -> bool {\n    switch p.shape {\n");
-            for kind in &self.features.shapes {
-                let arguments = [", p.a0", ", p.a1", ", p.a2", ", p.a3"][..kind.num_arguments()].concat();
-                let _ = writeln!(
-                    text,
-                    "        case {}u: {{ return {}(o{arguments}); }}",
-                    *kind as u32,
-                    kind.holds()
-                );
-            }
-            text.push_str("        default: { return false; }\n    }\n}\n");
+            let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
+            text +=
+                &by_kind(head, &kinds, "false", |kind, arguments| format!("{}(o{arguments})", kind.holds()));
         }
         text
     }
@@ -931,6 +923,29 @@ fn bsdf_file(kind: BsdfKind) -> &'static str {
         BsdfKind::HarveyShack => shader!("bsdf/harvey_shack.wgsl"),
         BsdfKind::Tabulated => shader!("bsdf/tabulated.wgsl"),
     }
+}
+
+/// A function that does for the primitive `p` what its kind asks for; a lone kind is not asked for. `call` is given a kind
+/// and the primitive's arguments.
+fn by_kind(
+    head: &str,
+    kinds: &[ShapeKind],
+    otherwise: &str,
+    call: impl Fn(ShapeKind, &str) -> String,
+) -> String {
+    let call = |kind: ShapeKind| {
+        let arguments = [", p.a0", ", p.a1", ", p.a2", ", p.a3"][..kind.num_arguments()].concat();
+        call(kind, &arguments)
+    };
+    if let [kind] = kinds {
+        return format!("{head} {{\n    return {};\n}}\n", call(*kind));
+    }
+    let mut text = format!("{head} {{\n    switch p.shape {{\n");
+    for kind in kinds {
+        let _ = writeln!(text, "        case {}u: {{ return {}; }}", *kind as u32, call(*kind));
+    }
+    let _ = writeln!(text, "        default: {{ return {otherwise}; }}\n    }}\n}}");
+    text
 }
 
 /// `to_<row>` and `from_<row>`: into and out of a record's frame; no code where no frame of the table is rotated.

@@ -2,7 +2,7 @@
 
 use super::bsdf::{self, BsdfKind};
 use super::df64;
-use super::lowered::{coating_pass, reflectance};
+use super::lowered::{self, coating_pass, reflectance};
 use crate::ir::{
     EmitterKind, Interaction, Medium, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface,
 };
@@ -161,10 +161,8 @@ impl Features {
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
     pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64, max_depth: u32) -> Self {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
-        let mut shapes: Vec<ShapeKind> = ir.surfaces.iter().map(|s| ShapeKind::of(&s.shape)).collect();
-        shapes.extend(ir.sensors.iter().map(|s| ShapeKind::of(&Shape::Plane(s.outline()))));
-        shapes.sort();
-        shapes.dedup();
+        let primitives = lowered::primitives(ir);
+        let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
         let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| EmitterName::of(&e.kind)).collect();
         emitters.sort();
         emitters.dedup();
@@ -257,6 +255,14 @@ impl ShapeKind {
             Shape::Sphere { .. } => ShapeKind::Sphere,
             Shape::Mesh(_) => ShapeKind::Mesh,
         }
+    }
+
+    /// The kinds of shapes, without repetition.
+    pub fn among<'a>(shapes: impl Iterator<Item = &'a Shape>) -> Vec<Self> {
+        let mut kinds: Vec<ShapeKind> = shapes.map(ShapeKind::of).collect();
+        kinds.sort();
+        kinds.dedup();
+        kinds
     }
 
     /// The function in the shaders, and the file under shaders/shapes/.

@@ -179,10 +179,26 @@ pub fn takes_rays_whole(sensor: &Sensor) -> bool {
     sensor.absorb && sensor.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
 }
 
+/// How shaders tell which surfaces were reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReachedMarks {
+    /// Not at all: every surface absorbs, and where rays have ended tells it.
+    None,
+    /// As bits of one counter: few primitives, compiled in.
+    Bits,
+    /// By a counter each.
+    Counters,
+}
+
 impl Cells {
-    /// True if a compiled-in scene marks the primitives that were reached as bits of one counter.
-    pub fn fit_reached_mask(&self) -> bool {
-        self.saturated.unwrap_or(self.num_counters) - self.reached <= u32::BITS
+    /// How surfaces are marked that were reached.
+    pub fn reached_marks(&self, features: &Features, baked: bool) -> ReachedMarks {
+        let num_primitives = self.saturated.unwrap_or(self.num_counters) - self.reached;
+        match (features.refractive || features.reflective, baked && num_primitives <= u32::BITS) {
+            (false, _) => ReachedMarks::None,
+            (true, true) => ReachedMarks::Bits,
+            (true, false) => ReachedMarks::Counters,
+        }
     }
 }
 
@@ -392,9 +408,10 @@ pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
     surfaces.chain(ir.sensors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
 }
 
-/// The primitives' records, for the table version.
-pub fn primitive_records(ir: &SceneIr, centre: DVec3) -> Records {
-    let primitives = primitives(ir);
+/// The records of the first primitives, which are looked up in a table.
+pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
+    let mut primitives = primitives(ir);
+    primitives.truncate(num);
     let mut records = Records::new("Primitive", "primitive", PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| ShapeKind::of(shape) as u32));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
@@ -404,9 +421,9 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3) -> Records {
     records
 }
 
-/// The records of these primitives, each with its number.
+/// The records of a tree's primitives, each with its number.
 pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> Records {
-    let mut records = primitive_records(ir, centre).picked(primitives);
+    let mut records = primitive_records(ir, centre, primitives.len()).picked(primitives);
     records.uint("number", primitives.iter().copied());
     records
 }

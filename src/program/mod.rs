@@ -126,6 +126,15 @@ impl ProgramOptions {
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
+    /// So many primitives, the first of all, are looked up in a table where the scene is not compiled in: all that do not
+    /// stand apart from the tree.
+    pub fn num_in_table(&self, ir: &SceneIr) -> usize {
+        match self.tree_primitives(ir).end {
+            0 => ir.surfaces.len() + ir.sensors.len(),
+            num => num,
+        }
+    }
+
     /// True if so many rows of trees lie in an image. In df64 they do not: the rewriting of f64 knows none.
     pub fn are_texels(&self, num_rows: usize) -> bool {
         const ROW_BYTES: u64 = 16;
@@ -398,7 +407,8 @@ impl Program {
             let surfaces = lowered::surface_records(ir, self.centre, &self.features);
             let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
             let has_records = tree.is_some_and(|tree| tree.records.is_some());
-            let primitives = (!has_records).then(|| lowered::primitive_records(ir, self.centre));
+            let num = self.options.num_in_table(ir);
+            let primitives = (!has_records).then(|| lowered::primitive_records(ir, self.centre, num));
             let contacts = contact::any(contacts).then(|| lowered::contact_records(contacts));
             tables.extend([surfaces, sensors].into_iter().chain(primitives).chain(contacts));
         }

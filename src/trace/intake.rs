@@ -2,7 +2,7 @@
 //! few cells are lit takes time and memory for these alone.
 
 use crate::program::Cells;
-use crate::program::lowered::MomentCells;
+use crate::program::lowered::{MomentCells, ReachedMarks};
 use crate::result::{Booking, Moments, Tally};
 
 /// From here on some cell of squares may have overflowed (shaders/lib/moments.wgsl).
@@ -152,8 +152,8 @@ impl<'a> Intake<'a> {
         }
     }
 
-    /// Adds what is of no detector's cell; `in_mask`: what was reached are bits of one counter.
-    pub fn finish(self, in_mask: bool) {
+    /// Adds what is of no detector's cell.
+    pub fn finish(self, marks: ReachedMarks) {
         let Intake { layout, tally, counters, sums, .. } = self;
         let booking = |cell: usize| Booking { count: counters[cell], quanta: sums[cell] };
         tally.invalid_deposits += counters[0];
@@ -170,9 +170,13 @@ impl<'a> Intake<'a> {
         tally.bsdf_gain += booking(11);
         let reached = layout.other_counter(layout.cells.reached);
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            surface.reached |=
-                if in_mask { counters[reached] >> i & 1 != 0 } else { counters[reached + i] != 0 };
-            surface.absorbed += booking(layout.cells.surfaces as usize + i);
+            let absorbed = booking(layout.cells.surfaces as usize + i);
+            surface.reached |= match marks {
+                ReachedMarks::None => absorbed.count != 0,
+                ReachedMarks::Bits => counters[reached] >> i & 1 != 0,
+                ReachedMarks::Counters => counters[reached + i] != 0,
+            };
+            surface.absorbed += absorbed;
         }
         let saturated = layout.cells.saturated.map(|counter| layout.other_counter(counter));
         tally.split_budget_saturated |= saturated.is_some_and(|counter| counters[counter] != 0);
@@ -231,7 +235,7 @@ mod tests {
         let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
         (0..21).for_each(|i| intake.count(i, 100 + i as u64));
         (0..17).for_each(|i| intake.sum(i, 1000 + i as u128));
-        intake.finish(false);
+        intake.finish(ReachedMarks::Counters);
         assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (100, 101));
         assert_eq!(tally.bsdf_gain, Booking { count: 111, quanta: 1011 });
         assert_eq!(tally.surfaces[0].absorbed, Booking { count: 112, quanta: 1012 });
@@ -242,12 +246,24 @@ mod tests {
     }
 
     #[test]
+    fn where_all_surfaces_absorb_their_ends_tell_that_they_were_reached() {
+        let (cells, mut tally) = (cells(), tally());
+        tally.surfaces.push(Default::default());
+        let cells = Cells { surfaces: 11, ..cells };
+        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+        intake.count(12, 3);
+        intake.finish(ReachedMarks::None);
+        let reached: Vec<bool> = tally.surfaces.iter().map(|surface| surface.reached).collect();
+        assert_eq!(reached, [false, true]);
+    }
+
+    #[test]
     fn squares_and_totals_lie_behind_the_cells() {
         let moments = Some(MomentCells { squares_offset: 4, totals: Some(21), large_squares: 25 });
         let (cells, mut tally) = (Cells { moments, num_sums: 26, ..cells() }, tally());
         let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
         (13..26).for_each(|i| intake.sum(i, i as u128));
-        intake.finish(false);
+        intake.finish(ReachedMarks::Counters);
         assert_eq!(
             (&tally.sensors[0].quanta[..], &tally.sensors[0].squares[..]),
             (&[13, 14, 15][..], &[17, 18, 19][..])
@@ -263,7 +279,7 @@ mod tests {
         let counted = Counted { quanta: Some(10), square: Some(7) };
         let mut intake = Intake::new(&cells, counted, 1, &mut tally);
         [(6, 5), (14, 2), (16, 3), (17, 1)].into_iter().for_each(|(i, count)| intake.count(i, count));
-        intake.finish(true);
+        intake.finish(ReachedMarks::Bits);
         assert_eq!(tally.escaped, Booking { count: 5, quanta: 50 });
         assert_eq!(
             (&tally.sensors[0].quanta[..], &tally.sensors[0].squares[..]),
@@ -291,7 +307,7 @@ mod tests {
         let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
         (13..21).for_each(|i| intake.sum(i, i as u128));
         (13..22).for_each(|i| intake.count(i, i as u64));
-        intake.finish(false);
+        intake.finish(ReachedMarks::Counters);
         assert_eq!(tally.sensors[0].replicates, [13, 14, 15, 17, 18, 19]);
         assert_eq!(tally.sensors[0].quanta, [30, 32, 34]);
         assert_eq!(tally.sensors[1].replicates, [16, 20]);

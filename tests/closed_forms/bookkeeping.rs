@@ -111,3 +111,22 @@ fn cavity_gain_variance() -> f64 {
     }
     variance
 }
+
+#[test]
+fn absorbers_in_the_shade_of_others_are_told_as_unreached() {
+    for tier in tiers("absorbers in the shade") {
+        let bench = Bench::new()
+            .beam(DVec3::ZERO, DVec3::Z, 2.0)
+            .absorber("shade", at(0.0, 0.0, 1.0), disk(1.0))
+            .absorber("shaded", at(0.0, 0.0, 2.0), disk(0.9))
+            .absorber("wider", at(0.0, 0.0, 3.0), disk(1.5))
+            .pixels("rest", at(0.0, 0.0, 5.0), 4.0, 1);
+        let result = bench.trace(&tier, 10_000);
+        assert_eq!(
+            result.diagnostics.unreached_geometry,
+            ["shaded"],
+            "{}",
+            tier.name("absorbers in the shade")
+        );
+    }
+}

@@ -344,10 +344,7 @@ fn from_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
     return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
 fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real {
-    switch p.shape {
-        case 2u: { return rectangle_distance(o, d, p.a0, p.a1, leaving); }
-        default: { return MISS; }
-    }
+    return rectangle_distance(o, d, p.a0, p.a1, leaving);
 }
 fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
     if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
