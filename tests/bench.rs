@@ -49,7 +49,7 @@ fn the_files_hold_what_was_measured() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let scenes = "rays,depth_32,lens_3,surfaces_50,spheres,cold_start,cooke_triplet";
+    let scenes = "rays,depth_32,lens_3,surfaces_50,spheres_100,cold_start,cooke_triplet";
     let note = "a \"note\", with a comma";
     let out = folder.path().to_str().unwrap();
     let output = bench(&["--scenes", scenes, "--note", note, "-o", out]);
