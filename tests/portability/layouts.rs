@@ -4,7 +4,7 @@ use crate::twins::constant;
 use crate::variants::{Choice, Tier, Variant, everything, everything_in_buffers};
 use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
-use nsq_gpu::ir::SceneIr;
+use nsq_gpu::ir::{SceneIr, Shape};
 use nsq_gpu::program::features::ShapeKind;
 use nsq_gpu::program::records::StructLayout;
 use nsq_gpu::program::{
@@ -325,10 +325,25 @@ fn tables_hold_the_scene_where_the_shaders_look() {
         assert_eq!(of("SensorRow", "sensor_table", "cell"), cells, "{tier:?}");
         let absorb: Vec<f64> = ir.sensors.iter().map(|s| f64::from(u8::from(s.absorb))).collect();
         assert_eq!(of("SensorRow", "sensor_table", "absorb"), absorb, "{tier:?}");
-        // Detectors stand apart from the tree.
-        let shapes: Vec<f64> =
-            ir.surfaces.iter().map(|s| f64::from(ShapeKind::of(&s.shape) as u32)).collect();
+        let shapes: Vec<f64> = lowered::primitives(ir).iter().map(|(_, shape)| code_of(shape)).collect();
         assert_eq!(of("PrimitiveRow", "primitive_table", "shape"), shapes, "{tier:?}");
+    }
+}
+
+fn code_of(shape: &Shape) -> f64 {
+    f64::from(ShapeKind::of(shape) as u32)
+}
+
+#[test]
+fn tables_hold_no_detectors_that_stand_apart_from_the_tree() {
+    for tier in tiers_in_tables() {
+        let mut variant = everything_in_buffers();
+        variant.nominal = None;
+        variant.ir.sensors.truncate(8);
+        let program = variant.program(tier);
+        let shapes: Vec<f64> = variant.ir.surfaces.iter().map(|surface| code_of(&surface.shape)).collect();
+        let codes = column(&program, "PrimitiveRow", binding(&program, "primitive_table"), "shape");
+        assert_eq!(codes, shapes, "{tier:?}");
     }
 }
 
@@ -380,7 +395,7 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
             let number = from_texels(expression("number"), texels) as usize;
             let (frame, shape) = &primitives[number];
             let kind = from_texels(expression("shape"), texels);
-            assert_eq!(kind, f64::from(ShapeKind::of(shape) as u32), "shape of {number}, {tier:?}");
+            assert_eq!(kind, code_of(shape), "shape of {number}, {tier:?}");
             let z = tier.precision.nearest(frame.origin.z - program.centre.z);
             assert_eq!(from_texels(expression("origin_z"), texels), z, "place of {number}, {tier:?}");
             numbers.push(number);
