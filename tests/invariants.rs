@@ -243,6 +243,30 @@ fn logs_of_32_bit_words_add_up_to_the_same_bits() {
     }
 }
 
+/// Where every surface absorbs, no shader marks what was reached.
+#[test]
+fn absorbers_are_told_as_reached_in_every_form() {
+    let mut ir = zoo::load("bench_lens");
+    ir.surfaces.iter_mut().for_each(|surface| surface.interaction = Interaction::Absorbing);
+    for precision in PRECISIONS {
+        let plain = zoo::options(2000, 11, precision);
+        for options in [
+            plain.clone(),
+            TraceOptions { host_sums: Some(false), ..plain.clone() },
+            TraceOptions { nominal_path: Some(true), ..plain.clone() },
+            TraceOptions { standard_error: StandardError::On, ..plain.clone() },
+            TraceOptions { sampler: Sampler::Sobol, standard_error: StandardError::On, ..plain.clone() },
+            TraceOptions { baked: Some(false), tree: Some(false), ..plain.clone() },
+            TraceOptions { baked: Some(false), tree: Some(true), ..plain },
+        ] {
+            let surfaces = zoo::trace(&ir, &options).surfaces;
+            let told: Vec<(bool, u64)> = surfaces.iter().map(|s| (s.reached, s.absorbed.count)).collect();
+            // The front takes all, and shades the others.
+            assert_eq!(told, [(true, 2000), (false, 0), (false, 0)], "{options:?}");
+        }
+    }
+}
+
 /// So deep that a ray's passes would not fit the log, and just less deep; with second moments, and loosely rounded.
 #[test]
 fn a_cavity_of_any_depth_has_the_same_bits_on_host_and_device() {

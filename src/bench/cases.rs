@@ -71,7 +71,7 @@ fn trace(name: &str, axis: &'static str, scene: String) -> Case {
     Case { name: name.into(), axis, scene, num_rays: 1_000_000, max_depth: MAX_DEPTH, kind: Kind::Trace }
 }
 
-/// With so many rays that the path that most of them take has a stage of its own.
+/// With so many rays that the path that most of them take has a stage of its own, and that processors take two devices.
 fn long(case: Case) -> Case {
     Case { num_rays: 10_000_000, ..case }
 }

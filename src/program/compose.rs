@@ -925,8 +925,8 @@ fn bsdf_file(kind: BsdfKind) -> &'static str {
     }
 }
 
-/// A function that does for the primitive `p` what its kind asks for; a lone kind is not asked for. `call` is given a kind
-/// and the primitive's arguments.
+/// A function that returns for its primitive, `p` in `head`, what `call` does for the kind, given the primitive's arguments,
+/// and `otherwise` where it is of none of the kinds; a lone kind is not asked for.
 fn by_kind(
     head: &str,
     kinds: &[ShapeKind],

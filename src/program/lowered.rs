@@ -32,7 +32,7 @@ pub struct Cells {
     pub sensors: Vec<u32>,
     /// Number of cells.
     pub num_cells: u32,
-    /// First of the counters that tell whether a primitive was reached.
+    /// First of the counters that tell whether a primitive was reached, where [`ReachedMarks`] are made.
     pub reached: u32,
     /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
     pub saturated: Option<u32>,
@@ -421,7 +421,7 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     records
 }
 
-/// The records of a tree's primitives, each with its number.
+/// The records of a tree's primitives, a permutation of the first ones, each with its number.
 pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> Records {
     let mut records = primitive_records(ir, centre, primitives.len()).picked(primitives);
     records.uint("number", primitives.iter().copied());

@@ -247,11 +247,19 @@ mod tests {
 
     #[test]
     fn where_all_surfaces_absorb_their_ends_tell_that_they_were_reached() {
-        let (cells, mut tally) = (cells(), tally());
+        let cells = Cells {
+            sensors: vec![14, 17],
+            num_cells: 18,
+            reached: 18,
+            saturated: None,
+            num_counters: 22,
+            num_sums: 18,
+            ..cells()
+        };
+        let mut tally = tally();
         tally.surfaces.push(Default::default());
-        let cells = Cells { surfaces: 11, ..cells };
         let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
-        intake.count(12, 3);
+        intake.count(13, 3);
         intake.finish(ReachedMarks::None);
         let reached: Vec<bool> = tally.surfaces.iter().map(|surface| surface.reached).collect();
         assert_eq!(reached, [false, true]);
