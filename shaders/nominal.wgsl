@@ -35,7 +35,7 @@ fn follow_nominal(invocation: u32) {
 // One event of the path on a surface: true if the ray has met it and does as the path. One that has strayed goes through
 // the same motions, to no effect.
 fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
+    reach_next(ray, Hit(hit.distance, primitive));
     interact(ray, surface, primitive);
     return (hit.primitive == primitive) & goes_on(ray);
 }
@@ -45,7 +45,7 @@ fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32)
 fn crosses(
     ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32, entering_back: bool, reflected: bool,
 ) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
+    reach_next(ray, Hit(hit.distance, primitive));
     let n = geometric_normal(surface, (*ray).position);
     let d = (*ray).direction;
     let cosine = dot(d, n);
@@ -65,13 +65,13 @@ fn crosses(
 // The last event of a path may be the last one of all.
 fn goes_on(ray: ptr<function, Ray>) -> bool {
     let lives = (*ray).fate == ALIVE;
-    go_on(ray);
+    go_on_along(ray);
     return lives & ((*ray).fate == select(ALIVE, DEPTH_KILLED, (*ray).bounce >= MAX_DEPTH));
 }
 
 // The last event of the path on a surface that absorbs the ray.
 fn ends_on_surface(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
+    reach_next(ray, Hit(hit.distance, primitive));
     interact(ray, surface, primitive);
     return (hit.primitive == primitive) & ((*ray).fate != ALIVE);
 }

@@ -14,7 +14,6 @@ use crate::gpu::profile::Profile;
 use crate::ir::{SceneIr, ray_id};
 use crate::nominal;
 use crate::processors;
-use crate::program::end_log::EndLog;
 use crate::program::lowered::ReachedMarks;
 use crate::program::{
     self, Features, Precision, Program, ProgramOptions, RayRange, Sampler, SecondMoments, Splitting, df64,
@@ -558,7 +557,7 @@ impl<'a> Tracer<'a> {
         }
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let rays_per_invocation = match device.trace_nominal(rays) {
-            Some(_) => self.program.options.nominal_rays_per_invocation(&self.program.features),
+            Some(_) => self.program.nominal_rays_per_invocation(),
             None => self.program.options.rays_per_invocation(&self.program.features),
         };
         let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;
@@ -894,7 +893,7 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
     let families = program.splitting.map_or(u32::MAX, |splitting| {
         (1 << splitting.index_bits()).min((MAX_COUNTS_PER_PASS / counts_per_ray(program)) as u32)
     });
-    let logged = program.end_log.as_ref().map_or(u32::MAX, EndLog::max_rays);
+    let logged = program.end_log.as_ref().map_or(u32::MAX, |log| log.max_rays(program.path_log.as_ref()));
     wanted.min(logged).min(events).min(queued).min(families).max(1)
 }
 

@@ -220,6 +220,96 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
     assert!(trace(&turned, &with_nominal_path(&options)).0 == trace(&turned, &options).0, "other bits");
 }
 
+/// On how many of its ways a ray loses something to the media, where the path's rays log what they weigh; none where they do
+/// not.
+fn attenuating_legs(ir: &SceneIr, options: &TraceOptions) -> Option<u32> {
+    let tracer = Tracer::new(zoo::gpu(), ir, &with_nominal_path(options)).unwrap();
+    tracer.program().path_log.as_ref()?.attenuating_legs
+}
+
+/// A lens whose glass takes a tenth of the light.
+fn tinted_lens() -> SceneIr {
+    let mut ir = zoo::load("bench_lens");
+    let glass = ir.surfaces[0].back;
+    ir.media[glass].k.fill(1e-6);
+    ir
+}
+
+/// The same, and a lamp so weak that its rays are not among the pilot's of the path, but some of them take it; in whatever
+/// medium it stands.
+fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
+    let mut ir = tinted_lens();
+    let mut lamp = ir.emitters[0].clone();
+    lamp.kind = EmitterKind::Point { half_angle: 1.2 };
+    lamp.total_flux *= 0.003;
+    lamp.medium = medium;
+    ir.emitters.push(lamp);
+    ir
+}
+
+/// What media took from rays of a path follows from what they weigh at its end.
+#[test]
+fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
+    let lens = tinted_lens();
+    let (air, glass) = (lens.surfaces[0].front, lens.surfaces[0].back);
+    let mut hazy = lens.clone();
+    hazy.media[air].k.fill(1e-8);
+    let mut through_a_window = lens.clone();
+    let mut window = lens.sensors[0].clone();
+    (window.name, window.absorb, window.frame.origin.z) = ("window".into(), false, 20.0);
+    through_a_window.sensors.push(window);
+    let mut past_a_mirror = lens.clone();
+    let mut mirror = lens.surfaces[2].clone();
+    mirror.shape = Shape::Plane(Outline::Disk { radius: 40.0 });
+    mirror.interaction = Interaction::Reflective { reflectance: vec![0.9] };
+    mirror.back = mirror.front;
+    mirror.frame = Frame { origin: DVec3::new(0.0, 0.0, 50.0), rotation: DMat3::IDENTITY };
+    past_a_mirror.surfaces.push(mirror);
+    past_a_mirror.sensors[0].frame.origin.z = -30.0;
+    for (ir, expected) in [
+        (&lens, Some(1)),
+        (&hazy, Some(3)),
+        (&through_a_window, Some(1)),
+        (&tinted_lens_of_two_sources(air), Some(1)),
+        (&tinted_lens_of_two_sources(glass), Some(1)),
+        (&past_a_mirror, None),
+        (&zoo::load("bench_lens"), None),
+    ] {
+        for precision in [Precision::F32, Precision::F64] {
+            let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
+            assert_eq!(attenuating_legs(ir, &rays), expected, "in {precision:?}");
+            let tally = trace(ir, &rays).0;
+            for (stores_together, gpu) in
+                [(false, zoo::gpu()), (false, zoo::portable_gpu()), (zoo::gpu().lanes > 1, zoo::gpu())]
+            {
+                let with =
+                    TraceOptions { stores_together: Some(stores_together), ..with_nominal_path(&rays) };
+                assert!(zoo::trace_on(gpu, ir, &with) == tally, "{expected:?} in {precision:?}: other bits");
+            }
+        }
+    }
+}
+
+/// Errors planted in what tells that rays have lost what their weights say.
+#[test]
+fn errors_in_what_rays_lose_along_the_path_are_seen() {
+    let glass = tinted_lens().surfaces[0].back;
+    let threshold = 0.91;
+    for (ir, min_flux_fraction, right, wrong) in [
+        (tinted_lens_of_two_sources(glass), 0.0, "num_losses == ATTENUATING_LEGS", "num_losses > 0u"),
+        (tinted_lens(), threshold, "(*ray).weight >= ROULETTE_THRESHOLD", "true"),
+    ] {
+        for precision in [Precision::F32, Precision::F64] {
+            let options = TraceOptions { min_flux_fraction, num_rays: 20_000, ..options(precision) };
+            let with = with_nominal_path(&options);
+            let tally = trace(&ir, &options).0;
+            assert!(trace(&ir, &with).0 == tally, "{right}: other bits");
+            let edited = zoo::edited(&ir, &with, right, wrong).trace(|_| true).unwrap();
+            assert!(edited != tally, "{wrong} is not seen");
+        }
+    }
+}
+
 /// Roulette, which makes those that it spares weigh more on the way.
 #[test]
 fn so_do_rays_that_roulette_has_spared() {

@@ -1,11 +1,16 @@
 // Beer-Lambert over the segment: exp(-4 pi k L / lambda).
 
 fn attenuate(ray: ptr<function, Ray>, distance: real) {
-    let absorption = medium_at((*ray).medium, (*ray).wavelength).absorption;
-    if absorption == 0.0 {
-        return;
-    }
     let before = (*ray).weight;
-    (*ray).weight = before * exp_real(-absorption * distance);
+    (*ray).weight = attenuated(*ray, distance);
     book_loss(CELL_BULK, before, (*ray).weight);
+}
+
+// What the ray weighs behind the segment.
+fn attenuated(ray: Ray, distance: real) -> real {
+    let absorption = medium_at(ray.medium, ray.wavelength).absorption;
+    if absorption == 0.0 {
+        return ray.weight;
+    }
+    return ray.weight * exp_real(-absorption * distance);
 }

@@ -8,14 +8,14 @@ var<private> entries: u32 = 0u;
 
 // One event of the path on a detector that lets it pass.
 fn passes(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
+    reach_next(ray, Hit(hit.distance, primitive));
     arrive(ray, primitive - NUM_SURFACES);
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
 // The last event of the path on a detector that ends it.
 fn ends_on_sensor(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
+    reach_next(ray, Hit(hit.distance, primitive));
     (*ray).fate = DETECTED;
     return hit.primitive == primitive;
 }

@@ -1,13 +1,14 @@
-// Where rays that keep to the nominal path arrive on its detectors: all that is logged of them, because the host knows what
-// they weigh there (program::path_log). Places of a ray are range.log_stride apart. One that has strayed is off all
+// Where rays that keep to the nominal path arrive on its detectors, and what they weigh there unless the host knows it
+// (program::path_log): all that is logged of them. Places of a ray are range.log_stride apart. One that has strayed is off all
 // detectors in the first of them, in the row of the event at which it did, and the others mean nothing. Twin of
 // path_entries.wgsl.
 
 var<private> first_place: vec2<real> = vec2<real>(0.0, 0.0);
+var<private> first_weight: real = 0.0;
 
 // One event of the path on a detector.
 fn arrives(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
-    reach(ray, Hit(hit.distance, primitive));
+    reach_next(ray, Hit(hit.distance, primitive));
     return hit.primitive == primitive;
 }
 
@@ -47,8 +48,9 @@ fn log_place_off_edges(number: u32, ray: Ray, sensor_index: u32, edge_room: vec2
 fn keep_place(number: u32, ray: Ray, place: vec2<real>) {
     if number == 0u {
         first_place = place;
+        first_weight = ray.weight;
     } else {
-        write_place(number * range.log_stride + ray.index, place);
+        write_place(number * range.log_stride + ray.index, place, ray.weight);
     }
 }
 
@@ -58,7 +60,8 @@ fn end_path(ray: Ray, holds: bool) {
     if !holds {
         restore_bins();
     }
-    write_place(ray.index, select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds));
+    let place = select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds);
+    write_place(ray.index, place, first_weight);
 }
 
 fn use_entries() {}

@@ -2,6 +2,6 @@
 // one. Twin of places_words.wgsl and places_words_together.wgsl.
 @group(0) @binding(20) var<storage, read_write> place_log: array<u64>;
 
-fn write_place(number: u32, place: vec2<real>) {
+fn write_place(number: u32, place: vec2<real>, weight: real) {
     place_log[number] = packed_place(place);
 }

@@ -4,7 +4,7 @@
 
 const LANES_TOGETHER: u32 = 4u;
 
-fn write_place(number: u32, place: vec2<real>) {
+fn write_place(number: u32, place: vec2<real>, weight: real) {
     let second = place_of(lane ^ (LANES / 4u), place);
     let third = place_of(lane ^ (LANES / 2u), place);
     let fourth = place_of(lane ^ (3u * LANES / 4u), place);

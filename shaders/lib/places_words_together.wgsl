@@ -4,7 +4,7 @@
 
 const LANES_TOGETHER: u32 = 2u;
 
-fn write_place(number: u32, place: vec2<real>) {
+fn write_place(number: u32, place: vec2<real>, weight: real) {
     let own = bitcast<vec2<u32>>(place);
     let other = lane ^ (LANES / 2u);
     let next = vec2<u32>(subgroupShuffle(own.x, other), subgroupShuffle(own.y, other));

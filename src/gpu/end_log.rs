@@ -84,7 +84,7 @@ impl EndLogs {
     pub fn new(gpu: &Gpu, shape: EndLog, path: Option<PathLog>, cells: &Cells, rays: u32) -> Result<Self> {
         let stride = rays.next_multiple_of(8) + OFF_POWERS_OF_TWO;
         Ok(EndLogs {
-            devices: vec![DeviceLogs::new(gpu, stride, &shape)?],
+            devices: vec![DeviceLogs::new(gpu, stride, shape.ray_bytes(path.as_ref()))?],
             sums: no_sums(num_threads(cells), cells, &shape),
             shape,
             path,
@@ -107,7 +107,7 @@ impl EndLogs {
     /// # Errors
     /// [`Error::Device`] if it cannot bind so much.
     pub fn logs_on(&self, gpu: &Gpu) -> Result<DeviceLogs> {
-        DeviceLogs::new(gpu, self.stride, &self.shape)
+        DeviceLogs::new(gpu, self.stride, self.shape.ray_bytes(self.path.as_ref()))
     }
 
     /// Lets another device take turns with those before it, when all that these have logged is added up.
@@ -256,8 +256,8 @@ impl EndLogs {
 }
 
 impl DeviceLogs {
-    fn new(gpu: &Gpu, stride: u32, shape: &EndLog) -> Result<Self> {
-        let log = || gpu.mappable_buffer("the log of ends", u64::from(stride) * shape.ray_bytes());
+    fn new(gpu: &Gpu, stride: u32, ray_bytes: u64) -> Result<Self> {
+        let log = || gpu.mappable_buffer("the log of ends", u64::from(stride) * ray_bytes);
         Ok(DeviceLogs { gpu: gpu.clone(), buffers: [log()?, log()?] })
     }
 

@@ -1,16 +1,17 @@
 //! Adds up what rays logged that keep to the nominal path (`shaders/lib/path_places.wgsl`): places on detectors, whose
-//! weights the path tells.
+//! weights the path tells, or they themselves.
 
 use super::end_positions::{BLOCK, Block, PositionEntry};
 use super::end_reals::Real;
-use super::end_sums::{EndSums, LoggedRays, Stray, bits};
+use super::end_sums::{EndSums, LoggedRays, Stray, bits, entries_of, quantize};
 use crate::program::end_log::{Form, Grid};
+use crate::program::lowered::CELL_BULK;
 use crate::program::path_log::{PathLog, Place};
 
 /// A place, and what each ray leaves there.
 struct Deposits<'a, T> {
     grid: &'a Grid,
-    /// One for each time that rays arrive.
+    /// One for each time that rays arrive; the most that they weigh, where they log their own.
     weights: Vec<T>,
     /// Their quanta together fit 63 bits, however the sum of the weights was rounded.
     fit: bool,
@@ -26,10 +27,12 @@ impl EndSums {
         log: &PathLog,
         strays: &mut Vec<Stray>,
     ) -> Option<()> {
-        match form {
-            Form::Counts => None,
-            Form::Packed | Form::Words => self.add_places::<[u32; 2]>(logged, log, strays),
-            Form::Reals => self.add_places::<[f64; 2]>(logged, log, strays),
+        match (form, log.attenuating_legs.is_some()) {
+            (Form::Counts, _) => None,
+            (Form::Packed | Form::Words, false) => self.add_places::<[u32; 2]>(logged, log, strays),
+            (Form::Packed | Form::Words, true) => self.add_places::<[u32; 4]>(logged, log, strays),
+            (Form::Reals, false) => self.add_places::<[f64; 2]>(logged, log, strays),
+            (Form::Reals, true) => self.add_places::<[f64; 4]>(logged, log, strays),
         }
     }
 
@@ -39,15 +42,15 @@ impl EndSums {
         log: &PathLog,
         strays: &mut Vec<Stray>,
     ) -> Option<()> {
-        let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
-        let deposits: Vec<Deposits<E::Real>> =
+        let entries: &[E] = entries_of(logged.bytes)?;
+        let deposits_of: Vec<Deposits<E::Real>> =
             log.places.iter().map(|place| Deposits::of(place, logged.weight)).collect();
         let mut block = Block::new();
-        let mut num_kept = 0;
+        let mut kept_rays = KeptRays::default();
         for first in logged.rays.clone().step_by(BLOCK) {
             let rays = first..(first + BLOCK).min(logged.rays.end);
             let mut kept = u64::MAX >> (BLOCK - rays.len());
-            for (number, deposits) in deposits.iter().enumerate() {
+            for (number, deposits) in deposits_of.iter().enumerate() {
                 let start = number * logged.stride;
                 let row = entries.get(start + rays.start..start + rays.end)?;
                 block.lay_out(row, &deposits.weights, deposits.grid);
@@ -55,13 +58,25 @@ impl EndSums {
                     kept &= !strays_among(row, block.others & kept, rays.start, strays);
                 }
                 self.add_row(&block, row, kept, deposits)?;
+                if log.attenuating_legs.is_some() && number + 1 == deposits_of.len() {
+                    kept_rays.quanta += left_by(&block, row, kept, deposits);
+                }
             }
-            num_kept += u64::from(kept.count_ones());
+            kept_rays.num += u64::from(kept.count_ones());
         }
-        log.end.map_or(Some(()), |end| {
+        if let Some(end) = log.end {
             let weight = E::Real::nearest(end.weight.of_born(logged.weight));
-            self.add_to_cell(end.cell as usize, weight.into(), num_kept)
+            self.add_to_cell(end.cell as usize, weight.into(), kept_rays.num)?;
+        }
+        log.attenuating_legs.map_or(Some(()), |legs| {
+            self.add_attenuated(&kept_rays, legs, E::Real::nearest(logged.weight).into())
         })
+    }
+
+    /// What media took from rays that were born with a weight: all that these do not leave at their end.
+    fn add_attenuated(&mut self, rays: &KeptRays, legs: u32, born: f64) -> Option<()> {
+        let launched = quantize(born).unwrap_or(0).checked_mul(rays.num.into())?;
+        self.add_losses(CELL_BULK as usize, u64::from(legs) * rays.num, launched.checked_sub(rays.quanta)?)
     }
 
     /// Adds one place, which is laid out, of those rays of a block that kept to the path.
@@ -72,13 +87,35 @@ impl EndSums {
         kept: u64,
         deposits: &Deposits<E::Real>,
     ) -> Option<()> {
-        let others = if deposits.fit { block.others } else { u64::MAX };
+        let others = deposits.others(block);
         self.add_laid_out(block, kept & !others, deposits.weights.len() as u64, deposits.grid)?;
         bits(kept & others).try_for_each(|i| {
             let mut weights = deposits.weights.iter();
-            weights.try_for_each(|&weight| self.add_position(row[i].position(), weight, deposits.grid))
+            weights.try_for_each(|&weight| {
+                self.add_position(row[i].position(), row[i].weight(weight), deposits.grid)
+            })
         })
     }
+}
+
+/// Rays of a dispatch that kept to the path.
+#[derive(Debug, Default)]
+struct KeptRays {
+    num: u64,
+    /// What they leave at its end, where they log it.
+    quanta: u128,
+}
+
+/// Quanta that some rays of a block, a bit each, leave at a place, where they log their weights.
+fn left_by<E: PositionEntry>(
+    block: &Block<E::Real>,
+    row: &[E],
+    rays: u64,
+    deposits: &Deposits<E::Real>,
+) -> u128 {
+    let others = deposits.others(block);
+    let quanta = |i: usize| quantize(row[i].weight(deposits.weights[0]).into()).unwrap_or(0);
+    block.total(rays & !others) + bits(rays & others).map(quanta).sum::<u128>()
 }
 
 /// Those of some rays of a block, a bit each, that have strayed, by their first places.
@@ -97,6 +134,11 @@ impl<'a, T: Real> Deposits<'a, T> {
             place.arrivals.iter().map(|arrival| T::nearest(arrival.weight.of_born(born))).collect();
         let total: f64 = weights.iter().map(|&weight| weight.into()).sum();
         Deposits { grid: &place.grid, weights, fit: total < T::LIMIT / 2.0 }
+    }
+
+    /// The rays of a block that are not laid out, a bit each.
+    fn others(&self, block: &Block<T>) -> u64 {
+        if self.fit { block.others } else { u64::MAX }
     }
 }
 
@@ -137,7 +179,7 @@ mod tests {
     fn each_arrival_leaves_its_weight_and_strays_nothing() {
         let places = vec![place(&[Weight::Known(1.0), Weight::Known(0.5)]), place(&[Weight::Born])];
         let end = Some(LedgerEnd { cell: 1, weight: Weight::Known(0.25) });
-        let log = PathLog { places, end };
+        let log = PathLog { places, end, attenuating_legs: None };
         let strays_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
         let first: Vec<[f64; 2]> = (0..66).map(strays_sixth).collect();
         let second = [[2.0, 1.0]; 66];
@@ -155,7 +197,7 @@ mod tests {
     #[test]
     fn weights_that_no_word_holds_together_add_up_one_by_one() {
         let weights = [Weight::Known(1500.0), Weight::Known(700.0), Weight::Known(1e6)];
-        let log = PathLog { places: vec![place(&weights)], end: None };
+        let log = PathLog { places: vec![place(&weights)], end: None, attenuating_legs: None };
         let (sums, _) = added(&log, &[&[[1.5, 1.0]]], Form::Reals).unwrap();
         let half = 1_002_200 * UNIT / 2;
         assert_eq!(sums.quanta().collect::<Vec<_>>(), [0, 0, 0, 0, 0, 0, 0, half, half]);
@@ -165,18 +207,51 @@ mod tests {
     #[test]
     fn a_weight_that_no_sum_can_hold_is_counted() {
         let end = Some(LedgerEnd { cell: 2, weight: Weight::Known(1e30) });
-        let log = PathLog { places: vec![place(&[Weight::Known(-1.0)])], end };
+        let log = PathLog { places: vec![place(&[Weight::Known(-1.0)])], end, attenuating_legs: None };
         let (sums, _) = added(&log, &[&[[0.0, 0.0]; 3]], Form::Reals).unwrap();
         assert!(sums.quanta().all(|quanta| quanta == 0));
         assert_eq!(sums.counts, [6, 0, 3, 3, 0, 0, 0, 0, 0]);
     }
 
     #[test]
+    fn what_rays_weigh_no_more_at_their_end_is_what_media_took() {
+        let places = vec![place(&[Weight::Logged]); 2];
+        let log = PathLog { places, end: None, attenuating_legs: Some(3) };
+        // Of births of 2, in a block that is full and one that is not; every third ray has strayed.
+        let first: Vec<[f64; 4]> =
+            (0..66).map(|i| if i % 3 == 0 { [OFF, 1.0, 9.0, 0.0] } else { [0.5, 0.0, 1.75, 0.0] }).collect();
+        let second: Vec<[f64; 4]> = (0..66).map(|i| [2.0, 1.0, [0.5, 1.5][i % 2], 0.0]).collect();
+        let both = [first, second].concat();
+        for form in [Form::Packed, Form::Words, Form::Reals] {
+            let floats: Vec<f32> = both.as_flattened().iter().map(|&real| real as f32).collect();
+            let bytes = if form == Form::Reals { cast_slice(&both) } else { cast_slice(&floats) };
+            let added = |weight: f64| {
+                let logged = LoggedRays { bytes, rays: 0..66, stride: 66, weight };
+                let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
+                sums.add_path(&logged, form, &log, &mut strays)?;
+                sums.settle().map(|()| (sums, strays))
+            };
+            let (sums, strays) = added(2.0).unwrap();
+            assert_eq!(strays.len(), 22, "{form:?}");
+            assert_eq!(sums.counts, [0, 0, 0, 44 * 3 + 44, 0, 0, 0, 0, 44], "{form:?}");
+            let quanta: Vec<u128> = sums.quanta().collect();
+            let tap = UNIT * 7 / 8 * 44;
+            assert_eq!(quanta[3..5], [tap + 44 * UNIT, tap], "{form:?}");
+            assert_eq!(quanta[8], 44 * UNIT, "{form:?}");
+            // Births so heavy that no ray is laid out.
+            let heavy: Vec<u128> = added(1e6).unwrap().0.quanta().collect();
+            assert_eq!(heavy[3], tap + 44 * (1_000_000 - 1) * UNIT, "{form:?}");
+            assert_eq!((heavy[4], heavy[8]), (tap, 44 * UNIT), "{form:?}");
+            assert!(added(0.125).is_none(), "{form:?}: more than they were born with");
+        }
+    }
+
+    #[test]
     fn what_is_no_place_is_refused() {
-        let log = PathLog { places: vec![place(&[Weight::Born])], end: None };
+        let log = PathLog { places: vec![place(&[Weight::Born])], end: None, attenuating_legs: None };
         assert!(added(&log, &[&[[0.0, f64::NAN]]], Form::Reals).is_none());
         assert!(added(&log, &[&[[0.0, 0.0]]], Form::Counts).is_none());
-        let beyond = PathLog { places: vec![place(&[Weight::Born]); 2], end: None };
+        let beyond = PathLog { places: vec![place(&[Weight::Born]); 2], end: None, attenuating_legs: None };
         assert!(added(&beyond, &[&[[0.0, 0.0]]], Form::Reals).is_none(), "the log ends before the path");
     }
 }

@@ -4,6 +4,7 @@
 
 use super::end_entries::End;
 use super::end_reals::Real;
+use super::end_sums::bits;
 use crate::program::end_log::Grid;
 use bytemuck::Pod;
 
@@ -95,6 +96,11 @@ impl<T: Real> Block<T> {
             is_other: [false; BLOCK],
             parts: [[zero; BLOCK]; 3],
         }
+    }
+
+    /// Quanta that some rays leave together, a bit each, who are not among the others.
+    pub fn total(&self, rays: u64) -> u128 {
+        bits(rays).map(|ray| u128::from(self.quanta[ray].iter().sum::<u64>())).sum()
     }
 
     /// Lays out what at most [`BLOCK`] rays have logged, who leave each of these weights; where they log their own, there is
@@ -212,7 +218,7 @@ impl<T: Real> Block<T> {
     }
 }
 
-/// x, y; then the weight, if it is logged; then what fills a word.
+/// x, y; then the weight, if it is logged; then what fills a word, or a vector.
 macro_rules! position_entry {
     ([$word:ty; $num:literal], $real:ty, $real_of:expr, $weight:expr) => {
         impl PositionEntry for [$word; $num] {
@@ -242,3 +248,4 @@ position_entry!([u32; 3], f32, f32::from_bits, |entry, _| f32::from_bits(entry[2
 position_entry!([u32; 4], f32, f32::from_bits, |entry, _| f32::from_bits(entry[2]));
 position_entry!([f64; 2], f64, |real| real, |_, born| born);
 position_entry!([f64; 3], f64, |real| real, |entry, _| entry[2]);
+position_entry!([f64; 4], f64, |real| real, |entry, _| entry[2]);

@@ -10,6 +10,7 @@ use super::end_reals::Real;
 use super::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
 use crate::program::Cells;
 use crate::program::end_log::{EndLog, Form, Grid, Taps};
+use bytemuck::Pod;
 use std::ops::Range;
 
 /// What the logged ends add up to.
@@ -130,7 +131,7 @@ impl EndSums {
         strays: &mut Vec<Stray>,
     ) -> Option<()> {
         let LoggedRays { bytes, ref rays, stride, .. } = *logged;
-        let entries: &[E] = bytemuck::try_cast_slice(bytes).ok()?;
+        let entries: &[E] = entries_of(bytes)?;
         if log.max_passes == 0 {
             let mut ends = rays.clone().zip(entries.get(rays.clone())?);
             return ends
@@ -205,7 +206,7 @@ impl EndSums {
         grid: &Grid,
         strays: &mut Vec<Stray>,
     ) -> Option<()> {
-        let entries: &[E] = bytemuck::try_cast_slice(logged.bytes).ok()?;
+        let entries: &[E] = entries_of(logged.bytes)?;
         let born = E::Real::nearest(logged.weight);
         let mut block = Block::new();
         let mut first = logged.rays.start;
@@ -309,6 +310,12 @@ impl EndSums {
         }
     }
 
+    /// So many events, that took so much together.
+    pub(super) fn add_losses(&mut self, cell: usize, events: u64, quanta: u128) -> Option<()> {
+        *self.counts.get_mut(cell)? += events;
+        self.quanta.add(cell, quanta)
+    }
+
     #[inline(always)]
     fn add_count(&mut self, end: u32) -> Option<()> {
         if end & WITHOUT_PLACE != 0 {
@@ -394,6 +401,12 @@ impl Quanta {
     }
 }
 
+/// The entries of a log, of one kind: where another is longer, what is left over at its end is none.
+pub(super) fn entries_of<E: Pod>(bytes: &[u8]) -> Option<&[E]> {
+    let whole = bytes.len() - bytes.len() % size_of::<E>();
+    bytemuck::try_cast_slice(&bytes[..whole]).ok()
+}
+
 /// The numbers of the bits that are set.
 #[inline(always)]
 pub(super) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
@@ -415,7 +428,7 @@ fn grid_of(grids: &[Grid], end: u32) -> Option<&Grid> {
 }
 
 /// `quantize` in sums.wgsl: floor(w 2^52), or none for what no sum can hold.
-fn quantize(weight: f64) -> Option<u128> {
+pub(super) fn quantize(weight: f64) -> Option<u128> {
     const LIMIT: f64 = (1_u64 << 43) as f64;
     (0.0..LIMIT).contains(&weight).then_some((weight * QUANTA_PER_UNIT as f64) as u128)
 }

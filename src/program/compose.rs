@@ -113,7 +113,10 @@ impl Composition<'_> {
         uint("WORKGROUP_SIZE", o.workgroup_size);
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         if self.nominal.is_some() {
-            uint("NOMINAL_RAYS_PER_INVOCATION", o.nominal_rays_per_invocation(f));
+            uint("NOMINAL_RAYS_PER_INVOCATION", o.nominal_rays_per_invocation(f, self.path_log));
+        }
+        if let Some(legs) = self.attenuating_legs() {
+            uint("ATTENUATING_LEGS", legs);
         }
         if self.stores_together() {
             uint("LANES", o.lanes);
@@ -372,11 +375,19 @@ impl Composition<'_> {
                 ),
             ),
             (self.path_log.is_some(), self.places_file()),
+            (
+                self.nominal.is_some(),
+                pick(
+                    self.attenuating_legs().is_some(),
+                    shader!("lib/path_losses_told.wgsl"),
+                    shader!("lib/path_losses_booked.wgsl"),
+                ),
+            ),
             (self.nominal.is_some(), shader!("lib/clearances.wgsl")),
             (
                 self.nominal.is_some(),
                 pick(
-                    o.nominal_rays_per_invocation(f) == 1,
+                    o.nominal_rays_per_invocation(f, self.path_log) == 1,
                     shader!("lib/nominal_rays_one.wgsl"),
                     shader!("lib/nominal_rays_several.wgsl"),
                 ),
@@ -391,8 +402,19 @@ impl Composition<'_> {
         self.path_log.is_some() && self.options.lanes > 1
     }
 
+    /// Rays of the nominal path log what they weigh, and lose something on so many of its ways.
+    fn attenuating_legs(&self) -> Option<u32> {
+        self.path_log.and_then(|log| log.attenuating_legs)
+    }
+
     fn places_file(&self) -> &'static str {
         let reals = self.precision() == Precision::F64;
+        if self.attenuating_legs().is_some() {
+            return match self.stores_together() {
+                true => shader!("lib/places_weighed_together.wgsl"),
+                false => shader!("lib/places_weighed.wgsl"),
+            };
+        }
         match (self.stores_together(), reals, self.options.native) {
             (true, true, _) => shader!("lib/places_reals_together.wgsl"),
             (true, false, _) => shader!("lib/places_words_together.wgsl"),
@@ -704,6 +726,9 @@ impl Composition<'_> {
         if let Some(end) = self.path_log.and_then(|log| log.end) {
             walk.push_str(&self.weighs(end.weight)?);
         }
+        if self.attenuating_legs().is_some() {
+            walk.push_str("    holds = are_losses_told() & holds;\n");
+        }
         let _ = writeln!(walk, "    return holds & has_place(*ray);\n}}");
         Ok(text + &walk)
     }
@@ -744,7 +769,7 @@ impl Composition<'_> {
     /// Looks whether a ray of the path weighs what the host takes it to.
     fn weighs(&self, weight: Weight) -> Result<String> {
         Ok(match weight {
-            Weight::Born => String::new(),
+            Weight::Born | Weight::Logged => String::new(),
             Weight::Known(weight) => {
                 format!("    holds = ((*ray).weight == {}) & holds;\n", self.real(weight)?)
             }

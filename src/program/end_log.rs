@@ -2,6 +2,7 @@
 
 use super::features::Features;
 use super::lowered::{self, Cells};
+use super::path_log::PathLog;
 use super::{Precision, ProgramOptions, SecondMoments};
 use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
@@ -132,14 +133,15 @@ impl EndLog {
         Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })
     }
 
-    /// Bytes of all that a ray may log.
-    pub fn ray_bytes(&self) -> u64 {
-        u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes())
+    /// Bytes of all that a ray may log, along the nominal path, if that has a log of its own, or not.
+    pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
+        let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
+        entries.max(path.map_or(0, |path| path.ray_bytes(self.form)))
     }
 
     /// Rays of a dispatch, so many at most that the log stays small.
-    pub fn max_rays(&self) -> u32 {
-        (MAX_BYTES / self.ray_bytes()) as u32
+    pub fn max_rays(&self, path: Option<&PathLog>) -> u32 {
+        (MAX_BYTES / self.ray_bytes(path)) as u32
     }
 
     /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.

@@ -83,6 +83,8 @@ pub const LEDGER_CELLS: [&str; 12] = [
     "CELL_BSDF_GAIN",
 ];
 
+/// The place of `CELL_BULK` among them.
+pub const CELL_BULK: u32 = 3;
 /// The place of `CELL_DEPTH_KILLED` among them.
 pub const CELL_DEPTH_KILLED: u32 = 7;
 

@@ -190,11 +190,12 @@ impl ProgramOptions {
         (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))
     }
 
-    /// Rays that an invocation of trace_nominal follows: one where the path takes nothing from them, and a loop would cost
-    /// more than it spares, and where a lone one already has long loops.
-    pub fn nominal_rays_per_invocation(&self, features: &Features) -> u32 {
+    /// Rays that an invocation of trace_nominal follows: one where the path takes nothing from them, or their weights tell
+    /// what, and a loop would cost more than it spares, and where a lone one already has long loops.
+    pub fn nominal_rays_per_invocation(&self, features: &Features, log: Option<&PathLog>) -> u32 {
         let [.., gaussian] = features.splats;
-        if features.keeps_weight || gaussian {
+        let books_nothing = features.keeps_weight || log.is_some_and(|log| log.attenuating_legs.is_some());
+        if books_nothing || gaussian {
             return 1;
         }
         self.most_rays_per_invocation.max(1)
@@ -261,6 +262,11 @@ const BSDF_TABLE: u32 = 14;
 const SOURCE_STEPS: u32 = 33;
 
 impl Program {
+    /// See [`ProgramOptions::nominal_rays_per_invocation`].
+    pub fn nominal_rays_per_invocation(&self) -> u32 {
+        self.options.nominal_rays_per_invocation(&self.features, self.path_log.as_ref())
+    }
+
     /// What its sums and tables take of a device \[bytes\].
     pub fn device_bytes(&self) -> u64 {
         let sums: u64 = self.sums.all().flat_map(|sums| sums.part_bytes()).sum();
@@ -321,7 +327,7 @@ impl Program {
         let path_log = end_log
             .as_ref()
             .zip(nominal.as_ref())
-            .and_then(|(log, path)| PathLog::of(ir, &cells, log, path, &options, features.keeps_weight));
+            .and_then(|(log, path)| PathLog::of(ir, &cells, log, path, &options, &features));
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;

@@ -1,13 +1,16 @@
-//! What rays that keep to the nominal path log: where they arrive on its detectors, and nothing else.
+//! What rays that keep to the nominal path log: where they arrive on its detectors, and what they weigh there if they differ
+//! in that.
 //!
 //! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
-//! once more at the place of before, as between parallel mirrors, it knows that, too. The pilot only says what may be so:
-//! the stage looks at each ray, and one that weighs something else or arrives elsewhere has strayed.
+//! once more at the place of before, as between parallel mirrors, it knows that, too. Where media alone take something from
+//! them, their last weight tells what these took. The pilot only says what may be so: the stage looks at each ray, and one
+//! that weighs something else, loses something elsewhere or arrives elsewhere has strayed.
 
 use super::clearance::{Pilot, Stretch};
 use super::end_log::{EndLog, Form, Grid};
-use super::lowered::{CELL_DEPTH_KILLED, Cells};
-use super::nominal::{NominalPath, Way};
+use super::features::Features;
+use super::lowered::{self, CELL_DEPTH_KILLED, Cells};
+use super::nominal::{NominalPath, PilotPath, Way};
 use super::{Precision, ProgramOptions};
 use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
@@ -18,6 +21,9 @@ pub struct PathLog {
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
+    /// Each place is logged with the weight there ([`Weight::Logged`]), and on so many of its ways a ray loses something to
+    /// the media, from its birth to the last place, where it ends.
+    pub attenuating_legs: Option<u32>,
 }
 
 /// A place on a detector.
@@ -52,20 +58,22 @@ pub struct LedgerEnd {
     pub weight: Weight,
 }
 
-/// What all rays of the path weigh at one of its events.
+/// What rays of the path weigh at one of its events.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Weight {
     /// What they were born with.
     Born,
     /// So much.
     Known(f64),
+    /// What they log: at most what they were born with.
+    Logged,
 }
 
 impl Weight {
-    /// The weight of rays that were born with so much.
+    /// The most that rays weigh which were born with so much.
     pub fn of_born(self, born: f64) -> f64 {
         match self {
-            Weight::Born => born,
+            Weight::Born | Weight::Logged => born,
             Weight::Known(weight) => weight,
         }
     }
@@ -95,59 +103,43 @@ fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option
 
 impl PathLog {
     /// The log of a path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or with
-    /// weights that differ.
+    /// weights that differ, unless by what media took.
     pub fn of(
         ir: &SceneIr,
         cells: &Cells,
         log: &EndLog,
         path: &NominalPath,
         options: &ProgramOptions,
-        keeps_weight: bool,
+        features: &Features,
     ) -> Option<Self> {
         let pilot = options.nominal.as_ref()?;
-        let num_surfaces = ir.surfaces.len();
-        let at = |event: usize| same(&pilot.ways, |way| way.weights.get(event).copied());
-        // Several sources share the rays of a trace otherwise than those of its pilot.
-        let is_born_alike = at(0).is_some_and(|born| {
-            options.weights.iter().all(|&weight| options.precision.nearest(weight) == born)
-        });
-        // Each ray is born before the first event.
-        let weight = |event: usize| match keeps_weight {
-            true => Some(Weight::Born),
-            false => at(event + 1).filter(|weight| is_born_alike && weight.is_finite()).map(Weight::Known),
-        };
-        let mut places: Vec<Place> = Vec::new();
-        let mut off_edges = Pilot::new(&pilot.ways, LEAST_OFF_EDGES);
-        for (number, event) in path.events.iter().enumerate() {
-            let Some(sensor) = event.primitive.checked_sub(num_surfaces) else { continue };
-            if !is_bilinear(&ir.sensors.get(sensor)?.kind) {
-                return None;
-            }
-            let arrival = Arrival { event: number, weight: weight(number)? };
-            let is_there = |place: &&mut Place| {
-                place.sensor == sensor && arrive_together(&pilot.ways, place.arrivals[0].event, number)
-            };
-            match places.iter_mut().find(is_there) {
-                Some(place) => place.arrivals.push(arrival),
-                None => {
-                    let grid = *log.grids.get(sensor)?;
-                    off_edges.step = number;
-                    let edge_room = edge_room(&ir.sensors[sensor], options.precision, &mut off_edges);
-                    places.push(Place { grid, sensor, arrivals: vec![arrival], edge_room });
-                }
-            }
+        if log.form == Form::Counts {
+            return None;
         }
-        let last = path.events.last()?;
-        let end = match (last.ends, last.primitive < num_surfaces) {
-            (true, false) => None,
-            (true, true) => Some((cells.surfaces + last.primitive as u32, path.events.len() - 1)),
-            (false, _) => Some((CELL_DEPTH_KILLED, path.events.len())),
+        let weights = KnownWeights::of(pilot, options, features);
+        let known = || {
+            let places = places(ir, log, path, options, |event| weights.on_arrival(event))?;
+            let end = match ledger_end(ir, cells, path)? {
+                Some((cell, event)) => Some(LedgerEnd { cell, weight: weights.on_arrival(event)? }),
+                None => None,
+            };
+            Some(PathLog { places, end, attenuating_legs: None })
         };
-        let end = match end {
-            Some((cell, event)) => Some(LedgerEnd { cell, weight: weight(event)? }),
-            None => None,
+        let logged = || {
+            let attenuating_legs = Some(attenuating_legs(ir, path, pilot, features)?);
+            let places = places(ir, log, path, options, |_| Some(Weight::Logged))?;
+            let ends_on_last = ledger_end(ir, cells, path)?.is_none();
+            let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
+            (ends_on_last && arrive_once).then_some(PathLog { places, end: None, attenuating_legs })
         };
-        (log.form != Form::Counts && !places.is_empty()).then_some(PathLog { places, end })
+        known().or_else(logged).filter(|log| !log.places.is_empty())
+    }
+
+    /// Bytes of all that a ray logs.
+    pub fn ray_bytes(&self, form: Form) -> u64 {
+        let num_reals = if self.attenuating_legs.is_some() { 4 } else { 2 };
+        let real_bytes = if form == Form::Reals { 8 } else { 4 };
+        self.places.len() as u64 * num_reals * real_bytes
     }
 
     /// How rays arrive at an event: at which place, with its number.
@@ -157,6 +149,91 @@ impl PathLog {
             Some((number, place, arrival))
         })
     }
+}
+
+/// What is known, before a trace, of the weights of a path's rays.
+struct KnownWeights<'a> {
+    ways: &'a [Way],
+    /// Rays keep the weight that they are born with.
+    are_kept: bool,
+    /// All rays are born with the same one. Several sources share the rays of a trace otherwise than those of its pilot.
+    are_born_alike: bool,
+}
+
+impl<'a> KnownWeights<'a> {
+    fn of(pilot: &'a PilotPath, options: &ProgramOptions, features: &Features) -> Self {
+        let born = same(&pilot.ways, |way| way.weights.first().copied());
+        let are_born_alike = born.is_some_and(|born| {
+            options.weights.iter().all(|&weight| options.precision.nearest(weight) == born)
+        });
+        KnownWeights { ways: &pilot.ways, are_kept: features.keeps_weight, are_born_alike }
+    }
+
+    /// What all weigh that arrive at an event, if that is known.
+    fn on_arrival(&self, event: usize) -> Option<Weight> {
+        if self.are_kept {
+            return Some(Weight::Born);
+        }
+        // Each ray is born before the first event.
+        let weight = same(self.ways, |way| way.weights.get(event + 1).copied());
+        weight.filter(|weight| self.are_born_alike && weight.is_finite()).map(Weight::Known)
+    }
+}
+
+/// The places of a path, whose rays have such weights at its events; none if these are not known, or where a detector does
+/// not keep to bilinear taps.
+fn places(
+    ir: &SceneIr,
+    log: &EndLog,
+    path: &NominalPath,
+    options: &ProgramOptions,
+    weight: impl Fn(usize) -> Option<Weight>,
+) -> Option<Vec<Place>> {
+    let ways = &options.nominal.as_ref()?.ways;
+    let mut places: Vec<Place> = Vec::new();
+    let mut off_edges = Pilot::new(ways, LEAST_OFF_EDGES);
+    for (number, event) in path.events.iter().enumerate() {
+        let Some(sensor) = event.primitive.checked_sub(ir.surfaces.len()) else { continue };
+        if !is_bilinear(&ir.sensors.get(sensor)?.kind) {
+            return None;
+        }
+        let arrival = Arrival { event: number, weight: weight(number)? };
+        let is_there = |place: &&mut Place| {
+            place.sensor == sensor && arrive_together(ways, place.arrivals[0].event, number)
+        };
+        match places.iter_mut().find(is_there) {
+            Some(place) => place.arrivals.push(arrival),
+            None => {
+                let grid = *log.grids.get(sensor)?;
+                off_edges.step = number;
+                let edge_room = edge_room(&ir.sensors[sensor], options.precision, &mut off_edges);
+                places.push(Place { grid, sensor, arrivals: vec![arrival], edge_room });
+            }
+        }
+    }
+    Some(places)
+}
+
+/// Where the weight of a path's rays goes at its end, and at which event, unless a detector takes it. None without a path.
+fn ledger_end(ir: &SceneIr, cells: &Cells, path: &NominalPath) -> Option<Option<(u32, usize)>> {
+    let last = path.events.last()?;
+    Some(match (last.ends, last.primitive < ir.surfaces.len()) {
+        (true, false) => None,
+        (true, true) => Some((cells.surfaces + last.primitive as u32, path.events.len() - 1)),
+        (false, _) => Some((CELL_DEPTH_KILLED, path.events.len())),
+    })
+}
+
+/// On how many of its ways each ray of the pilot lost something; none where they differ in that, or where something else
+/// than media takes from the rays of a path.
+fn attenuating_legs(ir: &SceneIr, path: &NominalPath, pilot: &PilotPath, features: &Features) -> Option<u32> {
+    let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
+    let others_take = features.importance || features.coated || lowered::lossy_mirrors(ir).any(is_on_path);
+    if !features.bulk_absorption || others_take {
+        return None;
+    }
+    let num_losses = |way: &Way| way.weights.windows(2).filter(|weights| weights[1] < weights[0]).count();
+    same(&pilot.ways, |way| u32::try_from(num_losses(way)).ok())
 }
 
 fn is_bilinear(kind: &SensorKind) -> bool {

@@ -155,8 +155,10 @@ fn every_shader_file_is_composed_by_some_variant() {
             texts.push(variant.program(tier).wgsl);
         }
         // Only drivers of processors get such shaders.
-        let together = Variant { lanes: 8, ..Variant::of_choice(Choice::NominalThroughDetector).1 };
-        texts.push(together.program(tier).wgsl);
+        for choice in [Choice::NominalThroughDetector, Choice::NominalThroughGlass] {
+            let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
+            texts.push(together.program(tier).wgsl);
+        }
     }
     let dead: Vec<String> = snapshots::shader_files()
         .into_iter()

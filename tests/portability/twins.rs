@@ -7,7 +7,7 @@ use crate::variants::{
 use naga::{Expression, Literal, Module};
 use nsq_gpu::gpu::sums;
 use nsq_gpu::ir::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
-use nsq_gpu::program::lowered::{LEDGER_CELLS, sensor_code};
+use nsq_gpu::program::lowered::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, sensor_code};
 use nsq_gpu::program::{Precision, Program, events, rng};
 
 fn tables() -> (Variant, Program) {
@@ -167,6 +167,8 @@ fn ledger_cells_are_numbered_in_order() {
     for (number, name) in LEDGER_CELLS.iter().enumerate() {
         assert_eq!(constant(&program.module, name), number as f64, "{name}");
     }
+    let known = [CELL_BULK, CELL_DEPTH_KILLED].map(|cell| LEDGER_CELLS[cell as usize]);
+    assert_eq!(known, ["CELL_BULK", "CELL_DEPTH_KILLED"]);
     assert_eq!(constant(&program.module, "CELL_SURFACES"), LEDGER_CELLS.len() as f64);
     assert_eq!(program.cells.sensors[0] as usize, LEDGER_CELLS.len() + variant.ir.surfaces.len());
     assert_eq!(constant(&program.module, "COUNTER_REACHED"), f64::from(program.cells.num_cells));

@@ -87,6 +87,7 @@ pub enum Choice {
     HostSums,
     Nominal { absorbs: bool },
     NominalThroughDetector,
+    NominalThroughGlass,
     Replicates,
     SumsInParts,
 }
@@ -257,6 +258,7 @@ impl Choice {
             Choice::Nominal { absorbs: false },
             Choice::Nominal { absorbs: true },
             Choice::NominalThroughDetector,
+            Choice::NominalThroughGlass,
             Choice::Replicates,
             Choice::SumsInParts,
         ]);
@@ -340,6 +342,19 @@ impl Choice {
                 weights[0] = 1.0;
                 let way = Way { positions: (0..17).map(away).collect(), weights };
                 variant.nominal.get_or_insert(PilotPath { primitives, ways: vec![way] });
+            }
+            // A path whose rays log what they weigh; another one takes its place.
+            Choice::NominalThroughGlass => {
+                variant.host_sums = true;
+                ir.surfaces.push(surface(ball(), Interaction::Refractive));
+                ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Bilinear)), true));
+                ir.media[1].k.fill(1e-6);
+                let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1];
+                let way = |weight: f64| {
+                    let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
+                    Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0, 1.0, weight] }
+                };
+                variant.nominal.get_or_insert(PilotPath { primitives, ways: vec![way(0.5), way(0.75)] });
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
