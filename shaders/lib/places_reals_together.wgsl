@@ -2,8 +2,6 @@
 // them. Twin of places_reals.wgsl.
 @group(0) @binding(20) var<storage, read_write> place_log: array<vec4<real>>;
 
-const LANES_TOGETHER: u32 = 4u;
-
 fn write_place(number: u32, place: vec2<real>, weight: real) {
     let second = place_of(lane ^ (LANES / 4u), place);
     let third = place_of(lane ^ (LANES / 2u), place);

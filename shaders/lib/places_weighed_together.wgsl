@@ -1,19 +1,21 @@
-// The places and weights of four lanes (lib/lanes_together.wgsl): those in the first quarter of a subgroup store them. Twin of
-// places_weighed.wgsl.
+// The places and weights of LANES_TOGETHER lanes, two in f32 and four in f64 (lib/lanes_together.wgsl): the first lanes of a
+// subgroup store them. Twin of places_weighed.wgsl.
 @group(0) @binding(20) var<storage, read_write> place_log: array<vec4<real>>;
 
-const LANES_TOGETHER: u32 = 4u;
+const NUM_STORING: u32 = LANES / LANES_TOGETHER;
 
 fn write_place(number: u32, place: vec2<real>, weight: real) {
     let own = vec4<real>(place, weight, 0.0);
-    let second = place_of(lane ^ (LANES / 4u), own);
-    let third = place_of(lane ^ (LANES / 2u), own);
-    let fourth = place_of(lane ^ (3u * LANES / 4u), own);
-    if lane < LANES / 4u {
+    let second = place_of(lane ^ NUM_STORING, own);
+    let third = place_of(lane ^ (2u * NUM_STORING), own);
+    let fourth = place_of(lane ^ (3u * NUM_STORING), own);
+    if lane < NUM_STORING {
         place_log[number] = own;
         place_log[number + 1u] = second;
-        place_log[number + 2u] = third;
-        place_log[number + 3u] = fourth;
+        if LANES_TOGETHER == 4u {
+            place_log[number + 2u] = third;
+            place_log[number + 3u] = fourth;
+        }
     }
 }
 

@@ -2,8 +2,6 @@
 // Twin of places_packed.wgsl and places_words.wgsl.
 @group(0) @binding(20) var<storage, read_write> place_log: array<vec4<u32>>;
 
-const LANES_TOGETHER: u32 = 2u;
-
 fn write_place(number: u32, place: vec2<real>, weight: real) {
     let own = bitcast<vec2<u32>>(place);
     let other = lane ^ (LANES / 2u);

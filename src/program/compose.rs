@@ -120,6 +120,8 @@ impl Composition<'_> {
         }
         if self.stores_together() {
             uint("LANES", o.lanes);
+            // Half of a vector of f32, or of one of f64, of which there are two.
+            uint("LANES_TOGETHER", if o.precision == Precision::F64 { 4 } else { 2 });
         }
         uint("EVENTS_PER_DISPATCH", o.events_per_dispatch);
         uint("MAX_DEPTH", o.max_depth);
