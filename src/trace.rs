@@ -42,7 +42,7 @@ pub use options::{RecordPaths, StandardError, Strict, TraceOptions};
 const DEFAULT_BATCH: u32 = 1 << 18;
 /// Where they log their ends: the log stays in a processor's caches, and dispatches are long against what each costs.
 const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
-/// Where they log places alone, which are mostly few words a ray.
+/// Where they log places alone, or with weights, which are mostly few words a ray.
 const DEFAULT_PLACES_BATCH: u32 = 1 << 18;
 /// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
 const MANY_RAYS: u64 = 8;

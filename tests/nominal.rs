@@ -8,7 +8,7 @@
 mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
-use nsq_gpu::ir::{EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Surface};
+use nsq_gpu::ir::{EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Spectrum, Surface};
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::clearance::Clearance;
 use nsq_gpu::program::nominal::{Crossing, NominalPath};
@@ -254,7 +254,8 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
     let (air, glass) = (lens.surfaces[0].front, lens.surfaces[0].back);
     let mut hazy = lens.clone();
     hazy.media[air].k.fill(1e-8);
-    let mut through_a_window = lens.clone();
+    // Weights differ from place to place.
+    let mut through_a_window = hazy.clone();
     let mut window = lens.sensors[0].clone();
     (window.name, window.absorb, window.frame.origin.z) = ("window".into(), false, 20.0);
     through_a_window.sensors.push(window);
@@ -266,10 +267,34 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
     mirror.frame = Frame { origin: DVec3::new(0.0, 0.0, 50.0), rotation: DMat3::IDENTITY };
     past_a_mirror.surfaces.push(mirror);
     past_a_mirror.sensors[0].frame.origin.z = -30.0;
+    // Of two wavelengths, the glass takes from one alone.
+    let mut of_two_colours = lens.clone();
+    of_two_colours.wavelengths.push(0.6);
+    for medium in &mut of_two_colours.media {
+        medium.n.push(medium.n[0]);
+        medium.k.push(0.0);
+    }
+    let mut in_both = of_two_colours.clone();
+    in_both.media[glass].k.fill(1e-6);
+    for ir in [&mut of_two_colours, &mut in_both] {
+        ir.emitters[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    }
+    // Nothing on the path absorbs, but sources of unlike rays do not tell their weights before.
+    let mut beside_a_filter = tinted_lens_of_two_sources(air);
+    beside_a_filter.media.push(beside_a_filter.media[glass].clone());
+    beside_a_filter.media[glass].k.fill(0.0);
+    let mut filter = lens.surfaces[0].clone();
+    filter.shape = Shape::Plane(Outline::Disk { radius: 5.0 });
+    filter.back = beside_a_filter.media.len() - 1;
+    filter.frame = Frame { origin: DVec3::new(40.0, 0.0, -20.0), rotation: DMat3::IDENTITY };
+    beside_a_filter.surfaces.push(filter);
     for (ir, expected) in [
         (&lens, Some(1)),
         (&hazy, Some(3)),
-        (&through_a_window, Some(1)),
+        (&through_a_window, Some(4)),
+        (&of_two_colours, None),
+        (&in_both, Some(1)),
+        (&beside_a_filter, Some(0)),
         (&tinted_lens_of_two_sources(air), Some(1)),
         (&tinted_lens_of_two_sources(glass), Some(1)),
         (&past_a_mirror, None),
@@ -279,11 +304,16 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
             let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
             assert_eq!(attenuating_legs(ir, &rays), expected, "in {precision:?}");
             let tally = trace(ir, &rays).0;
-            for (stores_together, gpu) in
-                [(false, zoo::gpu()), (false, zoo::portable_gpu()), (zoo::gpu().lanes > 1, zoo::gpu())]
-            {
-                let with =
-                    TraceOptions { stores_together: Some(stores_together), ..with_nominal_path(&rays) };
+            for (stores_together, baked, gpu) in [
+                (false, true, zoo::gpu()),
+                (false, false, zoo::portable_gpu()),
+                (zoo::gpu().lanes > 1, true, zoo::gpu()),
+            ] {
+                let with = TraceOptions {
+                    stores_together: Some(stores_together),
+                    baked: Some(baked),
+                    ..with_nominal_path(&rays)
+                };
                 assert!(zoo::trace_on(gpu, ir, &with) == tally, "{expected:?} in {precision:?}: other bits");
             }
         }
@@ -294,7 +324,13 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
 #[test]
 fn errors_in_what_rays_lose_along_the_path_are_seen() {
     let glass = tinted_lens().surfaces[0].back;
-    let threshold = 0.91;
+    // So high that of the rays through the middle of the lens, where it is thickest, a few come to roulette.
+    let lens = tinted_lens();
+    let path_um = 4.0 * std::f64::consts::PI * 1e-6 * 5e3;
+    let threshold = (-path_um / lens.wavelengths[0]).exp() * (1.0 + 2e-5);
+    // Of those of the pilot as well.
+    let high = TraceOptions { min_flux_fraction: 0.91, ..options(Precision::F64) };
+    assert_eq!(attenuating_legs(&lens, &high), None);
     for (ir, min_flux_fraction, right, wrong) in [
         (tinted_lens_of_two_sources(glass), 0.0, "num_losses == ATTENUATING_LEGS", "num_losses > 0u"),
         (tinted_lens(), threshold, "(*ray).weight >= ROULETTE_THRESHOLD", "true"),
@@ -303,6 +339,7 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
             let options = TraceOptions { min_flux_fraction, num_rays: 20_000, ..options(precision) };
             let with = with_nominal_path(&options);
             let tally = trace(&ir, &options).0;
+            assert_eq!(attenuating_legs(&ir, &options), Some(1), "{right}");
             assert!(trace(&ir, &with).0 == tally, "{right}: other bits");
             let edited = zoo::edited(&ir, &with, right, wrong).trace(|_| true).unwrap();
             assert!(edited != tally, "{wrong} is not seen");

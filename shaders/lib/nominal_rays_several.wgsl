@@ -1,5 +1,5 @@
 // An invocation of trace_nominal follows several rays, as one of trace_new does (lib/rays_several.wgsl). Twin of
-// nominal_rays_one.wgsl: where the path takes nothing from its rays, there is nothing to gain.
+// nominal_rays_one.wgsl: where the path takes nothing from its rays, or they log what they have left, there is nothing to gain.
 
 fn follow_nominal_rays(invocation: u32) {
     let local = invocation % WORKGROUP_SIZE;

@@ -7,12 +7,14 @@ const NUM_STORING: u32 = LANES / LANES_TOGETHER;
 fn write_place(number: u32, place: vec2<real>, weight: real) {
     let own = vec4<real>(place, weight, 0.0);
     let second = place_of(lane ^ NUM_STORING, own);
-    let third = place_of(lane ^ (2u * NUM_STORING), own);
-    let fourth = place_of(lane ^ (3u * NUM_STORING), own);
     if lane < NUM_STORING {
         place_log[number] = own;
         place_log[number + 1u] = second;
-        if LANES_TOGETHER == 4u {
+    }
+    if LANES_TOGETHER == 4u {
+        let third = place_of(lane ^ (2u * NUM_STORING), own);
+        let fourth = place_of(lane ^ (3u * NUM_STORING), own);
+        if lane < NUM_STORING {
             place_log[number + 2u] = third;
             place_log[number + 3u] = fourth;
         }

@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 #[derive(Debug)]
 pub struct EndLogs {
     shape: EndLog,
-    /// What rays log that keep to the nominal path, where that is less.
+    /// What rays log that keep to the nominal path, where they do not log entries as others do.
     path: Option<PathLog>,
     /// One for each thread that adds up.
     sums: Vec<EndSums>,

@@ -65,7 +65,7 @@ impl EndSums {
             kept_rays.num += u64::from(kept.count_ones());
         }
         if let Some(end) = log.end {
-            let weight = E::Real::nearest(end.weight.of_born(logged.weight));
+            let weight = E::Real::nearest(end.weight.most_of_born(logged.weight));
             self.add_to_cell(end.cell as usize, weight.into(), kept_rays.num)?;
         }
         log.attenuating_legs.map_or(Some(()), |legs| {
@@ -131,7 +131,7 @@ fn strays_among<E: PositionEntry>(places: &[E], rays: u64, first: usize, strays:
 impl<'a, T: Real> Deposits<'a, T> {
     fn of(place: &'a Place, born: f64) -> Self {
         let weights: Vec<T> =
-            place.arrivals.iter().map(|arrival| T::nearest(arrival.weight.of_born(born))).collect();
+            place.arrivals.iter().map(|arrival| T::nearest(arrival.weight.most_of_born(born))).collect();
         let total: f64 = weights.iter().map(|&weight| weight.into()).sum();
         Deposits { grid: &place.grid, weights, fit: total < T::LIMIT / 2.0 }
     }

@@ -59,7 +59,7 @@ pub struct Composition<'a> {
     pub end_log: Option<&'a EndLog>,
     /// The path that most rays take, if it has a stage of its own.
     pub nominal: Option<&'a NominalPath>,
-    /// What that stage logs, where positions alone tell all.
+    /// What that stage logs, where positions tell all, alone or with weights.
     pub path_log: Option<&'a PathLog>,
     /// How to specialise.
     pub options: &'a ProgramOptions,

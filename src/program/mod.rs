@@ -230,7 +230,7 @@ pub struct Program {
     pub end_log: Option<EndLog>,
     /// The path that `trace_nominal` follows; the other stages then trace the rays that strayed from it.
     pub nominal: Option<NominalPath>,
-    /// What `trace_nominal` logs, where positions alone tell all.
+    /// What `trace_nominal` logs, where positions tell all, alone or with weights.
     pub path_log: Option<PathLog>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,

@@ -17,7 +17,7 @@ use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 /// The log of the stage `trace_nominal`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLog {
-    /// What each ray logs, in the order of the path: its positions in pixels.
+    /// What each ray logs, in the order of the path: its positions in pixels, and its weights if they are to be logged.
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
@@ -71,7 +71,7 @@ pub enum Weight {
 
 impl Weight {
     /// The most that rays weigh which were born with so much.
-    pub fn of_born(self, born: f64) -> f64 {
+    pub fn most_of_born(self, born: f64) -> f64 {
         match self {
             Weight::Born | Weight::Logged => born,
             Weight::Known(weight) => weight,
@@ -126,7 +126,7 @@ impl PathLog {
             Some(PathLog { places, end, attenuating_legs: None })
         };
         let logged = || {
-            let attenuating_legs = Some(attenuating_legs(ir, path, pilot, features)?);
+            let attenuating_legs = Some(attenuating_legs(ir, path, options, features)?);
             let places = places(ir, log, path, options, |_| Some(Weight::Logged))?;
             let ends_on_last = ledger_end(ir, cells, path)?.is_none();
             let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
@@ -225,15 +225,22 @@ fn ledger_end(ir: &SceneIr, cells: &Cells, path: &NominalPath) -> Option<Option<
 }
 
 /// On how many of its ways each ray of the pilot lost something; none where they differ in that, or where something else
-/// than media takes from the rays of a path.
-fn attenuating_legs(ir: &SceneIr, path: &NominalPath, pilot: &PilotPath, features: &Features) -> Option<u32> {
+/// than media takes from the rays of a path: surfaces, or roulette.
+fn attenuating_legs(
+    ir: &SceneIr,
+    path: &NominalPath,
+    options: &ProgramOptions,
+    features: &Features,
+) -> Option<u32> {
+    let ways = &options.nominal.as_ref()?.ways;
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
     let others_take = features.importance || features.coated || lowered::lossy_mirrors(ir).any(is_on_path);
-    if !features.bulk_absorption || others_take {
+    let comes_to_roulette = |way: &Way| way.weights.iter().any(|&weight| weight < options.roulette_threshold);
+    if !features.bulk_absorption || others_take || ways.iter().any(comes_to_roulette) {
         return None;
     }
     let num_losses = |way: &Way| way.weights.windows(2).filter(|weights| weights[1] < weights[0]).count();
-    same(&pilot.ways, |way| u32::try_from(num_losses(way)).ok())
+    same(ways, |way| u32::try_from(num_losses(way)).ok())
 }
 
 fn is_bilinear(kind: &SensorKind) -> bool {
