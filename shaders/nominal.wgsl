@@ -4,32 +4,31 @@
 // anew from its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes, and no
 // round of a loop that a few rays need.
 // Nor does it mark what it reaches: where a ray has kept to the path, the host knows what that is.
+// Stages trace_side_a and so on follow side paths in the same way: what most of those rays do that have strayed at the same
+// event. Entry points are composed, each with the walk of its path and none of the others: drivers take long over text
+// that is not used.
 
 // Events in which the ray has kept to the path: those that stray at the same event have ways alike, and are traced side by
 // side.
 var<private> kept_events: u32 = 0u;
 
-@compute @workgroup_size(WORKGROUP_SIZE)
-fn trace_nominal(invocation: Invocation) {
+// Begins the stage of a path: the number of the invocation.
+fn begin_stage(invocation: Invocation) -> u32 {
     begin();
     begin_lanes(invocation);
-    follow_nominal_rays(invocation.id.y * invocation.groups.x * WORKGROUP_SIZE + invocation.id.x);
+    return invocation.id.y * invocation.groups.x * WORKGROUP_SIZE + invocation.id.x;
+}
+
+fn end_stage() {
     use_entries();
     flush_bins();
     notice_cut_loops();
 }
 
-fn follow_nominal(invocation: u32) {
-    let index = ray_of(invocation);
-    if index >= range.count {
-        return;
-    }
+fn begin_ray() {
     keep_bins();
     begin_path();
     kept_events = 0u;
-    var ray = new_ray(key_in_range(index), index);
-    let holds = walk(&ray);
-    end_path(ray, holds);
 }
 
 // One event of the path on a surface: true if the ray has met it and does as the path. One that has strayed goes through

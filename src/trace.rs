@@ -182,15 +182,23 @@ impl<'a> Tracer<'a> {
                 MomentSource::Replicates => SecondMoments::Replicates,
             },
             nominal: None,
+            side_paths: Vec::new(),
             part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
         };
-        program_options.nominal = nominal::find(gpu, ir, options, &program_options)?;
+        if let Some(paths) = nominal::find(gpu, ir, options, &program_options)? {
+            program_options.nominal = Some(paths.nominal);
+            program_options.side_paths =
+                if options.side_paths == Some(false) { Vec::new() } else { paths.sides };
+        }
         let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
         check_families(&program, options)?;
         let batch = batch_size(gpu, &program, options);
         let end_logs = match &program.end_log {
             Some(log) => {
-                Some(EndLogs::new(gpu, log.clone(), program.path_log.clone(), &program.cells, batch)?)
+                let path = program.path_log.clone();
+                let mut logs = EndLogs::new(gpu, log.clone(), path, &program.cells, batch)?;
+                logs.follow_sides(&program.side_paths, options.side_paths == Some(true));
+                Some(logs)
             }
             None => None,
         };
@@ -231,6 +239,16 @@ impl<'a> Tracer<'a> {
     #[doc(hidden)]
     pub fn num_devices(&self) -> usize {
         self.devices.len()
+    }
+
+    /// How many rays of the last trace were to keep to the nominal path, and how many of them strayed; then the same of each
+    /// side path.
+    #[doc(hidden)]
+    pub fn num_along_paths(&self) -> Vec<[u64; 2]> {
+        let counts = |logs: &EndLogs| {
+            std::iter::once(logs.num_followed_and_strayed()).chain(logs.num_along_sides()).collect()
+        };
+        self.end_logs.as_ref().map_or_else(Vec::new, counts)
     }
 
     /// Other draws from now on, with what was compiled for the ones before.
@@ -442,10 +460,12 @@ impl<'a> Tracer<'a> {
         for range in self.ranges(first, end) {
             match &mut self.end_logs {
                 Some(logs) if !path_pays(&self.program, &self.options, logs) => {
-                    logs.list(&range);
+                    logs.strays().list(&range);
                 }
                 _ => self.dispatch(&range, Rays::OfRange)?,
             }
+            // Enough for two, so that lists of many side paths do not grow long.
+            self.follow_sides(range.emitter, 2 * self.batch as usize)?;
             self.retrace_strays(range.emitter, self.batch)?;
             self.launched += self.launch(&range);
             let (count, emitter) = (u64::from(range.count), range.emitter as u32);
@@ -471,6 +491,11 @@ impl<'a> Tracer<'a> {
     fn settle(&mut self) -> Result<()> {
         self.finish_logs()?;
         for emitter in 0..self.rays.len() {
+            while self.follow_sides(emitter, 1)? {
+                self.finish_logs()?;
+            }
+        }
+        for emitter in 0..self.rays.len() {
             self.retrace_strays(emitter, 1)?;
         }
         self.finish_logs()
@@ -480,21 +505,41 @@ impl<'a> Tracer<'a> {
         self.end_logs.as_mut().map_or(Ok(()), EndLogs::finish)
     }
 
-    /// Traces the rays of an emitter that have strayed from the nominal path, while so many wait.
+    /// Traces rays of an emitter that have strayed from the nominal path along side paths, while so many wait for these; false
+    /// if there were fewer.
+    fn follow_sides(&mut self, emitter: usize, at_least: usize) -> Result<bool> {
+        let mut were_enough = false;
+        while let Some(logs) = &mut self.end_logs
+            && let Some((side, ids)) = logs.strays().take_of_side(emitter, at_least, self.batch as usize)
+        {
+            were_enough = true;
+            let range = self.listed(emitter, &ids);
+            self.dispatch(&range, Rays::OfSide { side, ids })?;
+        }
+        Ok(were_enough)
+    }
+
+    /// Traces the rays of an emitter that have strayed from the nominal path and follow no other, while so many wait.
     fn retrace_strays(&mut self, emitter: usize, at_least: u32) -> Result<()> {
         while let Some(logs) = &mut self.end_logs
-            && logs.num_strays(emitter) >= at_least as usize
+            && logs.strays().num(emitter) >= at_least as usize
         {
-            let strays = logs.take_strays(emitter, self.batch);
-            let (device, _) = turn(&self.devices, Some(logs));
-            if let Some(buffer) = &device.strays {
-                device.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&strays));
-            }
-            let (log_stride, reached) = (logs.stride(), self.reached);
-            let range = RayRange { first: 0, count: strays.len() as u32, emitter, log_stride, reached };
+            let ids = logs.strays().take(emitter, self.batch as usize);
+            let range = self.listed(emitter, &ids);
             self.dispatch(&range, Rays::Strayed)?;
         }
         Ok(())
+    }
+
+    /// A range of rays with these ids, of which the device is told whose turn it is.
+    fn listed(&self, emitter: usize, ids: &[u64]) -> RayRange {
+        let logs = self.end_logs.as_ref();
+        let (device, _) = turn(&self.devices, logs);
+        if let Some(buffer) = &device.strays {
+            device.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(ids));
+        }
+        let log_stride = logs.map_or(0, EndLogs::stride);
+        RayRange { first: 0, count: ids.len() as u32, emitter, log_stride, reached: self.reached }
     }
 
     /// Asks the device which primitives its rays have reached, until it knows of all: so that the rays to come need not
@@ -551,18 +596,19 @@ impl<'a> Tracer<'a> {
         let num_rounds = self.num_rounds();
         let (device, log) = turn(&self.devices, self.end_logs.as_ref());
         let gpu = &device.gpu;
+        device.prepare(&self.program, &rays)?;
         gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
         if let Some(emitter) = self.program.emitters.get(range.emitter) {
             gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let rays_per_invocation = match device.trace_nominal(rays) {
+        let rays_per_invocation = match device.trace_path(&rays) {
             Some(_) => self.program.nominal_rays_per_invocation(),
             None => self.program.options.rays_per_invocation(&self.program.features),
         };
         let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;
         let (x, y) = grid(range.count.div_ceil(rays_per_workgroup), gpu);
-        let stages = device.stages([x, y, 1], num_rounds, log, rays);
+        let stages = device.stages([x, y, 1], num_rounds, log, &rays);
         match &mut self.profile {
             Some(profile) => {
                 stages.for_each(|stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name)));
@@ -705,18 +751,15 @@ impl<'a> Tracer<'a> {
         Ok(())
     }
 
-    /// Notes what the rays of this trace have reached that kept to the nominal path.
+    /// Notes what the rays of this trace have reached that kept to the nominal path, or to a side path.
     fn note_nominal_path(&self, tally: &mut Tally) {
         let (Some(nominal), Some(logs)) = (&self.program.nominal, &self.end_logs) else { return };
-        let [num_followed, num_strayed] = logs.num_followed_and_strayed();
-        if num_followed > num_strayed {
-            for event in &nominal.events {
-                tally
-                    .surfaces
-                    .get_mut(event.primitive)
-                    .into_iter()
-                    .for_each(|surface| surface.reached = true);
-            }
+        let sides = self.program.side_paths.iter().map(|side| &side.path).zip(logs.num_along_sides());
+        let paths = std::iter::once((nominal, logs.num_followed_and_strayed())).chain(sides);
+        let kept = paths.filter(|(_, [num_followed, num_strayed])| num_followed > num_strayed);
+        for event in kept.flat_map(|(path, _)| &path.events) {
+            let surface = tally.surfaces.get_mut(event.primitive);
+            surface.into_iter().for_each(|surface| surface.reached = true);
         }
     }
 

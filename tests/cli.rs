@@ -662,6 +662,7 @@ fn compose(text: &str) -> Result<(), Error> {
             lanes: 1,
             moments: SecondMoments::None,
             nominal: None,
+            side_paths: Vec::new(),
             part_bytes: 1 << 27,
         };
         let program = Program::new(&ir, options, 0)?;

@@ -13,6 +13,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::program::clearance::Clearance;
 use nsq_gpu::program::nominal::{Crossing, NominalPath};
 use nsq_gpu::program::rng::Sampler;
+use nsq_gpu::program::side_paths::SidePath;
 use nsq_gpu::result::Tally;
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use proptest::prelude::*;
@@ -43,7 +44,7 @@ fn arrivals(ir: &SceneIr, options: &TraceOptions) -> Option<Vec<usize>> {
 }
 
 fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
-    TraceOptions { nominal_path: Some(true), ..options.clone() }
+    TraceOptions { nominal_path: Some(true), side_paths: Some(true), ..options.clone() }
 }
 
 /// Asserts that without this text of the shader the bits are others.
@@ -332,7 +333,7 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
     let high = TraceOptions { min_flux_fraction: 0.91, ..options(Precision::F64) };
     assert_eq!(attenuating_legs(&lens, &high), None);
     for (ir, min_flux_fraction, right, wrong) in [
-        (tinted_lens_of_two_sources(glass), 0.0, "num_losses == ATTENUATING_LEGS", "num_losses > 0u"),
+        (tinted_lens_of_two_sources(glass), 0.0, "num_losses == attenuating_legs", "num_losses > 0u"),
         (tinted_lens(), threshold, "(*ray).weight >= ROULETTE_THRESHOLD", "true"),
     ] {
         for precision in [Precision::F32, Precision::F64] {
@@ -367,6 +368,94 @@ fn dispatches(tracer: &mut Tracer) -> [u64; 2] {
     let of =
         |stage: &str| times.iter().find(|time| time.stage == stage).map_or(0, |time| time.num_dispatches);
     ["trace_nominal", "trace_new"].map(of)
+}
+
+/// The primitives of each side path that logs places, with the event at which its rays have strayed and whether they escape.
+fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
+    let of = |side: &SidePath| {
+        let primitives = side.path.events.iter().map(|event| event.primitive).collect();
+        (side.strayed_at, primitives, side.path.missed.is_some())
+    };
+    tracer.program().side_paths.iter().map(of).collect()
+}
+
+/// What a lens reflects back at its faces has stages of its own: nearly nothing is left to the stage of all others.
+#[test]
+fn rays_that_stray_alike_follow_side_paths() {
+    let (air, glass) = (tinted_lens().surfaces[0].front, tinted_lens().surfaces[0].back);
+    let mut hazy = tinted_lens();
+    hazy.media[air].k.fill(1e-8);
+    let there_and_back = vec![(0, vec![0], true), (1, vec![0, 1, 0], true)];
+    for (ir, attenuating_legs) in [
+        (zoo::load("bench_lens"), [None; 2]),
+        (tinted_lens(), [Some(0), Some(2)]),
+        (hazy, [Some(1), Some(3)]),
+        (tinted_lens_of_two_sources(air), [Some(0), Some(2)]),
+        (tinted_lens_of_two_sources(glass), [Some(0), Some(2)]),
+    ] {
+        for (precision, stores_together) in [(Precision::F32, true), (Precision::F64, false)] {
+            let rays = TraceOptions {
+                num_rays: 20_000,
+                batch_size: Some(5_500),
+                stores_together: Some(stores_together),
+                ..options(precision)
+            };
+            let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&rays)).unwrap();
+            assert_eq!(side_paths(&tracer)[..2], there_and_back, "{precision:?}");
+            let legs =
+                tracer.program().side_paths.iter().map(|side| side.log.as_ref().unwrap().attenuating_legs);
+            assert!(legs.take(2).eq(attenuating_legs), "not {attenuating_legs:?}");
+            let without = TraceOptions { side_paths: Some(false), ..with_nominal_path(&rays) };
+            assert_eq!(side_paths(&Tracer::new(zoo::gpu(), &ir, &without).unwrap()), []);
+            let tally = trace(&ir, &rays).0;
+            assert!(tracer.trace(|_| true).unwrap() == tally, "{precision:?}: other bits");
+            assert!(trace(&ir, &without).0 == tally, "{precision:?}: other bits without side paths");
+            for [num_followed, num_strayed] in &tracer.num_along_paths()[..3] {
+                assert!(
+                    *num_followed > 500 && 6 * num_strayed < *num_followed,
+                    "{num_strayed} of {num_followed}"
+                );
+            }
+        }
+    }
+}
+
+/// A ring far before a lens, which catches the outermost of those that the lens reflects.
+#[test]
+fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
+    let mut ir = gaussian_lens(2.2);
+    let ring = Shape::Annulus { inner_radius: 12.0, outer_radius: 60.0, z_offset: 0.0 };
+    ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -24.0), ring, DQuat::IDENTITY));
+    for precision in [Precision::F32, Precision::F64] {
+        let options = TraceOptions { num_rays: 40_000, ..options(precision) };
+        let with = with_nominal_path(&options);
+        let mut tracer = Tracer::new(zoo::gpu(), &ir, &with).unwrap();
+        let expected = [(0, vec![0], true), (1, vec![0, 1, 0], true)];
+        assert_eq!(side_paths(&tracer)[..2], expected, "{precision:?}");
+        let tally = trace(&ir, &options).0;
+        assert!(tracer.trace(|_| true).unwrap() == tally, "{precision:?}: other bits");
+        let [right, wrong] = [".primitive == NONE) & holds;", ".primitive != 99u) & holds;"];
+        let edited = zoo::edited(&ir, &with, right, wrong).trace(|_| true).unwrap();
+        assert!(edited != tally, "{precision:?}: what rays meet behind the path is not looked for");
+    }
+}
+
+/// Rays that do something else than their side path at each of its events, in scenes of several lenses.
+#[test]
+fn rays_that_stray_once_more_have_the_same_bits() {
+    let mut num_strayed = 0;
+    for name in ["cooke_triplet", "triplet_telescope_ghosts", "stacked_plates_ghosts", "bench_cavity"] {
+        let ir = zoo::load(name);
+        for precision in [Precision::F32, Precision::F64] {
+            let options = TraceOptions { num_rays: 20_000, batch_size: Some(1000), ..options(precision) };
+            let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&options)).unwrap();
+            let tally = tracer.trace(|_| true).unwrap();
+            assert!(tally == trace(&ir, &options).0, "{name} in {precision:?}: other bits");
+            println!("{name}: {:?} along {:?}", tracer.num_along_paths(), side_paths(&tracer));
+            num_strayed += tracer.num_along_paths().iter().skip(1).map(|[_, strayed]| strayed).sum::<u64>();
+        }
+    }
+    assert!(num_strayed > 100, "{num_strayed} rays strayed from side paths");
 }
 
 /// Positions along the detector's normal that differ in their last bits make no other place.

@@ -1,15 +1,12 @@
-// An invocation of trace_nominal follows several rays, as one of trace_new does (lib/rays_several.wgsl). Twin of
-// nominal_rays_one.wgsl: where the path takes nothing from its rays, or they log what they have left, there is nothing to gain.
+// An invocation that follows a path does so with several rays, as one of trace_new does (lib/rays_several.wgsl), where the path
+// takes from its rays what they do not log.
 
-fn follow_nominal_rays(invocation: u32) {
+// The first of them, by what would be its invocation if each had its own.
+fn first_turn(invocation: u32) -> u32 {
     let local = invocation % WORKGROUP_SIZE;
-    let first = (invocation - local) * NOMINAL_RAYS_PER_INVOCATION + local;
-    var turn = 0u;
-    loop {
-        follow_nominal(first + turn * WORKGROUP_SIZE);
-        turn += 1u;
-        if turn >= NOMINAL_RAYS_PER_INVOCATION {
-            break;
-        }
-    }
+    return (invocation - local) * NOMINAL_RAYS_PER_INVOCATION + local;
+}
+
+fn next_turn(invocation: u32) -> u32 {
+    return invocation + WORKGROUP_SIZE;
 }

@@ -1,6 +1,6 @@
 // Where media alone take something from the rays of the nominal path, what they weigh at its end tells the host all that they
 // have lost: differences of quantised weights telescope (gpu::end_paths). So they book nothing. One that loses something
-// on more or fewer of its ways than the others (ATTENUATING_LEGS), or comes to roulette, has strayed. An invocation follows
+// on more or fewer of its ways than the others, or comes to roulette, has strayed. An invocation follows
 // one ray. Twin of path_losses_booked.wgsl.
 
 var<private> num_losses: u32 = 0u;
@@ -25,7 +25,7 @@ fn go_on_along(ray: ptr<function, Ray>) {
     }
 }
 
-// The ray has lost what its weight tells, and nothing else.
-fn are_losses_told() -> bool {
-    return (num_losses == ATTENUATING_LEGS) & is_off_roulette;
+// The ray has lost what its weight tells, on so many ways, and nothing else.
+fn are_losses_told(attenuating_legs: u32) -> bool {
+    return (num_losses == attenuating_legs) & is_off_roulette;
 }

@@ -269,8 +269,12 @@ impl<'a> Subject<'a> {
             Kind::Trace => {
                 // As in the midst of a long trace, where the case stands for such.
                 let is_long = case.num_rays >= LONG_TRACE && session.gpu.prefers_two_devices();
-                let second_device = is_long.then_some(true);
-                let options = TraceOptions { second_device, ..options(case, precision) };
+                let in_midst = is_long.then_some(true);
+                let options = TraceOptions {
+                    second_device: in_midst,
+                    side_paths: in_midst,
+                    ..options(case, precision)
+                };
                 let tracer = Tracer::new(session.gpu, ir, &options.tuned(&session.gpu.info))?;
                 let ready_sec = read_sec + start.elapsed().as_secs_f64();
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))

@@ -2,13 +2,14 @@
 
 use super::Gpu;
 use super::end_sums::{EndSums, LoggedRays, Stray};
+use super::strays::Strays;
 use crate::error::{Error, Result};
 use crate::processors;
 use crate::program::Cells;
 use crate::program::RayRange;
 use crate::program::end_log::{self, EndLog};
-use crate::program::nominal::MAX_EVENTS;
 use crate::program::path_log::PathLog;
+use crate::program::side_paths::SidePath;
 use std::collections::VecDeque;
 
 /// Two logs a device, so that the host adds up one while the devices write the others.
@@ -17,6 +18,8 @@ pub struct EndLogs {
     shape: EndLog,
     /// What rays log that keep to the nominal path, where they do not log entries as others do.
     path: Option<PathLog>,
+    /// The same of the side paths.
+    side_paths: Vec<Option<PathLog>>,
     /// One for each thread that adds up.
     sums: Vec<EndSums>,
     /// From an entry of a ray to its next.
@@ -32,12 +35,6 @@ pub struct EndLogs {
     num_followed: u64,
     num_strayed: u64,
 }
-
-/// Ids of rays that strayed from the nominal path, per emitter and event at which they did, or the number of its events
-/// where that is seen at the end: their ways are alike, and wide machines wait for the longest of those that they trace side
-/// by side.
-#[derive(Debug, Default)]
-struct Strays(Vec<[Vec<u64>; MAX_EVENTS as usize + 1]>);
 
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
 const OFF_POWERS_OF_TWO: u32 = 8;
@@ -68,11 +65,18 @@ struct Written {
 }
 
 /// Which rays a dispatch traces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Rays {
     /// Those of its range, along the nominal path if there is one.
     OfRange,
-    /// Those that strayed from the nominal path.
+    /// Those that strayed from the nominal path, along a side path.
+    OfSide {
+        /// Its number.
+        side: usize,
+        /// Theirs.
+        ids: Vec<u64>,
+    },
+    /// Those that strayed from the nominal path, in any way.
     Strayed,
 }
 
@@ -88,6 +92,7 @@ impl EndLogs {
             sums: no_sums(num_threads(cells), cells, &shape),
             shape,
             path,
+            side_paths: Vec::new(),
             stride,
             turn: 0,
             written: VecDeque::new(),
@@ -95,6 +100,12 @@ impl EndLogs {
             num_followed: 0,
             num_strayed: 0,
         })
+    }
+
+    /// Lets rays that stray from the nominal path follow side paths: where that pays, or always.
+    pub fn follow_sides(&mut self, side_paths: &[SidePath], always: bool) {
+        self.side_paths = side_paths.iter().map(|side| side.log.clone()).collect();
+        self.strays = Strays::new(side_paths, always);
     }
 
     /// The logs of each device.
@@ -169,7 +180,7 @@ impl EndLogs {
         for written in std::mem::take(&mut self.written) {
             self.log(written.turn).unmap();
         }
-        self.strays = Strays::default();
+        self.strays.discard();
         (self.num_followed, self.num_strayed) = (0, 0);
     }
 
@@ -184,19 +195,19 @@ impl EndLogs {
         Ok(())
     }
 
-    /// How many strays of an emitter wait.
-    pub fn num_strays(&self, emitter: usize) -> usize {
-        self.strays.num(emitter)
-    }
-
-    /// Strays of an emitter, at most so many of those that wait.
-    pub fn take_strays(&mut self, emitter: usize, most: u32) -> Vec<u64> {
-        self.strays.take(emitter, most as usize)
+    /// The rays that strayed from the nominal path.
+    pub fn strays(&mut self) -> &mut Strays {
+        &mut self.strays
     }
 
     /// How many rays of this trace were to keep to the nominal path, and how many of them strayed.
     pub fn num_followed_and_strayed(&self) -> [u64; 2] {
         [self.num_followed, self.num_strayed]
+    }
+
+    /// The same of each side path.
+    pub fn num_along_sides(&self) -> impl Iterator<Item = [u64; 2]> {
+        self.strays.num_along_sides()
     }
 
     /// The sums since the last time.
@@ -220,7 +231,7 @@ impl EndLogs {
         let (device, log) = place_of(written.turn, self.devices.len());
         let DeviceLogs { gpu, buffers } = &self.devices[device];
         let log = &buffers[log];
-        gpu.wait_for(written.submission)?;
+        gpu.wait_for(written.submission.clone())?;
         let strays = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
@@ -231,27 +242,33 @@ impl EndLogs {
                 stride: self.stride as usize,
                 weight: self.shape.weights.get(emitter).copied().unwrap_or_default(),
             };
-            let path = self.path.as_ref().filter(|_| written.rays == Rays::OfRange);
+            let path = match written.rays {
+                Rays::OfRange => self.path.as_ref(),
+                Rays::OfSide { side, .. } => self.side_paths.get(side).and_then(Option::as_ref),
+                Rays::Strayed => None,
+            };
             add_side_by_side(&mut self.sums, &logged, &self.shape, path)
         };
         log.unmap();
-        let strays = strays?;
-        if written.rays == Rays::OfRange {
-            self.note_strays(&strays, &written.range);
+        self.note_strays(&strays?, &written)
+    }
+
+    /// Notes the rays of a dispatch that strayed.
+    fn note_strays(&mut self, strays: &[Stray], written: &Written) -> Result<()> {
+        let range = &written.range;
+        match &written.rays {
+            Rays::OfRange => {
+                self.num_followed += u64::from(range.count);
+                self.num_strayed += strays.len() as u64;
+                self.strays.add(strays, range);
+                Ok(())
+            }
+            Rays::OfSide { side, ids } => {
+                let unknown = || Error::Internal("a ray that nobody traced strayed from a side path".into());
+                self.strays.add_of_side(*side, strays, ids, range.emitter).ok_or_else(unknown)
+            }
+            Rays::Strayed => Ok(()),
         }
-        Ok(())
-    }
-
-    /// Notes the rays of a range that strayed.
-    fn note_strays(&mut self, strays: &[Stray], range: &RayRange) {
-        self.num_followed += u64::from(range.count);
-        self.num_strayed += strays.len() as u64;
-        self.strays.add(strays, range);
-    }
-
-    /// Lets all rays of a range wait with the strays, as if none had followed the path.
-    pub fn list(&mut self, range: &RayRange) {
-        self.strays.of(range.emitter)[0].extend(range.first..range.first + u64::from(range.count));
     }
 }
 
@@ -264,34 +281,6 @@ impl DeviceLogs {
     /// The buffers, by binding.
     pub fn bindings(&self) -> [(u32, &wgpu::Buffer); LOGS_PER_DEVICE] {
         self.buffers.each_ref().map(|buffer| (end_log::LOG, buffer))
-    }
-}
-
-impl Strays {
-    fn add(&mut self, strays: &[Stray], range: &RayRange) {
-        let of_event = self.of(range.emitter);
-        for &Stray { ray, event } in strays {
-            of_event[event.min(MAX_EVENTS) as usize].push(range.first + u64::from(ray));
-        }
-    }
-
-    fn num(&self, emitter: usize) -> usize {
-        self.0.get(emitter).into_iter().flatten().map(Vec::len).sum()
-    }
-
-    fn take(&mut self, emitter: usize, most: usize) -> Vec<u64> {
-        let mut taken = Vec::new();
-        for waiting in self.0.get_mut(emitter).into_iter().flatten() {
-            let room = most - taken.len();
-            taken.extend(waiting.drain(waiting.len().saturating_sub(room)..));
-        }
-        taken
-    }
-
-    fn of(&mut self, emitter: usize) -> &mut [Vec<u64>; MAX_EVENTS as usize + 1] {
-        let none = || std::array::from_fn(|_| Vec::new());
-        self.0.resize_with(self.0.len().max(emitter + 1), none);
-        &mut self.0[emitter]
     }
 }
 
@@ -319,7 +308,7 @@ fn add_side_by_side(
     path: Option<&PathLog>,
 ) -> Result<Vec<Stray>> {
     let rays = &logged.rays;
-    let entries_per_ray = path.map_or(shape.max_passes as usize + 1, |path| path.places.len());
+    let entries_per_ray = path.map_or(shape.max_passes as usize + 1, PathLog::num_rows);
     let num_entries = rays.len() * entries_per_ray;
     let num_parts = sums.len().min(num_entries / LEAST_ENTRIES).max(1);
     let part_rays = rays.len().div_ceil(num_parts).max(1);
@@ -375,17 +364,6 @@ mod tests {
         };
         assert_eq!(places(1), [(0, 0), (0, 1)]);
         assert_eq!(places(2), [(0, 0), (1, 0), (0, 1), (1, 1)]);
-    }
-
-    #[test]
-    fn strays_are_taken_in_the_order_of_their_events() {
-        let range = RayRange { first: 100, count: 7, emitter: 1, log_stride: 0, reached: 0 };
-        let of_events = [(0, 2), (1, 0), (2, 2), (3, u32::MAX), (4, 0), (5, 2)];
-        let mut strays = Strays::default();
-        strays.add(&of_events.map(|(ray, event)| Stray { ray, event }), &range);
-        assert_eq!(strays.take(1, 4), [101, 104, 102, 105]);
-        assert_eq!(strays.take(1, 4), [100, 103]);
-        assert!(strays.take(1, 4).is_empty() && strays.take(0, 4).is_empty());
     }
 
     /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or have strayed.

@@ -6,7 +6,7 @@ use super::end_reals::Real;
 use super::end_sums::{EndSums, LoggedRays, Stray, bits, entries_of, quantize};
 use crate::program::end_log::{Form, Grid};
 use crate::program::lowered::CELL_BULK;
-use crate::program::path_log::{PathLog, Place};
+use crate::program::path_log::{PathLog, Place, Weight};
 
 /// A place, and what each ray leaves there.
 struct Deposits<'a, T> {
@@ -43,6 +43,32 @@ impl EndSums {
         strays: &mut Vec<Stray>,
     ) -> Option<()> {
         let entries: &[E] = entries_of(logged.bytes)?;
+        let kept_rays = match log.places.is_empty() {
+            true => kept_without_places(entries, logged, log, strays)?,
+            false => self.add_kept(entries, logged, log, strays)?,
+        };
+        if let Some(end) = log.end {
+            match end.weight {
+                Weight::Logged => self.add_losses(end.cell as usize, kept_rays.num, kept_rays.quanta)?,
+                weight => {
+                    let weight = E::Real::nearest(weight.most_of_born(logged.weight));
+                    self.add_to_cell(end.cell as usize, weight.into(), kept_rays.num)?;
+                }
+            }
+        }
+        log.attenuating_legs.map_or(Some(()), |legs| {
+            self.add_attenuated(&kept_rays, legs, E::Real::nearest(logged.weight).into())
+        })
+    }
+
+    /// Adds what rays leave at the places of a path.
+    fn add_kept<E: PositionEntry>(
+        &mut self,
+        entries: &[E],
+        logged: &LoggedRays,
+        log: &PathLog,
+        strays: &mut Vec<Stray>,
+    ) -> Option<KeptRays> {
         let deposits_of: Vec<Deposits<E::Real>> =
             log.places.iter().map(|place| Deposits::of(place, logged.weight)).collect();
         let mut block = Block::new();
@@ -64,13 +90,7 @@ impl EndSums {
             }
             kept_rays.num += u64::from(kept.count_ones());
         }
-        if let Some(end) = log.end {
-            let weight = E::Real::nearest(end.weight.most_of_born(logged.weight));
-            self.add_to_cell(end.cell as usize, weight.into(), kept_rays.num)?;
-        }
-        log.attenuating_legs.map_or(Some(()), |legs| {
-            self.add_attenuated(&kept_rays, legs, E::Real::nearest(logged.weight).into())
-        })
+        Some(kept_rays)
     }
 
     /// What media took from rays that were born with a weight: all that these do not leave at their end.
@@ -98,6 +118,28 @@ impl EndSums {
     }
 }
 
+/// Counts the rays that kept to a path without places.
+fn kept_without_places<E: PositionEntry>(
+    entries: &[E],
+    logged: &LoggedRays,
+    log: &PathLog,
+    strays: &mut Vec<Stray>,
+) -> Option<KeptRays> {
+    let born = E::Real::nearest(logged.weight);
+    let mut kept_rays = KeptRays::default();
+    for (ray, entry) in logged.rays.clone().zip(entries.get(logged.rays.clone())?) {
+        if entry.position()[0].is_off_detectors() {
+            strays.push(stray_of(entry, ray));
+        } else {
+            kept_rays.num += 1;
+            if log.attenuating_legs.is_some() {
+                kept_rays.quanta += quantize(entry.weight(born).into()).unwrap_or(0);
+            }
+        }
+    }
+    Some(kept_rays)
+}
+
 /// Rays of a dispatch that kept to the path.
 #[derive(Debug, Default)]
 struct KeptRays {
@@ -122,10 +164,14 @@ fn left_by<E: PositionEntry>(
 fn strays_among<E: PositionEntry>(places: &[E], rays: u64, first: usize, strays: &mut Vec<Stray>) -> u64 {
     let off = bits(rays).filter(|&i| places[i].position()[0].is_off_detectors());
     off.fold(0, |strayed, i| {
-        let event: f64 = places[i].position()[1].into();
-        strays.push(Stray { ray: (first + i) as u32, event: event as u32 });
+        strays.push(stray_of(&places[i], first + i));
         strayed | 1 << i
     })
+}
+
+fn stray_of<E: PositionEntry>(place: &E, ray: usize) -> Stray {
+    let event: f64 = place.position()[1].into();
+    Stray { ray: ray as u32, event: event as u32 }
 }
 
 impl<'a, T: Real> Deposits<'a, T> {
@@ -146,7 +192,7 @@ impl<'a, T: Real> Deposits<'a, T> {
 mod tests {
     use super::super::sums::QUANTA_PER_UNIT;
     use super::*;
-    use crate::program::path_log::{Arrival, LedgerEnd, Weight};
+    use crate::program::path_log::{Arrival, LedgerEnd};
     use bytemuck::cast_slice;
 
     const UNIT: u128 = QUANTA_PER_UNIT;
@@ -243,6 +289,38 @@ mod tests {
             assert_eq!(heavy[3], tap + 44 * (1_000_000 - 1) * UNIT, "{form:?}");
             assert_eq!((heavy[4], heavy[8]), (tap, 44 * UNIT), "{form:?}");
             assert!(added(0.125).is_none(), "{form:?}: more than they were born with");
+        }
+    }
+
+    /// A path that arrives on no detector, of rays that escape, with known weights or their own.
+    #[test]
+    fn rays_without_places_leave_their_weight_at_their_end() {
+        for form in [Form::Packed, Form::Words, Form::Reals] {
+            for logs_weights in [false, true] {
+                let weight = if logs_weights { Weight::Logged } else { Weight::Known(0.5) };
+                let end = Some(LedgerEnd { cell: 1, weight });
+                let attenuating_legs = logs_weights.then_some(2);
+                let log = PathLog { places: Vec::new(), end, attenuating_legs };
+                let width = if logs_weights { 4 } else { 2 };
+                let row = |i: usize| [[0.0, OFF][usize::from(i % 5 == 2)], 3.0, 0.5 + (i % 2) as f64, 0.0];
+                let reals: Vec<f64> = (0..70).flat_map(|i| row(i).into_iter().take(width)).collect();
+                let floats: Vec<f32> = reals.iter().map(|&real| real as f32).collect();
+                let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
+                let logged = LoggedRays { bytes, rays: 1..70, stride: 70, weight: 2.0 };
+                let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
+                sums.add_path(&logged, form, &log, &mut strays).unwrap();
+                let stray = |ray: u32| Stray { ray, event: 3 };
+                assert!(strays.iter().copied().eq((2..70).step_by(5).map(stray)), "{form:?}");
+                // Of the rays 1 to 69, 14 stray; 28 of the others have an odd number, and 27 an even one.
+                let (left, lost) = if logs_weights { (28 * 3 + 27, 28 + 27 * 3) } else { (55, 0) };
+                let quanta: Vec<u128> = sums.quanta().collect();
+                assert_eq!(quanta[1], UNIT / 2 * left, "{form:?}");
+                assert_eq!(quanta[3], UNIT / 2 * lost, "{form:?}");
+                let legs = u64::from(logs_weights) * 2 * 55;
+                assert_eq!(sums.counts, [0, 55, 0, legs, 0, 0, 0, 0, 0], "{form:?}");
+                let beyond = LoggedRays { rays: 0..71, ..logged };
+                assert!(sums.add_path(&beyond, form, &log, &mut strays).is_none(), "the log ends before");
+            }
         }
     }
 

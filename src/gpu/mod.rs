@@ -12,6 +12,7 @@ mod end_reals;
 pub mod end_sums;
 pub mod profile;
 pub mod rates;
+pub mod strays;
 pub mod strict;
 pub mod sums;
 pub mod tuning;

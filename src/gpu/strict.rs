@@ -9,6 +9,7 @@ use super::Gpu;
 use super::compute::Binding;
 use crate::error::{Error, Result};
 use naga::back::spv;
+use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use std::borrow::Cow;
@@ -51,6 +52,14 @@ pub fn without_contraction(words: &[u32]) -> Vec<u32> {
     words[..place].iter().copied().chain(decorations).chain(words[place..].iter().copied()).collect()
 }
 
+/// A module with one entry point, and what that one uses.
+fn only(module: &naga::Module, entry_point: &str) -> naga::Module {
+    let mut own = module.clone();
+    own.entry_points.retain(|entry| entry.name == entry_point);
+    compact(&mut own, KeepUnused::No);
+    own
+}
+
 /// The numbers that wgpu gives to the bindings of a group in Vulkan: those of the layout, counted.
 fn binding_map(bindings: &[Binding]) -> spv::BindingMap {
     let mut next: BTreeMap<u32, u32> = BTreeMap::new();
@@ -65,13 +74,15 @@ fn binding_map(bindings: &[Binding]) -> spv::BindingMap {
 }
 
 impl Gpu {
-    /// Compiles a module with the bindings of its layouts, in which no operations are fused or reordered.
+    /// Compiles what an entry point needs of a module, with the bindings of its layouts, in which no operations are fused or
+    /// reordered. A driver may go through all functions of what it is given: Mesa takes half a second for those of a
+    /// dozen stages, again for each.
     ///
     /// # Errors
     /// [`Error::Usage`] where the device takes no SPIR-V, [`Error::Internal`] if the module is invalid.
     pub fn strict_shader(
         &self,
-        label: &str,
+        entry_point: &str,
         module: &naga::Module,
         bindings: &[Binding],
     ) -> Result<wgpu::ShaderModule> {
@@ -83,17 +94,18 @@ impl Gpu {
             )));
         }
         let invalid = |error: String| Error::Internal(format!("the shader for strict arithmetic: {error}"));
+        let module = only(module, entry_point);
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
-            .validate(module)
+            .validate(&module)
             .map_err(|error| invalid(error.to_string()))?;
-        let words = spv::write_vec(module, &info, &self.spirv_options(bindings), None)
+        let words = spv::write_vec(&module, &info, &self.spirv_options(bindings), None)
             .map_err(|error| invalid(error.to_string()))?;
         let entry_points = module.entry_points.iter().map(|entry| wgpu::PassthroughShaderEntryPoint {
             name: Cow::Borrowed(entry.name.as_str()),
             workgroup_size: entry.workgroup_size.into(),
         });
         let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
-            label: Some(label),
+            label: Some(entry_point),
             entry_points: entry_points.collect::<Vec<_>>().into(),
             spirv: Some(without_contraction(&words).into()),
             ..Default::default()

@@ -14,6 +14,7 @@ use super::mesh::Triangles;
 use super::nominal::{Crossing, NominalEvent, NominalPath};
 use super::path_log::{PathLog, Weight};
 use super::records::{Records, literal};
+use super::side_paths::{self, SidePath};
 use super::splitting::Splitting;
 use super::sums::SumBuffers;
 use super::tree::{self, PrimitiveTree};
@@ -61,6 +62,8 @@ pub struct Composition<'a> {
     pub nominal: Option<&'a NominalPath>,
     /// What that stage logs, where positions tell all, alone or with weights.
     pub path_log: Option<&'a PathLog>,
+    /// The paths that most of the others take.
+    pub side_paths: &'a [SidePath],
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -88,9 +91,7 @@ impl Composition<'_> {
         if self.chooses_what_waits() {
             text.push_str(&self.waiting());
         }
-        if let Some(nominal) = self.nominal {
-            text.push_str(&self.walk(nominal)?);
-        }
+        text.push_str(&self.path_stages()?);
         text.push_str(&self.record());
         text.push_str(&self.bins());
         text.push_str(&self.emit());
@@ -113,10 +114,7 @@ impl Composition<'_> {
         uint("WORKGROUP_SIZE", o.workgroup_size);
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         if self.nominal.is_some() {
-            uint("NOMINAL_RAYS_PER_INVOCATION", o.nominal_rays_per_invocation(f, self.path_log));
-        }
-        if let Some(legs) = self.attenuating_legs() {
-            uint("ATTENUATING_LEGS", legs);
+            uint("NOMINAL_RAYS_PER_INVOCATION", self.nominal_rays_per_invocation());
         }
         if self.stores_together() {
             uint("LANES", o.lanes);
@@ -380,19 +378,15 @@ impl Composition<'_> {
             (
                 self.nominal.is_some(),
                 pick(
-                    self.attenuating_legs().is_some(),
+                    self.logs_weights(),
                     shader!("lib/path_losses_told.wgsl"),
                     shader!("lib/path_losses_booked.wgsl"),
                 ),
             ),
             (self.nominal.is_some(), shader!("lib/clearances.wgsl")),
             (
-                self.nominal.is_some(),
-                pick(
-                    o.nominal_rays_per_invocation(f, self.path_log) == 1,
-                    shader!("lib/nominal_rays_one.wgsl"),
-                    shader!("lib/nominal_rays_several.wgsl"),
-                ),
+                self.nominal.is_some() && self.nominal_rays_per_invocation() > 1,
+                shader!("lib/nominal_rays_several.wgsl"),
             ),
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
@@ -404,14 +398,14 @@ impl Composition<'_> {
         self.path_log.is_some() && self.options.lanes > 1
     }
 
-    /// Rays of the nominal path log what they weigh, and lose something on so many of its ways.
-    fn attenuating_legs(&self) -> Option<u32> {
-        self.path_log.and_then(|log| log.attenuating_legs)
+    /// Rays of the nominal path log what they weigh.
+    fn logs_weights(&self) -> bool {
+        self.path_log.is_some_and(|log| log.attenuating_legs.is_some())
     }
 
     fn places_file(&self) -> &'static str {
         let reals = self.precision() == Precision::F64;
-        if self.attenuating_legs().is_some() {
+        if self.logs_weights() {
             return match self.stores_together() {
                 true => shader!("lib/places_weighed_together.wgsl"),
                 false => shader!("lib/places_weighed.wgsl"),
@@ -680,22 +674,59 @@ impl Composition<'_> {
         Ok(format!("{function}({})", arguments.join(", ")))
     }
 
-    /// The nominal path: per event, the nearest of the primitives that can be met before the next one of the path, if the
-    /// ray is clear of those that are not searched.
-    fn walk(&self, nominal: &NominalPath) -> Result<String> {
+    /// The paths that have stages of their own: the nominal one, and the side paths.
+    fn path_stages(&self) -> Result<String> {
+        let Some(nominal) = self.nominal else { return Ok(String::new()) };
+        let mut text = self.walk(0, nominal, self.path_log)? + &self.path_stage(0, "trace_nominal");
+        for (number, side) in self.side_paths.iter().enumerate() {
+            text.push_str(&self.walk(1 + number, &side.path, side.log.as_ref())?);
+            text.push_str(&self.path_stage(1 + number, &side_paths::entry_point(number)));
+        }
+        Ok(text)
+    }
+
+    /// The stage of a path, whose rays are those of the range, or, on a side path, of those that are listed.
+    fn path_stage(&self, number: usize, entry_point: &str) -> String {
+        let key = if number == 0 { "key_in_range" } else { "key_of" };
+        let follow = match self.nominal_rays_per_invocation() {
+            1 => format!("    follow_{number}(invocation);\n"),
+            _ => format!(
+                "    var turn = 0u;\n    var next = first_turn(invocation);\n    loop {{\n        follow_{number}(next);\n        \
+                 next = next_turn(next);\n        turn += 1u;\n        \
+                 if turn >= NOMINAL_RAYS_PER_INVOCATION {{\n            break;\n        }}\n    }}\n"
+            ),
+        };
+        format!(
+            "fn follow_{number}(invocation: u32) {{\n    let index = ray_of(invocation);\n    \
+             if index >= range.count {{\n        return;\n    }}\n    \
+             begin_ray();\n    var ray = new_ray({key}(index), index);\n    \
+             let holds = walk_{number}(&ray);\n    end_path(ray, holds);\n}}\n\
+             @compute @workgroup_size(WORKGROUP_SIZE)\n\
+             fn {entry_point}(invoked: Invocation) {{\n    let invocation = begin_stage(invoked);\n{follow}    end_stage();\n}}\n"
+        )
+    }
+
+    fn nominal_rays_per_invocation(&self) -> u32 {
+        self.options.nominal_rays_per_invocation(self.features, self.path_log)
+    }
+
+    /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
+    /// those that are not searched.
+    fn walk(&self, number: usize, nominal: &NominalPath, path_log: Option<&PathLog>) -> Result<String> {
         let primitives = lowered::primitives(self.ir);
         let mut text = String::new();
-        let mut walk = String::from("fn walk(ray: ptr<function, Ray>) -> bool {\n    var holds = true;\n");
+        let mut walk =
+            format!("fn walk_{number}(ray: ptr<function, Ray>) -> bool {{\n    var holds = true;\n");
         let mut last = None;
         let surfaces = lowered::surface_records(self.ir, self.centre, self.features);
         for (step, event) in nominal.events.iter().enumerate() {
             let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
-            let head = format!("nearest_at_{step}(ray: Ray)");
+            let head = format!("nearest_at_{number}_{step}(ray: Ray)");
             let nearer = event.at_nearer_crossing.then_some(event.primitive);
             text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
             let _ = writeln!(
                 text,
-                "fn is_clear_at_{step}(ray: Ray, distance: real) -> bool {{\n    var clear = true;"
+                "fn is_clear_at_{number}_{step}(ray: Ray, distance: real) -> bool {{\n    var clear = true;"
             );
             for &(i, clearance) in &event.passed {
                 let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
@@ -703,7 +734,8 @@ impl Composition<'_> {
             text.push_str("    return clear;\n}\n");
             let _ = writeln!(
                 walk,
-                "    let hit_{step} = nearest_at_{step}(*ray);\n    holds = is_clear_at_{step}(*ray, hit_{step}.distance) & holds;"
+                "    let hit_{step} = nearest_at_{number}_{step}(*ray);\n    \
+                 holds = is_clear_at_{number}_{step}(*ray, hit_{step}.distance) & holds;"
             );
             let primitive = event.primitive;
             if primitive < self.ir.surfaces.len() {
@@ -720,25 +752,46 @@ impl Composition<'_> {
                     "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u{how}) & holds;"
                 );
             } else {
-                walk.push_str(&self.arrival(step, event)?);
+                walk.push_str(&self.arrival(step, event, path_log)?);
             }
             walk.push_str("    kept_events += select(0u, 1u, holds);\n");
             last = Some(primitive);
         }
-        if let Some(end) = self.path_log.and_then(|log| log.end) {
-            walk.push_str(&self.weighs(end.weight)?);
+        if let Some(missed) = &nominal.missed {
+            let others = missed.iter().map(|&i| (i, (last == Some(i)).to_string()));
+            let head = format!("nearest_behind_{number}(ray: Ray)");
+            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", None, others)?);
+            let _ = writeln!(
+                walk,
+                "    holds = (nearest_behind_{number}(*ray).primitive == NONE) & holds;\n    (*ray).fate = ESCAPED;"
+            );
         }
-        if self.attenuating_legs().is_some() {
-            walk.push_str("    holds = are_losses_told() & holds;\n");
+        if let Some(log) = path_log {
+            walk.push_str(&self.log_end(log)?);
         }
         let _ = writeln!(walk, "    return holds & has_place(*ray);\n}}");
         Ok(text + &walk)
     }
 
+    /// What is left to log, and to look at, where the path ends.
+    fn log_end(&self, log: &PathLog) -> Result<String> {
+        let mut text = match log.end {
+            Some(end) => self.weighs(end.weight)?,
+            None => String::new(),
+        };
+        if log.places.is_empty() {
+            text.push_str("    keep_place(0u, *ray, vec2<real>(0.0, 0.0));\n");
+        }
+        if let Some(legs) = log.attenuating_legs {
+            let _ = writeln!(text, "    holds = are_losses_told({legs}u) & holds;");
+        }
+        Ok(text)
+    }
+
     /// An event of the path on a detector.
-    fn arrival(&self, step: usize, event: &NominalEvent) -> Result<String> {
+    fn arrival(&self, step: usize, event: &NominalEvent, path_log: Option<&PathLog>) -> Result<String> {
         let NominalEvent { primitive, ends, .. } = *event;
-        let Some(log) = self.path_log else {
+        let Some(log) = path_log else {
             let does = if ends { "ends_on_sensor" } else { "passes" };
             return Ok(format!("    holds = {does}(ray, hit_{step}, {primitive}u) & holds;\n"));
         };
@@ -837,8 +890,8 @@ impl Composition<'_> {
         .map(|(_, name, has_quanta)| (name.to_string(), has_quanta))
         .collect();
         let on_path = |i: &u32| {
-            let events = self.nominal.iter().flat_map(|nominal| &nominal.events);
-            events.into_iter().any(|event| event.primitive == *i as usize)
+            let paths = self.nominal.into_iter().chain(self.side_paths.iter().map(|side| &side.path));
+            paths.flat_map(|path| &path.events).any(|event| event.primitive == *i as usize)
         };
         let mirrors = lowered::lossy_mirrors(self.ir).filter(|i| self.options.baked || on_path(i));
         bins.extend(mirrors.map(|i| (format!("{}u", self.cells.surfaces + i), true)));

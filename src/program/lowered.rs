@@ -85,6 +85,8 @@ pub const LEDGER_CELLS: [&str; 12] = [
 
 /// The place of `CELL_BULK` among them.
 pub const CELL_BULK: u32 = 3;
+/// The place of `CELL_ESCAPED` among them.
+pub const CELL_ESCAPED: u32 = 6;
 /// The place of `CELL_DEPTH_KILLED` among them.
 pub const CELL_DEPTH_KILLED: u32 = 7;
 

@@ -17,6 +17,7 @@ pub mod nominal;
 pub mod path_log;
 pub mod records;
 pub mod rng;
+pub mod side_paths;
 pub mod splitting;
 pub mod sums;
 pub mod tree;
@@ -29,9 +30,10 @@ pub use features::{EmitterName, Features, Precision};
 use glam::DVec3;
 pub use lowered::Cells;
 use nominal::{NominalPath, PilotPath};
-use path_log::PathLog;
+use path_log::{LoggedScene, PathLog};
 use records::{Records, StructLayout, put_real};
 pub use rng::Sampler;
+use side_paths::SidePath;
 pub use splitting::Splitting;
 use sums::SumBuffers;
 
@@ -96,6 +98,8 @@ pub struct ProgramOptions {
     pub moments: SecondMoments,
     /// The path that most rays take, for a stage of its own. The results are the same bits.
     pub nominal: Option<PilotPath>,
+    /// Those that most of the others take, the most frequent first, for stages of their own. The results are the same bits.
+    pub side_paths: Vec<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
 }
@@ -232,6 +236,8 @@ pub struct Program {
     pub nominal: Option<NominalPath>,
     /// What `trace_nominal` logs, where positions tell all, alone or with weights.
     pub path_log: Option<PathLog>,
+    /// The paths that `trace_side_a` and so on follow, which log as it does.
+    pub side_paths: Vec<SidePath>,
     /// The scene's centre: positions on the device are relative to it \[mm\].
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
@@ -323,11 +329,14 @@ impl Program {
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
-        let nominal = NominalPath::of(ir, centre, &contacts, &options);
-        let path_log = end_log
-            .as_ref()
-            .zip(nominal.as_ref())
-            .and_then(|(log, path)| PathLog::of(ir, &cells, log, path, &options, &features));
+        let pilot = options.nominal.as_ref();
+        let nominal = pilot.and_then(|pilot| NominalPath::of(ir, centre, &contacts, &options, pilot));
+        let logged = |log| LoggedScene { ir, cells: &cells, log, options: &options, features: &features };
+        let path = end_log.as_ref().map(logged).zip(nominal.as_ref());
+        let path_log = path.zip(pilot).and_then(|((scene, path), pilot)| PathLog::of(&scene, path, pilot));
+        let side_paths = path.map_or_else(Vec::new, |(scene, path)| {
+            SidePath::of(&scene, centre, &contacts, path, path_log.as_ref())
+        });
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
@@ -345,6 +354,7 @@ impl Program {
             end_log: end_log.as_ref(),
             nominal: nominal.as_ref(),
             path_log: path_log.as_ref(),
+            side_paths: &side_paths,
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -367,6 +377,7 @@ impl Program {
             end_log,
             nominal,
             path_log,
+            side_paths,
             centre,
             rng_table: Vec::new(),
             buffers: Vec::new(),

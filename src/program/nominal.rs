@@ -22,6 +22,9 @@ pub const MAX_EVENTS: u32 = 32;
 /// Nor one on whose way so much is to be looked at.
 const MOST_LOOKED_AT: usize = 256;
 
+/// Nor one behind which so much is to be missed: a tree is sooner searched.
+const MOST_MISSED: usize = 24;
+
 /// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
 const LEAST_CLEAR: f64 = 0.995;
 
@@ -32,9 +35,14 @@ pub struct PilotPath {
     pub primitives: Vec<usize>,
     /// Of each ray that takes it.
     pub ways: Vec<Way>,
+    /// Behind the last of the primitives they escape.
+    pub escapes: bool,
+    /// They are such a share of all rays.
+    pub share: f64,
 }
 
-/// Where a ray is born, where it meets the primitives of its path and, if it was killed, where; and what it weighs there.
+/// Where a ray is born, where it meets the primitives of its path and, if it was killed, where, or if it escapes, a place
+/// behind the last of them; and what it weighs there.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Way {
     /// \[mm\]
@@ -48,6 +56,8 @@ pub struct Way {
 pub struct NominalPath {
     /// In their order.
     pub events: Vec<NominalEvent>,
+    /// Where rays escape behind the last event: what they could still meet there, ascending.
+    pub missed: Option<Vec<usize>>,
 }
 
 /// One event of the path.
@@ -77,15 +87,22 @@ pub struct Crossing {
 }
 
 impl NominalPath {
-    /// The path over these primitives; none where no stage can follow it ([`is_possible`]), where it is too long, or where
-    /// it neither ends on the last of them nor has as many events as a ray may have.
-    pub fn of(ir: &SceneIr, centre: DVec3, contacts: &[Contact], options: &ProgramOptions) -> Option<Self> {
-        let PilotPath { primitives, ways } = options.nominal.as_ref()?;
+    /// The path of a pilot's rays; none where no stage can follow it ([`is_possible`]), where it is too long, or where it
+    /// neither ends on the last of its primitives, or behind that, nor has as many events as a ray may have.
+    pub fn of(
+        ir: &SceneIr,
+        centre: DVec3,
+        contacts: &[Contact],
+        options: &ProgramOptions,
+        pilot_path: &PilotPath,
+    ) -> Option<Self> {
+        let PilotPath { primitives, ways, escapes, .. } = pilot_path;
         let (&last, before) = primitives.split_last()?;
         let fits = primitives.len() <= MAX_EVENTS.min(options.max_depth) as usize;
         let goes_on = |i: usize| goes_on(ir, i, options.max_depth);
         let is_full = primitives.len() == options.max_depth as usize && goes_on(last);
-        let goes = (ends(ir, last) || is_full) && before.iter().all(|&i| goes_on(i));
+        let has_end = if *escapes { goes_on(last) && !is_full } else { ends(ir, last) || is_full };
+        let goes = has_end && before.iter().all(|&i| goes_on(i));
         // Of three faces within the tolerance, two of them in contact, it depends on their order which is the nearest; a
         // tree keeps none.
         let has_order = !contact::any(contacts) || options.tree_primitives(ir).is_empty();
@@ -93,8 +110,12 @@ impl NominalPath {
             return None;
         }
         let boxes = tree::boxes(ir, centre, contacts, options.precision);
+        let missed: Option<Vec<usize>> = escapes.then(|| (0..boxes.len()).collect());
         let legs: Vec<Leg> = legs(emitters_box(ir, centre), primitives, &boxes).collect();
-        if legs.iter().map(|leg| leg.can_be_met(&boxes).count()).sum::<usize>() > MOST_LOOKED_AT {
+        let num_missed = missed.as_ref().map_or(0, Vec::len);
+        if num_missed > MOST_MISSED
+            || legs.iter().map(|leg| leg.can_be_met(&boxes).count()).sum::<usize>() > MOST_LOOKED_AT
+        {
             return None;
         }
         let shapes = lowered::primitives(ir);
@@ -118,7 +139,7 @@ impl NominalPath {
             let at_nearer_crossing = !touches(primitive)
                 && leaves != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
-            let is_last = step + 1 == primitives.len();
+            let is_last = step + 1 == primitives.len() && !escapes;
             let crossing = match is_last {
                 true => None,
                 false => crossing(&ir.surfaces, &shapes[primitive], primitive, &mut pilot),
@@ -126,7 +147,7 @@ impl NominalPath {
             let ends = is_last && !is_full;
             NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
         });
-        Some(NominalPath { events: events.collect() })
+        Some(NominalPath { events: events.collect(), missed })
     }
 }
 

@@ -1,5 +1,5 @@
-//! What rays that keep to the nominal path log: where they arrive on its detectors, and what they weigh there if they differ
-//! in that.
+//! What rays log that keep to the nominal path, or to a side path: where they arrive on its detectors, and what they weigh
+//! there, or where they end, if they differ in that.
 //!
 //! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
 //! once more at the place of before, as between parallel mirrors, it knows that, too. Where media alone take something from
@@ -9,20 +9,21 @@
 use super::clearance::{Pilot, Stretch};
 use super::end_log::{EndLog, Form, Grid};
 use super::features::Features;
-use super::lowered::{self, CELL_DEPTH_KILLED, Cells};
+use super::lowered::{self, CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
 use super::nominal::{NominalPath, PilotPath, Way};
 use super::{Precision, ProgramOptions};
 use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
-/// The log of the stage `trace_nominal`.
+/// The log of a stage that follows a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLog {
     /// What each ray logs, in the order of the path: its positions in pixels, and its weights if they are to be logged.
+    /// Where there is none, it logs one place that means nothing but that it has not strayed, with its last weight.
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
     /// Each place is logged with the weight there ([`Weight::Logged`]), and on so many of its ways a ray loses something to
-    /// the media, from its birth to the last place, where it ends.
+    /// the media, from its birth to its end, on the last place or, where there is none, in [`PathLog::end`].
     pub attenuating_legs: Option<u32>,
 }
 
@@ -102,44 +103,58 @@ fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option
 }
 
 impl PathLog {
-    /// The log of a path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or with
-    /// weights that differ, unless by what media took.
-    pub fn of(
-        ir: &SceneIr,
-        cells: &Cells,
-        log: &EndLog,
+    /// The log of the nominal path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
+    /// with weights that differ, unless by what media took.
+    pub fn of(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
+        let log = PathLog::with_known_weights(scene, path, pilot)
+            .or_else(|| PathLog::with_logged_weights(scene, path, pilot))?;
+        (!log.places.is_empty()).then_some(log)
+    }
+
+    /// The log of a side path beside that of the nominal one, whose form it must have; it may be without a place.
+    pub fn beside(
+        nominal: &PathLog,
+        scene: &LoggedScene,
         path: &NominalPath,
-        options: &ProgramOptions,
-        features: &Features,
+        pilot: &PilotPath,
     ) -> Option<Self> {
-        let pilot = options.nominal.as_ref()?;
-        if log.form == Form::Counts {
-            return None;
-        }
-        let weights = KnownWeights::of(pilot, options, features);
-        let known = || {
-            let places = places(ir, log, path, options, |event| weights.on_arrival(event))?;
-            let end = match ledger_end(ir, cells, path)? {
-                Some((cell, event)) => Some(LedgerEnd { cell, weight: weights.on_arrival(event)? }),
-                None => None,
-            };
-            Some(PathLog { places, end, attenuating_legs: None })
+        let log = match nominal.attenuating_legs {
+            None => PathLog::with_known_weights(scene, path, pilot),
+            Some(_) => PathLog::with_logged_weights(scene, path, pilot),
         };
-        let logged = || {
-            let attenuating_legs = Some(attenuating_legs(ir, path, options, features)?);
-            let places = places(ir, log, path, options, |_| Some(Weight::Logged))?;
-            let ends_on_last = ledger_end(ir, cells, path)?.is_none();
-            let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
-            (ends_on_last && arrive_once).then_some(PathLog { places, end: None, attenuating_legs })
+        log.filter(|log| log.num_rows() <= nominal.num_rows())
+    }
+
+    fn with_known_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
+        let weights = KnownWeights::of(pilot, scene.options, scene.features);
+        let places = places(scene, path, pilot, |event| weights.on_arrival(event))?;
+        let end = match ledger_end(scene, path)? {
+            Some((cell, event)) => Some(LedgerEnd { cell, weight: weights.on_arrival(event)? }),
+            None => None,
         };
-        known().or_else(logged).filter(|log| !log.places.is_empty())
+        Some(PathLog { places, end, attenuating_legs: None })
+    }
+
+    fn with_logged_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
+        let attenuating_legs = Some(attenuating_legs(scene, path, pilot)?);
+        let places = places(scene, path, pilot, |_| Some(Weight::Logged))?;
+        let end = ledger_end(scene, path)?.map(|(cell, _)| LedgerEnd { cell, weight: Weight::Logged });
+        let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
+        // The last weight that is logged is the one that they end with.
+        let ends_on_last = places.is_empty() == end.is_some();
+        (ends_on_last && arrive_once).then_some(PathLog { places, end, attenuating_legs })
+    }
+
+    /// Rows of the log, of which each has a place of every ray.
+    pub fn num_rows(&self) -> usize {
+        self.places.len().max(1)
     }
 
     /// Bytes of all that a ray logs.
     pub fn ray_bytes(&self, form: Form) -> u64 {
         let num_reals = if self.attenuating_legs.is_some() { 4 } else { 2 };
         let real_bytes = if form == Form::Reals { 8 } else { 4 };
-        self.places.len() as u64 * num_reals * real_bytes
+        self.num_rows() as u64 * num_reals * real_bytes
     }
 
     /// How rays arrive at an event: at which place, with its number.
@@ -149,6 +164,21 @@ impl PathLog {
             Some((number, place, arrival))
         })
     }
+}
+
+/// What logs of paths are made for.
+#[derive(Debug, Clone, Copy)]
+pub struct LoggedScene<'a> {
+    /// The scene.
+    pub ir: &'a SceneIr,
+    /// Its cells.
+    pub cells: &'a Cells,
+    /// The log that other rays write.
+    pub log: &'a EndLog,
+    /// How the scene is specialised.
+    pub options: &'a ProgramOptions,
+    /// What it needs.
+    pub features: &'a Features,
 }
 
 /// What is known, before a trace, of the weights of a path's rays.
@@ -183,13 +213,16 @@ impl<'a> KnownWeights<'a> {
 /// The places of a path, whose rays have such weights at its events; none if these are not known, or where a detector does
 /// not keep to bilinear taps.
 fn places(
-    ir: &SceneIr,
-    log: &EndLog,
+    scene: &LoggedScene,
     path: &NominalPath,
-    options: &ProgramOptions,
+    pilot: &PilotPath,
     weight: impl Fn(usize) -> Option<Weight>,
 ) -> Option<Vec<Place>> {
-    let ways = &options.nominal.as_ref()?.ways;
+    let &LoggedScene { ir, log, options, .. } = scene;
+    if log.form == Form::Counts {
+        return None;
+    }
+    let ways = &pilot.ways;
     let mut places: Vec<Place> = Vec::new();
     let mut off_edges = Pilot::new(ways, LEAST_OFF_EDGES);
     for (number, event) in path.events.iter().enumerate() {
@@ -215,24 +248,21 @@ fn places(
 }
 
 /// Where the weight of a path's rays goes at its end, and at which event, unless a detector takes it. None without a path.
-fn ledger_end(ir: &SceneIr, cells: &Cells, path: &NominalPath) -> Option<Option<(u32, usize)>> {
+fn ledger_end(scene: &LoggedScene, path: &NominalPath) -> Option<Option<(u32, usize)>> {
     let last = path.events.last()?;
-    Some(match (last.ends, last.primitive < ir.surfaces.len()) {
+    let num_events = path.events.len();
+    Some(match (last.ends, last.primitive < scene.ir.surfaces.len()) {
         (true, false) => None,
-        (true, true) => Some((cells.surfaces + last.primitive as u32, path.events.len() - 1)),
-        (false, _) => Some((CELL_DEPTH_KILLED, path.events.len())),
+        (true, true) => Some((scene.cells.surfaces + last.primitive as u32, num_events - 1)),
+        (false, _) if path.missed.is_some() => Some((CELL_ESCAPED, num_events)),
+        (false, _) => Some((CELL_DEPTH_KILLED, num_events)),
     })
 }
 
 /// On how many of its ways each ray of the pilot lost something; none where they differ in that, or where something else
 /// than media takes from the rays of a path: surfaces, or roulette.
-fn attenuating_legs(
-    ir: &SceneIr,
-    path: &NominalPath,
-    options: &ProgramOptions,
-    features: &Features,
-) -> Option<u32> {
-    let ways = &options.nominal.as_ref()?.ways;
+fn attenuating_legs(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<u32> {
+    let (&LoggedScene { ir, options, features, .. }, ways) = (scene, &pilot.ways);
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
     let others_take = features.importance || features.coated || lowered::lossy_mirrors(ir).any(is_on_path);
     let comes_to_roulette = |way: &Way| way.weights.iter().any(|&weight| weight < options.roulette_threshold);

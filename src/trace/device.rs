@@ -5,7 +5,8 @@ use crate::error::{Error, Result};
 use crate::gpu::end_log::{DeviceLogs, Rays};
 use crate::gpu::sums::DeviceSums;
 use crate::gpu::{self, Gpu};
-use crate::program::{self, Program, SecondMoments};
+use crate::program::{self, Program, SecondMoments, side_paths};
+use std::cell::OnceCell;
 
 /// A device, and what the traces of a program take of it.
 pub(super) struct DeviceState {
@@ -14,6 +15,9 @@ pub(super) struct DeviceState {
     pub(super) bytes: u64,
     trace_new: wgpu::ComputePipeline,
     trace_nominal: Option<wgpu::ComputePipeline>,
+    /// Stages of the side paths, each compiled when it is first needed.
+    trace_sides: Vec<OnceCell<wgpu::ComputePipeline>>,
+    compiler: Compiler,
     /// What follows rays that outlive a dispatch, where some can.
     rounds: Option<Rounds>,
     /// Group 0; one for each log of ends, where there are logs.
@@ -30,6 +34,16 @@ pub(super) struct DeviceState {
     pub(super) tops: Option<DeviceSums>,
     pub(super) counters: DeviceSums,
     pub(super) events: Option<wgpu::Buffer>,
+}
+
+/// What it takes to compile a stage.
+struct Compiler {
+    gpu: Gpu,
+    bindings: Vec<gpu::compute::Binding>,
+    /// Of the groups, in their order.
+    layouts: [wgpu::BindGroupLayout; 2],
+    /// All stages, where each has no module of its own.
+    shader: Option<wgpu::ShaderModule>,
 }
 
 /// The stages that follow the rays in a queue, again and again.
@@ -69,6 +83,25 @@ impl Stage<'_> {
     }
 }
 
+impl Compiler {
+    fn new(gpu: &Gpu, program: &Program, strict: bool) -> Result<Self> {
+        let bindings = gpu::compute::bindings_of(&program.module);
+        check_bindings(gpu, program, &bindings)?;
+        let layouts = [("scene", 0), ("queues", 1)];
+        let layouts = layouts.map(|(label, group)| gpu.bind_group_layout(label, &bindings, group));
+        let shader = (!strict).then(|| gpu.shader("trace", program.source()));
+        Ok(Compiler { gpu: gpu.clone(), bindings, layouts, shader })
+    }
+
+    fn pipeline(&self, program: &Program, entry_point: &str) -> Result<wgpu::ComputePipeline> {
+        let shader = match &self.shader {
+            Some(shader) => shader,
+            None => &self.gpu.strict_shader(entry_point, &program.module, &self.bindings)?,
+        };
+        Ok(self.gpu.pipeline(entry_point, shader, &self.layouts.each_ref(), &[]))
+    }
+}
+
 impl DeviceState {
     pub(super) fn new(
         gpu: &Gpu,
@@ -77,27 +110,21 @@ impl DeviceState {
         strict: bool,
         logs: Option<&DeviceLogs>,
     ) -> Result<Self> {
-        let bindings = gpu::compute::bindings_of(&program.module);
-        check_bindings(gpu, program, &bindings)?;
-        let shader = match strict {
-            true => gpu.strict_shader("trace", &program.module, &bindings)?,
-            false => gpu.shader("trace", program.source()),
-        };
-        let scene_layout = gpu.bind_group_layout("scene", &bindings, 0);
-        let queue_layout = gpu.bind_group_layout("queues", &bindings, 1);
-        let layouts = [&scene_layout, &queue_layout];
+        let compiler = Compiler::new(gpu, program, strict)?;
+        let [scene_layout, queue_layout] = &compiler.layouts;
         let has_queue = program.options.has_queue();
-        let pipeline = |entry_point| gpu.pipeline(entry_point, &shader, &layouts, &[]);
+        let pipeline = |entry_point| compiler.pipeline(program, entry_point);
         let counts = gpu.buffer("queue counts", 16)?;
         // To compile one takes lavapipe a tenth of a second and more.
         let others = || -> Result<_> {
-            let trace_nominal = program.nominal.as_ref().map(|_| pipeline("trace_nominal"));
-            let rounds = || Rounds::new(gpu, program, &counts, pipeline("trace_queued"));
+            let trace_nominal = program.nominal.as_ref().map(|_| pipeline("trace_nominal")).transpose()?;
+            let rounds = || Rounds::new(gpu, program, &counts, pipeline("trace_queued")?);
             Ok((trace_nominal, has_queue.then(rounds).transpose()?))
         };
         let has_others = program.nominal.is_some() || has_queue;
         let (trace_new, others) =
             side_by_side(|| pipeline(program.entry_point()), has_others.then_some(others))?;
+        let trace_new = trace_new?;
         let (trace_nominal, rounds) = others.transpose()?.unwrap_or_default();
 
         let sums = DeviceSums::new(gpu, &program.sums.sums)?;
@@ -114,7 +141,10 @@ impl DeviceState {
         };
         let is_image = |number: u32| {
             let is_it = |binding: &gpu::compute::Binding| (binding.group, binding.number) == (0, number);
-            bindings.iter().any(|binding| is_it(binding) && binding.access == gpu::compute::Access::Texels)
+            compiler
+                .bindings
+                .iter()
+                .any(|binding| is_it(binding) && binding.access == gpu::compute::Access::Texels)
         };
         let (images, buffers): (Vec<_>, Vec<_>) =
             program.buffers.iter().partition(|(number, _)| is_image(*number));
@@ -143,7 +173,7 @@ impl DeviceState {
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let logs = logs.map_or(vec![None], |logs| logs.bindings().map(Some).into());
         let log_bytes: u64 = logs.iter().flatten().map(|(_, log)| log.size()).sum();
-        let group = |log| gpu.bind_group("scene", &scene_layout, scene.iter().copied().chain(log), &images);
+        let group = |log| gpu.bind_group("scene", scene_layout, scene.iter().copied().chain(log), &images);
         let scenes = logs.into_iter().map(group).collect();
 
         let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
@@ -154,7 +184,7 @@ impl DeviceState {
             if has_queue {
                 buffers.extend([(1, &queue[from]), (2, &queue[to])]);
             }
-            gpu.bind_group("queues", &queue_layout, buffers, &[])
+            gpu.bind_group("queues", queue_layout, buffers, &[])
         };
         let queues = [direction(1, 0), direction(0, 1)];
         gpu.check()?;
@@ -164,6 +194,8 @@ impl DeviceState {
             bytes: program.device_bytes() + log_bytes + stray_bytes + 2 * queue_bytes,
             trace_new,
             trace_nominal,
+            trace_sides: program.side_paths.iter().map(|_| OnceCell::new()).collect(),
+            compiler,
             rounds,
             scenes,
             queues,
@@ -179,9 +211,24 @@ impl DeviceState {
         })
     }
 
-    /// The stage of the nominal path, where such rays take it.
-    pub(super) fn trace_nominal(&self, rays: Rays) -> Option<&wgpu::ComputePipeline> {
-        self.trace_nominal.as_ref().filter(|_| matches!(rays, Rays::OfRange))
+    /// Compiles the stage that such rays go through, unless it is.
+    pub(super) fn prepare(&self, program: &Program, rays: &Rays) -> Result<()> {
+        let Rays::OfSide { side, .. } = *rays else { return Ok(()) };
+        let Some(stage) = self.trace_sides.get(side).filter(|stage| stage.get().is_none()) else {
+            return Ok(());
+        };
+        let pipeline = self.compiler.pipeline(program, &side_paths::entry_point(side))?;
+        stage.get_or_init(|| pipeline);
+        Ok(())
+    }
+
+    /// The stage of the path that such rays are to take, with its name, if it has one.
+    pub(super) fn trace_path(&self, rays: &Rays) -> Option<(&'static str, &wgpu::ComputePipeline)> {
+        match rays {
+            Rays::OfRange => self.trace_nominal.as_ref().map(|stage| ("trace_nominal", stage)),
+            Rays::OfSide { side, .. } => Some(("trace_side", self.trace_sides.get(*side)?.get()?)),
+            Rays::Strayed => None,
+        }
     }
 
     /// The stages of one batch, in their order; `log` is the log of ends that they write.
@@ -190,11 +237,11 @@ impl DeviceState {
         new_workgroups: [u32; 3],
         num_rounds: usize,
         log: usize,
-        rays: Rays,
+        rays: &Rays,
     ) -> impl Iterator<Item = Stage<'_>> {
         let scene = &self.scenes[log];
-        let (name, pipeline, rounds) = match self.trace_nominal(rays) {
-            Some(trace_nominal) => ("trace_nominal", trace_nominal, None),
+        let (name, pipeline, rounds) = match self.trace_path(rays) {
+            Some((name, trace_path)) => (name, trace_path, None),
             None => ("trace_new", &self.trace_new, self.rounds.as_ref()),
         };
         let first = Stage {

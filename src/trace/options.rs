@@ -48,6 +48,10 @@ pub struct TraceOptions {
     /// given, on processors, in traces that take long. It never changes a result.
     #[doc(hidden)]
     pub second_device: Option<bool>,
+    /// Rays that stray from the nominal path follow side paths from the first one on, or never; where not given, from where
+    /// so many have strayed at an event that its stage pays. It never changes a result.
+    #[doc(hidden)]
+    pub side_paths: Option<bool>,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
@@ -136,6 +140,7 @@ impl Default for TraceOptions {
             host_sums: None,
             stores_together: None,
             second_device: None,
+            side_paths: None,
             workgroup_size: Tuning::default().workgroup_size,
             rays_per_invocation: None,
             events_per_dispatch: Tuning::default().events_per_dispatch,

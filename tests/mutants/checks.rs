@@ -100,6 +100,7 @@ impl Scene {
                     setting.options.standard_error = StandardError::Off;
                 }
                 ("together", _) => setting.options.stores_together = Some(true),
+                ("sides", _) => setting.options.side_paths = Some(true),
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
                     setting.options.baked = Some(false);

@@ -51,6 +51,8 @@ pub struct Variant {
     pub lanes: u32,
     /// The path that has a stage of its own.
     pub nominal: Option<PilotPath>,
+    /// Those of rays that stray from it.
+    pub side_paths: Vec<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
 }
@@ -329,7 +331,7 @@ impl Choice {
                 // A ray of the pilot that stays far from everything, so that the others are clear of all of it.
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
                 let way = Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0; 3] };
-                variant.nominal = Some(PilotPath { primitives, ways: vec![way] });
+                variant.nominal = Some(PilotPath { primitives, ways: vec![way], escapes: false, share: 0.5 });
             }
             // Another path takes its place, and then there is the detector alone. In a trace of 16 events it is full, and
             // arrives at some places again.
@@ -341,7 +343,12 @@ impl Choice {
                 let mut weights = vec![0.5; 17];
                 weights[0] = 1.0;
                 let way = Way { positions: (0..17).map(away).collect(), weights };
-                variant.nominal.get_or_insert(PilotPath { primitives, ways: vec![way] });
+                variant.nominal.get_or_insert(PilotPath {
+                    primitives,
+                    ways: vec![way],
+                    escapes: false,
+                    share: 0.5,
+                });
             }
             // A path whose rays log what they weigh; another one takes its place.
             Choice::NominalThroughGlass => {
@@ -354,7 +361,18 @@ impl Choice {
                     let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
                     Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0, 1.0, weight] }
                 };
-                variant.nominal.get_or_insert(PilotPath { primitives, ways: vec![way(0.5), way(0.75)] });
+                let nominal =
+                    PilotPath { primitives, ways: vec![way(0.5), way(0.75)], escapes: false, share: 0.5 };
+                // One side path misses the detector, the other one meets the ball again.
+                let escaping = |primitives| PilotPath {
+                    primitives,
+                    ways: nominal.ways.clone(),
+                    escapes: true,
+                    share: 0.1,
+                };
+                let ball = ir.surfaces.len() - 1;
+                variant.side_paths = vec![escaping(vec![ball]), escaping(vec![ball, ball])];
+                variant.nominal.get_or_insert(nominal);
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
@@ -409,6 +427,7 @@ impl Default for Variant {
             host_sums: false,
             lanes: 1,
             nominal: None,
+            side_paths: Vec::new(),
             part_bytes: 1 << 27,
             moments: SecondMoments::None,
         }
@@ -441,6 +460,7 @@ impl Variant {
             sampler: self.sampler,
             moments: self.moments,
             nominal: self.nominal.clone(),
+            side_paths: self.side_paths.clone(),
             host_sums: self.host_sums,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             lanes: self.lanes,

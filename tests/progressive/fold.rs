@@ -106,7 +106,7 @@ fn two_devices_by_turns_add_up_to_one() {
                 precision,
                 ..options(10_007)
             };
-            let both = TraceOptions { second_device: Some(true), ..alone.clone() };
+            let both = TraceOptions { second_device: Some(true), side_paths: Some(true), ..alone.clone() };
             let mut tracer = Tracer::new(zoo::gpu(), &ir, &both).unwrap();
             tracer.set_pass_time(Duration::ZERO);
             for seed in [alone.seed, 12] {
