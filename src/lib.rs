@@ -11,7 +11,8 @@
 //! ```
 //!
 //! [`precision`] predicts, by a pilot trace, what error f32 makes in a scene.
-//! [`nominal`] finds, by a pilot trace, the path that most rays take, so that it can have a stage of its own.
+//! [`nominal`] finds, by a pilot trace, the path that most rays take, and those of most others, so that they can have stages
+//! of their own.
 //! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
 //! [`folders`] knows where a user keeps settings and caches, [`processors`] how many threads are worth their start.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
