@@ -490,10 +490,8 @@ impl<'a> Tracer<'a> {
     /// rays that strayed and wait.
     fn settle(&mut self) -> Result<()> {
         self.finish_logs()?;
-        for emitter in 0..self.rays.len() {
-            while self.follow_sides(emitter, 1)? {
-                self.finish_logs()?;
-            }
+        while self.follow_last_sides()? {
+            self.finish_logs()?;
         }
         for emitter in 0..self.rays.len() {
             self.retrace_strays(emitter, 1)?;
@@ -517,6 +515,16 @@ impl<'a> Tracer<'a> {
             self.dispatch(&range, Rays::OfSide { side, ids })?;
         }
         Ok(were_enough)
+    }
+
+    /// The same of all emitters, however few wait, unless that does not pay.
+    fn follow_last_sides(&mut self) -> Result<bool> {
+        self.end_logs.as_mut().into_iter().for_each(|logs| logs.strays().give_up_few());
+        let mut were_any = false;
+        for emitter in 0..self.rays.len() {
+            were_any |= self.follow_sides(emitter, 1)?;
+        }
+        Ok(were_any)
     }
 
     /// Traces the rays of an emitter that have strayed from the nominal path and follow no other, while so many wait.

@@ -11,6 +11,9 @@ use crate::program::side_paths::SidePath;
 /// once again what is lost without it, however many rays are still to come.
 const STAGE_PAYS: f64 = (1 << 21) as f64;
 
+/// Fewer rays of a side path are sooner traced with others: a dispatch of their own takes longer than is saved.
+const LEAST_ALONE: usize = 1 << 12;
+
 /// All that wait, and how the side paths go.
 #[derive(Debug, Default)]
 pub struct Strays {
@@ -106,6 +109,18 @@ impl Strays {
     /// Lets all rays of a range wait, as if none had followed the path.
     pub fn list(&mut self, range: &RayRange) {
         self.of(range.emitter).by_event[0].extend(range.first..range.first + u64::from(range.count));
+    }
+
+    /// Lets no rays follow a side path who are too few for that, when no more will come.
+    pub fn give_up_few(&mut self) {
+        for (side, Side { strayed_at, is_always_followed, .. }) in self.sides.iter().enumerate() {
+            let least = if *is_always_followed { 1 } else { LEAST_ALONE };
+            for Waiting { by_event, by_side } in &mut self.waiting {
+                if by_side[side].len() < least {
+                    by_event[*strayed_at].append(&mut by_side[side]);
+                }
+            }
+        }
     }
 
     /// How many of an emitter wait for trace_new.
@@ -214,6 +229,22 @@ mod tests {
         strays.add_of_side(2, &strayed(1..2, 0), &ids, 0).unwrap();
         assert_eq!(strays.take(0, 9), [13]);
         assert_eq!(strays.num_along_sides().collect::<Vec<_>>(), [[9, 3], [0, 0], [3, 1]]);
+    }
+
+    #[test]
+    fn few_rays_follow_no_side_path_when_no_more_will_come() {
+        for is_always_followed in [false, true] {
+            let mut strays = Strays::new(&[side_path(2, 1), side_path(1, 1)], is_always_followed);
+            let enough = LEAST_ALONE as u32;
+            strays.add(&[strayed(0..enough, 1), strayed(0..enough - 1, 2)].concat(), &RANGE);
+            strays.give_up_few();
+            let num_given_up = if is_always_followed { 0 } else { LEAST_ALONE - 1 };
+            assert_eq!(strays.num(0), num_given_up);
+            let taken = strays.take_of_side(0, 1, 2 * LEAST_ALONE);
+            assert_eq!(taken.map(|(side, ids)| (side, ids.len())), Some((1, LEAST_ALONE)));
+            let taken = strays.take_of_side(0, 1, 2 * LEAST_ALONE);
+            assert_eq!(taken.is_some(), is_always_followed);
+        }
     }
 
     #[test]
