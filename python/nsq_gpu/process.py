@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent import futures
 from typing import IO, Any
 
 from nsq_gpu.errors import TraceTimeoutError, error_of
@@ -45,23 +46,43 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Progress
         NsqGpuError: The exit code was none of those; the class says which.
         TraceTimeoutError: It ran longer than ``timeout`` [s].
     """
-    child = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        encoding="utf-8", errors="replace",
-    )
+    # Ctrl-C interrupts the main thread wherever it is. Were that inside Popen, nobody would hold the child: another
+    # thread starts it.
+    starting: futures.Future[subprocess.Popen[str]] = futures.Future()
     try:
+        threading.Thread(target=_start, args=(command, starting), daemon=True).start()
+        child = starting.result()
         said = _listen(child, timeout, progress)
+        code = _end(child)
     except BaseException:
-        child.kill()
+        if not starting.cancel() and starting.exception() is None:
+            starting.result().kill()
+            _end(starting.result())
         raise
-    finally:
-        code = child.wait()
-        assert child.stdin is not None
-        child.stdin.close()
     text = "\n".join(said)
     if code not in accepted:
         raise error_of(code, text)
     return code, text
+
+
+def _start(command: Sequence[str], starting: futures.Future[subprocess.Popen[str]]) -> None:
+    if not starting.set_running_or_notify_cancel():
+        return
+    try:
+        starting.set_result(subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            encoding="utf-8", errors="replace",
+        ))
+    except BaseException as error:
+        starting.set_exception(error)
+
+
+def _end(child: subprocess.Popen[str]) -> int:
+    """Wait for a child that ends; return its exit code."""
+    code = child.wait()
+    assert child.stdin is not None
+    child.stdin.close()
+    return code
 
 
 def _listen(child: subprocess.Popen[str], timeout: float | None, progress: ProgressCallback | ProgressBar | None) -> list[str]:

@@ -305,18 +305,26 @@ def test_timeout_ends_the_real_program() -> None:
         live.load(SCENES[0]).trace(10**12, backend=backend(timeout=2.0))
 
 
+class _SlowToStart(subprocess.Popen[str]):
+    """A child that runs long before the one who started it is told so."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        time.sleep(0.5)
+
+
 @posix_only
-def test_interrupt_ends_the_child(tmp_path: Path) -> None:
+@pytest.mark.parametrize("popen", [subprocess.Popen, _SlowToStart], ids=["running", "starting"])
+def test_interrupt_ends_the_child(tmp_path: Path, popen: type) -> None:
     def interrupt() -> None:
-        while not (tmp_path / "pid").exists():
-            time.sleep(0.01)
+        _eventually(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt, daemon=True).start()
     # A script run in the background inherits a handler that ignores SIGINT.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with pytest.raises(KeyboardInterrupt):
+        with mock.patch("subprocess.Popen", popen), pytest.raises(KeyboardInterrupt):
             bench().trace(100, backend=backend(binary=script(tmp_path, "exec sleep 60")))
     finally:
         signal.signal(signal.SIGINT, before)
@@ -348,11 +356,11 @@ def test_the_real_program_ends_with_the_process_that_traces(tmp_path: Path, how:
 
 def _eventually(found: Callable[[], Any]) -> Any:
     """Return what is found as soon as something is, within a minute."""
-    for _ in range(600):
+    for _ in range(6000):
         with contextlib.suppress(ValueError):
             if value := found():
                 return value
-        time.sleep(0.1)
+        time.sleep(0.01)
     raise AssertionError("it never came")
 
 
