@@ -314,6 +314,8 @@ fn functions_keep_their_word_at_the_ends_of_their_range() {
         assert_eq!(exp[..3], [0.0, 0.0, 1.0], "{real:?}");
         assert!(exp[3] > 0.0 && exp[4].is_finite(), "{real:?} {exp:?}");
         assert_eq!(exp[5..], [exp[4], exp[4]], "{real:?}");
+        let near: Vec<f64> = (-680..=680).map(|i| f64::from(i) / 2000.0).collect();
+        assert_eq!(values("exp_near_zero(a)", &near), values("exp_real(a)", &near), "{real:?}");
         let acos = values("acos_real(a)", &[1.0, 1.001, 1e30, -1.0, -1.001, -1e30]);
         assert_eq!(acos[..3], [0.0; 3], "{real:?}");
         assert!(acos[3..].iter().all(|pi| (pi - TAU / 2.0).abs() < ulp(3.0, real)), "{real:?} {acos:?}");

@@ -10,7 +10,7 @@ mod zoo;
 use glam::{DMat3, DQuat, DVec3};
 use nsq_gpu::ir::{EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Spectrum, Surface};
 use nsq_gpu::program::Precision;
-use nsq_gpu::program::clearance::Clearance;
+use nsq_gpu::program::clearance::{Clearance, Sign};
 use nsq_gpu::program::nominal::{Crossing, NominalPath};
 use nsq_gpu::program::rng::Sampler;
 use nsq_gpu::program::side_paths::SidePath;
@@ -248,6 +248,15 @@ fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
     ir
 }
 
+/// The same in hazy air, and the lamp in glass: its rays lose on as many ways, but a third on the first.
+fn hazy_tinted_lens_of_two_sources() -> SceneIr {
+    let lens = tinted_lens();
+    let (air, glass) = (lens.surfaces[0].front, lens.surfaces[0].back);
+    let mut ir = tinted_lens_of_two_sources(glass);
+    ir.media[air].k.fill(1e-8);
+    ir
+}
+
 /// What media took from rays of a path follows from what they weigh at its end.
 #[test]
 fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
@@ -332,15 +341,19 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
     // Of those of the pilot as well.
     let high = TraceOptions { min_flux_fraction: 0.91, ..options(Precision::F64) };
     assert_eq!(attenuating_legs(&lens, &high), None);
-    for (ir, min_flux_fraction, right, wrong) in [
-        (tinted_lens_of_two_sources(glass), 0.0, "num_losses == attenuating_legs", "num_losses > 0u"),
-        (tinted_lens(), threshold, "(*ray).weight >= ROULETTE_THRESHOLD", "true"),
+    // So little that no way through takes much.
+    let mut two_sources = tinted_lens_of_two_sources(glass);
+    two_sources.media[glass].k.fill(4e-7);
+    for (ir, min_flux_fraction, legs, right, wrong) in [
+        (two_sources, 0.0, 1, "num_losses == attenuating_legs", "num_losses > 0u"),
+        (tinted_lens(), threshold, 1, "(*ray).weight >= ROULETTE_THRESHOLD", "true"),
+        (hazy_tinted_lens_of_two_sources(), 0.0, 3, "abs(exponent) <= NEAR_ZERO", "true"),
     ] {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { min_flux_fraction, num_rays: 20_000, ..options(precision) };
             let with = with_nominal_path(&options);
             let tally = trace(&ir, &options).0;
-            assert_eq!(attenuating_legs(&ir, &options), Some(1), "{right}");
+            assert_eq!(attenuating_legs(&ir, &options), Some(legs), "{right}");
             assert!(trace(&ir, &with).0 == tally, "{right}: other bits");
             let edited = zoo::edited(&ir, &with, right, wrong).trace(|_| true).unwrap();
             assert!(edited != tally, "{wrong} is not seen");
@@ -420,23 +433,62 @@ fn rays_that_stray_alike_follow_side_paths() {
     }
 }
 
-/// A ring far before a lens, which catches the outermost of those that the lens reflects.
-#[test]
-fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
+/// A lens, and a ring far before it, which catches the outermost of the rays that it reflects.
+fn ring_before_a_lens() -> SceneIr {
     let mut ir = gaussian_lens(2.2);
     let ring = Shape::Annulus { inner_radius: 12.0, outer_radius: 60.0, z_offset: 0.0 };
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -24.0), ring, DQuat::IDENTITY));
-    for precision in [Precision::F32, Precision::F64] {
-        let options = TraceOptions { num_rays: 40_000, ..options(precision) };
-        let with = with_nominal_path(&options);
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &with).unwrap();
-        let expected = [(0, vec![0], true), (1, vec![0, 1, 0], true)];
-        assert_eq!(side_paths(&tracer)[..2], expected, "{precision:?}");
-        let tally = trace(&ir, &options).0;
-        assert!(tracer.trace(|_| true).unwrap() == tally, "{precision:?}: other bits");
-        let [right, wrong] = [".primitive == NONE) & holds;", ".primitive != 99u) & holds;"];
-        let edited = zoo::edited(&ir, &with, right, wrong).trace(|_| true).unwrap();
-        assert!(edited != tally, "{precision:?}: what rays meet behind the path is not looked for");
+    ir
+}
+
+/// Or a plate along its axis.
+fn plate_before_a_lens() -> SceneIr {
+    let mut ir = gaussian_lens(2.2);
+    let plate = Shape::Plane(Outline::Disk { radius: 8.0 });
+    let along = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+    ir.surfaces.push(speck(DVec3::new(6.0, 0.0, -16.0), plate, along));
+    ir
+}
+
+/// A strongly curved lens, and a ring around its cap whose plane nearly all rays never reach that the cap reflects; but those of a
+/// weak lamp between the two.
+fn ring_around_a_lens() -> SceneIr {
+    let mut ir = gaussian_lens(2.1);
+    ir.surfaces[0].shape = Shape::Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 12.5 };
+    let glass = ir.surfaces[0].back;
+    ir.media[glass].n.fill(3.0);
+    ir.sensors[0].frame.origin.z = 20.0;
+    let ring = Shape::Annulus { inner_radius: 7.8, outer_radius: 40.0, z_offset: 0.0 };
+    ir.surfaces.push(speck(DVec3::new(0.0, 0.0, 1.35), ring, DQuat::IDENTITY));
+    let mut lamp = ir.emitters[0].clone();
+    lamp.kind = EmitterKind::CollimatedTophat { aperture_radius: 0.05 };
+    lamp.frame.origin = DVec3::new(7.72, 0.0, 1.42);
+    lamp.total_flux *= 0.003;
+    ir.emitters.push(lamp);
+    ir
+}
+
+#[test]
+fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
+    for (ir, spared, [right, wrong]) in [
+        (ring_before_a_lens(), Some("inside, to the exit"), NEVER_INSIDE),
+        (plate_before_a_lens(), None, [".primitive == NONE) &", ".primitive != 99u) &"]),
+        (ring_around_a_lens(), Some("past"), ["return exit_distance <= 0.0;", "return true;"]),
+    ] {
+        for precision in [Precision::F32, Precision::F64] {
+            let options = TraceOptions { num_rays: 100_000, ..options(precision) };
+            let with = with_nominal_path(&options);
+            let mut tracer = Tracer::new(zoo::gpu(), &ir, &with).unwrap();
+            let sides = &tracer.program().side_paths;
+            let reflected = sides.iter().find(|side| side.strayed_at == 0 && side.path.events.len() == 1);
+            let missed = reflected.and_then(|side| side.path.missed.as_ref()).unwrap();
+            let passed = missed.passed.iter().find(|(i, _)| *i == 3).map(|(_, passed)| kind(passed));
+            assert_eq!((passed, missed.candidates.contains(&3)), (spared, spared.is_none()), "{missed:?}");
+            let tally = trace(&ir, &options).0;
+            assert!(tracer.trace(|_| true).unwrap() == tally, "{spared:?} in {precision:?}: other bits");
+            let edited = zoo::edited(&ir, &with, right, wrong).trace(|_| true).unwrap();
+            assert!(edited != tally, "{precision:?}: {wrong} for {right} is not seen");
+        }
     }
 }
 
@@ -612,7 +664,7 @@ fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     let passed = |step: usize| -> Vec<usize> { events[step].passed.iter().map(|passed| passed.0).collect() };
     assert_eq!([passed(0), passed(1), passed(2)], [vec![rim], vec![front, rim], vec![back, rim]]);
     let kinds = events.iter().flat_map(|event| event.passed.iter().map(|passed| kind(&passed.1)));
-    assert_eq!(kinds.collect::<Vec<_>>(), ["beside", "leaves", "off", "leaves", "beside"]);
+    assert_eq!(kinds.collect::<Vec<_>>(), ["beside", "leaves", "inside", "leaves", "beside"]);
     assert!(
         events.iter().map(|event| event.at_nearer_crossing).eq([true, true, false]),
         "of the detector there is one"
@@ -620,10 +672,15 @@ fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
 }
 
 fn kind(clearance: &Clearance) -> &'static str {
-    match clearance {
-        Clearance::Leaves => "leaves",
-        Clearance::Beside { .. } => "beside",
-        Clearance::Off { .. } => "off",
+    match (clearance.sign, clearance.exit.is_some()) {
+        (Sign::Leaves, false) => "leaves",
+        (Sign::Leaves, true) => "leaves, to the exit",
+        (Sign::Beside { .. }, _) => "beside",
+        (Sign::Past, _) => "past",
+        (Sign::Inside { .. }, false) => "inside",
+        (Sign::Inside { .. }, true) => "inside, to the exit",
+        (Sign::Off { .. }, false) => "off",
+        (Sign::Off { .. }, true) => "off, to the exit",
     }
 }
 
@@ -650,8 +707,75 @@ fn tube_around_the_beam() -> Rare {
     let mut ir = gaussian_lens(2.2);
     let tube = Shape::Frustum { r_front: 9.0, r_back: 9.0, z_front: -6.0, z_back: 6.0 };
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -12.0), tube, DQuat::from_rotation_y(0.15)));
+    Rare { ir, step: 0, primitive: 3, spared: "inside", always: NEVER_INSIDE }
+}
+
+/// What takes all rays for inside of what surrounds them.
+const NEVER_INSIDE: [&str; 2] =
+    ["return (o.x * o.x + o.y * o.y < limit) & (x * x + y * y < limit);", "return true;"];
+
+/// A tube out of whose end a beam goes aslant, so that it would meet it farther on; but the outermost rays before that.
+fn tube_around_a_beam_aslant() -> Rare {
+    let mut ir = zoo::load("bench_lens");
+    let tube = Shape::Frustum { r_front: 7.0, r_back: 6.0, z_front: -40.0, z_back: 5.0 };
+    ir.surfaces = vec![speck(DVec3::ZERO, tube, DQuat::IDENTITY)];
+    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 };
+    ir.emitters[0].frame = Frame { origin: DVec3::ZERO, rotation: DMat3::from_rotation_y(0.25) };
+    ir.sensors[0].frame.origin.z = 60.0;
+    Rare { ir, step: 0, primitive: 0, spared: "inside, to the exit", always: NEVER_INSIDE }
+}
+
+/// The same with a weak source whose rays go the other way, far enough to meet it.
+fn tube_around_two_beams() -> Rare {
+    let mut rare = tube_around_a_beam_aslant();
+    rare.ir.emitters[0].kind = EmitterKind::CollimatedTophat { aperture_radius: 2.0 };
+    let mut back = rare.ir.emitters[0].clone();
+    back.frame.rotation = DMat3::from_rotation_y(std::f64::consts::PI - 0.25);
+    back.total_flux *= 0.003;
+    rare.ir.emitters.push(back);
+    // Where both would arrive.
+    rare.ir.sensors[0].frame = Frame {
+        origin: DVec3::new(30.0, 0.0, 0.0),
+        rotation: DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2),
+    };
+    if let SensorKind::Irradiance(grid) = &mut rare.ir.sensors[0].kind {
+        (grid.width, grid.height) = (400.0, 400.0);
+    }
+    Rare { always: ["return d.z * pace >= 1.0;", "return true;"], ..rare }
+}
+
+/// Half a hollow sphere in which a lens's beam begins, but for its outermost rays, which meet it from without.
+fn bowl_around_the_beam() -> Rare {
+    let mut ir = gaussian_lens(2.2);
+    let bowl = Shape::Conic { curvature: 1.0 / 15.0, conic: 0.0, aperture_radius: 14.95 };
+    ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -27.0), bowl, DQuat::IDENTITY));
     let always = ["return both_off(f, halfway, margin) & both_off(halfway, there, margin);", "return true;"];
     Rare { ir, step: 0, primitive: 3, spared: "off", always }
+}
+
+/// A bowl that mirrors a beam out of its opening, behind which it would meet the bowl's sphere; but a weak one against its
+/// other side.
+fn bowl_met_again() -> Rare {
+    let mut rare = mirror_met_again();
+    rare.ir.surfaces[0].shape = Shape::Conic { curvature: -1.0 / 20.0, conic: 0.0, aperture_radius: 19.0 };
+    let mirrored = |at: DVec3, angle: f64| {
+        let (place, direction) = (20.0 * at.normalize(), DVec3::new(0.0, angle.sin(), -angle.cos()));
+        let comes = direction.reflect(at.normalize());
+        let rotation = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, comes));
+        let mut emitter = rare.ir.emitters[0].clone();
+        emitter.kind = EmitterKind::CollimatedTophat { aperture_radius: 0.3 };
+        emitter.frame = Frame { origin: place - 5.0 * comes, rotation };
+        emitter
+    };
+    let strong = mirrored(DVec3::new(0.0, -17.3, 10.0), 0.96);
+    let mut weak = mirrored(DVec3::new(0.0, -5.0, 19.4), 1.15);
+    weak.total_flux *= 0.003;
+    rare.ir.emitters = vec![strong, weak];
+    rare.ir.sensors[0].frame.origin.z = -40.0;
+    if let SensorKind::Irradiance(grid) = &mut rare.ir.sensors[0].kind {
+        (grid.width, grid.height) = (1000.0, 1000.0);
+    }
+    Rare { spared: "leaves, to the exit", ..rare }
 }
 
 /// A plate along a lens's axis, beside a beam that comes aslant.
@@ -762,6 +886,10 @@ fn crossings_are_taken_for_granted_where_the_way_tells_them() {
 fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
     let rare = [
         tube_around_the_beam(),
+        tube_around_a_beam_aslant(),
+        tube_around_two_beams(),
+        bowl_around_the_beam(),
+        bowl_met_again(),
         plate_along_the_beam(),
         mirror_met_again(),
         bowl_met_from_the_side(),

@@ -32,3 +32,25 @@ fn stays_beside(o: vec3<real>, d: vec3<real>, low: real, high: real, distance: r
     let off = o.z - 0.5 * (low + high);
     return both_off(off, off + distance * d.z, 0.5 * (high - low));
 }
+
+// Both ends are nearer to the axis than the root of the limit, and so is what lies between.
+fn stays_inside(o: vec3<real>, d: vec3<real>, limit: real, distance: real) -> bool {
+    let x = o.x + distance * d.x;
+    let y = o.y + distance * d.y;
+    return (o.x * o.x + o.y * o.y < limit) & (x * x + y * y < limit);
+}
+
+// What a primitive does not reach, a ray passes that goes on along z. It goes 1 along z, or against it where the pace is
+// negative, while it goes no farther than the pace;
+fn keeps_pace(d: vec3<real>, pace: real) -> bool {
+    return d.z * pace >= 1.0;
+}
+
+// so it is behind a plane before it has gone so far. Not positive where it is there already.
+fn exit_distance(o: vec3<real>, plane: real, pace: real) -> real {
+    return (plane - o.z) * pace;
+}
+
+fn is_past(exit_distance: real) -> bool {
+    return exit_distance <= 0.0;
+}

@@ -20,6 +20,13 @@ fn exp_real(x: real) -> real {
     return select((1.0 + (r + r * (r * poly_exp(r)))) * power_of_two(i32(n)), 0.0, x < -87.33);
 }
 
+// exp(x) for |x| <= NEAR_ZERO, in the same bits: no power of two comes out.
+const NEAR_ZERO: real = 0.34;
+
+fn exp_near_zero(x: real) -> real {
+    return 1.0 + (x + x * (x * poly_exp(x)));
+}
+
 // ln(x) of a positive normal number.
 fn log_real(x: real) -> real {
     // Bits counted from those of sqrt(1/2), so that the significand lies between sqrt(1/2) and sqrt(2).

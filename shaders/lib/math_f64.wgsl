@@ -31,6 +31,13 @@ fn exp_real(x: real) -> real {
     return select(scaled(1.0 + (r + r * (r * poly_exp(r))), i32(n)), 0.0, x < -708.39);
 }
 
+// exp(x) for |x| <= NEAR_ZERO, in the same bits: no power of two comes out.
+const NEAR_ZERO: real = 0.34;
+
+fn exp_near_zero(x: real) -> real {
+    return 1.0 + (x + x * (x * poly_exp(x)));
+}
+
 // One step of taking a power of two out: of (significand, exponent), 2^size if there is that much.
 fn without_power(number: vec2<real>, size: real, power: real, inverse: real) -> vec2<real> {
     let reached = number.x >= power;

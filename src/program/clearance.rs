@@ -18,9 +18,21 @@ use glam::DVec3;
 /// stretch, whose length may be twice S, some ten times as many.
 const ROUNDINGS: f64 = 1024.0;
 
-/// What is to be seen of a stretch to know that it is clear of a primitive, in the primitive's frame.
+/// How far rays may go, at most, while they go 1 along z ([`Exit::pace`]): the least that nearly all keep to is taken.
+const PACES: [f64; 3] = [1.05, 1.5, 3.0];
+
+/// What shows that a ray is clear of a primitive, in the primitive's frame: something to be seen of a stretch of its way.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Clearance {
+pub struct Clearance {
+    /// What is to be seen.
+    pub sign: Sign,
+    /// Where the stretch ends; where there is none, it ends at the next event.
+    pub exit: Option<Exit>,
+}
+
+/// What is to be seen of a stretch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sign {
     /// The ray leaves the primitive's quadric, whose other crossing lies behind it or beyond the stretch.
     Leaves,
     /// Both ends of the stretch lie before the slab that holds the primitive, or both behind it.
@@ -30,11 +42,27 @@ pub enum Clearance {
         /// Where it ends \[mm\].
         high: f64,
     },
+    /// The ray is beyond its exit from the beginning.
+    Past,
+    /// Both ends are nearer to the axis than what the primitive leaves open, and so is all between them.
+    Inside {
+        /// The squared radius \[mm^2\].
+        limit: f64,
+    },
     /// On the whole stretch the quadric is farther from 0 than this.
     Off {
         /// In units of the quadric.
         margin: f64,
     },
+}
+
+/// Where a ray that crosses the slab around a primitive leaves it for good.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exit {
+    /// Where the slab ends, as the ray goes, in z \[mm\].
+    pub plane: f64,
+    /// The ray goes at most so far while it goes 1 along z; negative where it goes against z.
+    pub pace: f64,
 }
 
 /// Part of a ray's way, from one event to the next \[mm\].
@@ -55,47 +83,94 @@ struct Along {
 }
 
 impl Clearance {
-    /// The cheapest one of a primitive that holds for nearly all rays of a pilot, on a stretch no corner of whose box is
-    /// farther from the frame's origin than `size` \[mm\]; or none. `leaving` tells that it begins on the primitive.
+    /// The cheapest one of a primitive that holds for nearly all rays of a pilot, on a stretch that ends at the next event, if
+    /// `ends`, or nowhere, and where neither the one nor the other has a corner of its box farther from the frame's origin
+    /// than `size` \[mm\]; or none. `leaving` tells that it begins on the primitive.
     pub fn of(
         (frame, shape): &(Frame, Shape),
         leaving: bool,
+        ends: bool,
         size: f64,
         precision: Precision,
         pilot: &mut Pilot,
     ) -> Option<Self> {
         let epsilon = 1.0 / precision.significands();
-        let slab = slab(shape).filter(|_| !leaving).map(|[low, high]| {
-            let room = ROUNDINGS * epsilon * size;
-            Clearance::Beside { low: low - room, high: high + room }
-        });
+        let slab = slab(shape, size, ROUNDINGS * epsilon);
+        let [low, high] = slab.unwrap_or([f64::NAN; 2]);
+        let size = if slab.is_some() { size.max(low.abs()).max(high.abs()) } else { size };
         let largest = magnitude(shape, size);
+        let margin = ROUNDINGS * epsilon * largest;
         // An f32 may not hold the terms of a huge quadric.
         let has_quadric = ShapeKind::of(shape).quadric().is_some() && largest < f64::from(f32::MAX);
-        let quadric = has_quadric.then_some(match leaving {
-            true => Clearance::Leaves,
-            false => Clearance::Off { margin: ROUNDINGS * epsilon * largest },
+        let inside = opening(shape).map(|radius| Sign::Inside {
+            limit: radius * radius - margin - ROUNDINGS * epsilon * (size * size + radius * radius),
         });
-        let holds = |clearance: &Clearance| pilot.takes(frame, |stretch| clearance.holds(shape, stretch));
-        [slab, quadric].into_iter().flatten().find(holds)
+        let beside = slab.map(|[low, high]| Sign::Beside { low, high });
+        let signs = match leaving {
+            true => [has_quadric.then_some(Sign::Leaves), None, None, None],
+            false => {
+                let off = has_quadric.then_some(Sign::Off { margin });
+                [beside.filter(|_| ends), (!ends).then_some(Sign::Past), inside, off]
+            }
+        };
+        let mut clearances = signs.into_iter().flatten().flat_map(|sign| {
+            let to_end = ends.then_some(None);
+            to_end.into_iter().chain(exits(sign, slab).map(Some)).map(move |exit| Clearance { sign, exit })
+        });
+        clearances.find(|clearance| pilot.takes(frame, |stretch| clearance.holds(shape, stretch)))
     }
 
     /// Whether a stretch in the primitive's frame is clear, as the shader's functions would find but for roundings.
     fn holds(&self, shape: &Shape, stretch: &Stretch) -> bool {
-        let (direction, distance) = stretch.direction_and_length();
-        let along = Along::of(shape, stretch.from, direction);
-        if distance.is_nan() || distance <= 0.0 {
+        let (direction, length) = stretch.direction_and_length();
+        if length.is_nan() || length <= 0.0 {
             return false;
         }
+        let distance = match self.exit {
+            None => length,
+            Some(exit) if exit.is_kept_to(direction) => exit.distance(stretch.from),
+            Some(_) => return false,
+        };
+        self.sign.holds(shape, stretch.from, direction, distance)
+    }
+}
+
+impl Sign {
+    fn holds(&self, shape: &Shape, from: DVec3, direction: DVec3, distance: f64) -> bool {
+        let to = from + distance * direction;
+        let along = Along::of(shape, from, direction);
         match *self {
-            Clearance::Leaves => along.leaves(distance),
-            Clearance::Beside { low, high } => {
-                let [from, to] = [stretch.from.z, stretch.to.z];
-                (from < low && to < low) || (from > high && to > high)
-            }
-            Clearance::Off { margin } => along.stays_off(margin, distance),
+            Sign::Leaves => along.leaves(distance),
+            Sign::Beside { low, high } => (from.z < low && to.z < low) || (from.z > high && to.z > high),
+            Sign::Past => distance <= 0.0,
+            Sign::Inside { limit } => [from, to].iter().all(|end| end.truncate().length_squared() < limit),
+            Sign::Off { margin } => along.stays_off(margin, distance),
         }
     }
+}
+
+impl Exit {
+    fn is_kept_to(&self, direction: DVec3) -> bool {
+        direction.z * self.pace >= 1.0
+    }
+
+    /// The most that a ray goes to there; it is not positive where the ray is beyond.
+    fn distance(&self, from: DVec3) -> f64 {
+        (self.plane - from.z) * self.pace
+    }
+}
+
+/// Where rays may leave a slab, those first that keep closest to its normal, as far as it matters for a sign.
+fn exits(sign: Sign, slab: Option<[f64; 2]>) -> impl Iterator<Item = Exit> {
+    let paces = match sign {
+        Sign::Beside { .. } => &[][..],
+        // It goes no way to its exit.
+        Sign::Past => &PACES[PACES.len() - 1..],
+        Sign::Leaves | Sign::Inside { .. } | Sign::Off { .. } => &PACES,
+    };
+    slab.into_iter().flat_map(move |[low, high]| {
+        paces.iter().flat_map(move |&pace| [Exit { plane: high, pace }, Exit { plane: low, pace: -pace }])
+    })
 }
 
 impl Stretch {
@@ -223,14 +298,36 @@ impl Along {
     }
 }
 
-/// Where a shape that lies between two planes across z begins and ends; none for one that is better told by its quadric.
-fn slab(shape: &Shape) -> Option<[f64; 2]> {
+/// Where a shape that lies between two planes across z begins and ends, with room for so large a share of lengths, where no
+/// place is farther from the origin than `size`; none where there are no such planes, or too steep a rim tells badly where.
+fn slab(shape: &Shape, size: f64, share: f64) -> Option<[f64; 2]> {
+    let (ends, size) = match *shape {
+        Shape::Plane(_) => ([0.0; 2], size),
+        Shape::Annulus { z_offset, .. } => ([z_offset; 2], size),
+        Shape::Frustum { z_front, z_back, .. } => ([z_front, z_back], size),
+        Shape::Conic { curvature, conic, aperture_radius } => {
+            const LEAST_STEEPNESS: f64 = 0.1;
+            // Half the quadric's derivative by z at the rim: what the quadric is off there, z is by so much less.
+            let steepness = (1.0 - (1.0 + conic) * (curvature * aperture_radius).powi(2)).sqrt();
+            let sag = curvature * aperture_radius * aperture_radius / (1.0 + steepness);
+            if steepness.is_nan() || steepness < LEAST_STEEPNESS || !sag.is_finite() {
+                return None;
+            }
+            ([0.0, sag], size + magnitude(shape, size.max(sag.abs())) / (2.0 * steepness.min(1.0)))
+        }
+        Shape::Sphere { .. } | Shape::Mesh(_) => return None,
+    };
+    let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+    let room = share * size.max(low.abs()).max(high.abs());
+    Some([low - room, high + room])
+}
+
+/// The radius around the axis of what a shape leaves open, if it surrounds it.
+fn opening(shape: &Shape) -> Option<f64> {
     match *shape {
-        Shape::Plane(_) => Some([0.0; 2]),
-        Shape::Annulus { z_offset, .. } => Some([z_offset; 2]),
-        Shape::Conic { curvature: 0.0, .. } => Some([0.0; 2]),
-        Shape::Frustum { z_front, z_back, .. } => Some([z_front.min(z_back), z_front.max(z_back)]),
-        Shape::Conic { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => None,
+        Shape::Frustum { r_front, r_back, .. } => Some(r_front.min(r_back)),
+        Shape::Annulus { inner_radius, .. } => Some(inner_radius),
+        Shape::Plane(_) | Shape::Conic { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => None,
     }
 }
 
@@ -266,6 +363,31 @@ mod tests {
         ]
     }
 
+    fn to_the_end(sign: Sign) -> Clearance {
+        Clearance { sign, exit: None }
+    }
+
+    /// Where a straight line meets a shape, found by small steps along it: true if it crosses the quadric so near to a
+    /// place of the shape.
+    fn is_met(shape: &Shape, line: &Stretch) -> bool {
+        let on_shape = |p: DVec3| match *shape {
+            Shape::Conic { curvature, conic, aperture_radius } => {
+                1.0 - (1.0 + conic) * curvature * p.z >= 0.0 && p.truncate().length() <= aperture_radius
+            }
+            Shape::Frustum { z_front, z_back, .. } => (z_front..=z_back).contains(&p.z),
+            Shape::Annulus { inner_radius, outer_radius, .. } => {
+                (inner_radius..=outer_radius).contains(&p.truncate().length())
+            }
+            Shape::Plane(_) | Shape::Sphere { .. } | Shape::Mesh(_) => false,
+        };
+        let at = |i: u32| line.from.lerp(line.to, f64::from(i) / 20_000.0);
+        let value = |p: DVec3| Along::of(shape, p, DVec3::Z).f;
+        (1..=20_000).any(|i| {
+            let (before, here) = (at(i - 1), at(i));
+            (value(before) < 0.0) != (value(here) < 0.0) && on_shape(before) && on_shape(here)
+        })
+    }
+
     /// The quadric at many places of the stretch.
     fn samples(shape: Shape, stretch: Stretch) -> impl Iterator<Item = f64> {
         let at = move |i| stretch.from.lerp(stretch.to, f64::from(i) / 1000.0);
@@ -280,7 +402,7 @@ mod tests {
             shape in shape(), from in point(6.0), to in point(6.0), margin in 0.0..0.5f64,
         ) {
             let stretch = Stretch { from, to };
-            if (Clearance::Off { margin }).holds(&shape, &stretch) {
+            if to_the_end(Sign::Off { margin }).holds(&shape, &stretch) {
                 let is_negative = Along::of(&shape, from, DVec3::Z).f < 0.0;
                 for value in samples(shape, stretch) {
                     prop_assert!((value < 0.0) == is_negative && value.abs() > 0.99 * margin, "{value}");
@@ -300,8 +422,50 @@ mod tests {
             let there = along.g + along.a * way.length();
             // What bends towards 0 between the ends is not looked at any closer.
             let bends = (along.g < 0.0) != (there < 0.0) && (along.a < 0.0) == (along.f < 0.0);
-            let off = Clearance::Off { margin: 1e-4 };
+            let off = to_the_end(Sign::Off { margin: 1e-4 });
             prop_assert!(off.holds(&shape, &stretch) || bends || !no_crossing);
+        }
+
+        /// Whatever is taken for a clearance of one ray is one: far beyond its exit as well, if it has one.
+        #[test]
+        fn a_clearance_that_is_found_shows_that_nothing_is_met(
+            shape in prop_oneof![
+                shape().prop_filter("a ball has no end", |shape| !matches!(shape, Shape::Sphere { .. })),
+                (1.0..4.0f64).prop_map(|inner_radius| Shape::Annulus {
+                    inner_radius, outer_radius: 5.0, z_offset: 0.5,
+                }),
+            ],
+            from in point(6.0), to in point(6.0), ends: bool,
+        ) {
+            let far = from + 8.0 * (to - from);
+            let way = Way { positions: vec![from, to, far], weights: Vec::new() };
+            let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
+            let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
+            let found = Clearance::of(&(frame, shape), false, ends, 11.0, Precision::F64, &mut pilot);
+            if let Some(clearance) = found {
+                let until = if clearance.exit.is_some() { far } else { to };
+                prop_assert!(!is_met(&shape, &Stretch { from, to: until }), "{clearance:?}");
+                prop_assert!(ends || clearance.exit.is_some());
+            }
+        }
+
+        #[test]
+        fn a_ray_that_leaves_a_cap_meets_it_nowhere_where_that_is_seen(
+            curvature in -0.2..0.2f64, conic in -3.0..1.0f64, x in -3.9..3.9f64, to in point(40.0), ends: bool,
+        ) {
+            let shape = Shape::Conic { curvature, conic, aperture_radius: 4.0 };
+            let root = (1.0 - (1.0 + conic) * (curvature * x).powi(2)).sqrt();
+            prop_assume!(root > 0.0);
+            let from = DVec3::new(x, 0.0, curvature * x * x / (1.0 + root));
+            let way = Way { positions: vec![from, to], weights: Vec::new() };
+            let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
+            let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
+            let found = Clearance::of(&(frame, shape), true, ends, 70.0, Precision::F64, &mut pilot);
+            if found.is_some() {
+                // It begins on the cap.
+                let start = from.lerp(to, 1e-3);
+                prop_assert!(!is_met(&shape, &Stretch { from: start, to }), "{found:?}");
+            }
         }
 
         #[test]

@@ -4,7 +4,7 @@
 use super::TEXELS_PER_LINE;
 use super::bsdf::BsdfKind;
 use super::bvh::Forest;
-use super::clearance::Clearance;
+use super::clearance::{Clearance, Exit, Sign};
 use super::contact::{self, Contact};
 use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
@@ -64,6 +64,8 @@ pub struct Composition<'a> {
     pub path_log: Option<&'a PathLog>,
     /// The paths that most of the others take.
     pub side_paths: &'a [SidePath],
+    /// Media take little from the rays of all these paths on each of their ways.
+    pub media_absorb_weakly: bool,
     /// How to specialise.
     pub options: &'a ProgramOptions,
 }
@@ -193,6 +195,7 @@ impl Composition<'_> {
         }
         if let Some(log) = self.end_log {
             let _ = writeln!(text, "const LOG_WORDS: u32 = {}u;", log.num_words());
+            let _ = writeln!(text, "const MEDIA_ABSORB_WEAKLY: bool = {};", self.media_absorb_weakly);
             let _ = writeln!(text, "const LOGS_POSITIONS: bool = {};", log.logs_positions());
             let _ = writeln!(text, "const LOGS_WEIGHTS: bool = {};", log.logs_weights());
         }
@@ -649,20 +652,41 @@ impl Composition<'_> {
         })
     }
 
-    /// A call that tells whether the ray is clear of a primitive until it has gone `distance`.
+    /// A function that tells whether a ray is clear of what is passed until it has gone `distance`.
+    fn is_clear_of(&self, head: &str, passed: &[(usize, Clearance)]) -> Result<String> {
+        let primitives = lowered::primitives(self.ir);
+        let mut text = format!("fn {head} -> bool {{\n    var clear = true;\n");
+        for &(i, clearance) in passed {
+            let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
+        }
+        text.push_str("    return clear;\n}\n");
+        Ok(text)
+    }
+
+    /// A call that tells whether the ray is clear of one of them.
     fn is_clear(&self, (frame, shape): &(Frame, Shape), clearance: Clearance) -> Result<String> {
         let (o, d) = self.in_frame(frame)?;
-        Ok(match clearance {
-            Clearance::Leaves => format!("leaves({o}, {d}, {}, distance)", self.quadric(shape)?),
-            Clearance::Beside { low, high } => {
+        let (keeps_pace, distance) = match clearance.exit {
+            None => (String::new(), "distance".to_string()),
+            Some(Exit { plane, pace }) => {
+                let [plane, pace] = [self.real(plane)?, self.real(pace)?];
+                (format!("keeps_pace({d}, {pace}) & "), format!("exit_distance({o}, {plane}, {pace})"))
+            }
+        };
+        let sign = match clearance.sign {
+            Sign::Leaves => format!("leaves({o}, {d}, {}, {distance})", self.quadric(shape)?),
+            Sign::Beside { low, high } => {
                 let [low, high] = [self.real(low)?, self.real(high)?];
-                format!("stays_beside({o}, {d}, {low}, {high}, distance)")
+                format!("stays_beside({o}, {d}, {low}, {high}, {distance})")
             }
-            Clearance::Off { margin } => {
+            Sign::Past => format!("is_past({distance})"),
+            Sign::Inside { limit } => format!("stays_inside({o}, {d}, {}, {distance})", self.real(limit)?),
+            Sign::Off { margin } => {
                 let (quadric, margin) = (self.quadric(shape)?, self.real(margin)?);
-                format!("stays_off({o}, {d}, {quadric}, {margin}, distance)")
+                format!("stays_off({o}, {d}, {quadric}, {margin}, {distance})")
             }
-        })
+        };
+        Ok(keeps_pace + &sign)
     }
 
     /// A call that gives a shape's quadric, as its search has it.
@@ -713,7 +737,6 @@ impl Composition<'_> {
     /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
     /// those that are not searched.
     fn walk(&self, number: usize, nominal: &NominalPath, path_log: Option<&PathLog>) -> Result<String> {
-        let primitives = lowered::primitives(self.ir);
         let mut text = String::new();
         let mut walk =
             format!("fn walk_{number}(ray: ptr<function, Ray>) -> bool {{\n    var holds = true;\n");
@@ -724,14 +747,8 @@ impl Composition<'_> {
             let head = format!("nearest_at_{number}_{step}(ray: Ray)");
             let nearer = event.at_nearer_crossing.then_some(event.primitive);
             text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
-            let _ = writeln!(
-                text,
-                "fn is_clear_at_{number}_{step}(ray: Ray, distance: real) -> bool {{\n    var clear = true;"
-            );
-            for &(i, clearance) in &event.passed {
-                let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
-            }
-            text.push_str("    return clear;\n}\n");
+            let head = format!("is_clear_at_{number}_{step}(ray: Ray, distance: real)");
+            text.push_str(&self.is_clear_of(&head, &event.passed)?);
             let _ = writeln!(
                 walk,
                 "    let hit_{step} = nearest_at_{number}_{step}(*ray);\n    \
@@ -758,12 +775,14 @@ impl Composition<'_> {
             last = Some(primitive);
         }
         if let Some(missed) = &nominal.missed {
-            let others = missed.iter().map(|&i| (i, (last == Some(i)).to_string()));
+            let candidates = missed.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_behind_{number}(ray: Ray)");
-            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", None, others)?);
+            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", None, candidates)?);
+            text.push_str(&self.is_clear_of(&format!("is_clear_behind_{number}(ray: Ray)"), &missed.passed)?);
             let _ = writeln!(
                 walk,
-                "    holds = (nearest_behind_{number}(*ray).primitive == NONE) & holds;\n    (*ray).fate = ESCAPED;"
+                "    holds = (nearest_behind_{number}(*ray).primitive == NONE) & is_clear_behind_{number}(*ray) & holds;\n    \
+                 (*ray).fate = ESCAPED;"
             );
         }
         if let Some(log) = path_log {

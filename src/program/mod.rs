@@ -355,6 +355,7 @@ impl Program {
             nominal: nominal.as_ref(),
             path_log: path_log.as_ref(),
             side_paths: &side_paths,
+            media_absorb_weakly: path_log::media_absorb_weakly(pilot.into_iter().chain(&options.side_paths)),
             options: &options,
         };
         let wgsl = edit(composition.compose()?);

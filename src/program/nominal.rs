@@ -26,7 +26,7 @@ const MOST_LOOKED_AT: usize = 256;
 const MOST_MISSED: usize = 24;
 
 /// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
-const LEAST_CLEAR: f64 = 0.995;
+pub const LEAST_CLEAR: f64 = 0.995;
 
 /// What a pilot's rays say of the path.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -56,8 +56,17 @@ pub struct Way {
 pub struct NominalPath {
     /// In their order.
     pub events: Vec<NominalEvent>,
-    /// Where rays escape behind the last event: what they could still meet there, ascending.
-    pub missed: Option<Vec<usize>>,
+    /// Where rays escape behind the last event: what they could still meet there.
+    pub missed: Option<Missed>,
+}
+
+/// What escaping rays could meet.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Missed {
+    /// What is searched: ascending.
+    pub candidates: Vec<usize>,
+    /// What else there is, and what shows that a ray is clear of it.
+    pub passed: Vec<(usize, Clearance)>,
 }
 
 /// One event of the path.
@@ -110,10 +119,8 @@ impl NominalPath {
             return None;
         }
         let boxes = tree::boxes(ir, centre, contacts, options.precision);
-        let missed: Option<Vec<usize>> = escapes.then(|| (0..boxes.len()).collect());
         let legs: Vec<Leg> = legs(emitters_box(ir, centre), primitives, &boxes).collect();
-        let num_missed = missed.as_ref().map_or(0, Vec::len);
-        if num_missed > MOST_MISSED
+        if (*escapes && boxes.len() > MOST_MISSED)
             || legs.iter().map(|leg| leg.can_be_met(&boxes).count()).sum::<usize>() > MOST_LOOKED_AT
         {
             return None;
@@ -124,18 +131,12 @@ impl NominalPath {
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;
             pilot.step = step;
-            let mut clearance = |i: usize| {
+            let clearance = |i: usize| {
                 let bounds = bounds.filter(|_| i != primitive && !touches(i))?;
                 let size = farthest(&bounds, shapes[i].0.origin - centre);
-                Clearance::of(&shapes[i], leaves == Some(i), size, options.precision, &mut pilot)
+                Clearance::of(&shapes[i], leaves == Some(i), true, size, options.precision, &mut pilot)
             };
-            let (mut candidates, mut passed) = (Vec::new(), Vec::new());
-            for i in leg.can_be_met(&boxes) {
-                match clearance(i) {
-                    Some(clearance) => passed.push((i, clearance)),
-                    None => candidates.push(i),
-                }
-            }
+            let (candidates, passed) = parted(leg.can_be_met(&boxes), clearance);
             let at_nearer_crossing = !touches(primitive)
                 && leaves != Some(primitive)
                 && clearance::end_at_nearer_crossing(&shapes[primitive], &mut pilot);
@@ -147,8 +148,36 @@ impl NominalPath {
             let ends = is_last && !is_full;
             NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
         });
-        Some(NominalPath { events: events.collect(), missed })
+        let events = events.collect();
+        pilot.step = legs.len();
+        let missed = escapes.then(|| {
+            let here = boxes.get(last).copied().flatten();
+            let clearance = |i: usize| {
+                let bounds = here.zip(boxes[i]).filter(|_| !touches(i));
+                let (here, there) = bounds?;
+                let size = farthest(&here.union(&there), shapes[i].0.origin - centre);
+                Clearance::of(&shapes[i], i == last, false, size, options.precision, &mut pilot)
+            };
+            let (candidates, passed) = parted(0..boxes.len(), clearance);
+            Missed { candidates, passed }
+        });
+        Some(NominalPath { events, missed })
     }
+}
+
+/// Primitives to be searched, and those for which a clearance is found.
+fn parted(
+    primitives: impl Iterator<Item = usize>,
+    mut clearance: impl FnMut(usize) -> Option<Clearance>,
+) -> (Vec<usize>, Vec<(usize, Clearance)>) {
+    let (mut candidates, mut passed) = (Vec::new(), Vec::new());
+    for i in primitives {
+        match clearance(i) {
+            Some(clearance) => passed.push((i, clearance)),
+            None => candidates.push(i),
+        }
+    }
+    (candidates, passed)
 }
 
 /// How nearly all rays of a pilot cross a refracting surface at the end of the stretch that is looked at.

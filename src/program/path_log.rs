@@ -10,7 +10,7 @@ use super::clearance::{Pilot, Stretch};
 use super::end_log::{EndLog, Form, Grid};
 use super::features::Features;
 use super::lowered::{self, CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
-use super::nominal::{NominalPath, PilotPath, Way};
+use super::nominal::{LEAST_CLEAR, NominalPath, PilotPath, Way};
 use super::{Precision, ProgramOptions};
 use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
@@ -256,6 +256,19 @@ fn ledger_end(scene: &LoggedScene, path: &NominalPath) -> Option<Option<(u32, us
         (true, true) => Some((scene.cells.surfaces + last.primitive as u32, num_events - 1)),
         (false, _) if path.missed.is_some() => Some((CELL_ESCAPED, num_events)),
         (false, _) => Some((CELL_DEPTH_KILLED, num_events)),
+    })
+}
+
+/// Of what rays weigh, a medium leaves them so much at least where it takes little: exp(-NEAR_ZERO), which is 0.712
+/// (shaders/lib/math_f64.wgsl), and some room.
+const LEAST_LEFT: f64 = 0.72;
+
+/// Whether media take little, on each of their ways, from nearly all rays of each of these pilots that lose to media alone.
+pub fn media_absorb_weakly<'a>(pilots: impl IntoIterator<Item = &'a PilotPath>) -> bool {
+    let loses_little =
+        |way: &&Way| way.weights.windows(2).all(|weights| weights[1] >= LEAST_LEFT * weights[0]);
+    pilots.into_iter().all(|PilotPath { ways, .. }| {
+        ways.iter().filter(loses_little).count() as f64 >= LEAST_CLEAR * ways.len() as f64
     })
 }
 
