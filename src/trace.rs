@@ -197,7 +197,8 @@ impl<'a> Tracer<'a> {
             Some(log) => {
                 let path = program.path_log.clone();
                 let mut logs = EndLogs::new(gpu, log.clone(), path, &program.cells, batch)?;
-                logs.follow_sides(&program.side_paths, options.side_paths == Some(true));
+                let num_expected = (!options.may_end_early).then_some(options.num_rays);
+                logs.follow_sides(&program.side_paths, num_expected, options.side_paths == Some(true));
                 Some(logs)
             }
             None => None,
@@ -503,12 +504,14 @@ impl<'a> Tracer<'a> {
         self.end_logs.as_mut().map_or(Ok(()), EndLogs::finish)
     }
 
-    /// Traces rays of an emitter that have strayed from the nominal path along side paths, while so many wait for these; false
-    /// if there were fewer.
+    /// Traces rays of an emitter that have strayed from the nominal path along those side paths that the device follows whose
+    /// turn it is, while so many wait for these; false if there were fewer.
     fn follow_sides(&mut self, emitter: usize, at_least: usize) -> Result<bool> {
         let mut were_enough = false;
         while let Some(logs) = &mut self.end_logs
-            && let Some((side, ids)) = logs.strays().take_of_side(emitter, at_least, self.batch as usize)
+            && let (device, _) = logs.turn()
+            && let Some((side, ids)) =
+                logs.strays().take_of_side(emitter, device, at_least, self.batch as usize)
         {
             were_enough = true;
             let range = self.listed(emitter, &ids);
@@ -521,17 +524,26 @@ impl<'a> Tracer<'a> {
     fn follow_last_sides(&mut self) -> Result<bool> {
         self.end_logs.as_mut().into_iter().for_each(|logs| logs.strays().give_up_few());
         let mut were_any = false;
-        for emitter in 0..self.rays.len() {
-            were_any |= self.follow_sides(emitter, 1)?;
+        for device in 0..self.devices.len() {
+            for emitter in 0..self.rays.len() {
+                self.pass_turn_to(device)?;
+                were_any |= self.follow_sides(emitter, 1)?;
+            }
         }
         Ok(were_any)
     }
 
-    /// Traces the rays of an emitter that have strayed from the nominal path and follow no other, while so many wait.
+    fn pass_turn_to(&mut self, device: usize) -> Result<()> {
+        self.end_logs.as_mut().map_or(Ok(()), |logs| logs.pass_turn_to(device))
+    }
+
+    /// Traces the rays of an emitter that have strayed from the nominal path and follow no other, while so many wait, on the
+    /// first device: so it alone compiles the stage.
     fn retrace_strays(&mut self, emitter: usize, at_least: u32) -> Result<()> {
         while let Some(logs) = &mut self.end_logs
             && logs.strays().num(emitter) >= at_least as usize
         {
+            logs.pass_turn_to(0)?;
             let ids = logs.strays().take(emitter, self.batch as usize);
             let range = self.listed(emitter, &ids);
             self.dispatch(&range, Rays::Strayed)?;

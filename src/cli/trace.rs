@@ -392,6 +392,7 @@ fn options(args: &Args) -> Result<TraceOptions> {
         first_ray: args.first_ray.unwrap_or(0),
         of_rays: args.of_rays,
         standard_error,
+        may_end_early: args.target_error.is_some() || args.time_limit.is_some(),
         ..Default::default()
     })
 }

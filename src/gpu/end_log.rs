@@ -102,10 +102,11 @@ impl EndLogs {
         })
     }
 
-    /// Lets rays that stray from the nominal path follow side paths: where that pays, or always.
-    pub fn follow_sides(&mut self, side_paths: &[SidePath], always: bool) {
+    /// Lets rays that stray from the nominal path follow side paths: where that pays, of so many rays that are to be traced,
+    /// if that is known, or always.
+    pub fn follow_sides(&mut self, side_paths: &[SidePath], num_expected: Option<u64>, always: bool) {
         self.side_paths = side_paths.iter().map(|side| side.log.clone()).collect();
-        self.strays = Strays::new(side_paths, always);
+        self.strays = Strays::new(side_paths, num_expected, always);
     }
 
     /// The logs of each device.
@@ -136,7 +137,28 @@ impl EndLogs {
     pub fn keep_first_device(&mut self) {
         self.discard();
         self.devices.truncate(1);
+        self.strays.keep_first_device();
         self.turn = 0;
+    }
+
+    /// Lets a device have the next turn.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if one of them fails.
+    pub fn pass_turn_to(&mut self, device: usize) -> Result<()> {
+        while self.turn().0 != device {
+            self.next_turn()?;
+        }
+        Ok(())
+    }
+
+    /// Goes on to the next log, and adds up what is written there.
+    fn next_turn(&mut self) -> Result<()> {
+        self.turn = (self.turn + 1) % self.num_logs();
+        while self.written.iter().any(|written| written.turn == self.turn) {
+            self.add_up_next()?;
+        }
+        Ok(())
     }
 
     /// The device of the next dispatch, and the one of its logs that this writes.
@@ -159,7 +181,7 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch, and, when all logs are written, adds up the one whose turn is next.
+    /// Takes note of a dispatch, and adds up the log whose turn is next, if it is written.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
@@ -171,8 +193,7 @@ impl EndLogs {
     ) -> Result<()> {
         self.log(self.turn).map_async(wgpu::MapMode::Read, .., |_| {});
         self.written.push_back(Written { turn: self.turn, range, rays, submission });
-        self.turn = (self.turn + 1) % self.num_logs();
-        if self.written.len() == self.num_logs() { self.add_up_next() } else { Ok(()) }
+        self.next_turn()
     }
 
     /// Begins a trace: forgets what is not added up, and the strays.

@@ -52,6 +52,8 @@ pub struct TraceOptions {
     /// so many have strayed at an event that its stage pays. It never changes a result.
     #[doc(hidden)]
     pub side_paths: Option<bool>,
+    /// The trace may be ended before its last ray: what pays only in a long one is begun late. It never changes a result.
+    pub may_end_early: bool,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
@@ -141,6 +143,7 @@ impl Default for TraceOptions {
             stores_together: None,
             second_device: None,
             side_paths: None,
+            may_end_early: false,
             workgroup_size: Tuning::default().workgroup_size,
             rays_per_invocation: None,
             events_per_dispatch: Tuning::default().events_per_dispatch,
