@@ -344,7 +344,9 @@ def test_the_real_program_ends_with_the_process_that_traces(tmp_path: Path, how:
     program = script(tmp_path, f'exec {live.binary()} "$@"')
     text = ("import sys; from tests import live; "
             "live.load(live.SCENES[0]).trace(10**15, backend=live.backend(binary=sys.argv[1]))")
-    parent = subprocess.Popen([sys.executable, "-c", text, program], cwd=live.ROOT / "python")
+    # What dies at once leaves its scene where temporary files lie.
+    parent = subprocess.Popen([sys.executable, "-c", text, program], cwd=live.ROOT / "python",
+                              env=os.environ | {"TMPDIR": str(tmp_path)})
     try:
         child = _eventually(lambda: int((tmp_path / "pid").read_text()) if (tmp_path / "pid").exists() else None)
         assert _is_running(child)

@@ -40,13 +40,13 @@ fn stays_inside(o: vec3<real>, d: vec3<real>, limit: real, distance: real) -> bo
     return (o.x * o.x + o.y * o.y < limit) & (x * x + y * y < limit);
 }
 
-// What a primitive does not reach, a ray passes that goes on along z. It goes 1 along z, or against it where the pace is
-// negative, while it goes no farther than the pace;
+// A ray that goes on along z leaves the slab that holds a primitive for good; from then on it is clear. The ray goes 1 along
+// z, or against it where the pace is negative, while it goes no farther than the pace;
 fn keeps_pace(d: vec3<real>, pace: real) -> bool {
     return d.z * pace >= 1.0;
 }
 
-// so it is behind a plane before it has gone so far. Not positive where it is there already.
+// so it is beyond a plane, where the slab ends, before it has gone so far. Not positive where it begins there.
 fn exit_distance(o: vec3<real>, plane: real, pace: real) -> real {
     return (plane - o.z) * pace;
 }

@@ -319,7 +319,8 @@ fn slab(shape: &Shape, size: f64, share: f64) -> Option<[f64; 2]> {
     };
     let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
     let room = share * size.max(low.abs()).max(high.abs());
-    Some([low - room, high + room])
+    let slab = [low - room, high + room];
+    slab.iter().all(|z| z.abs() < f64::from(f32::MAX)).then_some(slab)
 }
 
 /// The radius around the axis of what a shape leaves open, if it surrounds it.
