@@ -54,6 +54,12 @@ impl Error {
         Error::Scene { place: place.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
+    /// An error of this program that another tells of, with the causes of that one: naga names the expression there.
+    pub fn internal(what: &str, error: &dyn std::error::Error) -> Self {
+        let causes = std::iter::successors(Some(error), |error| error.source()).map(ToString::to_string);
+        Error::Internal(format!("{what}: {}", causes.collect::<Vec<_>>().join(": ")))
+    }
+
     /// An error at a file or folder.
     pub fn file(path: impl Into<PathBuf>, problem: impl std::fmt::Display) -> Self {
         Error::File { path: path.into(), problem: problem.to_string() }

@@ -26,6 +26,20 @@ def test_optiland_traces_every_kind_of_case(command: list[str]) -> None:
         assert ours["ratios"]["optiland"] > 0
 
 
-def test_the_tables_in_the_readme_are_those_of_the_benchmarks() -> None:
+def test_the_tables_of_speeds_are_those_of_the_benchmarks() -> None:
+    reports = make_speed_table.read_reports()
     readme = make_speed_table.README.read_text()
-    assert make_speed_table.replaced(readme, make_speed_table.newest_first()) == readme
+    assert make_speed_table.replaced(readme, reports) == readme
+    assert make_speed_table.ALL_TABLES.read_text() == make_speed_table.all_tables(reports)
+
+
+def test_the_readme_has_the_newest_of_each_case() -> None:
+    def case(name: str, rate: float) -> dict:
+        return {"name": name, "num_rays": 1000, "peers": [],
+                "measurements": [{"precision": "f64", "rays_per_sec": {"median": rate}, "ratios": {}}]}
+
+    reports = {"newer": {"cases": [case("b", 3e6)]}, "older": {"cases": [case("a", 1e6), case("b", 2e6)]}}
+    assert make_speed_table.summary(reports).splitlines()[2:] == [
+        "| `a` | 1e3 |  | 1 | [older](benches/results/older) |",
+        "| `b` | 1e3 |  | 3 | [newer](benches/results/newer) |",
+    ]

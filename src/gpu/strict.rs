@@ -93,13 +93,14 @@ impl Gpu {
                 self.info.name, self.info.backend
             )));
         }
-        let invalid = |error: String| Error::Internal(format!("the shader for strict arithmetic: {error}"));
+        let invalid =
+            |error: &dyn std::error::Error| Error::internal("the shader for strict arithmetic", error);
         let module = only(module, entry_point);
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
             .validate(&module)
-            .map_err(|error| invalid(error.to_string()))?;
+            .map_err(|error| invalid(&error))?;
         let words = spv::write_vec(&module, &info, &self.spirv_options(bindings), None)
-            .map_err(|error| invalid(error.to_string()))?;
+            .map_err(|error| invalid(&error))?;
         let entry_points = module.entry_points.iter().map(|entry| wgpu::PassthroughShaderEntryPoint {
             name: Cow::Borrowed(entry.name.as_str()),
             workgroup_size: entry.workgroup_size.into(),

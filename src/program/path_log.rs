@@ -10,7 +10,7 @@ use super::clearance::{Pilot, Stretch};
 use super::end_log::{EndLog, Form, Grid};
 use super::features::Features;
 use super::lowered::{self, CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
-use super::nominal::{LEAST_CLEAR, NominalPath, PilotPath, Way};
+use super::nominal::{LEAST_CLEAR, NominalEvent, NominalPath, PilotPath, Way};
 use super::{Precision, ProgramOptions};
 use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
 
@@ -128,7 +128,7 @@ impl PathLog {
     fn with_known_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
         let weights = KnownWeights::of(pilot, scene.options, scene.features);
         let places = places(scene, path, pilot, |event| weights.on_arrival(event))?;
-        let end = match ledger_end(scene, path)? {
+        let end = match ledger_end(scene, path, path.events.last()?) {
             Some((cell, event)) => Some(LedgerEnd { cell, weight: weights.on_arrival(event)? }),
             None => None,
         };
@@ -138,7 +138,8 @@ impl PathLog {
     fn with_logged_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
         let attenuating_legs = Some(attenuating_legs(scene, path, pilot)?);
         let places = places(scene, path, pilot, |_| Some(Weight::Logged))?;
-        let end = ledger_end(scene, path)?.map(|(cell, _)| LedgerEnd { cell, weight: Weight::Logged });
+        let end = ledger_end(scene, path, path.events.last()?)
+            .map(|(cell, _)| LedgerEnd { cell, weight: Weight::Logged });
         let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
         // The last weight that is logged is the one that they end with.
         let ends_on_last = places.is_empty() == end.is_some();
@@ -247,16 +248,15 @@ fn places(
     Some(places)
 }
 
-/// Where the weight of a path's rays goes at its end, and at which event, unless a detector takes it. None without a path.
-fn ledger_end(scene: &LoggedScene, path: &NominalPath) -> Option<Option<(u32, usize)>> {
-    let last = path.events.last()?;
+/// Where the weight of a path's rays goes after its last event, and at which event, unless a detector takes it.
+fn ledger_end(scene: &LoggedScene, path: &NominalPath, last: &NominalEvent) -> Option<(u32, usize)> {
     let num_events = path.events.len();
-    Some(match (last.ends, last.primitive < scene.ir.surfaces.len()) {
+    match (last.ends, last.primitive < scene.ir.surfaces.len()) {
         (true, false) => None,
         (true, true) => Some((scene.cells.surfaces + last.primitive as u32, num_events - 1)),
         (false, _) if path.missed.is_some() => Some((CELL_ESCAPED, num_events)),
         (false, _) => Some((CELL_DEPTH_KILLED, num_events)),
-    })
+    }
 }
 
 /// Of what rays weigh, a medium leaves them so much at least where it takes little: exp(-NEAR_ZERO), which is 0.712

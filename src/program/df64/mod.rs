@@ -51,14 +51,14 @@ pub fn rewrite(module: &Module) -> Result<(Module, String)> {
     let rewritten = rewriting.new;
     let info = validate(&rewritten, Capabilities::all().difference(Capabilities::FLOAT64))?;
     let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
-        .map_err(|error| Error::Internal(format!("writing the df64 shader: {error}")))?;
+        .map_err(|error| Error::internal("writing the df64 shader", &error))?;
     Ok((rewritten, wgsl))
 }
 
 fn validate(module: &Module, capabilities: Capabilities) -> Result<ModuleInfo> {
     Validator::new(ValidationFlags::all(), capabilities)
         .validate(module)
-        .map_err(|error| Error::Internal(format!("the df64 shader: {:?}", error.into_inner())))
+        .map_err(|error| Error::internal("the df64 shader", &error))
 }
 
 fn unknown(what: impl std::fmt::Debug) -> Error {
