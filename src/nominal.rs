@@ -111,15 +111,16 @@ fn most_frequent(
     let most = alike.iter().position(|rays| rays[0].0.0 == End::Reached)?;
     let most = alike.remove(most);
     type Ray<'a> = ((End, Vec<usize>), &'a [&'a PathEvent]);
+    let share = |rays: &[Ray]| rays.len() as f64 / num_rays as f64;
     let path = |rays: &[Ray]| PilotPath {
         primitives: rays[0].0.1.clone(),
         ways: rays.iter().map(|(_, ray)| way(ray)).collect(),
         escapes: rays[0].0.0 == End::Escaped,
-        share: rays.len() as f64 / num_rays as f64,
+        share: share(rays),
     };
     let is_side = |rays: &&&[Ray]| {
         let (end, primitives) = &rays[0].0;
-        *end != End::Lost && !primitives.is_empty() && path(rays).share >= least_of_side
+        *end != End::Lost && !primitives.is_empty() && share(rays) >= least_of_side
     };
     let sides = || alike.iter().filter(is_side).map(|rays| path(rays)).collect();
     let nominal = path(most);

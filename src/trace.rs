@@ -28,6 +28,7 @@ use device::{DeviceState, stride_of};
 use intake::{Counted, Intake};
 use options::check_options;
 use pace::Pace;
+use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
 mod budget;
@@ -82,6 +83,10 @@ pub struct Tracer<'a> {
     pass_time: Duration,
     /// A second device has not been opened, nor tried in vain.
     takes_second_device: bool,
+    /// Stages that a device has been given: the number of the device, and of the path unless the stage is trace_new.
+    begun: HashSet<(usize, Option<usize>)>,
+    /// A stage has begun since the pass did: drivers compile at that, and the time of the pass tells nothing of others.
+    is_compiling: bool,
     events: Vec<DeviceEvent>,
     /// One for each emitter.
     recordings: Vec<Recording>,
@@ -172,6 +177,7 @@ impl<'a> Tracer<'a> {
             most_rays_per_invocation: options
                 .rays_per_invocation
                 .unwrap_or_else(|| most_rays_per_invocation(gpu, options)),
+            side_by_side: options.side_by_side.unwrap_or(gpu.info.is_cpu()),
             lanes: lanes_together(gpu, options),
             paths: options.paths.sampling(options.budget()),
             weights,
@@ -225,6 +231,8 @@ impl<'a> Tracer<'a> {
             pause: None,
             pass_time: PASS_TIME,
             takes_second_device: true,
+            begun: HashSet::new(),
+            is_compiling: false,
             events: Vec::new(),
             recordings: Vec::new(),
             profile: None,
@@ -272,6 +280,7 @@ impl<'a> Tracer<'a> {
     pub fn enable_profile(&mut self) -> Result<()> {
         self.profile = Some(Profile::new(self.gpu, 2 * self.num_rounds() as u64)?);
         self.devices.truncate(1);
+        self.begun.retain(|(device, _)| *device == 0);
         self.end_logs.as_mut().into_iter().for_each(EndLogs::keep_first_device);
         Ok(())
     }
@@ -344,8 +353,10 @@ impl<'a> Tracer<'a> {
             let pass_start = Instant::now();
             self.pass(position, end)?;
             let pass_time = pass_start.elapsed();
-            pace.note(end - position, pass_time);
-            pass_rays = self.next_pass_rays(end - position, pass_time);
+            if !std::mem::take(&mut self.is_compiling) {
+                pace.note(end - position, pass_time);
+                pass_rays = self.next_pass_rays(end - position, pass_time);
+            }
             position = end;
             if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
                 self.drain(&mut tally)?;
@@ -533,17 +544,24 @@ impl<'a> Tracer<'a> {
         Ok(were_any)
     }
 
+    /// The number of the device whose turn it is, and the one of its logs.
+    fn turn(&self) -> (usize, usize) {
+        self.end_logs.as_ref().map_or((0, 0), EndLogs::turn)
+    }
+
     fn pass_turn_to(&mut self, device: usize) -> Result<()> {
         self.end_logs.as_mut().map_or(Ok(()), |logs| logs.pass_turn_to(device))
     }
 
-    /// Traces the rays of an emitter that have strayed from the nominal path and follow no other, while so many wait, on the
-    /// first device: so it alone compiles the stage.
+    /// Traces the rays of an emitter that have strayed from the nominal path and follow no other, while so many wait. As long as
+    /// these are few, the first device does: so it alone compiles the stage.
     fn retrace_strays(&mut self, emitter: usize, at_least: u32) -> Result<()> {
         while let Some(logs) = &mut self.end_logs
             && logs.strays().num(emitter) >= at_least as usize
         {
-            logs.pass_turn_to(0)?;
+            if path_pays(&self.program, &self.options, logs) {
+                logs.pass_turn_to(0)?;
+            }
             let ids = logs.strays().take(emitter, self.batch as usize);
             let range = self.listed(emitter, &ids);
             self.dispatch(&range, Rays::Strayed)?;
@@ -553,12 +571,11 @@ impl<'a> Tracer<'a> {
 
     /// A range of rays with these ids, of which the device is told whose turn it is.
     fn listed(&self, emitter: usize, ids: &[u64]) -> RayRange {
-        let logs = self.end_logs.as_ref();
-        let (device, _) = turn(&self.devices, logs);
+        let device = &self.devices[self.turn().0];
         if let Some(buffer) = &device.strays {
             device.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(ids));
         }
-        let log_stride = logs.map_or(0, EndLogs::stride);
+        let log_stride = self.end_logs.as_ref().map_or(0, EndLogs::stride);
         RayRange { first: 0, count: ids.len() as u32, emitter, log_stride, reached: self.reached }
     }
 
@@ -614,7 +631,8 @@ impl<'a> Tracer<'a> {
     /// One batch: new rays through their first events, then the survivors until none can be left.
     fn dispatch(&mut self, range: &RayRange, rays: Rays) -> Result<()> {
         let num_rounds = self.num_rounds();
-        let (device, log) = turn(&self.devices, self.end_logs.as_ref());
+        let (number, log) = self.turn();
+        let device = &self.devices[number];
         let gpu = &device.gpu;
         device.prepare(&self.program, &rays)?;
         gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
@@ -622,12 +640,18 @@ impl<'a> Tracer<'a> {
             gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let rays_per_invocation = match device.trace_path(&rays) {
-            Some(_) => self.program.nominal_rays_per_invocation(),
-            None => self.program.options.rays_per_invocation(&self.program.features),
+        let rays_per_invocation = match (device.trace_path(&rays), &rays) {
+            (Some(_), Rays::OfRange) => self.program.nominal_rays_per_invocation(),
+            (Some(_), _) => self.program.side_rays_per_invocation(),
+            (None, _) => self.program.options.rays_per_invocation(&self.program.features),
         };
         let rays_per_workgroup = self.options.workgroup_size * rays_per_invocation;
         let (x, y) = grid(range.count.div_ceil(rays_per_workgroup), gpu);
+        let path = match (device.trace_path(&rays), &rays) {
+            (Some(_), Rays::OfSide { side, .. }) => Some(1 + side),
+            (path, _) => path.map(|_| 0),
+        };
+        self.is_compiling |= self.begun.insert((number, path));
         let stages = device.stages([x, y, 1], num_rounds, log, &rays);
         match &mut self.profile {
             Some(profile) => {
@@ -893,12 +917,6 @@ fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
 fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
     let weight = precision.nearest(weight);
     (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128
-}
-
-/// The device whose turn it is, and the one of its logs.
-fn turn<'d>(devices: &'d [DeviceState], logs: Option<&EndLogs>) -> (&'d DeviceState, usize) {
-    let (device, log) = logs.map_or((0, 0), EndLogs::turn);
-    (&devices[device], log)
 }
 
 /// Workgroups as a grid, within the limit of one dimension.

@@ -659,6 +659,7 @@ fn compose(text: &str) -> Result<(), Error> {
             sampler: Sampler::Pcg,
             host_sums: baked,
             most_rays_per_invocation: 1,
+            side_by_side: false,
             lanes: 1,
             moments: SecondMoments::None,
             nominal: None,

@@ -123,9 +123,12 @@ fn so_do_lanes_that_store_together() {
     for (ir, max_depth, num_rays, num_places) in
         [(&lens, 16, 4096, 1), (&cavity, 16, 4097, 1), (&billiard, 16, 4094, 1), (&aslant, 6, 4093, 3)]
     {
-        for (precision, rays_per_invocation) in
-            [(Precision::F32, 1), (Precision::F64, 1), (Precision::F64, 3)]
-        {
+        for (precision, rays_per_invocation, side_by_side) in [
+            (Precision::F32, 1, true),
+            (Precision::F64, 1, false),
+            (Precision::F64, 1, true),
+            (Precision::F64, 3, false),
+        ] {
             let rays = TraceOptions {
                 num_rays,
                 max_depth,
@@ -134,13 +137,87 @@ fn so_do_lanes_that_store_together() {
                 ..options(precision)
             };
             assert_eq!(arrivals(ir, &rays).unwrap().len(), num_places);
-            let together = TraceOptions { stores_together: Some(true), ..with_nominal_path(&rays) };
+            let together = TraceOptions {
+                stores_together: Some(true),
+                side_by_side: Some(side_by_side),
+                ..with_nominal_path(&rays)
+            };
             let mut tracer = Tracer::new(zoo::gpu(), ir, &together).unwrap();
             assert!(tracer.program().wgsl.contains("subgroupShuffle"), "no lanes together");
             let tally = tracer.trace(|_| true).unwrap();
             assert!(tally == trace(ir, &rays).0, "{num_rays} rays in {precision:?}: other bits");
         }
     }
+}
+
+/// Two mirrors between which rays pass a detector at one place after the other.
+fn cavity_without_losses() -> SceneIr {
+    let mut ir = zoo::load("bench_cavity");
+    ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    for mirror in &mut ir.surfaces {
+        mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
+    }
+    ir
+}
+
+/// An invocation follows two rays, where they leave nothing but what they log.
+#[test]
+fn so_do_rays_side_by_side() {
+    let [lens, cavity, cooke, coated] =
+        ["bench_lens", "bench_cavity", "cooke_triplet", "coated_projector"].map(zoo::load);
+    let aslant = cavity_without_losses();
+    // A lens without its first face: rays leave a solid that they have not entered, and that is counted.
+    let mut open = lens.clone();
+    open.surfaces.remove(0);
+    for (name, ir, max_depth, is_possible) in [
+        ("lens", &lens, 16, true),
+        ("cavity", &aslant, 6, true),
+        ("cavity with losses", &cavity, 6, false),
+        ("triplet", &cooke, 16, true),
+        ("coated projector", &coated, 16, false),
+        ("open lens", &open, 16, false),
+    ] {
+        // Workgroups that are full; one ray more or less; one ray; the second half of the last one without a ray.
+        for (num_rays, precision) in [
+            (4096, Precision::F32),
+            (4097, Precision::F64),
+            (4095, Precision::F32),
+            (1, Precision::F64),
+            (4150, Precision::F32),
+        ] {
+            let rays = TraceOptions { num_rays, max_depth, ..options(precision) };
+            let tally = trace(ir, &rays).0;
+            for (side_by_side, batch_size) in [(true, None), (true, Some(1001)), (false, None)] {
+                let with =
+                    TraceOptions { side_by_side: Some(side_by_side), batch_size, ..with_nominal_path(&rays) };
+                let mut tracer = Tracer::new(zoo::gpu(), ir, &with).unwrap();
+                let has_pairs = tracer.program().wgsl.contains("follow_pair");
+                assert_eq!(has_pairs, side_by_side && is_possible, "{name}, {num_rays} rays");
+                assert!(tracer.program().nominal.is_some(), "{name} has no path");
+                let traced = tracer.trace(|_| true).unwrap();
+                assert!(traced == tally, "{name}, {num_rays} rays in {precision:?}: other bits");
+            }
+        }
+    }
+    assert!(trace(&open, &options(Precision::F32)).0.medium_stack_underflows > 0, "nothing is counted");
+}
+
+/// Errors planted in what two rays share.
+#[test]
+fn errors_in_rays_side_by_side_are_seen() {
+    let lens = zoo::load("bench_lens");
+    let rays = options(Precision::F32);
+    let tally = trace(&lens, &rays).0;
+    for text in ["    take_up_b();\n", "    put_by_b();\n"] {
+        assert_needed(text, &lens, &with_nominal_path(&rays), &tally);
+    }
+    // Rays beyond the last one log over the next places of the first.
+    let aslant = cavity_without_losses();
+    let rays = TraceOptions { num_rays: 4150, max_depth: 6, ..options(Precision::F64) };
+    let tally = trace(&aslant, &rays).0;
+    let (right, wrong) = ("select(first, second, second < range.count)", "second");
+    let traced = zoo::edited(&aslant, &with_nominal_path(&rays), right, wrong).trace(|_| true);
+    assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
 }
 
 #[test]
@@ -530,7 +607,7 @@ fn a_path_that_all_rays_stray_from_is_left() {
     let ir = zoo::load("bench_lens");
     let plain = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
     let by_itself = TraceOptions { nominal_path: None, ..plain.clone() };
-    let (right, wrong) = ("return holds & has_place(*ray);", "return has_place(*ray) & (range.count == 0u);");
+    let (right, wrong) = ("real(kept_events)), first_place, holds)", "0.0), first_place, range.count == 0u)");
     let mut tracer = zoo::edited(&ir, &by_itself, right, wrong);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
@@ -571,10 +648,10 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     }
     let options = TraceOptions { max_depth: 3, num_rays: 400_000, ..options(Precision::F32) };
     assert_eq!(arrivals(&ir, &options), Some(vec![2]));
-    let with = with_nominal_path(&options);
+    let with = TraceOptions { side_by_side: Some(false), ..with_nominal_path(&options) };
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
-    assert_needed("holds = all(place_on(*ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
+    assert_needed("holds = all(place_on(ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
 }
 
 /// A paraboloid focuses all rays on the corner of four pixels, where roundings decide which of them is hit.
@@ -608,7 +685,7 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     let options = TraceOptions { num_rays: 200_000, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     assert_eq!(arrivals(&ir, &options), Some(vec![1]));
-    let with = with_nominal_path(&options);
+    let with = TraceOptions { side_by_side: Some(false), ..with_nominal_path(&options) };
     assert!(trace(&ir, &with).0 == tally, "other bits");
     assert_needed("holds = place_0.is_sure & holds;", &ir, &with, &tally);
 }

@@ -55,7 +55,11 @@ def _row(case: dict, peers: list[str]) -> list[str]:
     measured = {m["precision"]: m for m in case["measurements"]}
     rates = [f"{measured[p]['rays_per_sec']['median'] / 1e6:.3g}" if p in measured else "" for p in ("f32", "f64")]
     ratios = [_ratios(measured, name) for name in peers]
-    return [f"`{case['name']}`", f"{case['num_rays']:.0e}".replace("e+0", "e"), *rates, *ratios]
+    return [f"`{case['name']}`", _short(f"{case['num_rays']:.0e}"), *rates, *ratios]
+
+
+def _short(number: str) -> str:
+    return number.replace("e+0", "e")
 
 
 def _line(cells: list[str]) -> str:
@@ -64,7 +68,7 @@ def _line(cells: list[str]) -> str:
 
 def _ratios(measured: dict, peer: str) -> str:
     ratios = [measured[p]["ratios"].get(peer) if p in measured else None for p in ("f32", "f64")]
-    return " / ".join("" if ratio is None else f"{ratio:.3g}" for ratio in ratios) if any(ratios) else ""
+    return " / ".join("" if ratio is None else _short(f"{ratio:.3g}") for ratio in ratios) if any(ratios) else ""
 
 
 def heading(report: dict) -> str:

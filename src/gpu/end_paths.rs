@@ -225,7 +225,7 @@ mod tests {
     fn each_arrival_leaves_its_weight_and_strays_nothing() {
         let places = vec![place(&[Weight::Known(1.0), Weight::Known(0.5)]), place(&[Weight::Born])];
         let end = Some(LedgerEnd { cell: 1, weight: Weight::Known(0.25) });
-        let log = PathLog { places, end, attenuating_legs: None };
+        let log = PathLog { places, end, attenuating_legs: None, tells_all: true };
         let strays_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
         let first: Vec<[f64; 2]> = (0..66).map(strays_sixth).collect();
         let second = [[2.0, 1.0]; 66];
@@ -243,7 +243,8 @@ mod tests {
     #[test]
     fn weights_that_no_word_holds_together_add_up_one_by_one() {
         let weights = [Weight::Known(1500.0), Weight::Known(700.0), Weight::Known(1e6)];
-        let log = PathLog { places: vec![place(&weights)], end: None, attenuating_legs: None };
+        let log =
+            PathLog { places: vec![place(&weights)], end: None, attenuating_legs: None, tells_all: true };
         let (sums, _) = added(&log, &[&[[1.5, 1.0]]], Form::Reals).unwrap();
         let half = 1_002_200 * UNIT / 2;
         assert_eq!(sums.quanta().collect::<Vec<_>>(), [0, 0, 0, 0, 0, 0, 0, half, half]);
@@ -253,7 +254,12 @@ mod tests {
     #[test]
     fn a_weight_that_no_sum_can_hold_is_counted() {
         let end = Some(LedgerEnd { cell: 2, weight: Weight::Known(1e30) });
-        let log = PathLog { places: vec![place(&[Weight::Known(-1.0)])], end, attenuating_legs: None };
+        let log = PathLog {
+            places: vec![place(&[Weight::Known(-1.0)])],
+            end,
+            attenuating_legs: None,
+            tells_all: true,
+        };
         let (sums, _) = added(&log, &[&[[0.0, 0.0]; 3]], Form::Reals).unwrap();
         assert!(sums.quanta().all(|quanta| quanta == 0));
         assert_eq!(sums.counts, [6, 0, 3, 3, 0, 0, 0, 0, 0]);
@@ -262,7 +268,7 @@ mod tests {
     #[test]
     fn what_rays_weigh_no_more_at_their_end_is_what_media_took() {
         let places = vec![place(&[Weight::Logged]); 2];
-        let log = PathLog { places, end: None, attenuating_legs: Some(3) };
+        let log = PathLog { places, end: None, attenuating_legs: Some(3), tells_all: true };
         // Of births of 2, in a block that is full and one that is not; every third ray has strayed.
         let first: Vec<[f64; 4]> =
             (0..66).map(|i| if i % 3 == 0 { [OFF, 1.0, 9.0, 0.0] } else { [0.5, 0.0, 1.75, 0.0] }).collect();
@@ -300,7 +306,7 @@ mod tests {
                 let weight = if logs_weights { Weight::Logged } else { Weight::Known(0.5) };
                 let end = Some(LedgerEnd { cell: 1, weight });
                 let attenuating_legs = logs_weights.then_some(2);
-                let log = PathLog { places: Vec::new(), end, attenuating_legs };
+                let log = PathLog { places: Vec::new(), end, attenuating_legs, tells_all: true };
                 let width = if logs_weights { 4 } else { 2 };
                 let row = |i: usize| [[0.0, OFF][usize::from(i % 5 == 2)], 3.0, 0.5 + (i % 2) as f64, 0.0];
                 let reals: Vec<f64> = (0..70).flat_map(|i| row(i).into_iter().take(width)).collect();
@@ -326,10 +332,20 @@ mod tests {
 
     #[test]
     fn what_is_no_place_is_refused() {
-        let log = PathLog { places: vec![place(&[Weight::Born])], end: None, attenuating_legs: None };
+        let log = PathLog {
+            places: vec![place(&[Weight::Born])],
+            end: None,
+            attenuating_legs: None,
+            tells_all: true,
+        };
         assert!(added(&log, &[&[[0.0, f64::NAN]]], Form::Reals).is_none());
         assert!(added(&log, &[&[[0.0, 0.0]]], Form::Counts).is_none());
-        let beyond = PathLog { places: vec![place(&[Weight::Born]); 2], end: None, attenuating_legs: None };
+        let beyond = PathLog {
+            places: vec![place(&[Weight::Born]); 2],
+            end: None,
+            attenuating_legs: None,
+            tells_all: true,
+        };
         assert!(added(&beyond, &[&[[0.0, 0.0]]], Form::Reals).is_none(), "the log ends before the path");
     }
 }

@@ -208,7 +208,7 @@ mod tests {
     /// A side path of one ray in so many.
     fn side_path(strayed_at: usize, of_rays: u64) -> SidePath {
         let path = NominalPath { events: Vec::new(), missed: None };
-        SidePath { strayed_at, path, log: None, share: 1.0 / of_rays as f64 }
+        SidePath { strayed_at, path, log: None, share: 1.0 / of_rays as f64, media_absorb_weakly: true }
     }
 
     fn strayed(rays: std::ops::Range<u32>, event: u32) -> Vec<Stray> {

@@ -14,8 +14,8 @@ use super::nominal::Way;
 use crate::ir::{Frame, Shape};
 use glam::DVec3;
 
-/// A clearance leaves room for so many roundings of M; the search makes some twenty, and what looks at the far end of a
-/// stretch, whose length may be twice S, some ten times as many.
+/// A clearance leaves room for so many roundings of M; the search makes some fifty, and what looks at the far end of a
+/// stretch some ten times as many: its length may be 6 S, twice S at the highest of [`PACES`].
 const ROUNDINGS: f64 = 1024.0;
 
 /// How far rays may go, at most, while they go 1 along z ([`Exit::pace`]): the least that nearly all keep to is taken.
@@ -84,8 +84,9 @@ struct Along {
 
 impl Clearance {
     /// The cheapest one of a primitive that holds for nearly all rays of a pilot, on a stretch that ends at the next event, if
-    /// `ends`, or nowhere, and where neither the one nor the other has a corner of its box farther from the frame's origin
-    /// than `size` \[mm\]; or none. `leaving` tells that it begins on the primitive.
+    /// `ends`, or nowhere; or none. `leaving` tells that it begins on the primitive. Of a stretch that ends, no corner of its
+    /// box is farther from the frame's origin than `size` \[mm\]: what a ray meets beyond lies behind the event. Of one that
+    /// ends nowhere, nor is one of the primitive's box.
     pub fn of(
         (frame, shape): &(Frame, Shape),
         leaving: bool,

@@ -4,22 +4,21 @@
 use super::TEXELS_PER_LINE;
 use super::bsdf::BsdfKind;
 use super::bvh::Forest;
-use super::clearance::{Clearance, Exit, Sign};
 use super::contact::{self, Contact};
 use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS, ReachedMarks};
 use super::mesh::Triangles;
-use super::nominal::{Crossing, NominalEvent, NominalPath};
-use super::path_log::{PathLog, Weight};
+use super::nominal::NominalPath;
+use super::path_log::PathLog;
 use super::records::{Records, literal};
-use super::side_paths::{self, SidePath};
+use super::side_paths::SidePath;
 use super::splitting::Splitting;
 use super::sums::SumBuffers;
 use super::tree::{self, PrimitiveTree};
 use super::{PathSampling, ProgramOptions, SecondMoments};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::ir::{Frame, ReflectProb, SceneIr, Shape};
 use glam::DVec3;
 use std::fmt::Write;
@@ -30,6 +29,8 @@ macro_rules! shader {
         include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $path))
     };
 }
+
+mod paths;
 
 /// The shader that prepares the next dispatch of a pass.
 pub const ADVANCE: &str = shader!("advance.wgsl");
@@ -116,7 +117,7 @@ impl Composition<'_> {
         uint("WORKGROUP_SIZE", o.workgroup_size);
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         if self.nominal.is_some() {
-            uint("NOMINAL_RAYS_PER_INVOCATION", self.nominal_rays_per_invocation());
+            uint("PATH_RAYS_PER_INVOCATION", self.path_rays_per_invocation());
         }
         if self.stores_together() {
             uint("LANES", o.lanes);
@@ -388,9 +389,10 @@ impl Composition<'_> {
             ),
             (self.nominal.is_some(), shader!("lib/clearances.wgsl")),
             (
-                self.nominal.is_some() && self.nominal_rays_per_invocation() > 1,
-                shader!("lib/nominal_rays_several.wgsl"),
+                self.nominal.is_some() && self.path_rays_per_invocation() > 1,
+                shader!("lib/path_rays_several.wgsl"),
             ),
+            (self.goes_side_by_side(), shader!("lib/nominal_pair.wgsl")),
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
@@ -648,204 +650,6 @@ impl Composition<'_> {
                 let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
                 let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
                 format!("    best = nearer_in_contact(best, ray, here, {i}u, {elsewhere}, {holds});\n")
-            }
-        })
-    }
-
-    /// A function that tells whether a ray is clear of what is passed until it has gone `distance`.
-    fn is_clear_of(&self, head: &str, passed: &[(usize, Clearance)]) -> Result<String> {
-        let primitives = lowered::primitives(self.ir);
-        let mut text = format!("fn {head} -> bool {{\n    var clear = true;\n");
-        for &(i, clearance) in passed {
-            let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
-        }
-        text.push_str("    return clear;\n}\n");
-        Ok(text)
-    }
-
-    /// A call that tells whether the ray is clear of one of them.
-    fn is_clear(&self, (frame, shape): &(Frame, Shape), clearance: Clearance) -> Result<String> {
-        let (o, d) = self.in_frame(frame)?;
-        let (keeps_pace, distance) = match clearance.exit {
-            None => (String::new(), "distance".to_string()),
-            Some(Exit { plane, pace }) => {
-                let [plane, pace] = [self.real(plane)?, self.real(pace)?];
-                (format!("keeps_pace({d}, {pace}) & "), format!("exit_distance({o}, {plane}, {pace})"))
-            }
-        };
-        let sign = match clearance.sign {
-            Sign::Leaves => format!("leaves({o}, {d}, {}, {distance})", self.quadric(shape)?),
-            Sign::Beside { low, high } => {
-                let [low, high] = [self.real(low)?, self.real(high)?];
-                format!("stays_beside({o}, {d}, {low}, {high}, {distance})")
-            }
-            Sign::Past => format!("is_past({distance})"),
-            Sign::Inside { limit } => format!("stays_inside({o}, {d}, {}, {distance})", self.real(limit)?),
-            Sign::Off { margin } => {
-                let (quadric, margin) = (self.quadric(shape)?, self.real(margin)?);
-                format!("stays_off({o}, {d}, {quadric}, {margin}, {distance})")
-            }
-        };
-        Ok(keeps_pace + &sign)
-    }
-
-    /// A call that gives a shape's quadric, as its search has it.
-    fn quadric(&self, shape: &Shape) -> Result<String> {
-        let no_quadric = || Error::Internal(format!("{shape:?} has no quadric to be clear of"));
-        let (function, num_arguments) = ShapeKind::of(shape).quadric().ok_or_else(no_quadric)?;
-        let arguments = lowered::shape_arguments(shape).into_iter().take(num_arguments);
-        let arguments = arguments.map(|argument| self.real(argument)).collect::<Result<Vec<_>>>()?;
-        Ok(format!("{function}({})", arguments.join(", ")))
-    }
-
-    /// The paths that have stages of their own: the nominal one, and the side paths.
-    fn path_stages(&self) -> Result<String> {
-        let Some(nominal) = self.nominal else { return Ok(String::new()) };
-        let mut text = self.walk(0, nominal, self.path_log)? + &self.path_stage(0, "trace_nominal");
-        for (number, side) in self.side_paths.iter().enumerate() {
-            text.push_str(&self.walk(1 + number, &side.path, side.log.as_ref())?);
-            text.push_str(&self.path_stage(1 + number, &side_paths::entry_point(number)));
-        }
-        Ok(text)
-    }
-
-    /// The stage of a path, whose rays are those of the range, or, on a side path, of those that are listed.
-    fn path_stage(&self, number: usize, entry_point: &str) -> String {
-        let key = if number == 0 { "key_in_range" } else { "key_of" };
-        let follow = match self.nominal_rays_per_invocation() {
-            1 => format!("    follow_{number}(invocation);\n"),
-            _ => format!(
-                "    var turn = 0u;\n    var next = first_turn(invocation);\n    loop {{\n        follow_{number}(next);\n        \
-                 next = next_turn(next);\n        turn += 1u;\n        \
-                 if turn >= NOMINAL_RAYS_PER_INVOCATION {{\n            break;\n        }}\n    }}\n"
-            ),
-        };
-        format!(
-            "fn follow_{number}(invocation: u32) {{\n    let index = ray_of(invocation);\n    \
-             if index >= range.count {{\n        return;\n    }}\n    \
-             begin_ray();\n    var ray = new_ray({key}(index), index);\n    \
-             let holds = walk_{number}(&ray);\n    end_path(ray, holds);\n}}\n\
-             @compute @workgroup_size(WORKGROUP_SIZE)\n\
-             fn {entry_point}(invoked: Invocation) {{\n    let invocation = begin_stage(invoked);\n{follow}    end_stage();\n}}\n"
-        )
-    }
-
-    fn nominal_rays_per_invocation(&self) -> u32 {
-        self.options.nominal_rays_per_invocation(self.features, self.path_log)
-    }
-
-    /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
-    /// those that are not searched.
-    fn walk(&self, number: usize, nominal: &NominalPath, path_log: Option<&PathLog>) -> Result<String> {
-        let mut text = String::new();
-        let mut walk =
-            format!("fn walk_{number}(ray: ptr<function, Ray>) -> bool {{\n    var holds = true;\n");
-        let mut last = None;
-        let surfaces = lowered::surface_records(self.ir, self.centre, self.features);
-        for (step, event) in nominal.events.iter().enumerate() {
-            let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
-            let head = format!("nearest_at_{number}_{step}(ray: Ray)");
-            let nearer = event.at_nearer_crossing.then_some(event.primitive);
-            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
-            let head = format!("is_clear_at_{number}_{step}(ray: Ray, distance: real)");
-            text.push_str(&self.is_clear_of(&head, &event.passed)?);
-            let _ = writeln!(
-                walk,
-                "    let hit_{step} = nearest_at_{number}_{step}(*ray);\n    \
-                 holds = is_clear_at_{number}_{step}(*ray, hit_{step}.distance) & holds;"
-            );
-            let primitive = event.primitive;
-            if primitive < self.ir.surfaces.len() {
-                let surface = surfaces.row(self.precision(), primitive)?;
-                let (does, how) = match event.crossing {
-                    Some(Crossing { entering_back, reflected }) => {
-                        ("crosses", format!(", {entering_back}, {reflected}"))
-                    }
-                    None if event.ends => ("ends_on_surface", String::new()),
-                    None => ("keeps_to", String::new()),
-                };
-                let _ = writeln!(
-                    walk,
-                    "    holds = {does}(ray, hit_{step}, {surface}, {primitive}u{how}) & holds;"
-                );
-            } else {
-                walk.push_str(&self.arrival(step, event, path_log)?);
-            }
-            walk.push_str("    kept_events += select(0u, 1u, holds);\n");
-            last = Some(primitive);
-        }
-        if let Some(missed) = &nominal.missed {
-            let candidates = missed.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
-            let head = format!("nearest_behind_{number}(ray: Ray)");
-            text.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", None, candidates)?);
-            text.push_str(&self.is_clear_of(&format!("is_clear_behind_{number}(ray: Ray)"), &missed.passed)?);
-            let _ = writeln!(
-                walk,
-                "    holds = (nearest_behind_{number}(*ray).primitive == NONE) & is_clear_behind_{number}(*ray) & holds;\n    \
-                 (*ray).fate = ESCAPED;"
-            );
-        }
-        if let Some(log) = path_log {
-            walk.push_str(&self.log_end(log)?);
-        }
-        let _ = writeln!(walk, "    return holds & has_place(*ray);\n}}");
-        Ok(text + &walk)
-    }
-
-    /// What is left to log, and to look at, where the path ends.
-    fn log_end(&self, log: &PathLog) -> Result<String> {
-        let mut text = match log.end {
-            Some(end) => self.weighs(end.weight)?,
-            None => String::new(),
-        };
-        if log.places.is_empty() {
-            text.push_str("    keep_place(0u, *ray, vec2<real>(0.0, 0.0));\n");
-        }
-        if let Some(legs) = log.attenuating_legs {
-            let _ = writeln!(text, "    holds = are_losses_told({legs}u) & holds;");
-        }
-        Ok(text)
-    }
-
-    /// An event of the path on a detector.
-    fn arrival(&self, step: usize, event: &NominalEvent, path_log: Option<&PathLog>) -> Result<String> {
-        let NominalEvent { primitive, ends, .. } = *event;
-        let Some(log) = path_log else {
-            let does = if ends { "ends_on_sensor" } else { "passes" };
-            return Ok(format!("    holds = {does}(ray, hit_{step}, {primitive}u) & holds;\n"));
-        };
-        let no_place = || Error::Internal(format!("event {step} of the path has no place in its log"));
-        let (number, place, arrival) = log.arrival(step).ok_or_else(no_place)?;
-        let mut text = format!("    holds = arrives(ray, hit_{step}, {primitive}u) & holds;\n");
-        if place.arrivals[0].event == step {
-            let logs = match place.edge_room {
-                None => format!("log_place({number}u, *ray, {}u)", place.sensor),
-                Some([x, y]) => {
-                    let [x, y] = [self.real(x)?, self.real(y)?];
-                    format!("log_place_off_edges({number}u, *ray, {}u, vec2<real>({x}, {y}))", place.sensor)
-                }
-            };
-            let _ = writeln!(
-                text,
-                "    let place_{number} = {logs};\n    holds = place_{number}.is_sure & holds;"
-            );
-        } else {
-            let again = format!("place_on(*ray, {}u)", place.sensor);
-            let _ = writeln!(text, "    holds = all({again} == place_{number}.at) & holds;");
-        }
-        text.push_str(&self.weighs(arrival.weight)?);
-        if !ends {
-            text.push_str("    holds = goes_on(ray) & holds;\n");
-        }
-        Ok(text)
-    }
-
-    /// Looks whether a ray of the path weighs what the host takes it to.
-    fn weighs(&self, weight: Weight) -> Result<String> {
-        Ok(match weight {
-            Weight::Born | Weight::Logged => String::new(),
-            Weight::Known(weight) => {
-                format!("    holds = ((*ray).weight == {}) & holds;\n", self.real(weight)?)
             }
         })
     }

@@ -85,6 +85,9 @@ pub struct ProgramOptions {
     pub workgroup_size: u32,
     /// Most rays that an invocation follows, see [`ProgramOptions::rays_per_invocation`]. The results are the same bits.
     pub most_rays_per_invocation: u32,
+    /// An invocation follows two rays of the nominal path side by side, where it can
+    /// ([`ProgramOptions::goes_side_by_side`]). The results are the same bits.
+    pub side_by_side: bool,
     /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/lib/lanes_together.wgsl); 1 if each
     /// stores its own. The results are the same bits.
     pub lanes: u32,
@@ -194,9 +197,15 @@ impl ProgramOptions {
         (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))
     }
 
-    /// Rays that an invocation of trace_nominal follows: one where the path takes nothing from them, or their weights tell
-    /// what, and a loop would cost more than it spares, and where a lone one already has long loops.
-    pub fn nominal_rays_per_invocation(&self, features: &Features, log: Option<&PathLog>) -> u32 {
+    /// True if an invocation of trace_nominal follows two rays at a time: where they leave nothing but what they log, and have
+    /// no triangles to remember.
+    pub fn goes_side_by_side(&self, features: &Features, log: Option<&PathLog>) -> bool {
+        self.side_by_side && log.is_some_and(|log| log.tells_all) && !features.has_meshes()
+    }
+
+    /// Rays that an invocation follows along a path one after the other: one where the path takes nothing from them, or
+    /// their weights tell what, and a loop would cost more than it spares, and where a lone one already has long loops.
+    pub fn path_rays_per_invocation(&self, features: &Features, log: Option<&PathLog>) -> u32 {
         let [.., gaussian] = features.splats;
         let books_nothing = features.keeps_weight || log.is_some_and(|log| log.attenuating_legs.is_some());
         if books_nothing || gaussian {
@@ -268,9 +277,17 @@ const BSDF_TABLE: u32 = 14;
 const SOURCE_STEPS: u32 = 33;
 
 impl Program {
-    /// See [`ProgramOptions::nominal_rays_per_invocation`].
+    /// Rays that an invocation of trace_nominal follows, side by side or one after the other.
     pub fn nominal_rays_per_invocation(&self) -> u32 {
-        self.options.nominal_rays_per_invocation(&self.features, self.path_log.as_ref())
+        match self.options.goes_side_by_side(&self.features, self.path_log.as_ref()) {
+            true => 2,
+            false => self.side_rays_per_invocation(),
+        }
+    }
+
+    /// Rays that an invocation follows along a side path; see [`ProgramOptions::path_rays_per_invocation`].
+    pub fn side_rays_per_invocation(&self) -> u32 {
+        self.options.path_rays_per_invocation(&self.features, self.path_log.as_ref())
     }
 
     /// What its sums and tables take of a device \[bytes\].
@@ -355,7 +372,8 @@ impl Program {
             nominal: nominal.as_ref(),
             path_log: path_log.as_ref(),
             side_paths: &side_paths,
-            media_absorb_weakly: path_log::media_absorb_weakly(pilot.into_iter().chain(&options.side_paths)),
+            media_absorb_weakly: pilot.is_some_and(path_log::media_absorb_weakly)
+                && side_paths.iter().all(|side| side.media_absorb_weakly),
             options: &options,
         };
         let wgsl = edit(composition.compose()?);

@@ -10,9 +10,9 @@ use super::clearance::{Pilot, Stretch};
 use super::end_log::{EndLog, Form, Grid};
 use super::features::Features;
 use super::lowered::{self, CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
-use super::nominal::{LEAST_CLEAR, NominalEvent, NominalPath, PilotPath, Way};
+use super::nominal::{Crossing, LEAST_CLEAR, NominalEvent, NominalPath, PilotPath, Way};
 use super::{Precision, ProgramOptions};
-use crate::ir::{SceneIr, Sensor, SensorKind, Splat};
+use crate::ir::{Interaction, SceneIr, Sensor, SensorKind, Splat};
 
 /// The log of a stage that follows a path.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +25,8 @@ pub struct PathLog {
     /// Each place is logged with the weight there ([`Weight::Logged`]), and on so many of its ways a ray loses something to
     /// the media, from its birth to its end, on the last place or, where there is none, in [`PathLog::end`].
     pub attenuating_legs: Option<u32>,
+    /// On its way a ray that keeps to the path books nothing: what it logs is all that it leaves.
+    pub tells_all: bool,
 }
 
 /// A place on a detector.
@@ -132,7 +134,8 @@ impl PathLog {
             Some((cell, event)) => Some(LedgerEnd { cell, weight: weights.on_arrival(event)? }),
             None => None,
         };
-        Some(PathLog { places, end, attenuating_legs: None })
+        let tells_all = scene.features.keeps_weight && !may_underflow(scene.ir, path);
+        Some(PathLog { places, end, attenuating_legs: None, tells_all })
     }
 
     fn with_logged_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
@@ -143,7 +146,8 @@ impl PathLog {
         let arrive_once = places.iter().all(|place| place.arrivals.len() == 1);
         // The last weight that is logged is the one that they end with.
         let ends_on_last = places.is_empty() == end.is_some();
-        (ends_on_last && arrive_once).then_some(PathLog { places, end, attenuating_legs })
+        let tells_all = !may_underflow(scene.ir, path);
+        (ends_on_last && arrive_once).then_some(PathLog { places, end, attenuating_legs, tells_all })
     }
 
     /// Rows of the log, of which each has a place of every ray.
@@ -263,13 +267,11 @@ fn ledger_end(scene: &LoggedScene, path: &NominalPath, last: &NominalEvent) -> O
 /// (shaders/lib/math_f64.wgsl), and some room.
 const LEAST_LEFT: f64 = 0.72;
 
-/// Whether media take little, on each of their ways, from nearly all rays of each of these pilots that lose to media alone.
-pub fn media_absorb_weakly<'a>(pilots: impl IntoIterator<Item = &'a PilotPath>) -> bool {
+/// Whether media take little, on each of their ways, from nearly all rays of a pilot that lose to media alone.
+pub fn media_absorb_weakly(PilotPath { ways, .. }: &PilotPath) -> bool {
     let loses_little =
         |way: &&Way| way.weights.windows(2).all(|weights| weights[1] >= LEAST_LEFT * weights[0]);
-    pilots.into_iter().all(|PilotPath { ways, .. }| {
-        ways.iter().filter(loses_little).count() as f64 >= LEAST_CLEAR * ways.len() as f64
-    })
+    ways.iter().filter(loses_little).count() as f64 >= LEAST_CLEAR * ways.len() as f64
 }
 
 /// On how many of its ways each ray of the pilot lost something; none where they differ in that, or where something else
@@ -284,6 +286,27 @@ fn attenuating_legs(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) 
     }
     let num_losses = |way: &Way| way.weights.windows(2).filter(|weights| weights[1] < weights[0]).count();
     same(ways, |way| u32::try_from(num_losses(way)).ok())
+}
+
+/// Whether rays of the path may enter the ambient medium with no solid behind them, which is counted (`track_solids` in
+/// shaders/interact.wgsl): so they may where some come to a refracting surface from another side than others.
+fn may_underflow(ir: &SceneIr, path: &NominalPath) -> bool {
+    let mut is_in_solid = false;
+    path.events.iter().any(|event| {
+        let surface = ir.surfaces.get(event.primitive);
+        let refracting = surface.filter(|surface| surface.interaction == Interaction::Refractive);
+        match (refracting, event.crossing) {
+            (None, _) | (_, Some(Crossing { reflected: true, .. })) => false,
+            (Some(_), None) => true,
+            (Some(surface), Some(Crossing { entering_back, .. })) => {
+                let medium = if entering_back { surface.back } else { surface.front };
+                let is_ambient = medium == SceneIr::VACUUM;
+                let underflows = is_ambient && !is_in_solid;
+                is_in_solid = !is_ambient;
+                underflows
+            }
+        }
+    })
 }
 
 fn is_bilinear(kind: &SensorKind) -> bool {

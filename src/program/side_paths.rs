@@ -4,7 +4,7 @@
 
 use super::contact::Contact;
 use super::nominal::{NominalPath, PilotPath};
-use super::path_log::{LoggedScene, PathLog};
+use super::path_log::{LoggedScene, PathLog, media_absorb_weakly};
 use glam::DVec3;
 
 /// More would make the shaders' text long, each of whose paths is another one to read.
@@ -21,6 +21,8 @@ pub struct SidePath {
     pub log: Option<PathLog>,
     /// Of all rays, as far as a pilot tells.
     pub share: f64,
+    /// See [`media_absorb_weakly`].
+    pub media_absorb_weakly: bool,
 }
 
 /// The stage of a side path, by its number. Writers of WGSL change names that end in digits.
@@ -43,7 +45,13 @@ impl SidePath {
                 Some(nominal_log) => Some(PathLog::beside(nominal_log, scene, &path, pilot)?),
                 None => None,
             };
-            Some(SidePath { strayed_at: strayed_at(nominal, &path), path, log, share: pilot.share })
+            Some(SidePath {
+                strayed_at: strayed_at(nominal, &path),
+                path,
+                log,
+                share: pilot.share,
+                media_absorb_weakly: media_absorb_weakly(pilot),
+            })
         };
         scene.options.side_paths.iter().filter_map(side_path).take(MOST_SIDE_PATHS).collect()
     }

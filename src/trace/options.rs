@@ -44,12 +44,16 @@ pub struct TraceOptions {
     /// where not given, on a processor that reads the parts of a wide vector slowly. It never changes a result.
     #[doc(hidden)]
     pub stores_together: Option<bool>,
+    /// Invocations follow two rays of the nominal path at a time, where they can; where not given, on processors, whose
+    /// instructions would wait for each other. It never changes a result.
+    #[doc(hidden)]
+    pub side_by_side: Option<bool>,
     /// Two devices on one adapter take turns where the host adds up: the second from the end of the first pass on; where not
     /// given, on processors, in traces that take long. It never changes a result.
     #[doc(hidden)]
     pub second_device: Option<bool>,
-    /// Rays that stray from the nominal path follow side paths from the first one on, or never; where not given, from where
-    /// so many have strayed at an event that its stage pays. It never changes a result.
+    /// Rays that stray from the nominal path follow side paths, all of them or none; where not given, those whose stages pay
+    /// for as many rays as are to be traced, or, where that is not known, have been. It never changes a result.
     #[doc(hidden)]
     pub side_paths: Option<bool>,
     /// The trace may be ended before its last ray: what pays only in a long one is begun late. It never changes a result.
@@ -141,6 +145,7 @@ impl Default for TraceOptions {
             tree: None,
             host_sums: None,
             stores_together: None,
+            side_by_side: None,
             second_device: None,
             side_paths: None,
             may_end_early: false,

@@ -2,10 +2,9 @@
 
 use std::time::Duration;
 
-/// What passes took, but for the first: drivers compile in it.
+/// What passes took.
 #[derive(Debug, Default)]
 pub(super) struct Pace {
-    has_begun: bool,
     rays: u64,
     time: Duration,
 }
@@ -16,10 +15,8 @@ impl Pace {
 
     /// Takes note of a pass.
     pub(super) fn note(&mut self, rays: u64, time: Duration) {
-        if std::mem::replace(&mut self.has_begun, true) {
-            self.rays += rays;
-            self.time += time;
-        }
+        self.rays += rays;
+        self.time += time;
     }
 
     /// What so many rays will take, if that can be told yet \[s\].
@@ -33,9 +30,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rays_to_come_take_as_long_as_those_after_the_first_pass() {
+    fn rays_to_come_take_as_long_as_those_before() {
         let mut pace = Pace::default();
-        pace.note(1000, Duration::from_secs(5));
         assert_eq!(pace.seconds_for(1), None);
         pace.note(1000, Duration::from_millis(60));
         assert_eq!(pace.seconds_for(1), None, "too little to tell by");

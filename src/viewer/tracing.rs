@@ -233,6 +233,7 @@ fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(Trace
         max_depth: options.max_depth,
         // Whoever looks wants to see the noise, whatever it costs.
         standard_error: StandardError::On,
+        may_end_early: options.target_error.is_some() || options.time_limit.is_some(),
         batch_size: Some(BATCH),
         ..TraceOptions::default().tuned(&gpu.info)
     };

@@ -463,6 +463,7 @@ impl Variant {
             side_paths: self.side_paths.clone(),
             host_sums: self.host_sums,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
+            side_by_side: true,
             lanes: self.lanes,
             part_bytes: self.part_bytes,
         };

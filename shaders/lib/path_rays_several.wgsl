@@ -4,7 +4,7 @@
 // The first of them, by what would be its invocation if each had its own.
 fn first_turn(invocation: u32) -> u32 {
     let local = invocation % WORKGROUP_SIZE;
-    return (invocation - local) * NOMINAL_RAYS_PER_INVOCATION + local;
+    return (invocation - local) * PATH_RAYS_PER_INVOCATION + local;
 }
 
 fn next_turn(invocation: u32) -> u32 {
