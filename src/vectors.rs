@@ -1,15 +1,34 @@
 //! How wide lavapipe computes.
 
+use crate::folders::Folder;
 use crate::ir::SceneIr;
 use crate::nominal;
+use std::ffi::OsString;
+use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
 /// Mesa's variable for the bits of lavapipe's vectors.
 const WIDTH: &str = "LP_NATIVE_VECTOR_WIDTH";
+/// Mesa's variables for the folder of its cache of compiled shaders: today's, and that of before Mesa 22.3.
+const CACHES: [&str; 2] = ["MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR"];
 
-/// Set once the width is chosen here: whether it is.
-static IS_WIDE: OnceLock<bool> = OnceLock::new();
+/// So few rays are traced in less time than wide vectors take longer to compile for.
+const FEW_RAYS: u64 = 100_000;
+
+/// How wide lavapipe computes. No bit of a result depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Width {
+    /// 128 bits: four rays. Each has half of a vector of f64 in a register as they are since AVX, and the least is compiled.
+    Narrow,
+    /// The driver's own choice, 256 bits on x86-64: eight rays.
+    Usual,
+    /// 512 bits: sixteen rays.
+    Wide,
+}
+
+/// Set once a width is chosen here: what was set in the environment.
+static CHOSEN: OnceLock<Vec<&str>> = OnceLock::new();
 
 /// What a processor makes of vectors of 512 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,20 +46,47 @@ enum Wide {
     Fast,
 }
 
-/// True if so many rays of a scene are the faster for wide vectors on this processor. No scene is that has meshes: every
-/// lane waits until the last one has found its triangle. Where parts are slow, those are whose rays may have a path in a
-/// stage of its own, on which memory is met only at the end.
-pub fn suit(ir: &SceneIr, num_rays: u64) -> bool {
-    suit_on(Wide::of_this_processor(), ir, num_rays)
-}
+impl Width {
+    /// What suits a command that compiles the shaders of a scene, in f64 or not, and traces so many rays with them. Where
+    /// they are few, it mostly compiles.
+    pub fn of_command(ir: &SceneIr, num_rays: u64, in_f64: bool) -> Width {
+        Width::of_command_on(Wide::of_this_processor(), ir, num_rays, in_f64)
+    }
 
-fn suit_on(processor: Wide, ir: &SceneIr, num_rays: u64) -> bool {
-    ir.meshes.is_empty()
-        && match processor {
-            Wide::Slow => false,
-            Wide::Whole => nominal::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb),
-            Wide::Fast => true,
+    fn of_command_on(processor: Wide, ir: &SceneIr, num_rays: u64, in_f64: bool) -> Width {
+        match (num_rays <= FEW_RAYS, in_f64) {
+            (true, true) => Width::Narrow,
+            (true, false) => Width::Usual,
+            (false, _) => Width::of_trace_on(processor, ir, num_rays),
         }
+    }
+
+    /// What traces so many rays of a scene fastest on this processor, once its shaders are compiled. Wide vectors are not
+    /// for scenes that have meshes: every lane waits until the last one has found its triangle. Where parts are slow, they
+    /// are for those whose rays may have a path in a stage of its own, on which memory is met only at the end.
+    pub fn of_trace(ir: &SceneIr, num_rays: u64) -> Width {
+        Width::of_trace_on(Wide::of_this_processor(), ir, num_rays)
+    }
+
+    fn of_trace_on(processor: Wide, ir: &SceneIr, num_rays: u64) -> Width {
+        let is_wide = ir.meshes.is_empty()
+            && match processor {
+                Wide::Slow => false,
+                Wide::Whole => {
+                    nominal::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb)
+                }
+                Wide::Fast => true,
+            };
+        if is_wide { Width::Wide } else { Width::Usual }
+    }
+
+    fn bits(self) -> Option<&'static str> {
+        match self {
+            Width::Narrow => Some("128"),
+            Width::Usual => None,
+            Width::Wide => Some("512"),
+        }
+    }
 }
 
 /// True if this processor reads parts of vectors of 512 bits slowly that it has just stored.
@@ -48,30 +94,45 @@ pub fn have_slow_parts() -> bool {
     Wide::of_this_processor() == Wide::Whole
 }
 
-/// Lets lavapipe compute in vectors of 512 bits; by itself it takes 256. No bit of a result depends on it. Whoever has set
-/// the variable is obeyed.
+/// Lets lavapipe compute in vectors so wide. Whoever has set the variable is obeyed. The driver's cache of compiled shaders
+/// does not know of their width, and would give this width's to the others: so each has a folder of its own, unless the
+/// user has named one.
 ///
 /// # Safety
 /// No other thread runs yet: it could read the environment meanwhile. No adapter has been asked for: Mesa reads the
-/// variable once.
+/// variables once.
 #[allow(unsafe_code)]
-pub unsafe fn widen() {
-    let is_wide = std::env::var_os(WIDTH).is_none();
-    if *IS_WIDE.get_or_init(|| is_wide) {
-        // SAFETY: nobody reads the environment meanwhile, as the caller promises.
-        unsafe { std::env::set_var(WIDTH, "512") };
+pub unsafe fn choose(width: Width) {
+    let is_set = |name: &str| std::env::var_os(name).is_some();
+    let Some(bits) = width.bits().filter(|_| !is_set(WIDTH)) else { return };
+    let mut variables = vec![(WIDTH, OsString::from(bits))];
+    if !CACHES.into_iter().any(is_set) {
+        variables.extend(cache_folder(bits).map(|folder| (CACHES[0], folder.into_os_string())));
+    }
+    if CHOSEN.set(variables.iter().map(|(name, _)| *name).collect()).is_ok() {
+        for (name, value) in variables {
+            // SAFETY: nobody reads the environment meanwhile, as the caller promises.
+            unsafe { std::env::set_var(name, value) };
+        }
     }
 }
 
-/// True if [`widen`] has chosen the width.
-pub fn are_wide() -> bool {
-    IS_WIDE.get() == Some(&true)
+/// The folder for shaders of a width. Without one, where it cannot be made, the driver keeps to its own.
+fn cache_folder(bits: &str) -> Option<PathBuf> {
+    let folder = Folder::Cache.path()?.join(format!("shaders-{bits}-bits"));
+    std::fs::create_dir_all(&folder).ok()?;
+    Some(folder)
+}
+
+/// True if the width was chosen here.
+pub fn are_chosen() -> bool {
+    CHOSEN.get().is_some()
 }
 
 /// Leaves the choice to a command that is this program.
 pub fn leave_to(command: &mut Command) {
-    if are_wide() {
-        command.env_remove(WIDTH);
+    for name in CHOSEN.get().into_iter().flatten() {
+        command.env_remove(name);
     }
 }
 
@@ -125,9 +186,24 @@ mod tests {
             (Wide::Whole, [false, true], [false, false]),
             (Wide::Fast, [true, true], [true, true]),
         ] {
-            let suits = |ir| [1_000, 10_000_000].map(|num_rays| suit_on(processor, ir, num_rays));
+            let suits =
+                |ir| [1_000, 10_000_000].map(|num| Width::of_trace_on(processor, ir, num) == Width::Wide);
             let found = [suits(&lens), suits(&cavity), suits(&mesh)];
             assert_eq!(found, [of_lens, of_cavity, [false, false]], "{processor:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_mostly_compiled_is_narrow_in_f64_and_wide_nowhere() {
+        let lens =
+            crate::Scene::from_json(include_str!("../scenes/bench_lens.json")).unwrap().lower().unwrap();
+        for processor in [Wide::Slow, Wide::Whole, Wide::Fast] {
+            let of = |num_rays, in_f64| Width::of_command_on(processor, &lens, num_rays, in_f64);
+            assert_eq!([false, true].map(|in_f64| of(FEW_RAYS, in_f64)), [Width::Usual, Width::Narrow]);
+            for num_rays in [FEW_RAYS + 1, 10_000_000] {
+                let of_trace = Width::of_trace_on(processor, &lens, num_rays);
+                assert_eq!([false, true].map(|in_f64| of(num_rays, in_f64)), [of_trace; 2], "{processor:?}");
+            }
         }
     }
 

@@ -436,22 +436,50 @@ fn the_width_of_vectors_changes_no_bit() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let trace = |name: &str, width: Option<&str>| {
-        let out = folder.path().join(name);
+    let trace = |precision: &str, width: Option<&str>| {
+        let out = folder.path().join(format!("{precision}-{width:?}"));
         let scene = scene_path("cooke_triplet");
         let mut command =
-            command(&["trace", scene.to_str().unwrap(), "-n", "2e4", "--precision", "f32", "-o"]);
+            command(&["trace", scene.to_str().unwrap(), "-n", "2e4", "--precision", precision, "-o"]);
         // A shader that the driver has kept would have the width that it was kept with.
         command.arg(&out).env("MESA_SHADER_CACHE_DISABLE", "true").env_remove("LP_NATIVE_VECTOR_WIDTH");
         command.envs(width.map(|width| ("LP_NATIVE_VECTOR_WIDTH", width)));
         Said::of(&command.output().unwrap()).succeeds();
         files_in(&out)
     };
-    let [chosen, wide, narrow] = [("chosen", None), ("wide", Some("512")), ("narrow", Some("128"))]
-        .map(|(name, width)| trace(name, width));
-    for name in ["tally.bin", "image.npz"] {
-        assert!(chosen[name] == wide[name] && chosen[name] == narrow[name], "{name}");
+    for precision in ["f32", "f64"] {
+        let chosen = trace(precision, None);
+        for width in ["128", "256", "512"] {
+            let set = trace(precision, Some(width));
+            for name in ["tally.bin", "image.npz"] {
+                assert!(chosen[name] == set[name], "{name} in {precision}, {width} bits");
+            }
+        }
     }
+}
+
+/// The driver would give shaders that it has kept in one width to a command that wants another.
+#[test]
+fn shaders_of_a_chosen_width_are_kept_apart() {
+    if !has_adapter("shaders_of_a_chosen_width_are_kept_apart") {
+        return;
+    }
+    let kept = |set: Option<(&str, &str)>| {
+        let cache = tempfile::tempdir().unwrap();
+        let scene = scene_path("bench_lens");
+        let mut command = command(&["trace", scene.to_str().unwrap(), "-n", "1e4", "--precision", "f64"]);
+        for name in ["LP_NATIVE_VECTOR_WIDTH", "MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR"] {
+            command.env_remove(name);
+        }
+        command.env("XDG_CACHE_HOME", cache.path()).envs(set);
+        Said::of(&command.output().unwrap()).succeeds();
+        cache.path().join("nsq-gpu/shaders-128-bits").exists()
+    };
+    assert!(kept(None));
+    assert!(!kept(Some(("LP_NATIVE_VECTOR_WIDTH", "256"))), "the user has chosen a width");
+    let elsewhere = tempfile::tempdir().unwrap();
+    let path = elsewhere.path().to_str().unwrap();
+    assert!(!kept(Some(("MESA_SHADER_CACHE_DIR", path))), "the user has chosen a folder");
 }
 
 #[test]

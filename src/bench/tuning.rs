@@ -29,6 +29,13 @@ pub struct Trial {
     pub relative: Vec<f64>,
 }
 
+/// The cases that ways are measured by, with fewer rays.
+pub fn cases() -> Vec<Case> {
+    let all = cases::all(u64::MAX);
+    let named = |name| all.iter().find(|case| case.name == name).cloned();
+    CASES.into_iter().filter_map(named).map(|case| Case { num_rays: NUM_RAYS, ..case }).collect()
+}
+
 /// Measures every way in turns.
 ///
 /// # Errors
@@ -41,11 +48,8 @@ pub fn measure(gpu: &Gpu, precision: Precision) -> Result<Vec<Trial>> {
         })
         .collect();
     let mut trials: Vec<Trial> = ways.iter().map(|&tuning| Trial { tuning, relative: Vec::new() }).collect();
-    let cases = cases::all(u64::MAX);
-    for name in CASES {
-        let case = cases.iter().find(|case| case.name == name);
-        let case = case.ok_or_else(|| Error::Internal(format!("no case is named {name}")))?;
-        let medians = medians_sec(gpu, case, precision, &ways)?;
+    for case in cases() {
+        let medians = medians_sec(gpu, &case, precision, &ways)?;
         let default = ways.iter().position(|way| *way == Tuning::untuned(&gpu.info)).map(|i| medians[i]);
         let default = default.ok_or_else(|| Error::Internal("the default is not offered".into()))?;
         trials.iter_mut().zip(&medians).for_each(|(trial, median)| trial.relative.push(median / default));
@@ -59,7 +63,7 @@ fn medians_sec(gpu: &Gpu, case: &Case, precision: Precision, ways: &[Tuning]) ->
     let ir = Scene::from_json(&case.scene)?.lower()?;
     let tracer = |way: &Tuning| {
         let options = TraceOptions {
-            num_rays: NUM_RAYS,
+            num_rays: case.num_rays,
             max_depth: case.max_depth,
             precision,
             workgroup_size: way.workgroup_size,
@@ -123,10 +127,7 @@ mod tests {
 
     #[test]
     fn every_case_that_is_measured_exists() {
-        let cases = cases::all(u64::MAX);
-        for name in CASES {
-            assert!(cases.iter().any(|case| case.name == name), "{name}");
-        }
+        assert_eq!(cases().iter().map(|case| case.name.as_str()).collect::<Vec<_>>(), CASES);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::result::output;
 use crate::scene::Scene;
-use crate::vectors;
+use crate::vectors::{self, Width};
 use clap::ValueEnum;
 use serde_json::Value;
 use std::ffi::OsStr;
@@ -129,10 +129,9 @@ pub fn run(args: &Args) -> Result<String> {
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
-    let is_wide: Vec<bool> = cases.iter().map(suits_wide_vectors).collect::<Result<_>>()?;
-    if is_wide.contains(&true) {
-        super::widen_vectors();
-    }
+    let widths = widths(&cases)?;
+    let widest = widest(&widths);
+    super::choose_vectors(widest);
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
@@ -145,8 +144,8 @@ pub fn run(args: &Args) -> Result<String> {
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
     // What was measured before a case failed took long, and is kept.
     let mut failure = None;
-    for (case, is_wide) in cases.iter().zip(is_wide) {
-        let result = if is_wide || !vectors::are_wide() || !gpu.info.is_cpu() {
+    for (case, width) in cases.iter().zip(widths) {
+        let result = if width == widest || !vectors::are_chosen() || !gpu.info.is_cpu() {
             measure(case, &session, &mut peers)
         } else {
             measure_apart(case, &session, args)
@@ -185,8 +184,14 @@ pub fn run(args: &Args) -> Result<String> {
     Err(error)
 }
 
-fn suits_wide_vectors(case: &Case) -> Result<bool> {
-    Ok(vectors::suit(&Scene::from_json(&case.scene)?.lower()?, case.num_rays))
+/// How wide vectors suit each case: what is timed is compiled before. Whole commands choose on their own.
+fn widths(cases: &[Case]) -> Result<Vec<Width>> {
+    let width = |case: &Case| Ok(Width::of_trace(&Scene::from_json(&case.scene)?.lower()?, case.num_rays));
+    cases.iter().map(width).collect()
+}
+
+fn widest(widths: &[Width]) -> Width {
+    widths.iter().copied().max().unwrap_or(Width::Usual)
 }
 
 /// Measures a case in a process of its own: the width of vectors is a process's.
@@ -234,7 +239,7 @@ fn run_stability(args: &Args) -> Result<String> {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    super::widen_vectors();
+    super::choose_vectors(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);

@@ -19,6 +19,7 @@ mod view;
 
 use crate::error::{Error, Result};
 use crate::scene::Scene;
+use crate::vectors::Width;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -90,13 +91,13 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Lets lavapipe use wide vectors. Before other threads and adapters: [`main`] demands the one, and commands see to
-/// the other.
-fn widen_vectors() {
+/// Lets lavapipe compute in vectors so wide. Before other threads and adapters: [`main`] demands the one, and commands see
+/// to the other.
+fn choose_vectors(width: Width) {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
     unsafe {
-        crate::vectors::widen();
+        crate::vectors::choose(width);
     }
 }
 

@@ -12,7 +12,7 @@ use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, r
 use crate::scene::Scene;
 use crate::stopping::{StoppedBy, Stopping};
 use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
-use crate::vectors;
+use crate::vectors::Width;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -178,9 +178,9 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 pub fn run(args: &Args) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
-    if vectors::suit(&ir, args.num_rays) {
-        super::widen_vectors();
-    }
+    // What `auto` is on lavapipe.
+    let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
+    super::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
     }
