@@ -1,4 +1,4 @@
-// Stage trace_nominal: the path that most rays of a scene take, one event after the other and nothing else. `walk` is
+// Stage trace_nominal: the path that most rays of a scene take, one event after the other and nothing else. The walk is
 // composed: at each event it looks for the nearest of those primitives that can lie between the last one and the next.
 // A ray that does anything else has strayed: it leaves nothing but a mark, where its log begins, and trace_new traces it
 // anew from its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes, and no

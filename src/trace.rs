@@ -179,6 +179,7 @@ impl<'a> Tracer<'a> {
                 .unwrap_or_else(|| most_rays_per_invocation(gpu, options)),
             side_by_side: options.side_by_side.unwrap_or(gpu.info.is_cpu()),
             lanes: lanes_together(gpu, options),
+            vector_lanes: gpu.vector_lanes(),
             paths: options.paths.sampling(options.budget()),
             weights,
             sampler: options.sampler,

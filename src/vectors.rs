@@ -1,20 +1,15 @@
 //! How wide lavapipe computes.
 
-use crate::folders::Folder;
 use crate::ir::SceneIr;
 use crate::nominal;
-use std::ffi::OsString;
-use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
 /// Mesa's variable for the bits of lavapipe's vectors.
 const WIDTH: &str = "LP_NATIVE_VECTOR_WIDTH";
-/// Mesa's variables for the folder of its cache of compiled shaders: today's, and that of before Mesa 22.3.
-const CACHES: [&str; 2] = ["MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR"];
 
-/// So few rays are traced in less time than wide vectors take longer to compile for.
-const FEW_RAYS: u64 = 100_000;
+/// So few rays are traced in less time than shaders take to compile, which for wide vectors is half as long again.
+const MOST_COMPILED_RAYS: u64 = 100_000;
 
 /// How wide lavapipe computes. No bit of a result depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -27,8 +22,8 @@ pub enum Width {
     Wide,
 }
 
-/// Set once a width is chosen here: what was set in the environment.
-static CHOSEN: OnceLock<Vec<&str>> = OnceLock::new();
+/// Set once a width is chosen here.
+static CHOSEN: OnceLock<Width> = OnceLock::new();
 
 /// What a processor makes of vectors of 512 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +31,7 @@ static CHOSEN: OnceLock<Vec<&str>> = OnceLock::new();
     not(target_arch = "x86_64"),
     allow(dead_code, reason = "only x86-64 has such vectors; tests go through all kinds anywhere")
 )]
-enum Wide {
+enum Processor {
     /// It has none, or slows down when it computes in them.
     Slow,
     /// It computes in them, but to read a part of one that was just stored takes it four times as long, on average, as of
@@ -50,14 +45,16 @@ impl Width {
     /// What suits a command that compiles the shaders of a scene, in f64 or not, and traces so many rays with them. Where
     /// they are few, it mostly compiles.
     pub fn of_command(ir: &SceneIr, num_rays: u64, in_f64: bool) -> Width {
-        Width::of_command_on(Wide::of_this_processor(), ir, num_rays, in_f64)
+        Width::of_command_on(Processor::of_this_processor(), ir, num_rays, in_f64)
     }
 
-    fn of_command_on(processor: Wide, ir: &SceneIr, num_rays: u64, in_f64: bool) -> Width {
-        match (num_rays <= FEW_RAYS, in_f64) {
-            (true, true) => Width::Narrow,
-            (true, false) => Width::Usual,
-            (false, _) => Width::of_trace_on(processor, ir, num_rays),
+    fn of_command_on(processor: Processor, ir: &SceneIr, num_rays: u64, in_f64: bool) -> Width {
+        if num_rays <= processor.most_narrow_rays(in_f64) {
+            Width::Narrow
+        } else if num_rays <= MOST_COMPILED_RAYS {
+            Width::Usual
+        } else {
+            Width::of_trace_on(processor, ir, num_rays)
         }
     }
 
@@ -65,17 +62,17 @@ impl Width {
     /// for scenes that have meshes: every lane waits until the last one has found its triangle. Where parts are slow, they
     /// are for those whose rays may have a path in a stage of its own, on which memory is met only at the end.
     pub fn of_trace(ir: &SceneIr, num_rays: u64) -> Width {
-        Width::of_trace_on(Wide::of_this_processor(), ir, num_rays)
+        Width::of_trace_on(Processor::of_this_processor(), ir, num_rays)
     }
 
-    fn of_trace_on(processor: Wide, ir: &SceneIr, num_rays: u64) -> Width {
+    fn of_trace_on(processor: Processor, ir: &SceneIr, num_rays: u64) -> Width {
         let is_wide = ir.meshes.is_empty()
             && match processor {
-                Wide::Slow => false,
-                Wide::Whole => {
+                Processor::Slow => false,
+                Processor::Whole => {
                     nominal::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb)
                 }
-                Wide::Fast => true,
+                Processor::Fast => true,
             };
         if is_wide { Width::Wide } else { Width::Usual }
     }
@@ -91,37 +88,21 @@ impl Width {
 
 /// True if this processor reads parts of vectors of 512 bits slowly that it has just stored.
 pub fn have_slow_parts() -> bool {
-    Wide::of_this_processor() == Wide::Whole
+    Processor::of_this_processor() == Processor::Whole
 }
 
-/// Lets lavapipe compute in vectors so wide. Whoever has set the variable is obeyed. The driver's cache of compiled shaders
-/// does not know of their width, and would give this width's to the others: so each has a folder of its own, unless the
-/// user has named one.
+/// Lets lavapipe compute in vectors so wide. Whoever has set the variable is obeyed.
 ///
 /// # Safety
 /// No other thread runs yet: it could read the environment meanwhile. No adapter has been asked for: Mesa reads the
-/// variables once.
+/// variable once.
 #[allow(unsafe_code)]
 pub unsafe fn choose(width: Width) {
-    let is_set = |name: &str| std::env::var_os(name).is_some();
-    let Some(bits) = width.bits().filter(|_| !is_set(WIDTH)) else { return };
-    let mut variables = vec![(WIDTH, OsString::from(bits))];
-    if !CACHES.into_iter().any(is_set) {
-        variables.extend(cache_folder(bits).map(|folder| (CACHES[0], folder.into_os_string())));
+    let Some(bits) = width.bits().filter(|_| std::env::var_os(WIDTH).is_none()) else { return };
+    if CHOSEN.set(width).is_ok() {
+        // SAFETY: nobody reads the environment meanwhile, as the caller promises.
+        unsafe { std::env::set_var(WIDTH, bits) };
     }
-    if CHOSEN.set(variables.iter().map(|(name, _)| *name).collect()).is_ok() {
-        for (name, value) in variables {
-            // SAFETY: nobody reads the environment meanwhile, as the caller promises.
-            unsafe { std::env::set_var(name, value) };
-        }
-    }
-}
-
-/// The folder for shaders of a width. Without one, where it cannot be made, the driver keeps to its own.
-fn cache_folder(bits: &str) -> Option<PathBuf> {
-    let folder = Folder::Cache.path()?.join(format!("shaders-{bits}-bits"));
-    std::fs::create_dir_all(&folder).ok()?;
-    Some(folder)
 }
 
 /// True if the width was chosen here.
@@ -131,26 +112,36 @@ pub fn are_chosen() -> bool {
 
 /// Leaves the choice to a command that is this program.
 pub fn leave_to(command: &mut Command) {
-    for name in CHOSEN.get().into_iter().flatten() {
-        command.env_remove(name);
+    if are_chosen() {
+        command.env_remove(WIDTH);
     }
 }
 
-impl Wide {
+impl Processor {
     /// Processors with AVX-512 VBMI (from Ice Lake and Zen 4 on) do not slow down when they compute in 512 bits, as older
     /// ones do. AMD's read parts as fast as ever (measured on Zen 5), Intel's do not (on Sapphire Rapids).
     #[cfg(target_arch = "x86_64")]
-    fn of_this_processor() -> Wide {
+    fn of_this_processor() -> Processor {
         match (std::arch::is_x86_feature_detected!("avx512vbmi"), vendor().as_slice()) {
-            (false, _) => Wide::Slow,
-            (true, b"AuthenticAMD") => Wide::Fast,
-            (true, _) => Wide::Whole,
+            (false, _) => Processor::Slow,
+            (true, b"AuthenticAMD") => Processor::Fast,
+            (true, _) => Processor::Whole,
         }
     }
 
     #[cfg(not(target_arch = "x86_64"))]
-    fn of_this_processor() -> Wide {
-        Wide::Slow
+    fn of_this_processor() -> Processor {
+        Processor::Slow
+    }
+
+    /// So many rays are traced no slower in narrow vectors than compiling for the driver's takes longer. Of f64, registers
+    /// of 256 bits hold four, and in vectors of four rays fewer wait for another: on Zen 3 they trace as fast.
+    fn most_narrow_rays(self, in_f64: bool) -> u64 {
+        match (in_f64, self) {
+            (false, _) => 20_000,
+            (true, Processor::Slow) => 1_000_000,
+            (true, Processor::Whole | Processor::Fast) => MOST_COMPILED_RAYS,
+        }
     }
 }
 
@@ -182,9 +173,9 @@ mod tests {
         let cavity = ir(include_str!("../scenes/bench_cavity.json"));
         let mesh = ir(include_str!("../scenes/mesh_prism.json"));
         for (processor, of_lens, of_cavity) in [
-            (Wide::Slow, [false, false], [false, false]),
-            (Wide::Whole, [false, true], [false, false]),
-            (Wide::Fast, [true, true], [true, true]),
+            (Processor::Slow, [false, false], [false, false]),
+            (Processor::Whole, [false, true], [false, false]),
+            (Processor::Fast, [true, true], [true, true]),
         ] {
             let suits =
                 |ir| [1_000, 10_000_000].map(|num| Width::of_trace_on(processor, ir, num) == Width::Wide);
@@ -194,16 +185,21 @@ mod tests {
     }
 
     #[test]
-    fn what_is_mostly_compiled_is_narrow_in_f64_and_wide_nowhere() {
+    fn what_is_mostly_compiled_is_narrow_and_wide_nowhere() {
+        use Width::{Narrow, Usual, Wide};
         let lens =
             crate::Scene::from_json(include_str!("../scenes/bench_lens.json")).unwrap().lower().unwrap();
-        for processor in [Wide::Slow, Wide::Whole, Wide::Fast] {
-            let of = |num_rays, in_f64| Width::of_command_on(processor, &lens, num_rays, in_f64);
-            assert_eq!([false, true].map(|in_f64| of(FEW_RAYS, in_f64)), [Width::Usual, Width::Narrow]);
-            for num_rays in [FEW_RAYS + 1, 10_000_000] {
-                let of_trace = Width::of_trace_on(processor, &lens, num_rays);
-                assert_eq!([false, true].map(|in_f64| of(num_rays, in_f64)), [of_trace; 2], "{processor:?}");
-            }
+        let counts = [10_000, 100_000, 1_000_000, 1_000_001, 10_000_000];
+        for (processor, in_f64, expected) in [
+            (Processor::Slow, false, [Narrow, Usual, Usual, Usual, Usual]),
+            (Processor::Slow, true, [Narrow, Narrow, Narrow, Usual, Usual]),
+            (Processor::Whole, false, [Narrow, Usual, Usual, Usual, Wide]),
+            (Processor::Whole, true, [Narrow, Narrow, Usual, Usual, Wide]),
+            (Processor::Fast, false, [Narrow, Usual, Wide, Wide, Wide]),
+            (Processor::Fast, true, [Narrow, Narrow, Wide, Wide, Wide]),
+        ] {
+            let widths = counts.map(|num| Width::of_command_on(processor, &lens, num, in_f64));
+            assert_eq!(widths, expected, "{processor:?}, in f64: {in_f64}");
         }
     }
 

@@ -1,7 +1,6 @@
 // Where media alone take something from the rays of the nominal path, what they weigh at its end tells the host all that they
 // have lost: differences of quantised weights telescope (gpu::end_paths). So they book nothing. One that loses something
-// on more or fewer of its ways than the others, or comes to roulette, has strayed. An invocation follows
-// one ray. Twin of path_losses_booked.wgsl.
+// on more or fewer of its ways than the others, or comes to roulette, has strayed. Twin of path_losses_booked.wgsl.
 
 var<private> num_losses: u32 = 0u;
 var<private> is_off_roulette: bool = true;

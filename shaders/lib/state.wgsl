@@ -83,9 +83,10 @@ struct Range {
 
 var<private> range: Range;
 
-// Always true, which compilers do not see.
+// Always true, which compilers do not see. Nothing has NO_COUNT rays: a number that differs with the width of the driver's
+// vectors, because a driver may keep compiled shaders and not know for which width they were (Mesa 22.3).
 fn is_dispatched() -> bool {
-    return range.count != 0u;
+    return range.count != NO_COUNT;
 }
 
 // The row of rng_table for step 0.

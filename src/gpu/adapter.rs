@@ -251,6 +251,11 @@ impl Gpu {
         self.info.is_cpu() && self.has_shared_memory()
     }
 
+    /// Lanes of the vectors of a driver on a processor, which may be told how many; 0 elsewhere.
+    pub fn vector_lanes(&self) -> u32 {
+        if self.info.is_cpu() { self.adapter.get_info().subgroup_max_size } else { 0 }
+    }
+
     /// True if lanes of a subgroup should store places together: where vectors have 512 bits, whose later parts the
     /// processor reads slowly (lib/lanes_together.wgsl).
     pub fn prefers_stores_together(&self) -> bool {

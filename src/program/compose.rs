@@ -114,6 +114,7 @@ impl Composition<'_> {
         let mut uint = |name: &str, value: u32| {
             let _ = writeln!(text, "const {name}: u32 = {value}u;");
         };
+        uint("NO_COUNT", u32::MAX - o.vector_lanes);
         uint("WORKGROUP_SIZE", o.workgroup_size);
         uint("RAYS_PER_INVOCATION", o.rays_per_invocation(f));
         if self.nominal.is_some() {

@@ -91,6 +91,8 @@ pub struct ProgramOptions {
     /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/lib/lanes_together.wgsl); 1 if each
     /// stores its own. The results are the same bits.
     pub lanes: u32,
+    /// Lanes of the driver's vectors, where their number can change: with it, shaders do. The results are the same bits.
+    pub vector_lanes: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
     /// The weight that each emitter's rays are born with.

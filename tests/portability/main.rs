@@ -168,6 +168,22 @@ fn every_shader_file_is_composed_by_some_variant() {
     assert_eq!(dead, Vec::<String>::new(), "no variant composes them");
 }
 
+/// Of two rays that an invocation follows, each has its own of what these declare: compositions find them by their lines.
+#[test]
+fn what_is_private_has_a_first_value_in_its_line() {
+    let private = |text: &str| text.lines().filter(|line| line.contains("var<private>")).count();
+    let found = |text: &str| {
+        let declares = |line: &&str| line.starts_with("var<private> ") && line.ends_with(';');
+        text.lines().filter(declares).filter(|line| line.contains(": ") && line.contains(" = ")).count()
+    };
+    for file in ["nominal.wgsl", "lib/path_places.wgsl", "lib/path_losses_told.wgsl"] {
+        let files = snapshots::shader_files();
+        let (_, text) = files.iter().find(|(path, _)| path == file).unwrap();
+        assert_eq!(found(text), private(text), "{file}");
+        assert!(private(text) > 0, "{file}");
+    }
+}
+
 /// Plain WebGPU binds 8 storage buffers a stage. What binds more is known by name, with its number.
 #[test]
 fn portable_shaders_bind_few_storage_buffers() {

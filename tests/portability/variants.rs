@@ -465,6 +465,7 @@ impl Variant {
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             side_by_side: true,
             lanes: self.lanes,
+            vector_lanes: 0,
             part_bytes: self.part_bytes,
         };
         Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))

@@ -8,6 +8,7 @@ alias real = f32;
 // <- shaders/lib/sums.wgsl
 // <- shaders/lib/rng_portable.wgsl
 // <- shaders/lib/sums_portable.wgsl
+const NO_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
 const EVENTS_PER_DISPATCH: u32 = 16u;
