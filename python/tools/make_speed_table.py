@@ -21,11 +21,6 @@ What was measured on which machine, and what the code could do by then, is said 
 """
 
 
-def newest_first() -> list[Path]:
-    """Every bench.json: folders are named by date."""
-    return sorted(RESULTS.glob("*/bench.json"), reverse=True)
-
-
 def newest_of_each(reports: dict[str, dict]) -> list[tuple[str, dict]]:
     """Every case with the newest folder that has it, in the order in which cases came to be measured."""
     oldest_first = list(reversed(reports.items()))
@@ -102,8 +97,9 @@ def replaced(readme: str, reports: dict[str, dict]) -> str:
 
 
 def read_reports() -> dict[str, dict]:
-    """What every folder holds, the newest first."""
-    return {path.parent.name: json.loads(path.read_text()) for path in newest_first()}
+    """What every folder holds, the newest first: folders of one day are named for other things."""
+    reports = [(path.parent.name, json.loads(path.read_text())) for path in RESULTS.glob("*/bench.json")]
+    return dict(sorted(reports, key=lambda report: report[1]["date"], reverse=True))
 
 
 if __name__ == "__main__":
