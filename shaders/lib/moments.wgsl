@@ -22,16 +22,17 @@ fn deposit_square(cell: u32, square: real) {
 // Sum and square of what the detector takes in all, by source: sources have fixed numbers of rays, so that what differs
 // between them is no noise.
 fn add_total_moments(weight: real, sensor: Sensor, index: u32) {
+    meet(index);
     if HAS_TOTALS {
         let cell = CELL_TOTALS + 2u * (index * NUM_EMITTERS + range.emitter);
         deposit(cell, quantize(weight));
-        deposit_square(cell + 1u, weight * (weight + 2.0 * taken_by_sensor(sensor)));
+        deposit_square(cell + 1u, weight * (weight + 2.0 * taken_by_sensor()));
     }
 }
 
 fn add_cell_moment(weight: real, sensor: Sensor, cell: u32) {
     deposit_square(cell + SQUARES_OFFSET, weight * (weight + 2.0 * taken_by_cell(cell)));
-    remember(sensor, cell, 0u, vec2<real>(0.0, 0.0), weight);
+    remember(cell, 0u, vec2<real>(0.0, 0.0), weight);
 }
 
 fn add_pixel_moments(weight: real, sensor: Sensor, p: vec3<real>, pixel: u32, base: u32, stride: u32) {
@@ -67,7 +68,7 @@ fn add_pixel_moments(weight: real, sensor: Sensor, p: vec3<real>, pixel: u32, ba
         }
         row += 1;
     }
-    remember(sensor, NONE, base, position, weight);
+    remember(NONE, base, position, weight);
 }
 
 // The taps of a splat along one axis.

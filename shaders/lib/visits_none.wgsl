@@ -1,6 +1,8 @@
 // Every detector ends the rays that it records, and no ray is split: a ray meets one detector once.
 
-fn taken_by_sensor(sensor: Sensor) -> real {
+fn meet(index: u32) {}
+
+fn taken_by_sensor() -> real {
     return 0.0;
 }
 
@@ -12,4 +14,4 @@ fn taken_by_pixel(sensor: Sensor, base: u32, column: i32, row: i32) -> real {
     return 0.0;
 }
 
-fn remember(sensor: Sensor, cell: u32, base: u32, position: vec2<real>, weight: real) {}
+fn remember(cell: u32, base: u32, position: vec2<real>, weight: real) {}

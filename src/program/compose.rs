@@ -32,6 +32,10 @@ macro_rules! shader {
 
 mod paths;
 
+/// Up to so many detectors have a sum each of the visits that were forgotten (shaders/lib/visits.wgsl): an invocation keeps
+/// them in its own memory.
+const MAX_FORGOTTEN_PLACES: usize = 32;
+
 /// The shader that prepares the next dispatch of a pass.
 pub const ADVANCE: &str = shader!("advance.wgsl");
 
@@ -168,6 +172,7 @@ impl Composition<'_> {
             uint("CELL_LARGE_SQUARES", moments.large_squares);
             uint("CELL_TOTALS", moments.totals.unwrap_or_default());
             uint("NUM_EMITTERS", self.ir.emitters.len() as u32);
+            uint("FORGOTTEN_PLACES", self.ir.sensors.len().clamp(1, MAX_FORGOTTEN_PLACES) as u32);
         }
         if let Some(replicates) = &self.cells.replicates {
             uint("REPLICATE_BITS", replicates.num.ilog2());

@@ -1288,7 +1288,7 @@ pub const MUTANTS: &[Mutant] = &[
         "taken * (taken + before)",
         "squares bench_cavity"),
     mutant("total's square of a deposit alone", "lib/moments.wgsl",
-        "weight * (weight + 2.0 * taken_by_sensor(sensor))",
+        "weight * (weight + 2.0 * taken_by_sensor())",
         "weight * weight",
         "squares bench_cavity"),
     mutant("total's square without the sum", "lib/moments.wgsl",
@@ -1328,7 +1328,7 @@ pub const MUTANTS: &[Mutant] = &[
         "",
         "squares bench_cavity"),
     mutant("visits of all detectors together", "lib/visits.wgsl",
-        "visits[i].sensor == sensor.cell",
+        "visits[i].sensor == met",
         "true",
         "squares kaleidoscope"),
 ];

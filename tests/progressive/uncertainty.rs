@@ -2,7 +2,7 @@
 
 use crate::zoo;
 use nsq_gpu::ir::ray_id::NUM_REPLICATES;
-use nsq_gpu::ir::{Bsdf, SceneIr, SensorKind, Splat};
+use nsq_gpu::ir::{Bsdf, Sampling, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, SensorTally, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
@@ -76,7 +76,10 @@ fn blocks(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> Vec<Tally> {
     let mut blocks = Vec::new();
     tracer.pause_at(num_rays);
     let all = tracer.go_on(before.clone(), |progress| {
-        assert_eq!(progress.position() % num_rays, 0);
+        // On a slow machine a pass ends before.
+        if progress.position() % num_rays != 0 {
+            return Ok(true);
+        }
         progress.pause_at(progress.position() + num_rays);
         let now = progress.tally()?.clone();
         blocks.push(difference(&now, &before));
@@ -359,6 +362,46 @@ fn many_visits_are_bounded_from_above() {
     assert!(sensor.hits[0] > 16, "{} visits", sensor.hits[0]);
     let (square, bound) = (weight(sensor.quanta[0]).powi(2), weight(sensor.squares[0]));
     assert!(square <= bound * (1.0 + 1e-12) && bound < 1.001 * square, "{square} and {bound}");
+}
+
+/// Of many visits to several detectors, what is said of a detector's total is the truth, and of its cells never less.
+#[test]
+fn squares_of_totals_are_exact_whatever_the_visits() {
+    let mut family = coarse("split_ghosts", 3, Some(Splat::Hard));
+    family.sampling = Sampling { split_depth: 6, split_budget: 8.0, ..family.sampling };
+    // Twelve detectors, one behind the other.
+    let mut row = coarse("bench_lens", 1, Some(Splat::Hard));
+    let last = row.sensors[0].clone();
+    row.sensors = vec![last; 12];
+    for (sensor, before_last) in row.sensors.iter_mut().rev().zip(0_u32..) {
+        sensor.name = format!("{before_last} before the last");
+        sensor.frame.origin.z -= 0.05 * f64::from(before_last);
+        sensor.absorb = before_last == 0;
+    }
+    let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
+    for (name, ir) in [("family", family), ("row", row)] {
+        let rays = blocks(&ir, 1, 200);
+        let visits = |ray: &Tally| ray.sensors.iter().map(|sensor| sensor.total().count).sum::<u64>();
+        assert!(rays.iter().any(|ray| visits(ray) > 8), "{name}: all visits are remembered");
+        let mut whole = Tally::zeros(&ir);
+        rays.iter().for_each(|ray| whole += ray);
+        for (index, sensor) in whole.sensors.iter().enumerate() {
+            let of_rays = |value: &dyn Fn(&Tally) -> u128| -> f64 {
+                rays.iter().map(|ray| weight(value(ray)).powi(2)).sum()
+            };
+            let expected = of_rays(&|ray| ray.sensors[index].total().quanta);
+            let found = weight(sensor.totals[0].squares);
+            assert!((found - expected).abs() <= 2e-5 * expected, "{name} {index}: {found} for {expected}");
+            for (cell, &squares) in sensor.squares.iter().enumerate() {
+                let expected = of_rays(&|ray| ray.sensors[index].quanta[cell]);
+                let found = weight(squares);
+                assert!(
+                    found >= (1.0 - 2e-5) * expected,
+                    "{name} {index}, cell {cell}: {found} for {expected}"
+                );
+            }
+        }
+    }
 }
 
 #[test]
