@@ -24,7 +24,8 @@ use crate::result::{
     SensorTally, StageTime, SurfaceTally, Tally, check_shape,
 };
 use budget::{EmitterRays, distribute, part};
-use device::{DeviceState, stride_of};
+use device::{DeviceState, Stage, stride_of};
+use dispatch_size::DispatchSize;
 use intake::{Counted, Intake};
 use options::check_options;
 use pace::Pace;
@@ -33,6 +34,7 @@ use std::time::{Duration, Instant};
 
 mod budget;
 mod device;
+mod dispatch_size;
 mod intake;
 mod options;
 mod pace;
@@ -68,7 +70,10 @@ pub struct Tracer<'a> {
     rays: Vec<EmitterRays>,
     num_rays: u64,
     moments: MomentSource,
+    /// Most rays of a dispatch: there is room for so many.
     batch: u32,
+    /// Rays of a dispatch that follows no path known beforehand.
+    size: DispatchSize,
     /// One, or two that take turns.
     devices: Vec<DeviceState>,
     end_logs: Option<EndLogs>,
@@ -83,10 +88,13 @@ pub struct Tracer<'a> {
     pass_time: Duration,
     /// A second device has not been opened, nor tried in vain.
     takes_second_device: bool,
+    num_submissions: u64,
     /// Stages that a device has been given: the number of the device, and of the path unless the stage is trace_new.
     begun: HashSet<(usize, Option<usize>)>,
     /// A stage has begun since the pass did: drivers compile at that, and the time of the pass tells nothing of others.
     is_compiling: bool,
+    /// When the first pass of all had ended, where each is waited for.
+    first_end: Option<Instant>,
     events: Vec<DeviceEvent>,
     /// One for each emitter.
     recordings: Vec<Recording>,
@@ -213,6 +221,7 @@ impl<'a> Tracer<'a> {
         let strict = options.strict.holds(&gpu.info);
         let logs = end_logs.as_ref().map(|logs| &logs.devices()[0]);
         let device = DeviceState::new(gpu, &program, batch, strict, logs)?;
+        let size = DispatchSize::new(batch, least_rays(gpu, &program), counts_per_ray(&program));
         Ok(Tracer {
             gpu,
             ir,
@@ -222,6 +231,7 @@ impl<'a> Tracer<'a> {
             num_rays: rays.iter().map(|rays| rays.count).sum(),
             rays,
             batch,
+            size,
             devices: vec![device],
             end_logs,
             reached: 0,
@@ -232,8 +242,10 @@ impl<'a> Tracer<'a> {
             pause: None,
             pass_time: PASS_TIME,
             takes_second_device: true,
+            num_submissions: 0,
             begun: HashSet::new(),
             is_compiling: false,
+            first_end: None,
             events: Vec::new(),
             recordings: Vec::new(),
             profile: None,
@@ -249,6 +261,12 @@ impl<'a> Tracer<'a> {
     #[doc(hidden)]
     pub fn num_devices(&self) -> usize {
         self.devices.len()
+    }
+
+    /// Submissions of all traces.
+    #[doc(hidden)]
+    pub fn num_submissions(&self) -> u64 {
+        self.num_submissions
     }
 
     /// How many rays of the last trace were to keep to the nominal path, and how many of them strayed; then the same of each
@@ -268,9 +286,15 @@ impl<'a> Tracer<'a> {
         self.devices.iter().for_each(|device| device.gpu.queue.write_buffer(&device.rng_table, 0, table));
     }
 
-    /// Passes should take about so long from now on, but a batch at least. It never changes a result.
+    /// Passes should take about so long from now on, but a dispatch at least, whose rays then take no longer, unless they are
+    /// few. It never changes a result.
     pub fn set_pass_time(&mut self, time: Duration) {
         self.pass_time = time;
+    }
+
+    /// When the first rays of this tracer's first trace were traced; none before.
+    pub fn first_end(&self) -> Option<Instant> {
+        self.end_logs.as_ref().map_or(self.first_end, EndLogs::first_end)
     }
 
     /// Times the stages of what is traced from now on, on one device: side by side, stages of two would be told to take what
@@ -343,7 +367,7 @@ impl<'a> Tracer<'a> {
         let mut position = self.position_after(&begun)?;
         check_shape(self.ir, &begun)?;
         let mut tally = begun;
-        let mut pass_rays = u64::from(self.batch);
+        let mut pass_rays = u64::from(self.rays_per_dispatch());
         let mut pace = Pace::default();
         let start = Instant::now();
         while position < self.num_rays {
@@ -356,6 +380,7 @@ impl<'a> Tracer<'a> {
             let pass_time = pass_start.elapsed();
             if !std::mem::take(&mut self.is_compiling) {
                 pace.note(end - position, pass_time);
+                self.note_unlogged(position, end, pass_time);
                 pass_rays = self.next_pass_rays(end - position, pass_time);
             }
             position = end;
@@ -460,12 +485,27 @@ impl<'a> Tracer<'a> {
     /// So many rays that the next pass takes about as long as passes should.
     fn next_pass_rays(&self, rays: u64, elapsed: Duration) -> u64 {
         let ratio = self.pass_time.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
-        let batch = u64::from(self.batch);
+        let dispatch = u64::from(self.rays_per_dispatch());
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
         let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.program);
-        // Rows for the host are fetched once a pass, and there is room for those of one batch.
-        let limit = if self.devices[0].events.is_some() { batch } else { most.max(batch) };
-        wanted.clamp(1, limit).next_multiple_of(batch).min(limit.max(batch))
+        // Rows for the host are fetched once a pass, and there is room for those of one dispatch.
+        let limit = if self.devices[0].events.is_some() { dispatch } else { most.max(dispatch) };
+        wanted.clamp(1, limit).next_multiple_of(dispatch).min(limit.max(dispatch))
+    }
+
+    /// Most rays of a range: those of the nominal path take so little time that they are always a batch.
+    fn rays_per_dispatch(&self) -> u32 {
+        let pays = |logs| self.program.nominal.is_some() && path_pays(&self.program, &self.options, logs);
+        if self.end_logs.as_ref().is_some_and(pays) { self.batch } else { self.size.rays() }
+    }
+
+    /// Takes note of how long the dispatches of a pass took, where each pass is waited for.
+    fn note_unlogged(&mut self, first: u64, end: u64, time: Duration) {
+        if self.end_logs.is_none() {
+            let num_dispatches = self.ranges(first, end).len().max(1) as u32;
+            let rays = ((end - first) / u64::from(num_dispatches)) as u32;
+            self.size.note(rays, time / num_dispatches, self.pass_time);
+        }
     }
 
     /// Traces from position `first` to `end` into the device's sums.
@@ -479,7 +519,7 @@ impl<'a> Tracer<'a> {
             }
             // Enough for two, so that lists of many side paths do not grow long.
             self.follow_sides(range.emitter, 2 * self.batch as usize)?;
-            self.retrace_strays(range.emitter, self.batch)?;
+            self.retrace_strays(range.emitter, self.size.rays())?;
             self.launched += self.launch(&range);
             let (count, emitter) = (u64::from(range.count), range.emitter as u32);
             self.launched_rays += RaySpan { first: range.first, count, emitter };
@@ -490,11 +530,13 @@ impl<'a> Tracer<'a> {
         }
         if self.end_logs.is_none() {
             self.gpu.wait()?;
+            self.first_end.get_or_insert_with(Instant::now);
         }
         self.num_passes += 1;
         // Asking waits for the device, which logs keep busy from one pass to the next.
         if self.num_passes.is_power_of_two() {
             self.learn_reached()?;
+            self.check_loops()?;
         }
         Ok(())
     }
@@ -563,7 +605,7 @@ impl<'a> Tracer<'a> {
             if path_pays(&self.program, &self.options, logs) {
                 logs.pass_turn_to(0)?;
             }
-            let ids = logs.strays().take(emitter, self.batch as usize);
+            let ids = logs.strays().take(emitter, self.size.rays() as usize);
             let range = self.listed(emitter, &ids);
             self.dispatch(&range, Rays::Strayed)?;
         }
@@ -612,8 +654,9 @@ impl<'a> Tracer<'a> {
         (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 
-    /// Ranges of at most one batch, each of one emitter.
+    /// Ranges of one dispatch each, of one emitter.
     fn ranges(&self, first: u64, end: u64) -> Vec<RayRange> {
+        let most = u64::from(self.rays_per_dispatch());
         let log_stride = self.end_logs.as_ref().map_or(0, EndLogs::stride);
         let reached = self.reached;
         let mut ranges = Vec::new();
@@ -621,7 +664,7 @@ impl<'a> Tracer<'a> {
             let last = rays.first + rays.done(end, self.num_rays);
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
-                let count = (last - next).min(u64::from(self.batch)) as u32;
+                let count = (last - next).min(most) as u32;
                 ranges.push(RayRange { first: next, count, emitter, log_stride, reached });
                 next += u64::from(count);
             }
@@ -640,7 +683,6 @@ impl<'a> Tracer<'a> {
         if let Some(emitter) = self.program.emitters.get(range.emitter) {
             gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let rays_per_invocation = match (device.trace_path(&rays), &rays) {
             (Some(_), Rays::OfRange) => self.program.nominal_rays_per_invocation(),
             (Some(_), _) => self.program.side_rays_per_invocation(),
@@ -652,22 +694,17 @@ impl<'a> Tracer<'a> {
             (Some(_), Rays::OfSide { side, .. }) => Some(1 + side),
             (path, _) => path.map(|_| 0),
         };
-        self.is_compiling |= self.begun.insert((number, path));
-        let stages = device.stages([x, y, 1], num_rounds, log, &rays);
-        match &mut self.profile {
-            Some(profile) => {
-                stages.for_each(|stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name)));
-                profile.resolve(&mut encoder);
-            }
-            None => {
-                let descriptor = wgpu::ComputePassDescriptor { label: Some("trace"), timestamp_writes: None };
-                let mut pass = encoder.begin_compute_pass(&descriptor);
-                stages.for_each(|stage| stage.record(&mut pass));
-            }
-        }
-        let submission = gpu.queue.submit([encoder.finish()]);
+        let is_first = self.begun.insert((number, path));
+        self.is_compiling |= is_first;
+        let is_timed = path.is_none() && !is_first;
+        let stages: Vec<Stage> = device.stages([x, y, 1], num_rounds, log, &rays).collect();
+        let per_submission = stages.len().div_ceil(self.size.submissions());
+        self.num_submissions += stages.len().div_ceil(per_submission) as u64;
+        let submission = submit(gpu, &stages, per_submission, self.profile.as_mut());
         if let Some(logs) = &mut self.end_logs {
-            logs.submitted(*range, rays, submission)?;
+            logs.submitted(*range, rays, submission, is_timed)?;
+            let times = logs.take_times();
+            times.iter().for_each(|&(rays, time)| self.size.note(rays, time, self.pass_time));
         }
         if let Some(profile) = &mut self.profile {
             profile.collect(gpu)?;
@@ -918,6 +955,49 @@ fn ray_id_of(splitting: Option<Splitting>, first: u64, index: u32) -> u64 {
 fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
     let weight = precision.nearest(weight);
     (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128
+}
+
+/// Submits stages, so many at once, to be timed or not; gives the last submission.
+fn submit(
+    gpu: &Gpu,
+    stages: &[Stage],
+    per_submission: usize,
+    mut profile: Option<&mut Profile>,
+) -> wgpu::SubmissionIndex {
+    let mut parts = stages.chunks(per_submission).peekable();
+    loop {
+        let part = parts.next().unwrap_or_default();
+        let is_last = parts.peek().is_none();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        match &mut profile {
+            Some(profile) => {
+                let mut record =
+                    |stage: &Stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name));
+                part.iter().for_each(&mut record);
+                if is_last {
+                    profile.resolve(&mut encoder);
+                }
+            }
+            None => {
+                let descriptor = wgpu::ComputePassDescriptor { label: Some("trace"), timestamp_writes: None };
+                let mut pass = encoder.begin_compute_pass(&descriptor);
+                part.iter().for_each(|stage| stage.record(&mut pass));
+            }
+        }
+        let submission = gpu.queue.submit([encoder.finish()]);
+        if is_last {
+            return submission;
+        }
+    }
+}
+
+/// So few rays that every processor has workgroups enough, or a graphics processor some.
+fn least_rays(gpu: &Gpu, program: &Program) -> u32 {
+    const WORKGROUPS: u32 = 4;
+    let num_processors = if gpu.info.is_cpu() { processors::count() as u32 } else { 16 };
+    let rays_per_workgroup =
+        program.options.workgroup_size * program.options.rays_per_invocation(&program.features);
+    WORKGROUPS * num_processors * rays_per_workgroup
 }
 
 /// Workgroups as a grid, within the limit of one dimension.

@@ -11,6 +11,7 @@ use crate::program::end_log::{self, EndLog};
 use crate::program::path_log::PathLog;
 use crate::program::side_paths::SidePath;
 use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 /// Two logs a device, so that the host adds up one while the devices write the others.
 #[derive(Debug)]
@@ -30,6 +31,10 @@ pub struct EndLogs {
     turn: usize,
     /// In the order of their turns.
     written: VecDeque<Written>,
+    /// When the first dispatch of all had ended, as far as was seen.
+    first_end: Option<Instant>,
+    /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
+    times: Vec<(u32, Duration)>,
     strays: Strays,
     /// Rays of ranges that were added up in this trace, and those of them that strayed.
     num_followed: u64,
@@ -52,6 +57,8 @@ const LEAST_ENTRIES: usize = 1 << 12;
 #[derive(Debug)]
 pub struct DeviceLogs {
     gpu: Gpu,
+    /// When the last dispatch that was waited for had ended.
+    last_end: Option<Instant>,
     buffers: [wgpu::Buffer; LOGS_PER_DEVICE],
 }
 
@@ -62,6 +69,8 @@ struct Written {
     range: RayRange,
     rays: Rays,
     submission: wgpu::SubmissionIndex,
+    /// When it was submitted, if it is to be timed.
+    start: Option<Instant>,
 }
 
 /// Which rays a dispatch traces.
@@ -96,6 +105,8 @@ impl EndLogs {
             stride,
             turn: 0,
             written: VecDeque::new(),
+            first_end: None,
+            times: Vec::new(),
             strays: Strays::default(),
             num_followed: 0,
             num_strayed: 0,
@@ -181,7 +192,7 @@ impl EndLogs {
         self.stride
     }
 
-    /// Takes note of a dispatch, and adds up the log whose turn is next, if it is written.
+    /// Takes note of a dispatch, which may be timed, and adds up the log whose turn is next, if it is written.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
@@ -190,10 +201,22 @@ impl EndLogs {
         range: RayRange,
         rays: Rays,
         submission: wgpu::SubmissionIndex,
+        is_timed: bool,
     ) -> Result<()> {
         self.log(self.turn).map_async(wgpu::MapMode::Read, .., |_| {});
-        self.written.push_back(Written { turn: self.turn, range, rays, submission });
+        let start = is_timed.then(Instant::now);
+        self.written.push_back(Written { turn: self.turn, range, rays, submission, start });
         self.next_turn()
+    }
+
+    /// When the first dispatch of all had ended.
+    pub fn first_end(&self) -> Option<Instant> {
+        self.first_end
+    }
+
+    /// Rays of each dispatch that was timed and has ended since the last time, and what it took, at most.
+    pub fn take_times(&mut self) -> Vec<(u32, Duration)> {
+        std::mem::take(&mut self.times)
     }
 
     /// Begins a trace: forgets what is not added up, and the strays.
@@ -201,6 +224,7 @@ impl EndLogs {
         for written in std::mem::take(&mut self.written) {
             self.log(written.turn).unmap();
         }
+        self.times.clear();
         self.strays.discard();
         (self.num_followed, self.num_strayed) = (0, 0);
     }
@@ -250,9 +274,15 @@ impl EndLogs {
     fn add_up_next(&mut self) -> Result<()> {
         let Some(written) = self.written.pop_front() else { return Ok(()) };
         let (device, log) = place_of(written.turn, self.devices.len());
-        let DeviceLogs { gpu, buffers } = &self.devices[device];
+        let DeviceLogs { gpu, buffers, last_end } = &mut self.devices[device];
         let log = &buffers[log];
         gpu.wait_for(written.submission.clone())?;
+        let end = Instant::now();
+        // It began when it was submitted, or when the one before had ended.
+        let start = written.start.map(|start| last_end.map_or(start, |last| last.max(start)));
+        self.times.extend(start.map(|start| (written.range.count, end.saturating_duration_since(start))));
+        *last_end = Some(end);
+        self.first_end.get_or_insert(end);
         let strays = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
@@ -296,7 +326,7 @@ impl EndLogs {
 impl DeviceLogs {
     fn new(gpu: &Gpu, stride: u32, ray_bytes: u64) -> Result<Self> {
         let log = || gpu.mappable_buffer("the log of ends", u64::from(stride) * ray_bytes);
-        Ok(DeviceLogs { gpu: gpu.clone(), buffers: [log()?, log()?] })
+        Ok(DeviceLogs { gpu: gpu.clone(), last_end: None, buffers: [log()?, log()?] })
     }
 
     /// The buffers, by binding.

@@ -23,7 +23,7 @@ pub struct TraceOptions {
     pub max_depth: u32,
     /// Roulette starts below the larger of this and the scene's `rr_start_flux`, times the mean flux of a new ray.
     pub min_flux_fraction: f64,
-    /// Rays per dispatch; chosen where not given. It never changes a result.
+    /// Most rays per dispatch; chosen where not given. It never changes a result.
     pub batch_size: Option<u32>,
     /// Precision of the physics.
     pub precision: Precision,
