@@ -107,6 +107,25 @@ fn a_planted_difference_is_found_and_nothing_else() {
     assert!(!found.agree && found.detectors[0].agree);
 }
 
+/// Of so few rays against so many, most cells that the many reach are dark, and no more than the first rows are kept.
+#[test]
+fn other_numbers_of_rays_agree() {
+    if !has_adapter("other_numbers_of_rays_agree") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for (scene, few, split) in [
+        ("cooke_triplet", "10000", "0"),
+        ("telephoto_spectral", "20000", "0"),
+        ("split_ghosts", "100000", "0"),
+    ] {
+        let a = trace(folder.path(), &format!("{scene}_few"), scene, &["-n", few, "--split-depth", split]);
+        let b = trace(folder.path(), &format!("{scene}_many"), scene, &["-n", "300000", "--seed", "1"]);
+        let (code, report) = compared(&a, &b, &[]);
+        assert_eq!((code, &report["agree"]), (Some(0), &Value::from(true)), "{scene}: {report:#}");
+    }
+}
+
 #[test]
 fn people_get_a_table_and_a_reason() {
     if !has_adapter("people_get_a_table_and_a_reason") {

@@ -106,7 +106,7 @@ fn line(detector: &DetectorComparison) -> String {
 
 fn notes(found: &ResultComparison) -> String {
     let mut text = String::from(
-        "\ncells: those that 25 rays or more hit; rms and largest: of (A - B) / sigma, 1 and about the limit at most where \
+        "\ncells: those where each side has 12 hits or more, or is to be expected to; rms and largest: of (A - B) / sigma, 1 and about the limit at most where \
          chance alone is at work\n",
     );
     if found.errors_from_hits {

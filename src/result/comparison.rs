@@ -1,6 +1,6 @@
 //! Two results of one scene, detector by detector: whether chance alone explains how far they are apart.
 
-use crate::result::{Detector, DetectorData, TraceResult};
+use crate::result::{Detector, DetectorData, IrradianceMap, SpectralMap, TraceResult};
 use ndarray::ArrayViewD;
 use serde::Serialize;
 
@@ -26,7 +26,7 @@ pub struct DetectorComparison {
     pub name: String,
     /// The kind in A, or in B where A has none.
     pub kind: &'static str,
-    /// A's flux and B's \[W\]; none where it has no such detector.
+    /// A's flux and B's \[W\], of a ray database that of all rows; none where it has no such detector.
     pub total_flux: [Option<f64>; 2],
     /// The flux's difference; none where one side is missing.
     pub total: Option<Difference>,
@@ -49,7 +49,7 @@ pub struct Difference {
     pub score: Option<f64>,
 }
 
-/// Differences of cells that got enough rays to have an error.
+/// Differences of cells where so many rays are expected of either side that it has an error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MapComparison {
     /// Cells that are compared.
@@ -64,15 +64,19 @@ pub struct MapComparison {
     pub limit: f64,
 }
 
-/// Fewer rays of both sides together have no normal distribution yet, and so no error to speak of.
-const LEAST_HITS: u64 = 25;
+/// Fewer rays of a side are not normally distributed, and their own spread tells no error: none at all has none.
+const LEAST_HITS: u64 = 12;
 
 /// Compares results; a single number may be up to `limit` standard errors apart, the largest of many accordingly more.
 pub fn compare(a: &TraceResult, b: &TraceResult, limit: f64) -> ResultComparison {
     let only_in_b = b.detectors.iter().filter(|theirs| a.detector(&theirs.name).is_none());
-    let of_a = a.detectors.iter().map(|ours| pair(Some(ours), b.detector(&ours.name), limit));
+    let (in_a, in_b) = (
+        |detector| Side { detector, ray: flux_of_a_ray(a) },
+        |detector| Side { detector, ray: flux_of_a_ray(b) },
+    );
+    let of_a = a.detectors.iter().map(|ours| pair(Some(in_a(ours)), b.detector(&ours.name).map(in_b), limit));
     let detectors: Vec<DetectorComparison> =
-        of_a.chain(only_in_b.map(|theirs| pair(None, Some(theirs), limit))).collect();
+        of_a.chain(only_in_b.map(|theirs| pair(None, Some(in_b(theirs)), limit))).collect();
     let lacks_errors = |result: &TraceResult| {
         result.detectors.iter().any(|detector| detector.total_flux_standard_error.is_none())
     };
@@ -86,12 +90,23 @@ pub fn compare(a: &TraceResult, b: &TraceResult, limit: f64) -> ResultComparison
     }
 }
 
-fn pair(a: Option<&Detector>, b: Option<&Detector>, limit: f64) -> DetectorComparison {
+/// A detector, and the mean flux of a launched ray \[W\].
+#[derive(Clone, Copy)]
+struct Side<'a> {
+    detector: &'a Detector,
+    ray: f64,
+}
+
+fn flux_of_a_ray(result: &TraceResult) -> f64 {
+    result.total_flux_in / result.num_rays_total.max(1) as f64
+}
+
+fn pair(a: Option<Side>, b: Option<Side>, limit: f64) -> DetectorComparison {
     let either = a.or(b);
     let mut found = DetectorComparison {
-        name: either.map_or(String::new(), |detector| detector.name.clone()),
-        kind: either.map_or("", |detector| detector.data.kind()),
-        total_flux: [a, b].map(|detector| detector.map(|detector| detector.total_flux)),
+        name: either.map_or(String::new(), |side| side.detector.name.clone()),
+        kind: either.map_or("", |side| side.detector.data.kind()),
+        total_flux: [a, b].map(|side| side.map(|side| total_flux(side.detector))),
         total: None,
         map: None,
         problem: None,
@@ -101,7 +116,7 @@ fn pair(a: Option<&Detector>, b: Option<&Detector>, limit: f64) -> DetectorCompa
         found.problem = Some(format!("only {} has it", if a.is_some() { "A" } else { "B" }));
         return found;
     };
-    let total = Difference::new(a.total_flux - b.total_flux, error_of_total(a).hypot(error_of_total(b)));
+    let total = Difference::between(&[a, b].map(Estimate::of_total));
     found.total = Some(total);
     match maps(a, b, limit) {
         Ok(map) => found.map = map,
@@ -123,12 +138,87 @@ impl Difference {
         };
         Difference { difference, sigma, score }
     }
+
+    /// Of two estimates that chance alone would set apart.
+    fn between(sides: &[Estimate; 2]) -> Self {
+        let [a, b] = sides;
+        let (mean, spread) = (mean(sides), spread(sides));
+        let [error_a, error_b] = sides.map(|side| side.error(mean, spread));
+        Self::new(a.flux - b.flux, error_a.hypot(error_b))
+    }
 }
 
-/// Of the result; where it has none, that of rays of equal weight.
-fn error_of_total(detector: &Detector) -> f64 {
-    let from_hits = || detector.total_flux / (detector.num_rays_hit.max(1) as f64).sqrt();
-    detector.total_flux_standard_error.filter(|error| error.is_finite()).unwrap_or_else(from_hits)
+/// The flux of a detector or of one of its cells, by one of the two traces.
+#[derive(Debug, Clone, Copy)]
+struct Estimate {
+    /// \[W\]
+    flux: f64,
+    /// Its standard error by the trace itself \[W\].
+    own_error: f64,
+    hits: u64,
+    /// Mean flux of a launched ray \[W\].
+    ray: f64,
+}
+
+impl Estimate {
+    fn of_total(Side { detector, ray }: Side) -> Self {
+        let (flux, hits) = (total_flux(detector), detector.num_rays_hit);
+        let error = detector.total_flux_standard_error.filter(|error| error.is_finite());
+        Estimate { flux, own_error: error.unwrap_or_else(|| error_from_hits(flux, hits)), hits, ray }
+    }
+
+    fn has_many_hits(&self) -> bool {
+        self.hits >= LEAST_HITS
+    }
+
+    /// Flux of a hit \[W\]; where too few tell, no less than that of a launched ray.
+    fn flux_of_a_hit(&self) -> f64 {
+        let mean = self.flux / self.hits.max(1) as f64;
+        let flux = if self.has_many_hits() { mean } else { mean.max(self.ray) };
+        flux.max(f64::MIN_POSITIVE)
+    }
+
+    /// Standard error, if the flux is to be expected to be `mean`, and its variance `spread` times that of hits of equal
+    /// weight: few hits are no measure of their own error.
+    fn error(&self, mean: f64, spread: f64) -> f64 {
+        let expected = if self.has_many_hits() { 0.0 } else { (spread * mean * self.flux_of_a_hit()).sqrt() };
+        self.own_error.max(expected)
+    }
+
+    /// True if so many hits are to be expected that their number is all but normally distributed.
+    fn is_normal(&self, mean: f64) -> bool {
+        self.has_many_hits() || mean / self.flux_of_a_hit() >= LEAST_HITS as f64
+    }
+}
+
+/// What both sides estimate, if chance alone sets them apart: weighed by their hits.
+fn mean(sides: &[Estimate; 2]) -> f64 {
+    let hits = |side: &Estimate| side.flux / side.flux_of_a_hit();
+    let hits_per_watt = |side: &Estimate| side.flux_of_a_hit().recip();
+    sides.iter().map(hits).sum::<f64>() / sides.iter().map(hits_per_watt).sum::<f64>()
+}
+
+/// Variance over that of hits of equal weight, by a side that has many hits; less than 1 where a hit leaves a part of it in
+/// a cell, more where weights differ.
+fn spread(sides: &[Estimate; 2]) -> f64 {
+    let of = |side: &Estimate| side.own_error.powi(2) / (side.flux * side.flux_of_a_hit());
+    let known = sides.iter().filter(|side| side.has_many_hits()).map(of).filter(|spread| spread.is_finite());
+    known.reduce(f64::max).unwrap_or(1.0)
+}
+
+/// Of a ray database that of all rows: which are kept depends on the number of rays.
+fn total_flux(detector: &Detector) -> f64 {
+    match &detector.data {
+        DetectorData::RayDatabase(rays) => rays.recorded_flux,
+        DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
+            detector.total_flux
+        }
+    }
+}
+
+/// That of rays of equal weight.
+fn error_from_hits(flux: f64, hits: u64) -> f64 {
+    flux / (hits.max(1) as f64).sqrt()
 }
 
 /// Values, their errors and hits, cell by cell.
@@ -136,43 +226,72 @@ struct Cells<'a> {
     values: ArrayViewD<'a, f64>,
     errors: Option<ArrayViewD<'a, f64>>,
     hits: ArrayViewD<'a, u64>,
+    /// Sizes of the cells of each row, the first index: flux over value.
+    sizes: Vec<f64>,
+    /// Mean flux of a launched ray \[W\].
+    ray: f64,
 }
 
 impl<'a> Cells<'a> {
-    fn of(detector: &'a Detector) -> Option<Self> {
+    fn of(Side { detector, ray }: Side<'a>) -> Option<Self> {
         Some(match &detector.data {
-            DetectorData::Irradiance(map) => Cells {
-                values: map.irradiance.view().into_dyn(),
-                errors: map.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
-                hits: map.hits.view().into_dyn(),
-            },
-            DetectorData::Spectral(map) => Cells {
-                values: map.irradiance.view().into_dyn(),
-                errors: map.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
-                hits: map.hits.view().into_dyn(),
-            },
+            DetectorData::Irradiance(IrradianceMap {
+                irradiance,
+                standard_error,
+                hits,
+                width,
+                height,
+                ..
+            }) => {
+                let (ny, nx) = irradiance.dim();
+                Cells {
+                    values: irradiance.view().into_dyn(),
+                    errors: standard_error.as_ref().map(|errors| errors.view().into_dyn()),
+                    hits: hits.view().into_dyn(),
+                    sizes: vec![width * height / (nx * ny) as f64; ny],
+                    ray,
+                }
+            }
+            DetectorData::Spectral(SpectralMap {
+                irradiance, standard_error, hits, width, height, ..
+            }) => {
+                let (ny, nx, _) = irradiance.dim();
+                Cells {
+                    values: irradiance.view().into_dyn(),
+                    errors: standard_error.as_ref().map(|errors| errors.view().into_dyn()),
+                    hits: hits.view().into_dyn(),
+                    sizes: vec![width * height / (nx * ny) as f64; ny],
+                    ray,
+                }
+            }
             DetectorData::FarField(pattern) => Cells {
                 values: pattern.intensity.view().into_dyn(),
                 errors: pattern.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
                 hits: pattern.hits.view().into_dyn(),
+                sizes: pattern.solid_angles().to_vec(),
+                ray,
             },
             DetectorData::RayDatabase(_) => return None,
         })
     }
 
-    /// Value, error and hits of every cell, in the order of the indices.
-    fn iter(&self) -> impl Iterator<Item = (f64, f64, u64)> + '_ {
+    /// Every cell, in the order of the indices.
+    fn iter(&self) -> impl Iterator<Item = Estimate> + '_ {
         let mut errors = self.errors.iter().flat_map(|errors| errors.iter());
-        self.values.iter().zip(&self.hits).map(move |(&value, &hits)| {
-            let error = errors.next().copied().unwrap_or_else(|| value / (hits.max(1) as f64).sqrt());
-            (value, error, hits)
+        let cells_per_row = self.values.len() / self.sizes.len().max(1);
+        self.values.iter().zip(&self.hits).enumerate().map(move |(index, (&value, &hits))| {
+            let size = self.sizes[index / cells_per_row];
+            let flux = value * size;
+            let own_error = errors.next().map_or_else(|| error_from_hits(flux, hits), |error| error * size);
+            Estimate { flux, own_error, hits, ray: self.ray }
         })
     }
 }
 
-fn maps(a: &Detector, b: &Detector, limit: f64) -> Result<Option<MapComparison>, String> {
-    if a.data.kind() != b.data.kind() {
-        return Err(format!("it is {} in A, {} in B", a.data.kind(), b.data.kind()));
+fn maps(a: Side, b: Side, limit: f64) -> Result<Option<MapComparison>, String> {
+    let [kind_a, kind_b] = [a, b].map(|side| side.detector.data.kind());
+    if kind_a != kind_b {
+        return Err(format!("it is {kind_a} in A, {kind_b} in B"));
     }
     let (Some(a), Some(b)) = (Cells::of(a), Cells::of(b)) else {
         return Ok(None);
@@ -181,13 +300,12 @@ fn maps(a: &Detector, b: &Detector, limit: f64) -> Result<Option<MapComparison>,
         return Err(format!("its cells are {:?} in A, {:?} in B", a.values.shape(), b.values.shape()));
     }
     let (mut num_cells, mut squares, mut largest) = (0, 0.0, None::<(f64, usize)>);
-    for (index, ((value_a, error_a, hits_a), (value_b, error_b, hits_b))) in
-        a.iter().zip(b.iter()).enumerate()
-    {
-        if hits_a + hits_b < LEAST_HITS {
+    for (index, cell) in a.iter().zip(b.iter()).map(|(a, b)| [a, b]).enumerate() {
+        let mean = mean(&cell);
+        if !cell.iter().all(|side| side.is_normal(mean)) {
             continue;
         }
-        let score = Difference::new(value_a - value_b, error_a.hypot(error_b)).score;
+        let score = Difference::between(&cell).score;
         let score = score.unwrap_or(f64::INFINITY);
         num_cells += 1;
         squares += score * score;
@@ -256,6 +374,33 @@ mod tests {
         assert_eq!(Difference::new(0.0, 0.0).score, Some(0.0));
         assert_eq!(Difference::new(1.0, 0.5).score, Some(2.0));
         assert_eq!(Difference::new(1.0, 0.0).score, None);
+    }
+
+    fn estimate(hits: u64, flux_of_a_hit: f64, ray: f64) -> Estimate {
+        let flux = hits as f64 * flux_of_a_hit;
+        Estimate { flux, own_error: error_from_hits(flux, hits) * f64::from(u8::from(hits > 0)), hits, ray }
+    }
+
+    fn score_and_is_compared(sides: [Estimate; 2]) -> (f64, bool) {
+        let mean = mean(&sides);
+        (Difference::between(&sides).score.unwrap(), sides.iter().all(|side| side.is_normal(mean)))
+    }
+
+    #[test]
+    fn a_side_without_hits_has_the_error_of_those_that_are_expected() {
+        // A ray in 33, so that 2 hits are expected: none is no wonder, and nothing to compare by.
+        let (score, is_compared) = score_and_is_compared([estimate(0, 0.0, 33.0), estimate(66, 1.0, 1.0)]);
+        assert!(!is_compared && score.abs() < 2.0, "{score}");
+        // As many rays: none is one.
+        let (score, is_compared) = score_and_is_compared([estimate(0, 0.0, 1.0), estimate(100, 1.0, 1.0)]);
+        assert!(is_compared && score < -7.0, "{score}");
+        // Light rays of a split trace, and none of the heavy ones of another.
+        let (_, is_compared) = score_and_is_compared([estimate(0, 0.0, 1.0), estimate(1000, 0.002, 1.0)]);
+        assert!(!is_compared);
+        // Light rays on both sides.
+        let (score, is_compared) =
+            score_and_is_compared([estimate(900, 0.002, 1.0), estimate(1000, 0.002, 1.0)]);
+        assert!(is_compared && (score + 100.0 / 1900_f64.sqrt()).abs() < 1e-9, "{score}");
     }
 
     #[test]

@@ -28,7 +28,6 @@ pub struct FarFieldPattern {
 }
 
 impl FarFieldPattern {
-    /// The solid angle of a bin is Optiland's: sin(theta centre) times the widths.
     pub(crate) fn new(
         num_theta: u32,
         num_phi: u32,
@@ -38,10 +37,7 @@ impl FarFieldPattern {
     ) -> Result<Self> {
         let (rows, columns) = (num_theta as usize, num_phi as usize);
         let theta = bin_centres(0.0, THETA_MAX, rows);
-        let width = |edges: Vec<f64>| (edges[1] - edges[0]).to_radians();
-        let d_theta = width(bin_edges(0.0, THETA_MAX, rows));
-        let d_phi = width(bin_edges(-180.0, 180.0, columns));
-        let solid_angle = theta.mapv(|centre| centre.to_radians().sin() * d_theta * d_phi);
+        let solid_angle = solid_angles(&theta, columns);
         let size = |cell: usize| solid_angle[cell / columns];
         let intensity = map_lit(&sums.quanta, |cell, quanta| unit.watts(quanta) / size(cell));
         Ok(FarFieldPattern {
@@ -54,6 +50,11 @@ impl FarFieldPattern {
                 .map(|errors| shaped((rows, columns), errors))
                 .transpose()?,
         })
+    }
+
+    /// Solid angle of a bin in each ring \[sr\], shape (n_theta,).
+    pub(crate) fn solid_angles(&self) -> Array1<f64> {
+        solid_angles(&self.theta, self.phi.len())
     }
 
     pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
@@ -74,4 +75,12 @@ impl FarFieldPattern {
         ("standard_error", "W/sr"),
         ("total_flux_standard_error", "W"),
     ];
+}
+
+/// Optiland's: sin(theta centre) times the widths.
+fn solid_angles(theta: &Array1<f64>, columns: usize) -> Array1<f64> {
+    let width = |edges: Vec<f64>| (edges[1] - edges[0]).to_radians();
+    let d_theta = width(bin_edges(0.0, THETA_MAX, theta.len()));
+    let d_phi = width(bin_edges(-180.0, 180.0, columns));
+    theta.mapv(|centre| centre.to_radians().sin() * d_theta * d_phi)
 }
