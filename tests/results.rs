@@ -460,6 +460,29 @@ fn an_existing_folder_keeps_what_is_not_ours() {
 }
 
 #[test]
+fn files_of_the_result_before_go_and_others_stay() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("results");
+    write_all(&folder, &with_paths()).unwrap();
+    std::fs::write(folder.join("notes.npz"), "mine").unwrap();
+    std::fs::write(parent.path().join("elsewhere.npz"), "mine").unwrap();
+    let mut report: Value = serde_json::from_slice(&std::fs::read(folder.join(REPORT)).unwrap()).unwrap();
+    report["detectors"]["other"] = report["detectors"]["map"].clone();
+    report["detectors"]["other"]["file"] = "../elsewhere.npz".into();
+    std::fs::write(folder.join(REPORT), report.to_string()).unwrap();
+    let mut smaller = result_of_everything();
+    smaller.detectors.retain(|detector| detector.name == "map");
+    nsq_gpu::result::output::write(
+        &folder,
+        &smaller,
+        &nsq_gpu::result::output::Extras { pictures: false, tally: None },
+    )
+    .unwrap();
+    assert_eq!(listing(&folder), ["map.npz", "notes.npz", "report.json"]);
+    assert_eq!(listing(parent.path()), ["elsewhere.npz", "results"]);
+}
+
+#[test]
 fn a_failure_leaves_an_existing_folder_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("map.npz"), "old").unwrap();

@@ -2,7 +2,8 @@
 //!
 //! Written whole or not at all. Everything is written to a hidden folder on the same file system first; a new folder
 //! then appears in one rename, and in an existing one the files are renamed one by one, `report.json` last, with the
-//! old ones put back if any rename fails.
+//! old ones put back if any rename fails. Files of the result that was there before go with it: no file is left that the
+//! report does not know.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -76,7 +77,7 @@ fn stage(dir: &Path) -> Result<(tempfile::TempDir, PathBuf, PathBuf)> {
     let (base, missing) = split_existing(dir)?;
     let staging = tempfile::Builder::new().prefix(".nsq-gpu-").tempdir_in(&base);
     // The operating system's word alone: tempfile's adds the hidden folder, which nobody asked for.
-    let problem = |error: io::Error| error.raw_os_error().map_or(error, io::Error::from_raw_os_error);
+    let problem = |error: io::Error| io::Error::from(error.kind());
     Ok((staging.map_err(|error| Error::file(dir, problem(error)))?, base, missing))
 }
 
@@ -146,18 +147,37 @@ fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write().map_err(|error| Error::file(path, error))
 }
 
-/// Moves `names` from `staged` to `dir`; what they replace goes to `old`, and back if something fails.
+/// Moves `names` from `staged` to `dir`; the files of the result before go to `old`, and back if something fails.
 fn install(staged: &Path, old: &Path, dir: &Path, names: &[String]) -> Result<()> {
     fs::create_dir(old).map_err(|error| Error::file(dir, error))?;
     if let Some(name) = names.iter().find(|name| dir.join(name).is_dir()) {
         return Err(Error::file(dir.join(name), "is a folder"));
     }
+    let stale: Vec<String> = files_before(dir).into_iter().filter(|name| !names.contains(name)).collect();
     let moved = retire(dir, old, names)
+        .and_then(|()| retire(dir, old, &stale))
         .and_then(|()| names.iter().try_for_each(|name| rename(&staged.join(name), &dir.join(name))));
     if moved.is_err() {
-        put_back(staged, old, dir, names);
+        remove_new(staged, dir, names);
+        put_back(old, dir, names.iter().chain(&stale));
     }
     moved
+}
+
+/// The files of the result that a folder holds, as its report names them; none where there is no such report.
+fn files_before(dir: &Path) -> Vec<String> {
+    let text = fs::read_to_string(dir.join(REPORT)).unwrap_or_default();
+    let Ok(report) = serde_json::from_str::<Report>(&text) else { return Vec::new() };
+    let data = report.detectors.values().filter_map(|detector| detector["file"].as_str());
+    let detectors = data.flat_map(|data| {
+        let picture = data.strip_suffix(".npz").map(|stem| format!("{stem}.png"));
+        [Some(data.to_string()), picture].into_iter().flatten()
+    });
+    let others = [report.ray_paths.clone(), Some(TALLY.to_string())].into_iter().flatten();
+    // A report that somebody has changed could name files elsewhere.
+    let is_here =
+        |name: &String| Path::new(name).file_name() == Some(name.as_ref()) && dir.join(name).is_file();
+    detectors.chain(others).filter(is_here).collect()
 }
 
 /// Takes the old files away, `report.json` first: whoever finds a report finds the files that it describes.
@@ -168,15 +188,17 @@ fn retire(dir: &Path, old: &Path, names: &[String]) -> Result<()> {
         .try_for_each(|(from, to)| fs::rename(&from, to).map_err(|error| Error::file(from, error)))
 }
 
-/// Undoes [`retire`] and the moves after it as far as they went. What cannot be undone has no better place to go.
-fn put_back(staged: &Path, old: &Path, dir: &Path, names: &[String]) {
-    for name in names {
-        if !staged.join(name).exists() {
-            let _ = fs::remove_file(dir.join(name));
-        }
-        if old.join(name).exists() {
-            let _ = fs::rename(old.join(name), dir.join(name));
-        }
+/// Undoes the moves of new files as far as they went.
+fn remove_new(staged: &Path, dir: &Path, names: &[String]) {
+    for name in names.iter().filter(|name| !staged.join(name).exists()) {
+        let _ = fs::remove_file(dir.join(name));
+    }
+}
+
+/// Undoes [`retire`] as far as it went. What cannot be undone has no better place to go.
+fn put_back<'a>(old: &Path, dir: &Path, names: impl Iterator<Item = &'a String>) {
+    for name in names.filter(|name| old.join(name).exists()) {
+        let _ = fs::rename(old.join(name), dir.join(name));
     }
 }
 
