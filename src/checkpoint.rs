@@ -68,6 +68,9 @@ pub struct Checkpoint {
     pub tally: Tally,
 }
 
+/// What is said of paths whose rows stand in a file of their own.
+const PATHS_APART: &str = ", in ray_paths.npz alone";
+
 impl Identity {
     /// That of a trace of `ir` on an adapter.
     pub fn new(ir: &SceneIr, scene: Option<String>, options: &TraceOptions, adapter: &AdapterInfo) -> Self {
@@ -115,12 +118,22 @@ impl Identity {
         compare("min_flux_fraction", &theirs.min_flux_fraction, &self.min_flux_fraction);
         compare("sampling", &theirs.sampling, &self.sampling);
         compare("standard errors", &theirs.standard_error, &self.standard_error);
+        compare("recorded paths", &theirs.paths, &self.paths);
         lines
     }
 
-    /// True if paths are recorded.
-    pub fn records_paths(&self) -> bool {
-        self.paths != format!("{:?}", RecordPaths::None)
+    /// The same with the rows of recorded paths in a file of their own, not among the sums.
+    #[must_use]
+    pub fn with_paths_apart(mut self) -> Self {
+        if self.paths != format!("{:?}", RecordPaths::None) {
+            self.paths += PATHS_APART;
+        }
+        self
+    }
+
+    /// True if recorded paths are not among the sums.
+    pub fn has_paths_apart(&self) -> bool {
+        self.paths.ends_with(PATHS_APART)
     }
 
     /// [`Identity::differences`], and what the parts of a trace may differ in but not a trace and its own beginning.
@@ -132,7 +145,6 @@ impl Identity {
             ("rays", theirs.num_rays.to_string(), self.num_rays.to_string()),
             ("first ray", theirs.first_ray.to_string(), self.first_ray.to_string()),
             ("rays are", whole(theirs.of_rays), whole(self.of_rays)),
-            ("recorded paths", theirs.paths.clone(), self.paths.clone()),
         ] {
             if theirs != ours {
                 lines.push(format!("{what}: {theirs} there, {ours} here"));

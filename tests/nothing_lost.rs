@@ -47,7 +47,7 @@ fn refuse(arguments: &[&str], words: &[&str]) {
     }
 }
 
-/// The files of a folder; of the report without its timing.
+/// The files of a folder; of the report without its timing, and what was traced before.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -56,7 +56,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         let mut bytes = std::fs::read(&path).unwrap();
         if name == "report.json" {
             let mut report: Value = serde_json::from_slice(&bytes).unwrap();
-            for timing in ["trace_time_sec", "rays_per_sec"] {
+            for timing in ["trace_time_sec", "first_rays_sec", "rays_per_sec", "num_rays_before"] {
                 report.as_object_mut().unwrap().remove(timing).unwrap();
             }
             bytes = report.to_string().into_bytes();
@@ -186,6 +186,10 @@ fn kill_and_go_on(sampler: &str, delays_ms: &[u64]) {
         &["-n", num_rays, "--sampler", sampler, "--resume", &checkpoint, "-o", &broken],
     ));
     assert_eq!(report["num_rays_total"], 400_000);
+    let before = report["num_rays_before"].as_u64().unwrap();
+    assert!(0 < before && before < 400_000);
+    let [rate, seconds] = ["rays_per_sec", "trace_time_sec"].map(|key| report[key].as_f64().unwrap());
+    approx::assert_relative_eq!(rate * seconds, (400_000 - before) as f64, max_relative = 1e-9);
     let (whole, broken) = (files(Path::new(&whole)), files(Path::new(&broken)));
     assert_eq!(whole.keys().collect::<Vec<_>>(), broken.keys().collect::<Vec<_>>());
     for (name, bytes) in &whole {
@@ -291,6 +295,23 @@ fn merge_says_where_the_bits_are_not_those_of_one_run() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stderr(&output).contains("not the bits of one run") && stderr(&output).contains("--of-rays"));
     assert!(stderr(&output).contains("gaps"), "{}", stderr(&output));
+}
+
+/// Of so few rays of a long trace no path is recorded, which is no reason to refuse them.
+#[test]
+fn parts_that_record_no_path_by_chance_are_merged_and_others_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [a, b, c, d] = ["a", "b", "c", "d"].map(place);
+    let part = |first: &'static str| ["-n", "100", "--first-ray", first, "--of-rays", "1e9"];
+    for (first, out) in [("0", &a), ("100", &b)] {
+        succeed(&trace(LENS, &[&part(first)[..], &["--record-paths", "1", "-o", out]].concat()));
+    }
+    succeed(&["merge", &a, &b, "--json"]);
+    succeed(&trace(LENS, &[&part("200")[..], &["-o", &c]].concat()));
+    refuse(&["merge", &a, &c], &["does not add up", "recorded paths: None there, About(1) here"]);
+    succeed(&trace(LENS, &["-n", "100", "--record-paths", "all", "-o", &d]));
+    refuse(&["merge", &d, &c], &["not the rows", "--first-ray"]);
 }
 
 #[test]

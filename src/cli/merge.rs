@@ -77,6 +77,13 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
 
 /// Refuses what does not add up: results of different traces, or of the same rays.
 fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
+    if let Some((path, _)) = paths.iter().zip(parts).find(|(_, part)| lacks_rows(part)) {
+        return Err(Error::Usage(format!(
+            "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with --first-ray, which \
+             keeps them together",
+            path.display()
+        )));
+    }
     let here = Identity { scene_hash: crate::checkpoint::scene_hash(ir), ..parts[0].identity.clone() };
     for (path, part) in paths.iter().zip(parts) {
         let differences = here.differences(&part.identity);
@@ -88,13 +95,6 @@ fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
                 differences.join("; ")
             )));
         }
-    }
-    if let Some((path, _)) = paths.iter().zip(parts).find(|(_, part)| lacks_rows(part)) {
-        return Err(Error::Usage(format!(
-            "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with --first-ray, which \
-             keeps them together",
-            path.display()
-        )));
     }
     for (index, (path, part)) in paths.iter().zip(parts).enumerate() {
         for (other_path, other) in paths.iter().zip(parts).take(index) {
@@ -115,7 +115,7 @@ fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
 fn lacks_rows(part: &Checkpoint) -> bool {
     let tally = &part.tally;
     let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
-    tally.sensors.iter().any(recorded) || part.identity.records_paths() && tally.paths.is_empty()
+    tally.sensors.iter().any(recorded) || part.identity.has_paths_apart()
 }
 
 /// Whether one run would have given the same bits, and if not, why.
