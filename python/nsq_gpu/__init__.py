@@ -11,25 +11,30 @@ a script changes::
 
 The result is Optiland's own: ``SimulationResult`` with ``IrradianceMap``, ``SpectralResult``, ``FarFieldPattern``,
 ``RayDatabase``, ``Diagnostics`` and ``ray_paths``; live detectors and absorbers are left as NumpyBackend leaves them.
-The draws are Optiland's too, so in f64 a result equals NumpyBackend's ray by ray, to rounding.
+The draws are Optiland's too, so in f64 a result equals NumpyBackend's ray by ray, to rounding, unless Sobol points are
+asked for.
 
 Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
 database), and ``total_flux_standard_error`` [W]; both are None where they were not asked for by
 ``NsqGpuBackend(standard_error=True)`` and would have cost something. Only the results of ``scene.trace`` have
 them, not those of a live detector's ``get_result()``.
 
-``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress)``: ``precision="auto"`` takes f64 where the
-adapter is good at it, else f32 or, where that is too coarse and f64 is missing, ``"df64"``, pairs of f32; ``progress=True`` shows a bar; ``target_error=0.01`` stops when every detector's relative standard error is at most 1 %
-(the error of its flux, and the mean of those of its lit pixels), and ``time_limit`` after so many seconds, with
-``num_rays`` as the cap; where the target is not met, ToleranceWarning is given; ``timeout`` is in seconds. Ctrl-C ends the trace at
-once. After a trace ``backend.report`` holds what Optiland's result has no field for, such as the exact ledger.
+``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress, target_error, time_limit, standard_error,
+sampler)``: ``precision="auto"`` takes f64 where the adapter is good at it, else f32 or, where that is too coarse and
+f64 is missing, ``"df64"``, pairs of f32; ``sampler="sobol"`` draws Sobol points, with which errors fall faster, instead
+of Optiland's random numbers; ``progress=True`` shows a bar; ``target_error=0.01`` stops when every detector's relative
+standard error is at most 1 % (the error of its flux, and the mean of those of its lit pixels), and ``time_limit`` after
+so many seconds, with ``num_rays`` as the cap; where the target is not met, ToleranceWarning is given; ``timeout`` is in
+seconds. Ctrl-C ends the trace at once. After a trace ``backend.report`` holds what Optiland's result has no field for,
+such as the exact ledger.
 
 ``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
-does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back. What no file can hold
-(polarised coatings, tensors that want gradients, classes of your own) is refused by name: ``UnsupportedSceneError``.
+does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back, or a file of your own; of
+JSON5, it takes comments and trailing commas, and no more. What no file can hold (polarised coatings, tensors that want
+gradients, classes of your own) is refused by name: ``UnsupportedSceneError``.
 
 ``python -m nsq_gpu.compare scene.json -n 1e5 [--torch]`` traces a file with this backend and with Optiland's, prints
-both side by side, and exits with 6 where they disagree.
+both side by side, and exits with 6 where they disagree, and with the command's codes where something fails.
 
 The program is looked for in this order: the argument ``binary``, the environment variable ``NSQ_GPU_BINARY``, the
 folder where pip installs programs, PATH.

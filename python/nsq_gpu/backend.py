@@ -27,7 +27,10 @@ from nsq_gpu.process import ProgressBar, ProgressCallback, run
 from nsq_gpu.results import fill_scene, read_report
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
+SAMPLERS = ("pcg", "sobol")
 _SEEDS = 1 << 64
+#: ``stacklevel`` in NsqGpuBackend.trace of the line that calls ``scene.trace``, past Optiland's two frames and its own.
+_USERS_LINE = 4
 
 
 class NsqGpuBackend(TracerBackend):
@@ -47,16 +50,24 @@ class NsqGpuBackend(TracerBackend):
         target_error: Stop when every detector's relative standard error is at most this, of its flux and on average of
             its lit pixels; the rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
         standard_error: True sums second moments, so that results have standard errors, False does not; None does where
-            it costs little, or where ``target_error`` needs them.
+            it costs little, or where ``target_error`` needs them. With Sobol points, True scrambles them in 16
+            independent ways and gives the errors between these, and None gives none.
         time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
+        sampler: ``"pcg"``, Optiland's random numbers, or ``"sobol"``, Owen-scrambled Sobol points, with which errors
+            fall faster, but rays are not those of Optiland's backends.
+
+    Raises:
+        UsageError: There is no such precision or sampler.
     """
 
     def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
                  progress: bool | ProgressCallback = False, target_error: float | None = None,
-                 time_limit: float | None = None, standard_error: bool | None = None) -> None:
-        if precision not in PRECISIONS:
-            raise UsageError(f"precision is {precision!r}; give one of {', '.join(PRECISIONS)}")
+                 time_limit: float | None = None, standard_error: bool | None = None,
+                 sampler: str = "pcg") -> None:
+        for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
+            if given not in known:
+                raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
         self.seed = seed
         self.precision = precision
         self.adapter = adapter
@@ -66,6 +77,7 @@ class NsqGpuBackend(TracerBackend):
         self.target_error = target_error
         self.time_limit = time_limit
         self.standard_error = standard_error
+        self.sampler = sampler
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
 
@@ -95,10 +107,12 @@ class NsqGpuBackend(TracerBackend):
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
-            self._run(binary, exported, options, folder)
+            not_met = self._run(binary, exported, options, folder)
+            if not_met is not None:
+                warnings.warn(not_met, ToleranceWarning, stacklevel=_USERS_LINE)
             self.report = read_report(folder / "out")
             for warning in self.report["scene_warnings"]:
-                warnings.warn(warning, NsqGpuWarning, stacklevel=4)
+                warnings.warn(warning, NsqGpuWarning, stacklevel=_USERS_LINE)
             return fill_scene(scene, self.report, folder / "out", exported.surface_labels)
 
     def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,
@@ -111,6 +125,7 @@ class NsqGpuBackend(TracerBackend):
             "--max-depth": int(max_depth),
             "--min-flux-fraction": float(min_flux_fraction),
             "--precision": self.precision,
+            "--sampler": self.sampler,
         }
         if self.target_error is not None:
             options["--target-error"] = float(self.target_error)
@@ -124,7 +139,8 @@ class NsqGpuBackend(TracerBackend):
             options["--record-paths"] = "all" if record_paths is True else int(record_paths)
         return [f"{key}={value}" for key, value in options.items()]
 
-    def _run(self, binary: str, exported: ExportedScene, options: list[str], folder: Path) -> None:
+    def _run(self, binary: str, exported: ExportedScene, options: list[str], folder: Path) -> str | None:
+        """Trace into ``folder / "out"``; return what is said where the target error was not met."""
         scene_file = folder / "scene.json"
         scene_file.write_text(to_json(exported.document, indent=None), encoding="utf-8")
         mode = "json" if self.progress else "never"
@@ -138,8 +154,7 @@ class NsqGpuBackend(TracerBackend):
         finally:
             if bar is not None:
                 bar.close()
-        if code == TOLERANCE_NOT_MET:
-            warnings.warn(error_of(code, said.splitlines()[-1]).args[0], ToleranceWarning, stacklevel=4)
+        return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
 
 
 def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:

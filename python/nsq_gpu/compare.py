@@ -6,13 +6,17 @@ All of them draw the same numbers, so a ray should meet the same surfaces in eac
 sums and maps are apart, in sigmas of their own Monte Carlo noise and in ulps of the map's peak, and how many rays,
 of a recorded subset, meet other surfaces than with NumPy. The exit code is 6 if a difference exceeds SIGMAS, or if
 more than FATES of the recorded rays go elsewhere. Where a side splits rays, its children draw numbers of their own:
-there expectations of flux are the same, so the verdict goes by fluxes and maps alone. Where rounding decides a ray's way, as after many reflections
-between curved mirrors, ``--statistical`` leaves the rays' fates out of the verdict.
+there expectations of flux are the same, so the verdict goes by fluxes and maps alone. Where rounding decides a ray's
+way, as after many reflections between curved mirrors, ``--statistical`` leaves the rays' fates out of the verdict.
+
+Other exit codes are those of ``nsq-gpu``: 2 for wrong options or a file that cannot be read, 3 for an invalid scene or
+one that Optiland cannot build, 4 without an adapter, 5 where the device fails.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
 import time
 import warnings
@@ -28,7 +32,9 @@ from optiland.nonsequential.backends.base import TracerBackend
 from optiland.nonsequential.backends.numpy_backend import NumpyBackend
 
 from nsq_gpu.backend import PRECISIONS, NsqGpuBackend
-from nsq_gpu.errors import NsqGpuError
+from nsq_gpu.binary import find_binary
+from nsq_gpu.errors import NsqGpuError, SceneError, UsageError
+from nsq_gpu.process import run
 from nsq_gpu.scene_file import load_scene
 
 #: Exit code where the backends disagree: the command's own for a tolerance that is not met.
@@ -218,7 +224,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m nsq_gpu.compare", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, metavar="SCENE")
-    parser.add_argument("-n", "--num-rays", type=lambda text: int(float(text)), default=100_000, metavar="N")
+    parser.add_argument("-n", "--num-rays", type=_count, default=100_000, metavar="N")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--precision", choices=PRECISIONS, default="auto")
     parser.add_argument("--adapter", metavar="NAME", help="part of the adapter's name")
@@ -228,11 +234,43 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def trace_all(options: argparse.Namespace) -> list[Side]:
-    """Trace with every backend; the first side is ours, the second the reference."""
-    def load() -> NSQScene:
-        return load_scene(options.scene)
+def _count(text: str) -> int:
+    """Return a number of rays, such as 1e5."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not value.is_integer() or value < 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of rays; write 250000 or 1e5")
+    return int(value)
 
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse what cannot be traced, before anything is.
+
+    Raises:
+        UsageError: Torch is missing, or the file cannot be read.
+        SceneError: The command refuses the scene.
+    """
+    if options.torch and importlib.util.find_spec("torch") is None:
+        raise UsageError("--torch: Torch is not installed; `pip install torch`, or compare with NumPy alone")
+    # The loader takes scenes for valid, and drops some keys that it does not know. The command tells the place.
+    run([find_binary(options.binary), "check", str(options.scene)])
+
+
+def trace_all(options: argparse.Namespace) -> list[Side]:
+    """Trace with every backend; the first side is ours, the second the reference.
+
+    Raises:
+        NsqGpuError: One of its subclasses, by what went wrong.
+    """
+    def load() -> NSQScene:
+        try:
+            return load_scene(options.scene)
+        except (ImportError, OSError, ValueError) as error:
+            raise SceneError(f"{options.scene}: it cannot be built in Python: {error}") from error
+
+    _check(options)
     be.set_backend("numpy")
     be.set_precision("float64")
     ours = NsqGpuBackend(precision=options.precision, adapter=options.adapter, binary=options.binary)

@@ -1,6 +1,7 @@
 """Scene files -> live scenes.
 
-Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string.
+Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
+module imports no other one of the package: ``nsq-gpu bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import tempfile
 from importlib import resources
 from pathlib import Path
@@ -70,6 +72,11 @@ OVERRIDE_SLOTS: dict[str, dict[str, tuple[str, ...]]] = {
                 "edge": ("edge_crown", "edge_flint")},
     "mirror": {"surface": ("surface",)},
 }
+
+_STRING = r'"[^"\\]*(?:\\.[^"\\]*)*"'
+_STRING_OR_COMMENT = re.compile(rf"({_STRING})|//[^\n\r\u2028\u2029]*|/\*.*?\*/", re.DOTALL)
+# A comma that follows no value is not a trailing one: it is kept, so that JSON's parser refuses it.
+_STRING_OR_TRAILING_COMMA = re.compile(rf"({_STRING}|[\[{{,:]\s*,)|,(?=\s*[\]}}])", re.DOTALL)
 
 
 class TableMaterial(BaseMaterial):  # type: ignore[no-untyped-call]
@@ -146,9 +153,37 @@ def _medium(spec: Json) -> BaseMaterial | None:
 
 
 def load_scene(path: str | Path) -> NSQScene:
-    """Build the scene of a file."""
+    """Build the scene of a file; see :func:`read_document` for what its text may hold.
+
+    Raises:
+        OSError: The file, or one that it names, cannot be read.
+        ValueError: It is not UTF-8, not JSON, of another version, or holds what Optiland has not.
+    """
     path = Path(path)
-    return scene_from_dict(json.loads(path.read_text(encoding="utf-8")), path.parent)
+    return scene_from_dict(read_document(path), path.parent)
+
+
+def read_document(path: Path) -> Json:
+    """Return the tree of a file: JSON, with comments, trailing commas and a byte order mark as the command takes them.
+
+    Raises:
+        OSError: The file cannot be read.
+        json.JSONDecodeError: The text is something else, such as the rest of JSON5; the message says where.
+        UnicodeDecodeError: It is not UTF-8.
+    """
+    text = path.read_text(encoding="utf-8-sig")
+    bare = _STRING_OR_TRAILING_COMMA.sub(_blank, _STRING_OR_COMMENT.sub(_blank, text))
+    try:
+        document: Json = json.loads(bare)
+    except json.JSONDecodeError as error:
+        limits = "Python reads JSON with comments, trailing commas, Infinity and NaN, and no more of JSON5"
+        raise json.JSONDecodeError(f"{error.msg}; {limits}", text, error.pos) from None
+    return document
+
+
+def _blank(found: re.Match[str]) -> str:
+    """Return what is to be kept, group 1, or as many blanks, so that errors still name the right place."""
+    return found[1] or re.sub(r"[^\n]", " ", found[0])
 
 
 def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:

@@ -212,9 +212,20 @@ def test_report_of_the_program_is_kept() -> None:
     assert which.report is not None and which.report["precision"] == "f64" and "ledger" in which.report
 
 
-def test_precision_is_checked_at_once() -> None:
+def test_precision_and_sampler_are_checked_at_once() -> None:
     with pytest.raises(nsq_gpu.UsageError, match="f16.*auto, f32, f64"):
         nsq_gpu.NsqGpuBackend(precision="f16")
+    with pytest.raises(nsq_gpu.UsageError, match="halton.*pcg, sobol"):
+        nsq_gpu.NsqGpuBackend(sampler="halton")
+
+
+def test_sobol_points_are_drawn_where_they_are_asked_for() -> None:
+    expected = traced(bench(), 100_000, backend())[0].detectors["screen"].total_flux
+    for sampler, limit in (("pcg", 0.05), ("sobol", 0.005)):
+        which = backend(sampler=sampler)
+        result, _ = traced(bench(), NUM_RAYS, which)
+        assert which.report is not None and which.report["sampler"] == sampler
+        assert result.detectors["screen"].total_flux == pytest.approx(expected, rel=limit)
 
 
 # Progress
@@ -266,8 +277,9 @@ def test_target_and_time_limit() -> None:
     result, _ = traced(bench(), 10**8, backend(target_error=0.5))
     assert result.num_rays_total < 10**8
     assert result.total_flux_in == pytest.approx(bench().sources[0].total_flux)
-    with pytest.warns(nsq_gpu.ToleranceWarning, match="above the target"):
+    with pytest.warns(nsq_gpu.ToleranceWarning, match="above the target") as caught:
         bench().trace(1000, backend=backend(target_error=1e-9))
+    assert [warning.filename for warning in caught if warning.category is nsq_gpu.ToleranceWarning] == [__file__]
     which = backend(time_limit=0.3)
     result = bench().trace(10**13, backend=which)
     assert 0 < result.num_rays_total < 10**13
@@ -514,3 +526,36 @@ def test_compare_reports_errors(capsys: pytest.CaptureFixture[str]) -> None:
     path = live.ROOT / "scenes" / "bench_lens.json"
     assert compare.main([str(path), "-n", "10", "--binary", live.binary(), "--adapter", "none such"]) == 4
     assert "none such" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("change", "code", "said"), [
+    (None, 2, "No such file"),
+    (lambda text: "", 3, "line 1, column 1"),
+    (lambda text: text[:-3], 3, "is the file whole"),
+    (lambda text: text.replace("thickness", "thicknes", 1), 3, "did you mean `thickness`"),
+    # The loader would drop it without a word.
+    (lambda text: text.replace("total_flux", "total_flix", 1), 3, "total_flix"),
+    # JSON5 that the command reads.
+    (lambda text: text.replace('"L1"', "'L1'", 1), 3, "no more of JSON5"),
+], ids=["missing", "empty", "cut", "misspelt", "dropped", "JSON5"])
+def test_compare_refuses_files_in_one_line(change: Callable[[str], str] | None, code: int, said: str, tmp_path: Path,
+                                           capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "scene.json"
+    if change is not None:
+        path.write_text(change((live.ROOT / "docs" / "example.json").read_text(encoding="utf-8")), encoding="utf-8")
+    assert compare.main([str(path), "-n", "10", "--binary", live.binary()]) == code
+    out, err = capsys.readouterr()
+    assert not out and err.count("\n") == 1 and said in err and "scene.json" in err, err
+
+
+def test_compare_without_torch_says_so_before_it_traces(capsys: pytest.CaptureFixture[str]) -> None:
+    with mock.patch.dict(sys.modules, {"torch": None}):
+        assert compare.main(["nowhere.json", "--torch"]) == 2
+    assert capsys.readouterr().err.startswith("--torch: Torch is not installed")
+
+
+@pytest.mark.parametrize("count", ["nan", "inf", "1.5", "0", "many"])
+def test_compare_says_which_numbers_of_rays_it_takes(count: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        compare.main(["nowhere.json", "-n", count])
+    assert f"'{count}' is not a number of rays; write 250000 or 1e5" in capsys.readouterr().err

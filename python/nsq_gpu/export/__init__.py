@@ -36,8 +36,11 @@ class ExportedScene:
 def export_scene(scene: NSQScene, path: str | os.PathLike[str]) -> None:
     """Write a scene to a file which alone, given to the command ``nsq-gpu trace``, traces as the live scene does.
 
+    Folders that are missing are made, as ``nsq-gpu trace -o`` makes them.
+
     Raises:
         UnsupportedSceneError: The scene holds something that no file can; nothing is written.
+        OSError: The file cannot be written.
     """
     text = to_json(export(scene).document)
     path = Path(path)

@@ -1,0 +1,56 @@
+"""The text of scene files: what Python reads of JSON5, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from nsq_gpu import load_scene
+from nsq_gpu.scene_file import read_document
+from tests import live
+
+EXAMPLE = (live.ROOT / "docs" / "example.json").read_text(encoding="utf-8")
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "scene.json"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_loads_a_scene_with_comments_trailing_commas_and_a_mark_as_the_command_does(tmp_path: Path) -> None:
+    text = "\ufeff// it's a \"scene\", {\n" + EXAMPLE.rstrip().removesuffix("}") + ", /* the * end, ] */ } // done"
+    path = written(tmp_path, text)
+    subprocess.run([live.binary(), "check", str(path)], check=True, capture_output=True)
+    assert read_document(path) == json.loads(EXAMPLE)
+    with live.quiet():
+        assert load_scene(path).component_names == load_scene(written(tmp_path, EXAMPLE)).component_names
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("[1, 2, // two\n]", [1, 2]),
+    ("[[1,],/**/]", [[1]]),
+    ("[1/* , */,\r\n/* // */2]", [1, 2]),
+    ('{"a": "//", "b": "/* , ] */", "c": ",]",}', {"a": "//", "b": "/* , ] */", "c": ",]"}),
+    (r'["\"//", "\\", /* " */ ",}",]', ['"//', "\\", ",}"]),
+    ("[-Infinity,]", [float("-inf")]),
+])
+def test_nothing_but_comments_and_trailing_commas_goes(text: str, expected: object, tmp_path: Path) -> None:
+    assert read_document(written(tmp_path, text)) == expected
+
+
+@pytest.mark.parametrize("text", [
+    "", "[,]", "{,}", "[1,,]", '{"a":,}', "[1] ,", "[1 /* no end", "[1 / 2]", "1/**/2", '["no end // ]',
+    '["two\nlines"]', "['quotes']", "{key: 1}", "[0x10]", "[.5]", "[+1]",
+])
+def test_refuses_the_rest_and_says_so(text: str, tmp_path: Path) -> None:
+    with pytest.raises(json.JSONDecodeError, match="comments, trailing commas.*no more of JSON5"):
+        read_document(written(tmp_path, text))
+
+
+def test_errors_name_the_place_in_the_file(tmp_path: Path) -> None:
+    with pytest.raises(json.JSONDecodeError, match=r"line 3 column 15 \("):
+        read_document(written(tmp_path, '{ // one\n/* two\n*/ "a": [1,], b: 2}'))
