@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use assert_cmd::Command;
-use nsq_gpu::bench::peers::{PeerRun, drjit::drjit_runs};
+use nsq_gpu::bench::peers::PeerRun;
 use nsq_gpu::bench::report::CSV_COLUMNS;
 use nsq_gpu::bench::runner::{Measurement, PeerMeasurement, PerRay};
 use nsq_gpu::bench::{CaseResult, Counts, Summary};
@@ -60,6 +60,8 @@ fn the_files_hold_what_was_measured() {
         (&printed["schema"], &printed["num_runs"], &printed["note"]),
         (&json!(1), &json!(2), &json!(note))
     );
+    let command = format!("nsq-gpu bench --scenes {scenes} --runs 2 --max-rays 500");
+    assert_eq!(printed["command"], json!(command));
     for field in ["version", "build", "date"] {
         assert!(printed[field].is_string(), "{field}");
     }
@@ -121,8 +123,10 @@ fn assert_case(case: &Value) {
         assert!(0.0 < rate("min") && rate("min") <= rate("median") && rate("median") <= rate("max"));
         let per_ray = |key: &str| ours["per_ray"][key].as_f64().unwrap();
         assert!(per_ray("casts") >= 1.0 && per_ray("casts") >= per_ray("interactions"), "{case}");
-        assert_eq!(ours["first_rays_sec"].is_f64(), case["kind"] == "trace");
-        assert_eq!(ours["ready_sec"].is_f64(), case["kind"] == "trace");
+        // A command reads the scene and compiles as well.
+        let ready = ours["ready_sec"].as_f64();
+        assert_eq!(ready.is_some(), case["kind"] == "trace");
+        assert!(ours["first_rays_sec"].as_f64().unwrap() > ready.unwrap_or(0.0), "{case}");
     }
     // Between two mirrors every event is an interaction, and the depth limit ends all rays.
     if case["name"] == "depth_32" {
@@ -145,11 +149,8 @@ fn people_get_a_table() {
 
 #[test]
 fn what_cannot_be_measured_is_a_usage_error() {
-    for (arguments, word) in [
-        (&["--scenes", "rays,nothing"][..], "`nothing`"),
-        (&["--against", "drjit"], "--drjit-script"),
-        (&["--runs", "0"], "--runs"),
-    ] {
+    for (arguments, word) in [(&["--scenes", "rays,nothing"][..], "`nothing`"), (&["--runs", "0"], "--runs")]
+    {
         let output = bench(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(stderr(&output).contains(word), "{}", stderr(&output));
@@ -335,16 +336,6 @@ fn ratios_are_of_medians_in_the_same_precision_where_the_peer_has_it() {
     assert_eq!(*ratios(1), BTreeMap::from([("optiland".into(), 10.0), ("drjit".into(), 0.1)]));
 }
 
-#[test]
-fn timings_of_the_drjit_script_are_read() {
-    let printed = "warming up\n\
-        A drjit analytic f32    N=1000 first=0.07s best=0.0000s cpu/wall=0.80 Mpaths/s=50 Mpaths/cpu-s=62.91 load=6.43\n\
-        A drjit analytic f64    N=1000 first=0.09s best=0.5s cpu/wall=0.66 Mpaths/s=0.002\n\
-        f64 without a timing N=1000\n";
-    let run = |precision, seconds| PeerRun { precision, num_rays: 1000, seconds, detected: None };
-    assert_eq!(drjit_runs(printed), [run("f32", 2e-5), run("f64", 0.5)]);
-}
-
 /// Peers that are shell scripts with planted timings, in the place of Python.
 #[cfg(unix)]
 mod planted_peers {
@@ -482,22 +473,31 @@ mod planted_peers {
     }
 
     #[test]
-    fn the_drjit_script_is_called_with_the_rays_of_its_scene_alone() {
+    fn drjit_traces_the_lens_alone_in_either_precision() {
         if !has_adapter("bench against drjit") {
             return;
         }
         let folder = tempfile::tempdir().unwrap();
-        let python =
-            script(folder.path(), "python", "echo \"x f32 N=$2 Mpaths/s=2\"; echo \"x f64 N=$2 Mpaths/s=1\"");
-        let arguments = ["--scenes", "rays_1e3,depth_2", "--against", "drjit"];
-        let output = bench(&[&arguments[..], &["--python", &python, "--drjit-script", &python]].concat());
-        let printed = report(&output);
+        let run = |detected: u64| {
+            let answer = |seconds: f64| json!({"num_rays": 500, "seconds": seconds, "detected": detected});
+            let text = format!(
+                "echo '{{}}'; while read line; do case $line in *f32*) echo '{}';; *f64*) echo '{}';; esac; done",
+                answer(0.25),
+                answer(0.5)
+            );
+            let python = script(folder.path(), "drjit", &text);
+            bench(&["--scenes", "rays_1e3,depth_2", "--against", "drjit", "--python", &python])
+        };
+        let printed = report(&run(461));
         let medians = |case: usize| {
             let peers = printed["cases"][case]["peers"].as_array().unwrap();
             peers.iter().map(|peer| peer["rays_per_sec"]["median"].as_f64().unwrap()).collect::<Vec<_>>()
         };
-        assert_eq!(medians(0), [2e6, 1e6]);
+        assert_eq!(medians(0), [2000.0, 1000.0]);
         assert!(medians(1).is_empty());
+        let failed = run(300);
+        assert_eq!(failed.status.code(), Some(1));
+        assert!(stderr(&failed).contains("drjit detects 0.6"), "{}", stderr(&failed));
     }
 }
 
@@ -638,7 +638,7 @@ mod accuracy {
         if !has_adapter("bench --accuracy against drjit") {
             return;
         }
-        let output = bench_accuracy(&["--scenes", "lamp", "--against", "drjit", "--drjit-script", "none"]);
+        let output = bench_accuracy(&["--scenes", "lamp", "--against", "drjit"]);
         assert_eq!(output.status.code(), Some(2));
         assert!(stderr(&output).contains("optiland alone"), "{}", stderr(&output));
     }

@@ -132,6 +132,7 @@ fn json_is_one_document_with_the_fields_of_the_contract() {
         "precision",
         "adapter",
         "trace_time_sec",
+        "first_rays_sec",
         "rays_per_sec",
         "num_rays_total",
         "num_rays_absorbed",

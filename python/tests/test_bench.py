@@ -28,14 +28,18 @@ def test_optiland_traces_every_kind_of_case(command: list[str]) -> None:
 
 def test_the_tables_of_speeds_are_those_of_the_benchmarks() -> None:
     reports = make_speed_table.read_reports()
-    readme = make_speed_table.README.read_text()
-    assert make_speed_table.replaced(readme, reports) == readme
+    for page, table in [
+        (make_speed_table.README, make_speed_table.summary(reports)),
+        (make_speed_table.BENCHES, make_speed_table.bars(reports)),
+    ]:
+        text = page.read_text()
+        assert make_speed_table.replaced(text, table) == text
     assert make_speed_table.ALL_TABLES.read_text() == make_speed_table.all_tables(reports)
 
 
 def test_the_readme_has_the_newest_of_each_case() -> None:
     def case(name: str, rate: float) -> dict:
-        return {"name": name, "num_rays": 1000, "peers": [],
+        return {"name": name, "kind": "trace", "num_rays": 1000, "peers": [],
                 "measurements": [{"precision": "f64", "rays_per_sec": {"median": rate}, "ratios": {}}]}
 
     reports = {"newer": {"cases": [case("b", 3e6)]}, "older": {"cases": [case("a", 1e6), case("b", 2e6)]}}
@@ -43,3 +47,20 @@ def test_the_readme_has_the_newest_of_each_case() -> None:
         "| `a` | 1e3 |  | 1 | [older](benches/results/older) |",
         "| `b` | 1e3 |  | 3 | [newer](benches/results/newer) |",
     ]
+
+
+def test_a_bar_is_held_against_the_newest_report_that_has_it() -> None:
+    def report(ratios: dict[str, tuple[float, float]]) -> dict:
+        measurements = [
+            {"precision": precision, "rays_per_sec": {"median": 1e6}, "ratios": {peer: pair[i] for peer, pair in ratios.items()}}
+            for i, precision in enumerate(["f32", "f64"])
+        ]
+        return {"cases": [{"name": "a", "kind": "command", "num_rays": 500_000, "measurements": measurements}]}
+
+    reports = {"newest": report({}), "newer": report({"x": (2, 0.5)}), "older": report({"x": (3, 3)})}
+    bar = make_speed_table.Bar("a over x", (2, 2), make_speed_table.over("x", "a"))
+    assert bar.line(reports) == "| a over x | 2 / 2 | 2 / 0.5 | in f32 | [newer](results/newer) |"
+    time = make_speed_table.Bar("a", (0.4, 0.6), make_speed_table.time_of("a"), " s", less_is_better=True)
+    assert time.line(reports) == "| a | 0.4 / 0.6 s | 0.5 / 0.5 s | in f64 | [newest](results/newest) |"
+    unknown = make_speed_table.Bar("b", (1, 1), make_speed_table.time_of("b"))
+    assert unknown.line(reports) == "| b | 1 / 1 | not measured |  |  |"

@@ -29,6 +29,8 @@ pub struct BenchReport {
     pub build: &'static str,
     /// When the benchmark began, in UTC.
     pub date: String,
+    /// What measures the same again, but for the adapter, the Python of the peers and the folder.
+    pub command: String,
     /// What the reader should know, such as who else used the machine.
     pub note: Option<String>,
     /// The machine.
@@ -106,6 +108,7 @@ impl BenchReport {
             version: env!("CARGO_PKG_VERSION"),
             build: if cfg!(debug_assertions) { "debug" } else { "release" },
             date: machine::utc_now(),
+            command: String::new(),
             note,
             machine: Machine {
                 system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -191,11 +194,11 @@ impl BenchReport {
     }
 
     fn table_of_cases(&self) -> String {
-        let mut text = format!("{:<16}{:>5}{:>12}", "case", "", "rays");
+        let mut text = format!("{:<20}{:>5}{:>12}", "case", "", "rays");
         let _ = write!(
             text,
-            "{:>12}{:>10}{:>10}{:>12}{:>13}",
-            "M rays/s", "min", "max", "M casts/s", "first rays"
+            "{:>11}{:>12}{:>10}{:>10}{:>12}{:>13}",
+            "time [s]", "M rays/s", "min", "max", "M casts/s", "first rays"
         );
         self.peers.keys().for_each(|peer| text += &format!("{:>14}", format!("x {peer}")));
         text.push('\n');
@@ -210,7 +213,9 @@ impl BenchReport {
     fn table_line(&self, case: &CaseResult, ours: &Measurement) -> String {
         let rays = ours.rays_per_sec.times(1e-6);
         let first = ours.first_rays_sec.map_or("-".into(), |seconds| format!("{:.0} ms", 1e3 * seconds));
-        let mut line = format!("{:<16}{:>5}{:>12}", case.name, ours.precision, case.num_rays);
+        let seconds = case.num_rays as f64 / ours.rays_per_sec.median;
+        let mut line = format!("{:<20}{:>5}{:>12}", case.name, ours.precision, case.num_rays);
+        let _ = write!(line, "{seconds:>11.4}");
         let _ = write!(line, "{:>12.3}{:>10.3}{:>10.3}", rays.median, rays.min, rays.max);
         let _ = write!(line, "{:>12.3}{first:>13}", 1e-6 * ours.casts_per_sec.median);
         for peer in self.peers.keys() {

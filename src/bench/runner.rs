@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::ir::SceneIr;
 use crate::program::Precision;
-use crate::result::{FluxUnit, Ledger, PathEventKind, Tally, output};
+use crate::result::{FluxUnit, Ledger, PathEventKind, output};
 use crate::scene::Scene;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use crate::vectors;
@@ -72,7 +72,8 @@ pub struct Measurement {
     pub per_ray: PerRay,
     /// From the scene's text to the compiled program \[s\]; null for whole commands.
     pub ready_sec: Option<f64>,
-    /// From the scene's text to the first rays traced, on an open device \[s\]; null for whole commands.
+    /// From the scene's text to the first rays traced, on an open device; of a whole command from the start of the process
+    /// \[s\].
     pub first_rays_sec: Option<f64>,
     /// Median rays per second over the peer's, by peer.
     pub ratios: BTreeMap<String, f64>,
@@ -265,6 +266,7 @@ impl<'a> Subject<'a> {
     ) -> Result<Self> {
         let per_ray = per_ray(case, session.gpu, ir, precision)?;
         let start = Instant::now();
+        let before = |now: Instant| read_sec + (now - start).as_secs_f64();
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
                 // As in the midst of a long trace, where the case stands for such.
@@ -276,7 +278,7 @@ impl<'a> Subject<'a> {
                     ..options(case, precision)
                 };
                 let tracer = Tracer::new(session.gpu, ir, &options.tuned(&session.gpu.info))?;
-                let ready_sec = read_sec + start.elapsed().as_secs_f64();
+                let ready_sec = before(Instant::now());
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
             }
             Kind::Command | Kind::ColdCommand => {
@@ -294,8 +296,11 @@ impl<'a> Subject<'a> {
             first_rays_sec: None,
             runs_sec: vec![],
         };
-        let first_pass_sec = subject.run_once()?.first_pass_sec;
-        subject.first_rays_sec = ready_sec.zip(first_pass_sec).map(|(ready, first)| ready + first);
+        let report = subject.run_once()?.report;
+        subject.first_rays_sec = match &subject.engine {
+            Engine::Tracer { tracer, .. } => tracer.first_end().map(before),
+            Engine::Command(_) => report["first_rays_sec"].as_f64(),
+        };
         Ok(subject)
     }
 
@@ -308,7 +313,9 @@ impl<'a> Subject<'a> {
     fn run_once(&mut self) -> Result<Run> {
         let (run, counts) = match &mut self.engine {
             Engine::Tracer { tracer, ir } => {
-                let (run, tally) = timed_trace(tracer)?;
+                let start = Instant::now();
+                let tally = tracer.trace(|_| true)?;
+                let run = Run { seconds: start.elapsed().as_secs_f64(), report: Value::Null };
                 let ledger = Ledger::new(ir, &tally, FluxUnit::new(1.0, self.case.num_rays));
                 (run, Counts::of_ledger(self.case.num_rays, &ledger))
             }
@@ -339,20 +346,12 @@ impl<'a> Subject<'a> {
 /// Rays of a case that stands for long traces.
 const LONG_TRACE: u64 = 10_000_000;
 
-/// How long one run took \[s\].
+/// One run.
 struct Run {
+    /// How long it took \[s\].
     seconds: f64,
-    first_pass_sec: Option<f64>,
-}
-
-fn timed_trace(tracer: &mut Tracer) -> Result<(Run, Tally)> {
-    let start = Instant::now();
-    let mut first_pass_sec = None;
-    let tally = tracer.trace(|_| {
-        first_pass_sec.get_or_insert_with(|| start.elapsed().as_secs_f64());
-        true
-    })?;
-    Ok((Run { seconds: start.elapsed().as_secs_f64(), first_pass_sec }, tally))
+    /// The report.json of a whole command.
+    report: Value,
 }
 
 fn options(case: &Case, precision: Precision) -> TraceOptions {
@@ -406,8 +405,10 @@ impl WholeCommand {
         }
         let path = self.files.path().join("out").join(output::REPORT);
         let text = std::fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
-        let report = serde_json::from_str(&text).map_err(|error| Error::Internal(error.to_string()))?;
-        Ok((Run { seconds, first_pass_sec: None }, Counts::of_report(num_rays, &report)))
+        let report: Value =
+            serde_json::from_str(&text).map_err(|error| Error::Internal(error.to_string()))?;
+        let counts = Counts::of_report(num_rays, &report);
+        Ok((Run { seconds, report }, counts))
     }
 }
 

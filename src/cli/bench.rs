@@ -14,7 +14,6 @@ use crate::scene::Scene;
 use crate::vectors::{self, Width};
 use clap::ValueEnum;
 use serde_json::Value;
-use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -60,11 +59,8 @@ pub struct Args {
     /// Python that has the peers installed.
     #[arg(long, value_name = "PYTHON", default_value = "python3")]
     python: PathBuf,
-    /// Dr.Jit kernel of lens_scene; what it must print stands in benches/README.md.
-    #[arg(long, value_name = "PATH", required_if_eq("against", "drjit"))]
-    drjit_script: Option<PathBuf>,
     /// At most so many rays for Optiland in a warm process, whose rate does not depend on their number.
-    #[arg(long, value_name = "N", default_value = "1e5", value_parser = count::parse)]
+    #[arg(long, value_name = "N", default_value_t = PEER_RAYS, value_parser = count::parse)]
     peer_rays: u64,
     /// What the reader of the files should know, such as who else uses the machine.
     #[arg(long, value_name = "TEXT")]
@@ -111,6 +107,9 @@ fn name_of(argument: &impl ValueEnum) -> String {
 /// What the viewer's frames are called among the cases.
 const VIEWER: &str = "viewer";
 
+/// Rays for Optiland where nothing else is asked for.
+const PEER_RAYS: u64 = 100_000;
+
 /// The limit of --quick.
 const QUICK_RAYS: u64 = 100_000;
 
@@ -141,6 +140,7 @@ pub fn run(args: &Args) -> Result<String> {
     };
     let mut peers = args.against.iter().map(|peer| start(*peer, args)).collect::<Result<Vec<_>>>()?;
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
+    report.command = command_line(args);
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
     // What was measured before a case failed took long, and is kept.
     let mut failure = None;
@@ -184,6 +184,28 @@ pub fn run(args: &Args) -> Result<String> {
     Err(error)
 }
 
+/// What measures the same again, but for what is a machine's own: its adapter, its Python, its folders.
+fn command_line(args: &Args) -> String {
+    let list = |name: &str, values: &[String]| {
+        (!values.is_empty()).then(|| format!(" --{name} {}", values.join(",")))
+    };
+    let value = |name: &str, value: Option<String>| value.map(|value| format!(" --{name} {value}"));
+    let against: Vec<String> = args.against.iter().map(name_of).collect();
+    let options = [
+        args.quick.then(|| " --quick".to_string()),
+        list("scenes", &args.scenes),
+        value("precision", args.precision.as_ref().map(name_of)),
+        value("runs", args.runs.map(|runs| runs.to_string())),
+        value("max-rays", args.max_rays.map(|rays| rays.to_string())),
+        list("against", &against),
+        value(
+            "peer-rays",
+            Some(args.peer_rays).filter(|rays| *rays != PEER_RAYS).map(|rays| rays.to_string()),
+        ),
+    ];
+    options.into_iter().flatten().fold("nsq-gpu bench".into(), |line, option| line + &option)
+}
+
 /// How wide vectors suit each case: what is timed is compiled before. Whole commands choose on their own.
 fn widths(cases: &[Case]) -> Result<Vec<Width>> {
     let width = |case: &Case| Ok(Width::of_trace(&Scene::from_json(&case.scene)?.lower()?, case.num_rays));
@@ -203,7 +225,6 @@ fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResu
     command.args(["--precision", &name_of(&args.precision.unwrap_or(PrecisionsArg::Both))]);
     command.args(["--adapter", &session.gpu.info.name]).arg("--python").arg(&args.python);
     command.args(args.against.iter().flat_map(|peer| ["--against".to_string(), name_of(peer)]));
-    command.args(args.drjit_script.iter().flat_map(|script| [OsStr::new("--drjit-script"), script.as_ref()]));
     let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);
@@ -358,14 +379,11 @@ fn precisions(wanted: PrecisionsArg, gpu: &Gpu) -> Vec<Precision> {
 }
 
 fn start(peer: PeerArg, args: &Args) -> Result<Box<dyn Peer>> {
-    match (peer, &args.drjit_script) {
-        (PeerArg::Optiland, _) => {
-            Ok(Box::new(Optiland::start(&args.python, Backend::Numpy, args.peer_rays.max(1))?))
-        }
-        (PeerArg::Drjit, Some(script)) => Ok(Box::new(DrJit::new(&args.python, script)?)),
-        (PeerArg::Drjit, None) => Err(Error::Usage("--against drjit needs --drjit-script".into())),
-        (PeerArg::Mitsuba, _) => Ok(Box::new(Mitsuba::start(&args.python)?)),
-    }
+    Ok(match peer {
+        PeerArg::Optiland => Box::new(Optiland::start(&args.python, Backend::Numpy, args.peer_rays.max(1))?),
+        PeerArg::Drjit => Box::new(DrJit::start(&args.python)?),
+        PeerArg::Mitsuba => Box::new(Mitsuba::start(&args.python)?),
+    })
 }
 
 fn progress(result: &CaseResult) -> String {

@@ -25,6 +25,7 @@ use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Instant;
 
 #[derive(Parser)]
 #[command(
@@ -67,9 +68,10 @@ enum Command {
 /// Runs the command; the exit code is the error's. To be called before other threads run: it may set a variable of the
 /// environment ([`crate::vectors`]).
 pub fn main() -> ExitCode {
+    let start = Instant::now();
     let cli = Cli::try_parse().unwrap_or_else(|error| without_misleading_tip(error).exit());
     let printed = match cli.command {
-        Command::Trace(args) => trace::run(&args),
+        Command::Trace(args) => trace::run(&args, start),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
         #[cfg(feature = "viewer")]

@@ -64,7 +64,7 @@ pub struct Args {
     /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
     #[arg(long, default_value_t = 1e-6, value_name = "X")]
     min_flux_fraction: f64,
-    /// Rays per dispatch; it changes memory and speed, never a result.
+    /// Most rays per dispatch; it changes memory and speed, never a result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
     /// Arithmetic: auto takes the cheapest that keeps positions to a hundredth of a pixel, predicted from the scene.
@@ -175,7 +175,8 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
 }
 
 /// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
-pub fn run(args: &Args) -> Result<String> {
+/// `start` is when the command began.
+pub fn run(args: &Args, start: Instant) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     // What `auto` is on lavapipe.
@@ -195,8 +196,10 @@ pub fn run(args: &Args) -> Result<String> {
         let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
         let options = TraceOptions { precision: choosing.precision(), ..options.clone() };
         let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
+        let identity = if keeps_rows(args) { identity } else { identity.with_paths_apart() };
         let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
-        let run = Run { args, scene: &scene, ir: &ir, gpu: &gpu, options: &options, identity: &identity };
+        let run =
+            Run { args, start, scene: &scene, ir: &ir, gpu: &gpu, options: &options, identity: &identity };
         let (result, tally) = trace(&run, choosing, begun)?;
         Ok::<_, Error>((result, tally, identity))
     })?;
@@ -400,6 +403,8 @@ fn options(args: &Args) -> Result<TraceOptions> {
 /// A trace that is ready to start.
 struct Run<'a> {
     args: &'a Args,
+    /// When the command began.
+    start: Instant,
     scene: &'a Scene,
     ir: &'a SceneIr,
     gpu: &'a Gpu,
@@ -407,11 +412,15 @@ struct Run<'a> {
     identity: &'a Identity,
 }
 
-/// Where rows go that are no part of the sums: to disk, or nowhere without files. None where the sums must hold them,
-/// because another trace goes on from them or adds to them.
-fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Recording + use<'a>>> {
+/// True if the sums must hold the rows of ray databases and paths, because another trace goes on from them or adds to them.
+fn keeps_rows(args: &Args) -> bool {
     let is_part = args.first_ray.is_some() || args.of_rays.is_some();
-    if is_part || args.checkpoint.is_some() || args.resume.is_some() {
+    is_part || args.checkpoint.is_some() || args.resume.is_some()
+}
+
+/// Where rows go that are no part of the sums: to disk, or nowhere without files. None where the sums must hold them.
+fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Recording + use<'a>>> {
+    if keeps_rows(args) {
         return Ok(None);
     }
     let folder = args.output.as_deref().map(output::file_system_of).transpose()?;
@@ -422,7 +431,7 @@ fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Rec
 }
 
 fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
-    let Run { args, scene, ir, gpu, options, identity } = run;
+    let Run { args, start: command_start, scene, ir, gpu, options, identity } = run;
     let mut tracer = Tracer::new(gpu, ir, options)?;
     if let Some(recording) = recording(args, ir)? {
         tracer.record_to(recording);
@@ -431,11 +440,12 @@ fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<
         tracer.enable_profile()?;
     }
     let begun = begun.unwrap_or_else(|| tracer.empty_tally());
+    let num_rays_before = begun.launched.count;
     let mut session = Session {
         args,
         ir,
         identity,
-        begun: begun.launched.count,
+        begun: num_rays_before,
         stop: stop_on_interrupt()?,
         stopping: Stopping::new(ir, args.target_error, args.time_limit),
         progress: Progress::new(args.progress, tracer.num_rays()),
@@ -460,6 +470,8 @@ fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<
         precision_reason: choice.reason,
         precision_warning: choice.warning,
         trace_time_sec,
+        num_rays_before,
+        first_rays_sec: tracer.first_end().map(|end| (end - *command_start).as_secs_f64()),
         stage_times,
         scene_warnings: scene.warnings.clone(),
         partial,

@@ -335,7 +335,11 @@ fn round_to(value: f64, precision: Precision) -> Result<f64> {
     if rounded.is_finite() {
         Ok(rounded)
     } else {
-        Err(Error::Usage(format!("{value:e} does not fit {}; use --precision f64", precision.name())))
+        let advice = match precision {
+            Precision::F64 => "some number of the scene is too large or too small to compute with",
+            Precision::F32 | Precision::Df64 => "use --precision f64",
+        };
+        Err(Error::Usage(format!("{value:e} does not fit {}; {advice}", precision.name())))
     }
 }
 

@@ -183,8 +183,8 @@ impl Diagnostics {
     fn underflows(&self) -> Option<String> {
         (self.medium_stack_underflows > 0).then(|| {
             format!(
-                "{} time(s) a ray left a solid that it had never entered: expected of rays born inside a solid, otherwise \
-                 the sides of some surface have the wrong media",
+                "{} time(s) a ray left a solid that it had never entered: expected of rays born inside a solid, and where \
+                 faces of a solid scatter; otherwise the sides of some surface have the wrong media",
                 thousands(self.medium_stack_underflows)
             )
         })

@@ -98,6 +98,8 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
             adapter: report.adapter,
             driver: report.driver,
             trace_time_sec: report.trace_time_sec,
+            num_rays_before: report.num_rays_before,
+            first_rays_sec: report.first_rays_sec,
             stage_times: report.diagnostics.stage_times.clone(),
             scene_warnings: report.scene_warnings,
             partial: report.partial,

@@ -59,8 +59,11 @@ pub struct Report {
     pub adapter: String,
     /// Its driver.
     pub driver: String,
-    /// Rays launched per second.
+    /// Rays launched per second, without those of a trace that this one went on from.
     pub rays_per_sec: f64,
+    /// Rays of the trace that this one went on from (`--resume`).
+    #[serde(default)]
+    pub num_rays_before: u64,
     /// Rays launched.
     pub num_rays_total: u64,
     /// Rays that ended on absorbing surfaces.
@@ -87,8 +90,12 @@ pub struct Report {
     pub total_flux_lost: f64,
     /// Optiland's figure; the ledger is the exact one.
     pub flux_conservation_error: f64,
-    /// Wall-clock time of the trace \[s\].
+    /// Wall-clock time of the trace \[s\], without that of a trace that it went on from; 0 of merged results.
     pub trace_time_sec: f64,
+    /// From the start of the command to the end of its first dispatch of rays \[s\]: reading the scene, opening the device
+    /// and compiling are in it. Null where no command traced, as in merged results.
+    #[serde(default)]
+    pub first_rays_sec: Option<f64>,
     /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, ...}}` in scene
     /// order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard errors of
     /// the cells that are not dark. Both errors are null where they are not known; `file` is null if no file was written.
@@ -142,6 +149,7 @@ impl Report {
             adapter: run.adapter.clone(),
             driver: run.driver.clone(),
             rays_per_sec: run.rays_per_sec(result.num_rays_total),
+            num_rays_before: run.num_rays_before,
             num_rays_total: result.num_rays_total,
             num_rays_absorbed: result.num_rays_absorbed,
             num_rays_escaped: result.num_rays_escaped,
@@ -156,6 +164,7 @@ impl Report {
             total_flux_lost: result.total_flux_lost,
             flux_conservation_error: result.flux_conservation_error,
             trace_time_sec: run.trace_time_sec,
+            first_rays_sec: run.first_rays_sec,
             detectors: detectors(result, files),
             surfaces: result.surfaces.iter().map(surface).collect(),
             ledger: result.ledger.clone(),

@@ -32,15 +32,34 @@ impl TraceResult {
         };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{precision}{} s, {} rays/s\n",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{precision}{}",
             run.program,
             run.version,
             thousands(self.num_rays_total),
             run.seed,
             run.precision,
             run.adapter,
+            self.timing(),
+        )
+    }
+
+    /// How long the trace took, in a line; nothing where nobody measured it.
+    fn timing(&self) -> String {
+        let run = &self.run;
+        if run.trace_time_sec == 0.0 {
+            return String::new();
+        }
+        let first_rays =
+            run.first_rays_sec.map(|sec| format!("; first rays after {} s", significant(sec, 3)));
+        let before = match run.num_rays_before {
+            0 => String::new(),
+            rays => format!("; went on from {} rays", thousands(rays)),
+        };
+        format!(
+            "{} s, {} rays/s{}{before}\n",
             significant(run.trace_time_sec, 3),
             thousands(run.rays_per_sec(self.num_rays_total).round() as u64),
+            first_rays.unwrap_or_default(),
         )
     }
 

@@ -36,8 +36,12 @@ pub struct RunInfo {
     pub adapter: String,
     /// Its driver and version.
     pub driver: String,
-    /// Wall-clock time of the trace \[s\].
+    /// Wall-clock time of the trace \[s\], without that of a trace that it went on from; 0 where nobody measured it.
     pub trace_time_sec: f64,
+    /// Rays of the trace that this one went on from.
+    pub num_rays_before: u64,
+    /// From the start of the command to the end of its first dispatch of rays \[s\]; none where nobody measured it.
+    pub first_rays_sec: Option<f64>,
     /// What the stages took on the device, if they were timed.
     pub stage_times: Vec<StageTime>,
     /// What the scene's reader found worth a warning.
@@ -203,6 +207,8 @@ impl Default for RunInfo {
             adapter: String::new(),
             driver: String::new(),
             trace_time_sec: 0.0,
+            num_rays_before: 0,
+            first_rays_sec: None,
             stage_times: Vec::new(),
             scene_warnings: Vec::new(),
             partial: false,
@@ -217,9 +223,10 @@ impl Default for RunInfo {
 }
 
 impl RunInfo {
-    /// Rays launched per second; 0 where no time was measured.
+    /// Rays launched per second, of `launched` in all; 0 where no time was measured.
     pub fn rays_per_sec(&self, launched: u64) -> f64 {
-        if self.trace_time_sec > 0.0 { launched as f64 / self.trace_time_sec } else { 0.0 }
+        let own = launched.saturating_sub(self.num_rays_before);
+        if self.trace_time_sec > 0.0 { own as f64 / self.trace_time_sec } else { 0.0 }
     }
 }
 
