@@ -8,7 +8,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
 use crate::ir::SceneIr;
-use crate::result::Tally;
+use crate::result::{SensorTally, Tally};
 use crate::trace::{RecordPaths, TraceOptions};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -17,7 +17,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Version of the format.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 const MAGIC: &[u8; 8] = b"NSQTALLY";
 const HEADER_BYTES: usize = 24;
@@ -131,8 +131,7 @@ impl Identity {
         self
     }
 
-    /// True if recorded paths are not among the sums.
-    pub fn has_paths_apart(&self) -> bool {
+    fn has_paths_apart(&self) -> bool {
         self.paths.ends_with(PATHS_APART)
     }
 
@@ -160,6 +159,12 @@ impl Identity {
 }
 
 impl Checkpoint {
+    /// True if the rows of ray databases or paths that go with the sums went elsewhere.
+    pub fn lacks_rows(&self) -> bool {
+        let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
+        self.tally.sensors.iter().any(recorded) || self.identity.has_paths_apart()
+    }
+
     /// The contents of a file.
     ///
     /// # Errors
@@ -326,7 +331,7 @@ mod tests {
     fn another_format_is_named() {
         let mut bytes = checkpoint().to_bytes().unwrap();
         bytes[8] = 99;
-        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 2");
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 3");
         assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
     }
 

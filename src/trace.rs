@@ -384,7 +384,9 @@ impl<'a> Tracer<'a> {
                 pass_rays = self.next_pass_rays(end - position, pass_time);
             }
             position = end;
-            if self.counts_undrained > MAX_COUNTS_UNDRAINED - pass_rays * counts_per_ray(&self.program) {
+            if self.counts_undrained
+                > MAX_COUNTS_UNDRAINED.saturating_sub(pass_rays * counts_per_ray(&self.program))
+            {
                 self.drain(&mut tally)?;
             }
             let mut progress = Progress {
@@ -1052,11 +1054,10 @@ fn batch_size(gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
         }
         _ => u32::MAX,
     };
-    let families = program.splitting.map_or(u32::MAX, |splitting| {
-        (1 << splitting.index_bits()).min((MAX_COUNTS_PER_PASS / counts_per_ray(program)) as u32)
-    });
+    let counted = (MAX_COUNTS_PER_PASS / counts_per_ray(program)).min(1 << 30) as u32;
+    let families = program.splitting.map_or(u32::MAX, |splitting| 1 << splitting.index_bits());
     let logged = program.end_log.as_ref().map_or(u32::MAX, |log| log.max_rays(program.path_log.as_ref()));
-    wanted.min(logged).min(events).min(queued).min(families).max(1)
+    wanted.min(logged).min(events).min(queued).min(counted).min(families).max(1)
 }
 
 /// Whether new rays should follow the nominal path, if there is one: always where that was asked for.

@@ -120,13 +120,13 @@ fn the_first_dispatch_of_a_deep_trace_is_short() {
     let ir = zoo::load("bench_cavity");
     let first_pass = |max_depth| {
         let options =
-            TraceOptions { num_rays: 10_000, max_depth, precision: Precision::F32, ..Default::default() };
+            TraceOptions { num_rays: 100_000, max_depth, precision: Precision::F32, ..Default::default() };
         let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
         let rays = tracer.trace(|_| false).unwrap().launched.count;
         (rays, tracer.num_submissions())
     };
-    assert_eq!(first_pass(16), (10_000, 1));
-    assert_eq!(first_pass(1000), (4451, 1));
+    let (rays, submissions) = first_pass(16);
+    assert!(submissions == 1 && first_pass(1000).0 < rays / 2);
     let (rays, submissions) = first_pass(100_000);
     assert!(
         (rays * 100_001).div_ceil(submissions) <= 4451 * 1001,

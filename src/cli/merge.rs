@@ -5,7 +5,7 @@ use super::{read_scene, say};
 use crate::checkpoint::{Checkpoint, Identity};
 use crate::error::{Error, Result};
 use crate::ir::SceneIr;
-use crate::result::{RaySet, RunInfo, SensorTally, Tally, TraceResult, output};
+use crate::result::{RaySet, RunInfo, Tally, TraceResult, output};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 
@@ -77,7 +77,7 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
 
 /// Refuses what does not add up: results of different traces, or of the same rays.
 fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
-    if let Some((path, _)) = paths.iter().zip(parts).find(|(_, part)| lacks_rows(part)) {
+    if let Some((path, _)) = paths.iter().zip(parts).find(|(_, part)| part.lacks_rows()) {
         return Err(Error::Usage(format!(
             "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with --first-ray, which \
              keeps them together",
@@ -109,13 +109,6 @@ fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// True if the rows that go with the sums went elsewhere.
-fn lacks_rows(part: &Checkpoint) -> bool {
-    let tally = &part.tally;
-    let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
-    tally.sensors.iter().any(recorded) || part.identity.has_paths_apart()
 }
 
 /// Whether one run would have given the same bits, and if not, why.

@@ -142,8 +142,8 @@ impl Difference {
     /// Of two estimates that chance alone would set apart.
     fn between(sides: &[Estimate; 2]) -> Self {
         let [a, b] = sides;
-        let (mean, spread) = (mean(sides), spread(sides));
-        let [error_a, error_b] = sides.map(|side| side.error(mean, spread));
+        let mean = mean(sides);
+        let [error_a, error_b] = sides.map(|side| side.error(mean));
         Self::new(a.flux - b.flux, error_a.hypot(error_b))
     }
 }
@@ -158,13 +158,22 @@ struct Estimate {
     hits: u64,
     /// Mean flux of a launched ray \[W\].
     ray: f64,
+    /// Variance that is to be expected over that of hits of equal weight, where there are few hits: less than 1 where hits
+    /// leave a part of them in a cell, or where points are even.
+    spread: f64,
 }
 
 impl Estimate {
     fn of_total(Side { detector, ray }: Side) -> Self {
         let (flux, hits) = (total_flux(detector), detector.num_rays_hit);
         let error = detector.total_flux_standard_error.filter(|error| error.is_finite());
-        Estimate { flux, own_error: error.unwrap_or_else(|| error_from_hits(flux, hits)), hits, ray }
+        Estimate {
+            flux,
+            own_error: error.unwrap_or_else(|| error_from_hits(flux, hits)),
+            hits,
+            ray,
+            spread: 1.0,
+        }
     }
 
     fn has_many_hits(&self) -> bool {
@@ -178,16 +187,18 @@ impl Estimate {
         flux.max(f64::MIN_POSITIVE)
     }
 
-    /// Standard error, if the flux is to be expected to be `mean`, and its variance `spread` times that of hits of equal
-    /// weight: few hits are no measure of their own error.
-    fn error(&self, mean: f64, spread: f64) -> f64 {
-        let expected = if self.has_many_hits() { 0.0 } else { (spread * mean * self.flux_of_a_hit()).sqrt() };
-        self.own_error.max(expected)
+    /// Standard error, if the flux is to be expected to be `mean`. Who has too few hits by chance has too small an error of
+    /// its own, and few hits are no measure of theirs.
+    fn error(&self, mean: f64) -> f64 {
+        if self.has_many_hits() {
+            return self.own_error * (mean / self.flux).max(1.0).sqrt();
+        }
+        self.own_error.max((self.spread * mean * self.flux_of_a_hit()).sqrt())
     }
 
     /// True if so many hits are to be expected that their number is all but normally distributed.
     fn is_normal(&self, mean: f64) -> bool {
-        self.has_many_hits() || mean / self.flux_of_a_hit() >= LEAST_HITS as f64
+        mean / self.flux_of_a_hit() >= LEAST_HITS as f64
     }
 }
 
@@ -196,14 +207,6 @@ fn mean(sides: &[Estimate; 2]) -> f64 {
     let hits = |side: &Estimate| side.flux / side.flux_of_a_hit();
     let hits_per_watt = |side: &Estimate| side.flux_of_a_hit().recip();
     sides.iter().map(hits).sum::<f64>() / sides.iter().map(hits_per_watt).sum::<f64>()
-}
-
-/// Variance over that of hits of equal weight, by a side that has many hits; less than 1 where a hit leaves a part of it in
-/// a cell, more where weights differ.
-fn spread(sides: &[Estimate; 2]) -> f64 {
-    let of = |side: &Estimate| side.own_error.powi(2) / (side.flux * side.flux_of_a_hit());
-    let known = sides.iter().filter(|side| side.has_many_hits()).map(of).filter(|spread| spread.is_finite());
-    known.reduce(f64::max).unwrap_or(1.0)
 }
 
 /// Of a ray database that of all rows: which are kept depends on the number of rays.
@@ -283,8 +286,16 @@ impl<'a> Cells<'a> {
             let size = self.sizes[index / cells_per_row];
             let flux = value * size;
             let own_error = errors.next().map_or_else(|| error_from_hits(flux, hits), |error| error * size);
-            Estimate { flux, own_error, hits, ray: self.ray }
+            Estimate { flux, own_error, hits, ray: self.ray, spread: 1.0 }
         })
+    }
+
+    /// Variance of all cells with many hits over that of hits of equal weight; 1 where there are none.
+    fn spread(&self) -> f64 {
+        let sums = self.iter().filter(Estimate::has_many_hits).fold((0.0, 0.0), |(own, equal), cell| {
+            (own + cell.own_error.powi(2), equal + cell.flux * cell.flux_of_a_hit())
+        });
+        if sums.1 > 0.0 { sums.0 / sums.1 } else { 1.0 }
     }
 }
 
@@ -300,7 +311,9 @@ fn maps(a: Side, b: Side, limit: f64) -> Result<Option<MapComparison>, String> {
         return Err(format!("its cells are {:?} in A, {:?} in B", a.values.shape(), b.values.shape()));
     }
     let (mut num_cells, mut squares, mut largest) = (0, 0.0, None::<(f64, usize)>);
-    for (index, cell) in a.iter().zip(b.iter()).map(|(a, b)| [a, b]).enumerate() {
+    let spreads = [a.spread(), b.spread()];
+    for (index, (in_a, in_b)) in a.iter().zip(b.iter()).enumerate() {
+        let cell = [Estimate { spread: spreads[0], ..in_a }, Estimate { spread: spreads[1], ..in_b }];
         let mean = mean(&cell);
         if !cell.iter().all(|side| side.is_normal(mean)) {
             continue;
@@ -378,7 +391,7 @@ mod tests {
 
     fn estimate(hits: u64, flux_of_a_hit: f64, ray: f64) -> Estimate {
         let flux = hits as f64 * flux_of_a_hit;
-        Estimate { flux, own_error: error_from_hits(flux, hits) * f64::from(u8::from(hits > 0)), hits, ray }
+        Estimate { flux, own_error: error_from_hits(flux, hits), hits, ray, spread: 1.0 }
     }
 
     fn score_and_is_compared(sides: [Estimate; 2]) -> (f64, bool) {
@@ -400,7 +413,11 @@ mod tests {
         // Light rays on both sides.
         let (score, is_compared) =
             score_and_is_compared([estimate(900, 0.002, 1.0), estimate(1000, 0.002, 1.0)]);
-        assert!(is_compared && (score + 100.0 / 1900_f64.sqrt()).abs() < 1e-9, "{score}");
+        // Of 950 or so each.
+        assert!(is_compared && (score + 100.0 / 1947_f64.sqrt()).abs() < 0.01, "{score}");
+        // Too few by chance have no smaller error for that.
+        let (score, _) = score_and_is_compared([estimate(16, 1.0, 1.0), estimate(36_000, 0.001, 0.001)]);
+        assert!((score + 20.0 / 6.0).abs() < 0.1, "{score}");
     }
 
     #[test]

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::result::report::Files;
 use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
 use rayon::prelude::*;
+use serde_json::Value;
 
 /// Name of the document in the folder.
 pub const REPORT: &str = "report.json";
@@ -109,6 +110,7 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         if extras.pictures {
             let picture = format!("{stem}.png");
             let path = folder.join(&picture);
+            files.pictures.insert(detector.name.clone(), picture.clone());
             names.push(picture);
             match &detector.data {
                 // One at a time: it holds as many points as a picture shows.
@@ -167,17 +169,17 @@ fn install(staged: &Path, old: &Path, dir: &Path, names: &[String]) -> Result<()
 /// The files of the result that a folder holds, as its report names them; none where there is no such report.
 fn files_before(dir: &Path) -> Vec<String> {
     let text = fs::read_to_string(dir.join(REPORT)).unwrap_or_default();
-    let Ok(report) = serde_json::from_str::<Report>(&text) else { return Vec::new() };
-    let data = report.detectors.values().filter_map(|detector| detector["file"].as_str());
-    let detectors = data.flat_map(|data| {
-        let picture = data.strip_suffix(".npz").map(|stem| format!("{stem}.png"));
-        [Some(data.to_string()), picture].into_iter().flatten()
-    });
-    let others = [report.ray_paths.clone(), Some(TALLY.to_string())].into_iter().flatten();
+    let report: Value = serde_json::from_str(&text).unwrap_or_default();
+    if report["program"] != env!("CARGO_PKG_NAME") {
+        return Vec::new();
+    }
+    let detectors = report["detectors"].as_object().into_iter().flat_map(|detectors| detectors.values());
+    let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
+    let names = of_detectors.chain([&report["ray_paths"]]).filter_map(Value::as_str).chain([TALLY]);
     // A report that somebody has changed could name files elsewhere.
     let is_here =
-        |name: &String| Path::new(name).file_name() == Some(name.as_ref()) && dir.join(name).is_file();
-    detectors.chain(others).filter(is_here).collect()
+        |name: &&str| Path::new(name).file_name() == Some(name.as_ref()) && dir.join(name).is_file();
+    names.filter(is_here).map(String::from).collect()
 }
 
 /// Takes the old files away, `report.json` first: whoever finds a report finds the files that it describes.
@@ -197,7 +199,7 @@ fn remove_new(staged: &Path, dir: &Path, names: &[String]) {
 
 /// Undoes [`retire`] as far as it went. What cannot be undone has no better place to go.
 fn put_back<'a>(old: &Path, dir: &Path, names: impl Iterator<Item = &'a String>) {
-    for name in names.filter(|name| old.join(name).exists()) {
+    for name in names.filter(|name| old.join(name).symlink_metadata().is_ok()) {
         let _ = fs::rename(old.join(name), dir.join(name));
     }
 }
@@ -270,13 +272,16 @@ mod tests {
         fs::write(staged.join("a.npz"), "new").unwrap();
         fs::write(staged.join(REPORT), "new").unwrap();
         fs::write(folder.path().join("a.npz"), "old").unwrap();
-        fs::write(folder.path().join(REPORT), "old").unwrap();
+        fs::write(folder.path().join("stale.npz"), "old").unwrap();
+        let report = r#"{"program": "nsq-gpu", "detectors": {"stale": {"file": "stale.npz"}}}"#;
+        fs::write(folder.path().join(REPORT), report).unwrap();
+        assert_eq!(files_before(folder.path()), ["stale.npz"]);
         let names = ["a.npz", "b.npz", REPORT].map(String::from);
         let error = install(&staged, &staging.path().join("old"), folder.path(), &names).unwrap_err();
         assert!(matches!(error, Error::File { path, .. } if path == folder.path().join("b.npz")));
-        for name in ["a.npz", REPORT] {
-            assert_eq!(fs::read_to_string(folder.path().join(name)).unwrap(), "old");
+        for (name, text) in [("a.npz", "old"), ("stale.npz", "old"), (REPORT, report)] {
+            assert_eq!(fs::read_to_string(folder.path().join(name)).unwrap(), text);
         }
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 }

@@ -96,9 +96,9 @@ pub struct Report {
     /// and compiling are in it. Null where no command traced, as in merged results.
     #[serde(default)]
     pub first_rays_sec: Option<f64>,
-    /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, ...}}` in scene
-    /// order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard errors of
-    /// the cells that are not dark. Both errors are null where they are not known; `file` is null if no file was written.
+    /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, picture, ...}}`
+    /// in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard errors of
+    /// the cells that are not dark. Both errors are null where they are not known; `file` and `picture` if none was written.
     /// Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
     /// flux is `total_flux`; `total_flux_recorded`, that of all rows; and `frame`, whose `axes` are the local x, y, z in
     /// global coordinates and whose `origin` is in mm.
@@ -119,6 +119,8 @@ pub struct Report {
 pub struct Files {
     /// `.npz` file per detector name.
     pub detectors: HashMap<String, String>,
+    /// `.png` file per detector name.
+    pub pictures: HashMap<String, String>,
     /// File of the recorded paths.
     pub ray_paths: Option<String>,
 }
@@ -190,6 +192,7 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "mean_relative_error": detector.mean_relative_error(),
             "num_rays_hit": detector.num_rays_hit,
             "file": files.detectors.get(&detector.name),
+            "picture": files.pictures.get(&detector.name),
         });
         match &detector.data {
             DetectorData::Irradiance(IrradianceMap { width, height, .. })

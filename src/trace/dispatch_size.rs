@@ -40,10 +40,10 @@ impl DispatchSize {
         self.submissions
     }
 
-    /// Takes note of what a dispatch took that should not take longer than `target`. One of few rays, as the last of a source
-    /// often is, tells little.
+    /// Takes note of what a dispatch took that should not take longer than `target`. One of few rays, as those of a source
+    /// among many often are, tells only whether that was too long.
     pub(super) fn note(&mut self, rays: u32, time: Duration, target: Duration) {
-        if rays < self.rays.div_ceil(2) {
+        if time <= target && rays < self.rays.div_ceil(2) {
             return;
         }
         let ratio = target.as_secs_f64() / time.as_secs_f64().max(1e-6);
@@ -100,9 +100,10 @@ mod tests {
     }
 
     #[test]
-    fn a_small_rest_tells_nothing() {
+    fn few_rays_tell_what_is_too_long_and_no_more() {
         let mut size = DispatchSize::new(100_000, 1000, 17);
-        assert_eq!(note(&mut size, 49_999, 4000), 100_000);
-        assert_eq!(note(&mut size, 50_000, 4000), 1000);
+        assert_eq!(note(&mut size, 30_000, 120), 10_000);
+        assert_eq!(note(&mut size, 4999, 1), 10_000);
+        assert_eq!(note(&mut size, 5000, 1), 20_000);
     }
 }
