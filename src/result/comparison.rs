@@ -1,7 +1,7 @@
 //! Two results of one scene, detector by detector: whether chance alone explains how far they are apart.
 
-use crate::result::{Detector, DetectorData, IrradianceMap, SpectralMap, TraceResult};
-use ndarray::ArrayViewD;
+use crate::result::{Detector, DetectorData, TraceResult};
+use ndarray::{Array, ArrayViewD, Dimension};
 use serde::Serialize;
 
 /// How far two results, A and B, are apart.
@@ -238,44 +238,38 @@ struct Cells<'a> {
 impl<'a> Cells<'a> {
     fn of(Side { detector, ray }: Side<'a>) -> Option<Self> {
         Some(match &detector.data {
-            DetectorData::Irradiance(IrradianceMap {
-                irradiance,
-                standard_error,
-                hits,
-                width,
-                height,
-                ..
-            }) => {
-                let (ny, nx) = irradiance.dim();
-                Cells {
-                    values: irradiance.view().into_dyn(),
-                    errors: standard_error.as_ref().map(|errors| errors.view().into_dyn()),
-                    hits: hits.view().into_dyn(),
-                    sizes: vec![width * height / (nx * ny) as f64; ny],
-                    ray,
-                }
+            DetectorData::Irradiance(map) => {
+                let (ny, nx) = map.irradiance.dim();
+                let sizes = vec![map.width * map.height / (nx * ny) as f64; ny];
+                Cells::new(&map.irradiance, map.standard_error.as_ref(), &map.hits, sizes, ray)
             }
-            DetectorData::Spectral(SpectralMap {
-                irradiance, standard_error, hits, width, height, ..
-            }) => {
-                let (ny, nx, _) = irradiance.dim();
-                Cells {
-                    values: irradiance.view().into_dyn(),
-                    errors: standard_error.as_ref().map(|errors| errors.view().into_dyn()),
-                    hits: hits.view().into_dyn(),
-                    sizes: vec![width * height / (nx * ny) as f64; ny],
-                    ray,
-                }
+            DetectorData::Spectral(map) => {
+                let (ny, nx, _) = map.irradiance.dim();
+                let sizes = vec![map.width * map.height / (nx * ny) as f64; ny];
+                Cells::new(&map.irradiance, map.standard_error.as_ref(), &map.hits, sizes, ray)
             }
-            DetectorData::FarField(pattern) => Cells {
-                values: pattern.intensity.view().into_dyn(),
-                errors: pattern.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
-                hits: pattern.hits.view().into_dyn(),
-                sizes: pattern.solid_angles().to_vec(),
-                ray,
-            },
+            DetectorData::FarField(pattern) => {
+                let sizes = pattern.solid_angles().to_vec();
+                Cells::new(&pattern.intensity, pattern.standard_error.as_ref(), &pattern.hits, sizes, ray)
+            }
             DetectorData::RayDatabase(_) => return None,
         })
+    }
+
+    fn new<D: Dimension>(
+        values: &'a Array<f64, D>,
+        errors: Option<&'a Array<f64, D>>,
+        hits: &'a Array<u64, D>,
+        sizes: Vec<f64>,
+        ray: f64,
+    ) -> Self {
+        Cells {
+            values: values.view().into_dyn(),
+            errors: errors.map(|errors| errors.view().into_dyn()),
+            hits: hits.view().into_dyn(),
+            sizes,
+            ray,
+        }
     }
 
     /// Every cell, in the order of the indices.

@@ -37,7 +37,7 @@ impl FarFieldPattern {
     ) -> Result<Self> {
         let (rows, columns) = (num_theta as usize, num_phi as usize);
         let theta = bin_centres(0.0, THETA_MAX, rows);
-        let solid_angle = solid_angles(&theta, columns);
+        let solid_angle = solid_angles(rows, columns);
         let size = |cell: usize| solid_angle[cell / columns];
         let intensity = map_lit(&sums.quanta, |cell, quanta| unit.watts(quanta) / size(cell));
         Ok(FarFieldPattern {
@@ -54,7 +54,8 @@ impl FarFieldPattern {
 
     /// Solid angle of a bin in each ring \[sr\], shape (n_theta,).
     pub(crate) fn solid_angles(&self) -> Array1<f64> {
-        solid_angles(&self.theta, self.phi.len())
+        let (rows, columns) = self.intensity.dim();
+        solid_angles(rows, columns)
     }
 
     pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
@@ -78,9 +79,10 @@ impl FarFieldPattern {
 }
 
 /// Optiland's: sin(theta centre) times the widths.
-fn solid_angles(theta: &Array1<f64>, columns: usize) -> Array1<f64> {
-    let width = |edges: Vec<f64>| (edges[1] - edges[0]).to_radians();
-    let d_theta = width(bin_edges(0.0, THETA_MAX, theta.len()));
+fn solid_angles(rows: usize, columns: usize) -> Array1<f64> {
+    // A file of no bins has no second edge.
+    let width = |edges: Vec<f64>| edges.windows(2).next().map_or(0.0, |bin| (bin[1] - bin[0]).to_radians());
+    let d_theta = width(bin_edges(0.0, THETA_MAX, rows));
     let d_phi = width(bin_edges(-180.0, 180.0, columns));
-    theta.mapv(|centre| centre.to_radians().sin() * d_theta * d_phi)
+    bin_centres(0.0, THETA_MAX, rows).mapv(|centre| centre.to_radians().sin() * d_theta * d_phi)
 }
