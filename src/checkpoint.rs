@@ -159,10 +159,20 @@ impl Identity {
 }
 
 impl Checkpoint {
-    /// True if the rows of ray databases or paths that go with the sums went elsewhere.
-    pub fn lacks_rows(&self) -> bool {
+    /// Refuses sums without the rows of ray databases and paths that belong to them; `option` would have kept them.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] with the path and the option.
+    pub fn check_rows(&self, path: &Path, option: &str) -> Result<()> {
         let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
-        self.tally.sensors.iter().any(recorded) || self.identity.has_paths_apart()
+        if !self.tally.sensors.iter().any(recorded) && !self.identity.has_paths_apart() {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with {option}, which keeps \
+             them together",
+            path.display()
+        )))
     }
 
     /// The contents of a file.

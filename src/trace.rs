@@ -49,6 +49,8 @@ const DEFAULT_LOGGED_BATCH: u32 = 1 << 17;
 const DEFAULT_PLACES_BATCH: u32 = 1 << 18;
 /// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
 const MANY_RAYS: u64 = 8;
+/// Workgroups of a dispatch that keep a processor busy until its end.
+const WORKGROUPS_PER_PROCESSOR: u32 = 4;
 /// Rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
 /// A pass should keep the device for about so long: a desktop stays usable and no watchdog fires.
@@ -380,7 +382,6 @@ impl<'a> Tracer<'a> {
             let pass_time = pass_start.elapsed();
             if !std::mem::take(&mut self.is_compiling) {
                 pace.note(end - position, pass_time);
-                self.note_unlogged(position, end, pass_time);
                 pass_rays = self.next_pass_rays(end - position, pass_time);
             }
             position = end;
@@ -501,18 +502,12 @@ impl<'a> Tracer<'a> {
         if self.end_logs.as_ref().is_some_and(pays) { self.batch } else { self.size.rays() }
     }
 
-    /// Takes note of how long the dispatches of a pass took, where each pass is waited for.
-    fn note_unlogged(&mut self, first: u64, end: u64, time: Duration) {
-        if self.end_logs.is_none() {
-            let num_dispatches = self.ranges(first, end).len().max(1) as u32;
-            let rays = ((end - first) / u64::from(num_dispatches)) as u32;
-            self.size.note(rays, time / num_dispatches, self.pass_time);
-        }
-    }
-
     /// Traces from position `first` to `end` into the device's sums.
     fn pass(&mut self, first: u64, end: u64) -> Result<()> {
-        for range in self.ranges(first, end) {
+        let start = Instant::now();
+        let ranges = self.ranges(first, end);
+        let num_ranges = ranges.len().max(1) as u32;
+        for range in ranges {
             match &mut self.end_logs {
                 Some(logs) if !path_pays(&self.program, &self.options, logs) => {
                     logs.strays().list(&range);
@@ -533,6 +528,10 @@ impl<'a> Tracer<'a> {
         if self.end_logs.is_none() {
             self.gpu.wait()?;
             self.first_end.get_or_insert_with(Instant::now);
+            if !self.is_compiling {
+                let rays = ((end - first) / u64::from(num_ranges)) as u32;
+                self.size.note(rays, start.elapsed() / num_ranges, self.pass_time);
+            }
         }
         self.num_passes += 1;
         // Asking waits for the device, which logs keep busy from one pass to the next.
@@ -995,11 +994,10 @@ fn submit(
 
 /// So few rays that every processor has workgroups enough, or a graphics processor some.
 fn least_rays(gpu: &Gpu, program: &Program) -> u32 {
-    const WORKGROUPS: u32 = 4;
     let num_processors = if gpu.info.is_cpu() { processors::count() as u32 } else { 16 };
     let rays_per_workgroup =
         program.options.workgroup_size * program.options.rays_per_invocation(&program.features);
-    WORKGROUPS * num_processors * rays_per_workgroup
+    WORKGROUPS_PER_PROCESSOR * num_processors * rays_per_workgroup
 }
 
 /// Workgroups as a grid, within the limit of one dimension.
@@ -1076,12 +1074,12 @@ fn lanes_together(gpu: &Gpu, options: &TraceOptions) -> u32 {
 /// So few rays an invocation that a dispatch has several workgroups for each processor.
 fn most_rays_per_invocation(gpu: &Gpu, options: &TraceOptions) -> u32 {
     const MOST: u64 = 8;
-    const WORKGROUPS: u64 = 4;
     if !gpu.info.is_cpu() {
         return 1;
     }
     let processors = processors::count() as u64;
     let dispatch_rays = options.num_rays.min(options.batch_size.unwrap_or(DEFAULT_LOGGED_BATCH).into());
-    (dispatch_rays / (WORKGROUPS * processors * u64::from(options.workgroup_size.max(1)))).clamp(1, MOST)
-        as u32
+    (dispatch_rays
+        / (u64::from(WORKGROUPS_PER_PROCESSOR) * processors * u64::from(options.workgroup_size.max(1))))
+    .clamp(1, MOST) as u32
 }

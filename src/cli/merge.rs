@@ -77,13 +77,7 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
 
 /// Refuses what does not add up: results of different traces, or of the same rays.
 fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
-    if let Some((path, _)) = paths.iter().zip(parts).find(|(_, part)| part.lacks_rows()) {
-        return Err(Error::Usage(format!(
-            "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with --first-ray, which \
-             keeps them together",
-            path.display()
-        )));
-    }
+    paths.iter().zip(parts).try_for_each(|(path, part)| part.check_rows(path, "--first-ray"))?;
     let here = Identity { scene_hash: crate::checkpoint::scene_hash(ir), ..parts[0].identity.clone() };
     for (path, part) in paths.iter().zip(parts) {
         let differences = here.differences(&part.identity);

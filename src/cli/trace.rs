@@ -283,13 +283,9 @@ fn failure(result: &TraceResult) -> Option<Error> {
 /// The sums that the trace goes on from.
 fn beginning(args: &Args, identity: &Identity, resumed: Checkpoint) -> Result<Tally> {
     let differences = identity.differences_from_beginning(&resumed.identity);
-    let file = args.resume.as_deref().unwrap_or(Path::new("")).display();
-    if resumed.lacks_rows() {
-        return Err(Error::Usage(format!(
-            "{file} holds the sums of its rays, but not the rows of ray databases or paths; trace it with --checkpoint, which \
-             keeps them together"
-        )));
-    }
+    let file = args.resume.as_deref().unwrap_or(Path::new(""));
+    resumed.check_rows(file, "--checkpoint")?;
+    let file = file.display();
     if !differences.is_empty() {
         return Err(Error::Usage(format!("{file} is of another trace: {}", differences.join("; "))));
     }

@@ -97,9 +97,9 @@ pub struct Report {
     #[serde(default)]
     pub first_rays_sec: Option<f64>,
     /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, picture, ...}}`
-    /// in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard errors of
-    /// the cells that are not dark. Both errors are null where they are not known; `file` and `picture` if none was written.
-    /// Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
+    /// in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard
+    /// errors of the cells that are not dark. Both errors are null where they are not known; `file` and `picture` if none was
+    /// written. Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
     /// flux is `total_flux`; `total_flux_recorded`, that of all rows; and `frame`, whose `axes` are the local x, y, z in
     /// global coordinates and whose `origin` is in mm.
     pub detectors: Map<String, Value>,
