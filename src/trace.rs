@@ -128,6 +128,8 @@ impl MomentSource {
         let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
         let is_cheap =
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
+        // Rays that a table gives no weight hit detectors all the same: of the error their number says nothing.
+        let is_needed = program::bsdf::kinds(ir).into_iter().any(program::bsdf::BsdfKind::has_table);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
             asked if options.sampler == Sampler::Sobol => match asked {
@@ -135,7 +137,7 @@ impl MomentSource {
                 StandardError::Auto | StandardError::Off => MomentSource::Nowhere,
             },
             _ if program::lowered::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
-            StandardError::Auto if !is_cheap => MomentSource::Nowhere,
+            StandardError::Auto if !is_cheap && !is_needed => MomentSource::Nowhere,
             StandardError::Auto | StandardError::On => MomentSource::Device,
         }
     }

@@ -367,6 +367,19 @@ fn doubtful_finishes_are_warned_of() {
     assert!(warnings(scatterer(narrow)).contains("too narrow"));
     let black = plane(json!({ "interaction": "absorbing", "bsdf": { "type": "specular" } }));
     assert!(warnings(black).contains("the BSDF of \"plane\" is ignored"));
+    let idle = plane(json!({ "interaction": "refractive", "scatter_fraction": 0.5 }));
+    assert!(warnings(idle).contains("the scatter_fraction of \"plane\" changes nothing"));
+    let behind = plane(json!({ "interaction": "absorbing", "material_back": "N-BK7" }));
+    assert!(warnings(behind).contains("the material_back of \"plane\" is ignored"));
+    let wide = json!({ "type": "harvey_shack", "b0": 1.0, "l0": 0.01, "s": 1.5 });
+    assert!(
+        warnings(scatterer(wide)).contains("32.0 % of what it scatters at normal incidence has no direction")
+    );
+    let haze =
+        json!({ "type": "harvey_shack", "b0": 1.0, "l0": 0.01, "s": 4.0, "transmissive_fraction": 0.25 });
+    assert_eq!(warnings(scatterer(haze.clone())), "");
+    let hazy = plane(json!({ "interaction": "refractive", "bsdf": haze }));
+    assert!(warnings(hazy).contains("75.0 % goes to the other side than Fresnel's branch"));
     assert_eq!(warnings(scatterer(json!({ "type": "lambertian" }))), "");
 }
 

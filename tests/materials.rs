@@ -143,6 +143,8 @@ fn data_is_clamped_or_extrapolated_with_a_warning() {
     let warnings = glass.range_warnings(&[0.5876, 2.6]);
     assert_eq!(warnings.len(), 2, "{warnings:?}");
     assert!(warnings[0].contains("extrapolated at 2.6 um"), "{warnings:?}");
+    assert!(!warnings[0].contains("nm"), "{warnings:?}");
+    assert!(glass.range_warnings(&[550.0])[0].ends_with("at 550 um; are these nm? 550 nm are 0.55 um"));
     assert_ne!(glass.n(2.6), glass.n(2.5));
     assert_eq!(glass.k(2.6), glass.k(2.5));
     let metal = entry("Ag");

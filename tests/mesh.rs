@@ -541,8 +541,18 @@ fn a_scene_far_away_keeps_its_mesh_in_f32() {
 // Files.
 
 fn lowered(shapes: &[String], folder: Option<&std::path::Path>) -> nsq_gpu::Result<(SceneIr, Vec<String>)> {
+    lowered_as("absorbing", shapes, folder)
+}
+
+fn lowered_as(
+    interaction: &str,
+    shapes: &[String],
+    folder: Option<&std::path::Path>,
+) -> nsq_gpu::Result<(SceneIr, Vec<String>)> {
     let surface = |(i, shape): (usize, &String)| {
-        format!(r#"{{"name": "part {i}", "cs": {{"z": {i}}}, "interaction": "absorbing", "shape": {shape}}}"#)
+        format!(
+            r#"{{"name": "part {i}", "cs": {{"z": {i}}}, "interaction": "{interaction}", "shape": {shape}}}"#
+        )
     };
     let surfaces: Vec<String> = shapes.iter().enumerate().map(surface).collect();
     let text = format!(
@@ -620,6 +630,50 @@ fn files_and_lists_give_the_same_mesh_once() {
     assert_eq!(ir.meshes.len(), 2);
 }
 
+/// An E, no corner of which sees into all three arms.
+const COMB: &str = "v 0 0 0\nv 3 0 0\nv 3 1 0\nv 1 1 0\nv 1 2 0\nv 3 2 0\nv 3 3 0\nv 1 3 0\nv 1 4 0\nv 3 4 0\nv 3 5 0\n\
+    v 0 5 0\nf 1 2 3 4 5 6 7 8 9 10 11 12\n";
+
+#[test]
+fn faces_of_many_corners_are_covered_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // An L, whose first corner does not see the last but one.
+    let l = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 3 0\nv 0 3 0\nf 2 3 4 \\\n 5 6 1 # an L\n";
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n";
+    for (name, obj, area, triangles) in [("l.obj", l, 4.0, 4), ("square.obj", square, 1.0, 2)] {
+        std::fs::write(folder.path().join(name), obj).unwrap();
+        let shape = format!(r#"{{"type": "mesh", "path": "{name}"}}"#);
+        let (ir, _) = lowered(&[shape], Some(folder.path())).unwrap();
+        let mesh = &ir.meshes[0];
+        let areas = mesh.faces.iter().map(|face| {
+            let [a, b, c] = mesh.corners(*face);
+            0.5 * (b - a).cross(c - a).z
+        });
+        let areas: Vec<f64> = areas.collect();
+        assert_eq!(areas.len(), triangles, "{name}");
+        assert!(areas.iter().all(|area| *area > 0.0), "{name}: {areas:?}");
+        assert!((areas.iter().sum::<f64>() - area).abs() < 1e-14, "{name}: {areas:?}");
+    }
+}
+
+#[test]
+fn solids_that_leak_are_told_by_their_kind() {
+    let mut open = tetrahedron();
+    open.faces.pop();
+    let mut turned = tetrahedron();
+    turned.faces[0].swap(1, 2);
+    let whole = tetrahedron();
+    for (mesh, told) in [
+        (open, "the mesh \"part 0\" is not closed (3 open edges)"),
+        (turned, "faces of the mesh \"part 0\" are turned against their neighbours (along 3 edges)"),
+        (whole, ""),
+    ] {
+        let (_, warnings) = lowered_as("refractive", &[inline(&mesh)], None).unwrap();
+        assert_eq!(warnings.is_empty(), told.is_empty(), "{warnings:?}");
+        assert!(warnings.concat().contains(told), "{warnings:?}");
+    }
+}
+
 #[test]
 fn faces_without_area_are_left_out_loudly() {
     let mut mesh = tetrahedron();
@@ -670,13 +724,17 @@ fn broken_files_are_refused_with_their_line() {
     for (name, contents, problem) in [
         ("short.stl", &b"sol"[..], "the file: it is too short for an STL"),
         ("count.stl", &[b'x'; 100], "bytes are no binary STL of"),
-        ("vertex.stl", b"solid\nfacet\nvertex 1 2\n", "line 3: a vertex needs three numbers"),
+        ("vertex.stl", b"solid\nfacet\nvertex 1 2\n", "line 3: a vertex needs three finite numbers"),
         ("corner.stl", b"solid\nvertex 1 2 3\nendloop\n", "line 3: this facet has 1 corners instead of 3"),
         ("cut.stl", b"solid\nvertex 1 2 3\n", "the end of the file: the last facet is not complete"),
         ("index.obj", b"v 0 0 0\nf 1 1 2\n", "line 2: a face needs three or more vertices that are there"),
         ("zero.obj", b"v 0 0 0\nf 0 1 1\n", "line 2: a face needs"),
         ("line.obj", b"v 0 0 0\nf 1 1\n", "line 2: a face needs"),
         ("text.obj", b"v 0 0 0\n\xff", "byte 8: this is no UTF-8 text"),
+        ("nan.obj", b"v 0 0 nan\n", "line 1: a vertex needs three finite numbers"),
+        ("empty.obj", b"v 0 0 0\n", "it holds no triangle; nsq_gpu.surfaces[0].shape.path names it"),
+        ("truncated.stl", &[&b"solid"[..], &[0xff; 80]].concat(), "85 bytes are no binary STL of"),
+        ("comb.obj", COMB.as_bytes(), "line 13: this face of 12 corners cannot be cut into a fan"),
     ] {
         std::fs::write(folder.path().join(name), contents).unwrap();
         let shape = format!(r#"{{"type": "mesh", "path": "{name}"}}"#);
@@ -684,5 +742,9 @@ fn broken_files_are_refused_with_their_line() {
         assert!(message.contains(name) && message.contains(problem), "{name}: {message}");
     }
     let missing = lowered(&[r#"{"type": "mesh", "path": "missing.stl"}"#.into()], Some(folder.path()));
-    assert!(missing.unwrap_err().to_string().contains("missing.stl"));
+    let missing = missing.unwrap_err().to_string();
+    assert!(
+        missing.contains("missing.stl") && missing.contains("nsq_gpu.surfaces[0].shape.path names it"),
+        "{missing}"
+    );
 }

@@ -345,6 +345,10 @@ fn what_does_not_add_up_is_not_merged() {
     refuse(&["merge", &a, &a], &["both hold the rays 0 to 999"]);
     refuse(&["merge", &a, &c], &["does not add up", "seed: 4 there, 0 here"]);
     refuse(&["merge", &a, &d], &["does not add up", "scene: "]);
+    refuse(
+        &["merge", &a, &a, "--scene", "scenes/bench_cavity.json"],
+        &["bench_cavity.json is not", "--scene"],
+    );
     refuse(&["merge", &a, folder.path().to_str().unwrap()], &["tally.bin"]);
     assert!(!run(&["merge", &a]).status.success());
     refuse(&["trace", LENS, "--target-error", "1%", "--standard-error", "off"], &["--standard-error off"]);

@@ -259,6 +259,22 @@ fn unreached_surfaces_and_thin_sampling_are_warned_about() {
     assert!(warned("'sky' is undersampled: 8.33 hits per pixel"));
     assert!(!warned("'map' is undersampled"));
     assert!(warned("2 % of the launched flux ended at the depth limit"));
+    assert!(!warned("no ray reached"));
+}
+
+#[test]
+fn a_detector_that_no_ray_reached_is_not_called_noisy() {
+    let (ir, mut tally) = everything();
+    tally.sensors[0] = Tally::zeros(&ir).sensors[0].clone();
+    let name = &ir.sensors[0].name;
+    let warnings = TraceResult::new(&ir, &run(1000), &tally).unwrap().diagnostics.warnings;
+    let expected =
+        format!("no ray reached 1 detector(s): {name}; check where they stand and how they are turned");
+    assert!(warnings.contains(&expected), "{warnings:?}");
+    assert!(
+        !warnings.iter().any(|warning| warning.contains(&format!("'{name}' is undersampled"))),
+        "{warnings:?}"
+    );
 }
 
 // ---- against Optiland ----

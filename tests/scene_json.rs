@@ -31,7 +31,7 @@ const SCENE: &str = r#"{
     {"type": "spectral", "name": "W", "cs": {"z": 110.0}, "width": 10.0, "height": 5.0, "num_bins": 3,
      "num_pixels_x": 4, "num_pixels_y": 2, "splat": "gaussian", "splat_sigma": 0.0, "absorb": false},
     {"type": "far_field", "name": "F", "cs": {}},
-    {"type": "ray_database", "name": "R", "cs": {}, "width": 1.0, "height": 2.0}
+    {"type": "ray_database", "name": "R", "cs": {"z": -5.0}, "width": 1.0, "height": 2.0}
   ]
 }"#;
 
@@ -229,6 +229,13 @@ fn overrides_change_surfaces_as_optiland_does() {
 }
 
 #[test]
+fn whole_numbers_may_have_a_point() {
+    let text = SCENE.replace("\"nsq_schema_version\": 1", "\"nsq_schema_version\": 1.0");
+    assert_ne!(text, SCENE);
+    assert_eq!(Scene::from_json(&text).unwrap().file, Scene::from_json(SCENE).unwrap().file);
+}
+
+#[test]
 fn doubtful_materials_and_angles_are_warned_of() {
     let text = SCENE.replace("N-SF5", "SF6").replace("\"rx\": 0.1", "\"rx\": 45");
     let warnings = Scene::from_json(&text).unwrap().warnings;
@@ -278,5 +285,69 @@ fn every_scene_of_the_collection_is_valid() {
     for path in scenes {
         let scene = Scene::from_path(&path).unwrap_or_else(|err| panic!("{}: {err}", path.display()));
         assert!(!scene.lower().unwrap().surfaces.is_empty(), "{}", path.display());
+    }
+}
+
+/// One lens and a detector, with changes.
+fn warnings_of(detectors: &str, block: &str) -> Vec<String> {
+    let text = format!(
+        r#"{{"nsq_schema_version": 1, "components": [{{"type": "lens", "name": "L1", "cs": {{"z": 10.0}}, "config":
+        {{"r1": 50.0, "r2": Infinity, "thickness": 4.0, "material": "N-BK7", "front_aperture_radius": 10.0}}}}],
+        "sources": [{{"type": "point", "name": "S", "cs": {{}}, "total_flux": 1, "spectrum": {{"wavelengths": [0.5, 0.6],
+        "weights": [1, 1]}}}}], "detectors": [{detectors}], "nsq_gpu": {{"version": 1, {block}}}}}"#
+    );
+    Scene::from_json(&text).unwrap().warnings
+}
+
+#[test]
+fn detectors_that_see_nothing_or_more_than_their_name_are_warned_of() {
+    let map = |name: &str, z: f64| {
+        format!(r#"{{"type": "irradiance", "name": "{name}", "cs": {{"z": {z}}}, "width": 9, "height": 9}}"#)
+    };
+    let spectral = |low: f64| {
+        format!(
+            r#"{{"type": "spectral", "name": "C", "cs": {{"z": 90}}, "width": 9, "height": 9, "wl_min": {low}, "wl_max": 0.6}}"#
+        )
+    };
+    let sampling = r#""sampling": {}"#;
+    assert_eq!(warnings_of(&[map("A", 20.0), map("B", 21.0), spectral(0.5)].join(", "), sampling), [""; 0]);
+    let expected = "detector \"B\" lies in the plane of \"L1.back\", which rays meet instead, as in Optiland: move it by a \
+        micrometre";
+    assert_eq!(warnings_of(&[map("A", 20.0), map("B", 14.0)].join(", "), sampling), [expected]);
+    let found = warnings_of(&[map("A", 20.0), map("B", 20.0)].join(", "), sampling);
+    assert_eq!(found, [expected.replace("L1.back", "A")]);
+    let found = warnings_of(&spectral(0.55), sampling);
+    assert_eq!(
+        found,
+        [
+            "detector \"C\" counts light of 0.5 um in its first or last bin, though its bins reach from 0.55 to 0.6 um, as in \
+          Optiland"
+        ]
+    );
+}
+
+#[test]
+fn media_without_a_second_face_and_branches_that_are_never_drawn_are_warned_of() {
+    let map = r#"{"type": "irradiance", "name": "A", "cs": {"z": 90}, "width": 9, "height": 9}"#;
+    let face = |name: &str, z: f64, sides: &str| {
+        format!(
+            r#"{{"name": "{name}", "cs": {{"z": {z}}}, "shape": {{"type": "plane", "width": 30, "height": 30}}, "interaction": "refractive", {sides}}}"#
+        )
+    };
+    let slab = |back: &str| {
+        let faces = [face("in", 30.0, r#""material_back": "SF10""#), face("out", 35.0, back)];
+        format!(r#""surfaces": [{}]"#, faces.join(", "))
+    };
+    let lone =
+        |warnings: Vec<String>| warnings.iter().any(|warning| warning.contains("alone borders on \"SF10\""));
+    assert!(!lone(warnings_of(map, &slab(r#""material_front": "SF10""#))));
+    assert!(lone(warnings_of(map, &slab(r#""material_front": null"#))));
+    for (prob, missing) in
+        [("0", Some("reflection")), ("1", Some("transmission")), ("0.5", None), ("\"auto\"", None)]
+    {
+        let found = warnings_of(map, &format!(r#""sampling": {{"reflect_prob": {prob}}}"#));
+        let told =
+            missing.is_some_and(|missing| found.concat().contains(&format!("no ray takes the {missing} of")));
+        assert_eq!((told, found.len()), (missing.is_some(), usize::from(missing.is_some())), "{found:?}");
     }
 }

@@ -55,7 +55,7 @@ from nsq_gpu.errors import (
     UsageError,
 )
 from nsq_gpu.export import export_scene
-from nsq_gpu.scene_file import load_scene
+from nsq_gpu.loading import load_scene
 
 __all__ = [
     "AdapterError",

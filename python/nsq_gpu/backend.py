@@ -16,7 +16,9 @@ from optiland.nonsequential.tracer import SimulationResult
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
+    NsqGpuError,
     NsqGpuWarning,
+    SceneError,
     ToleranceWarning,
     UnsupportedSceneError,
     UsageError,
@@ -68,6 +70,8 @@ class NsqGpuBackend(TracerBackend):
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
+        if standard_error not in (None, True, False):
+            raise UsageError(f"standard_error is {standard_error!r}; give True, False, or None for what costs little")
         self.seed = seed
         self.precision = precision
         self.adapter = adapter
@@ -110,6 +114,8 @@ class NsqGpuBackend(TracerBackend):
             not_met = self._run(binary, exported, options, folder)
             if not_met is not None:
                 warnings.warn(not_met, ToleranceWarning, stacklevel=_USERS_LINE)
+            if not (folder / "out" / "report.json").exists():
+                raise NsqGpuError(f"{binary} ended without an error, and without a result: is it nsq-gpu?")
             self.report = read_report(folder / "out")
             for warning in self.report["scene_warnings"]:
                 warnings.warn(warning, NsqGpuWarning, stacklevel=_USERS_LINE)
@@ -119,10 +125,10 @@ class NsqGpuBackend(TracerBackend):
                  record_paths: bool | int) -> list[str]:
         seed = seed if seed is not None else self.seed
         options = {
-            "--num-rays": int(num_rays),
+            "--num-rays": _whole("num_rays", num_rays),
             # Optiland keys its draws by the seed modulo 2^64.
-            "--seed": int(seed or 0) % _SEEDS,
-            "--max-depth": int(max_depth),
+            "--seed": _whole("seed", seed or 0) % _SEEDS,
+            "--max-depth": _whole("max_depth", max_depth),
             "--min-flux-fraction": float(min_flux_fraction),
             "--precision": self.precision,
             "--sampler": self.sampler,
@@ -136,7 +142,7 @@ class NsqGpuBackend(TracerBackend):
         if self.adapter is not None:
             options["--adapter"] = self.adapter
         if record_paths:
-            options["--record-paths"] = "all" if record_paths is True else int(record_paths)
+            options["--record-paths"] = "all" if record_paths is True else _whole("record_paths", record_paths)
         return [f"{key}={value}" for key, value in options.items()]
 
     def _run(self, binary: str, exported: ExportedScene, options: list[str], folder: Path) -> str | None:
@@ -151,10 +157,20 @@ class NsqGpuBackend(TracerBackend):
         progress = self.progress if callable(self.progress) else bar
         try:
             code, said = run(command, self.timeout, progress, accepted=(0, TOLERANCE_NOT_MET))
+        except SceneError as error:
+            # The file is ours, and gone when the message is read.
+            raise SceneError(str(error).replace(f"{scene_file}: ", "the exported scene: "), stderr=error.stderr) from None
         finally:
             if bar is not None:
                 bar.close()
         return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
+
+
+def _whole(name: str, number: float) -> int:
+    """Return a whole number, be it written as 1e6."""
+    if int(number) != number:
+        raise UsageError(f"{name} is {number!r}; give a whole number")
+    return int(number)
 
 
 def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:

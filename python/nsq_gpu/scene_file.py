@@ -153,7 +153,7 @@ def _medium(spec: Json) -> BaseMaterial | None:
 
 
 def load_scene(path: str | Path) -> NSQScene:
-    """Build the scene of a file; see :func:`read_document` for what its text may hold.
+    """Build the scene of a file, which is taken for valid; see :func:`read_document` for what its text may hold.
 
     Raises:
         OSError: The file, or one that it names, cannot be read.

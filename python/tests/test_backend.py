@@ -219,6 +219,22 @@ def test_precision_and_sampler_are_checked_at_once() -> None:
         nsq_gpu.NsqGpuBackend(sampler="halton")
 
 
+def test_whole_numbers_are_whole_and_choices_are_choices() -> None:
+    scene = bench()
+    assert scene.trace(1e3, backend=backend()).num_rays_total == 1000
+    for wrong in ({"num_rays": 1.5}, {"num_rays": 10, "seed": 1.5}, {"num_rays": 10, "max_depth": 2.5}):
+        with pytest.raises(nsq_gpu.UsageError, match=r"is \d\.5; give a whole number"):
+            scene.trace(**wrong, backend=backend())
+    with pytest.raises(nsq_gpu.UsageError, match="standard_error is 'yes'"):
+        nsq_gpu.NsqGpuBackend(standard_error="yes")  # type: ignore[arg-type]
+
+
+@posix_only
+def test_a_program_that_is_another_is_named(tmp_path: Path) -> None:
+    with pytest.raises(nsq_gpu.NsqGpuError, match="ended without an error, and without a result: is it nsq-gpu"):
+        bench().trace(10, backend=backend(binary=script(tmp_path, "exit 0")))
+
+
 def test_sobol_points_are_drawn_where_they_are_asked_for() -> None:
     expected = traced(bench(), 100_000, backend())[0].detectors["screen"].total_flux
     for sampler, limit in (("pcg", 0.05), ("sobol", 0.005)):

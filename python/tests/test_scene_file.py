@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
-from nsq_gpu import load_scene
+from nsq_gpu import SceneError, load_scene
+from nsq_gpu.binary import ENVIRONMENT
 from nsq_gpu.scene_file import read_document
 from tests import live
 
@@ -54,3 +57,12 @@ def test_refuses_the_rest_and_says_so(text: str, tmp_path: Path) -> None:
 def test_errors_name_the_place_in_the_file(tmp_path: Path) -> None:
     with pytest.raises(json.JSONDecodeError, match=r"line 3 column 15 \("):
         read_document(written(tmp_path, '{ // one\n/* two\n*/ "a": [1,], b: 2}'))
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('"irradiance"', '"iradiance"', "detectors\\[0\\].type: unknown type"),
+    ('"thickness"', '"thicknes"', "did you mean `thickness`"),
+])
+def test_what_the_command_refuses_is_refused_with_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
+    with mock.patch.dict(os.environ, {ENVIRONMENT: live.binary()}), pytest.raises(SceneError, match=said):
+        load_scene(written(tmp_path, EXAMPLE.replace(old, new)))

@@ -353,7 +353,7 @@ fn map_peers(args: &Args) -> Result<Vec<Optiland>> {
 
 fn chosen_cases(args: &Args) -> Result<Vec<Case>> {
     let quick = if args.quick { QUICK_RAYS } else { u64::MAX };
-    let mut cases = cases::all(args.max_rays.unwrap_or(quick).max(1));
+    let mut cases = cases::all(args.max_rays.unwrap_or(quick));
     let is = |case: &Case, name: &String| case.name == *name || case.axis == name;
     let is_viewer = |name: &str| cfg!(feature = "viewer") && name == VIEWER;
     let is_known = |name: &String| is_viewer(name) || cases.iter().any(|case| is(case, name));

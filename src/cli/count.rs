@@ -14,12 +14,16 @@ pub fn parse(text: &str) -> Result<u64, String> {
         return Ok(count);
     }
     let count = digits.parse::<f64>().map_err(|_| expected())? * scale;
-    // Above 2^53 a float no longer says which integer was meant.
-    if count.fract() == 0.0 && (0.0..=9007199254740992.0).contains(&count) {
-        Ok(count as u64)
-    } else {
-        Err(expected())
+    if count.fract() != 0.0 || count < 0.0 {
+        return Err(expected());
     }
+    // Beyond, a float no longer says which integer was meant.
+    if count > 9007199254740992.0 {
+        return Err(format!(
+            "`{text}` is too many: beyond 2^53, about 9e15, numbers are read in digits alone"
+        ));
+    }
+    Ok(count as u64)
 }
 
 #[cfg(test)]
@@ -41,5 +45,6 @@ mod tests {
         for text in ["", "M", "-1", "1.5", "1e30", "nan", "inf", "ten"] {
             assert!(parse(text).is_err(), "{text}");
         }
+        assert!(parse("1e18").unwrap_err().contains("2^53"));
     }
 }

@@ -41,7 +41,14 @@ pub fn run(args: &Args) -> Result<String> {
         other => other,
     })?;
     let ir = scene.lower()?;
-    check(&ir, &args.results, &parts)?;
+    if crate::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
+        return Err(Error::Usage(format!(
+            "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
+            path.display(),
+            args.results[0].display()
+        )));
+    }
+    check(&args.results, &parts)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
@@ -76,11 +83,10 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
 }
 
 /// Refuses what does not add up: results of different traces, or of the same rays.
-fn check(ir: &SceneIr, paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
+fn check(paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
     paths.iter().zip(parts).try_for_each(|(path, part)| part.check_rows(path, "--first-ray"))?;
-    let here = Identity { scene_hash: crate::checkpoint::scene_hash(ir), ..parts[0].identity.clone() };
     for (path, part) in paths.iter().zip(parts) {
-        let differences = here.differences(&part.identity);
+        let differences = parts[0].identity.differences(&part.identity);
         if !differences.is_empty() {
             return Err(Error::Usage(format!(
                 "{} does not add up with {}: {}",

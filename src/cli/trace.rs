@@ -25,7 +25,14 @@ pub struct Args {
     /// The scene file: Optiland's NSQ JSON, with an optional "nsq_gpu" block.
     scene: PathBuf,
     /// Rays to launch, at most where a target or a time limit is given: 250000, 1e7, 10M.
-    #[arg(short = 'n', long, default_value = "1e6", value_parser = count::parse, value_name = "N")]
+    #[arg(
+        short = 'n',
+        long,
+        default_value = "1e6",
+        value_parser = count::parse,
+        value_name = "N",
+        allow_negative_numbers = true
+    )]
     num_rays: u64,
     /// Number of the first ray, 0 unless given: results of disjoint rays can be merged. The rows of ray databases and
     /// paths then stay in memory, to be written with the sums; so they do with --checkpoint.
@@ -151,7 +158,8 @@ pub enum SamplerArg {
 /// The `--standard-error` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum StandardErrorArg {
-    /// Where a ray ends on every detector, in one cell; with --target-error, always.
+    /// Where a ray ends on every detector, in one cell, and where surfaces scatter by a table or a Harvey-Shack lobe; with
+    /// --target-error, always.
     Auto,
     /// Always: also where rays are spread over pixels, or pass detectors.
     On,
@@ -337,8 +345,8 @@ fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
         ir.sampling.reflect_prob = reflect_prob;
     }
     if let Some(rr_start_flux) = args.rr_start_flux {
-        if !(0.0..=1.0).contains(&rr_start_flux) {
-            return Err(Error::Usage(format!("--rr-start-flux is {rr_start_flux}; it must lie in 0..=1")));
+        if !(0.0..=1e30).contains(&rr_start_flux) {
+            return Err(Error::Usage(format!("--rr-start-flux is {rr_start_flux}; it must lie in 0..=1e30")));
         }
         ir.sampling.rr_start_flux = rr_start_flux;
     }

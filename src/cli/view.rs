@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long)]
     side_view: bool,
     /// Draw the window into a PNG file once everything is traced; no display is needed.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = parse_picture)]
     screenshot: Option<PathBuf>,
     /// Size of the picture in points.
     #[arg(long, value_name = "WxH", default_value = "1440x900", value_parser = parse_size)]
@@ -81,6 +81,12 @@ fn parse_size(text: &str) -> std::result::Result<(f32, f32), String> {
     sides.ok_or_else(|| format!("`{text}` is not a size; write 1440x900, each side in 320..=8192"))
 }
 
+fn parse_picture(text: &str) -> std::result::Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    if is_png { Ok(path) } else { Err(format!("`{text}` does not end in .png; the picture is a PNG file")) }
+}
+
 fn parse_pixels_per_point(text: &str) -> std::result::Result<f32, String> {
     let number = text.parse::<f32>().ok().filter(|number| (0.5..=4.0).contains(number));
     number.ok_or_else(|| format!("`{text}` is not a number in 0.5..=4"))
@@ -109,9 +115,28 @@ pub fn run(args: &Args) -> Result<String> {
     Ok(String::new())
 }
 
+/// A folder holds what was traced already.
+fn refuse_options_of_traces(args: &Args) -> Result<()> {
+    let given = [
+        ("-n", args.num_rays.is_some()),
+        ("--seed", args.seed.is_some()),
+        ("--max-depth", args.max_depth.is_some()),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        None => Ok(()),
+        Some((option, _)) => Err(Error::Usage(format!(
+            "{option} is for traces, and {} holds the results of one; name the scene file to trace anew",
+            args.path.display()
+        ))),
+    }
+}
+
 fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     let device = Device::on(args.adapter.clone());
     let mut model = Model::open(&args.path, settings, device, notify)?;
+    if model.a().is_some() {
+        refuse_options_of_traces(args)?;
+    }
     let run = &mut model.run;
     run.num_rays = args.num_rays.unwrap_or(run.num_rays);
     run.seed = args.seed.unwrap_or(run.seed);

@@ -113,7 +113,7 @@ fn cumulative(weights: &[f64]) -> Vec<f64> {
     sums
 }
 
-fn sensor(detector: &Detector, extra: Option<&DetectorExtra>) -> Sensor {
+pub(crate) fn sensor(detector: &Detector, extra: Option<&DetectorExtra>) -> Sensor {
     let frame: Frame = frame_of(detector.cs());
     let (kind, absorb) = match detector {
         Detector::Irradiance(d) => {

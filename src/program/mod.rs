@@ -37,7 +37,10 @@ use side_paths::SidePath;
 pub use splitting::Splitting;
 use sums::SumBuffers;
 
-/// Up to so many primitives the scene is compiled in; above, it lies in tables.
+/// Up to so many primitives the scene is compiled in; above, it lies in tables, and a tree finds the nearest. On lavapipe
+/// (Zen 3, both ways in turns) lenses in a row, whose boxes most rays cross, are traced as fast by the tree from some 45
+/// primitives on in f32 and 25 to 40 in f64, mirrors scattered off the axis from 18 and 14 on. Shaders that have 32
+/// primitives compiled in take two to three times as long to compile.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
 /// Up to so many detectors stand apart from the tree.
 const MAX_SENSORS_APART: usize = 8;

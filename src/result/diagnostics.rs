@@ -82,7 +82,7 @@ impl DetectorDiagnostic {
     }
 
     fn warning(&self) -> Option<String> {
-        let mean = self.mean_hits_per_pixel.filter(|_| self.undersampled)?;
+        let mean = self.mean_hits_per_pixel.filter(|mean| self.undersampled && *mean > 0.0)?;
         let remedy = self.rays_needed_for_5pct.map_or(String::new(), |rays| {
             format!("; about {} rays would bring the mean error to 5 %", thousands(rays))
         });
@@ -124,6 +124,7 @@ impl Diagnostics {
         warnings.extend(result.run.scene_warnings.iter().cloned());
         warnings.extend(self.flux_warnings(result.ledger.closes()));
         warnings.extend(self.unreached());
+        warnings.extend(unlit(result));
         warnings.extend(self.detectors.iter().filter_map(DetectorDiagnostic::warning));
         warnings.extend(result.detectors.iter().filter_map(truncated_database));
         warnings.extend(self.underflows());
@@ -183,8 +184,9 @@ impl Diagnostics {
     fn underflows(&self) -> Option<String> {
         (self.medium_stack_underflows > 0).then(|| {
             format!(
-                "{} time(s) a ray left a solid that it had never entered: expected of rays born inside a solid, and where \
-                 faces of a solid scatter; otherwise the sides of some surface have the wrong media",
+                "{} time(s) a ray left a solid that it had never entered: expected of rays born inside a solid, where faces \
+                 of a solid scatter, and at a lone face in air, such as a coated pellicle; otherwise the sides of some \
+                 surface have the wrong media",
                 thousands(self.medium_stack_underflows)
             )
         })
@@ -231,6 +233,18 @@ fn partial(result: &TraceResult) -> Option<String> {
             "{why}: {} of {} rays; fluxes are scaled to all that the sources emit",
             thousands(result.num_rays_total),
             thousands(result.run.num_rays)
+        )
+    })
+}
+
+fn unlit(result: &TraceResult) -> Option<String> {
+    let unlit = result.detectors.iter().filter(|detector| detector.num_rays_hit == 0);
+    let names: Vec<&str> = unlit.map(|detector| detector.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "no ray reached {} detector(s): {}; check where they stand and how they are turned",
+            names.len(),
+            names.join(", ")
         )
     })
 }

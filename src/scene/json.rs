@@ -169,6 +169,16 @@ pub enum Material {
     },
 }
 
+impl Material {
+    /// What the user calls it.
+    pub fn name(&self) -> &str {
+        match self {
+            Material::Vacuum => "vacuum",
+            Material::Name(name) | Material::Catalog { name } | Material::Medium { name } => name,
+        }
+    }
+}
+
 impl JsonSchema for Material {
     fn schema_name() -> Cow<'static, str> {
         "Material".into()
@@ -365,10 +375,10 @@ pub struct SpectralDetector {
     /// Pixels along y.
     #[serde(default = "pixels")]
     pub num_pixels_y: u32,
-    /// Lower end of the first bin \[um\].
+    /// Lower end of the first bin \[um\], which also counts what is shorter.
     #[serde(default = "violet")]
     pub wl_min: f64,
-    /// Upper end of the last bin \[um\].
+    /// Upper end of the last bin \[um\], which also counts what is longer.
     #[serde(default = "red")]
     pub wl_max: f64,
     /// Wavelength bins.
@@ -393,7 +403,7 @@ pub struct FarFieldDetector {
     pub name: String,
     /// Position and orientation.
     pub cs: CoordinateSystem,
-    /// Bins of the polar angle, 0 to 90 degrees.
+    /// Bins of the polar angle, 0 to 90 degrees from the axis, forwards and backwards together.
     #[serde(default = "ninety")]
     pub num_bins_theta: u32,
     /// Bins of the azimuth, -180 to 180 degrees.
@@ -519,7 +529,7 @@ pub struct RawSurface {
     /// Fraction of the rays that the scatter model takes.
     #[serde(default = "one")]
     pub scatter_fraction: f64,
-    /// Coating of a refractive surface.
+    /// Coating of a refractive surface; of a reflective one its reflectance counts.
     #[serde(default)]
     pub coating: Option<Coating>,
 }
@@ -682,13 +692,14 @@ pub enum Bsdf {
     },
     /// b0 / (1 + (beta / l0)^s) in the distance of direction cosines from specular.
     HarveyShack {
-        /// Peak \[1/sr\].
+        /// Peak \[1/sr\]; as in Optiland it changes nothing, the lobe's level is the surface's `scatter_fraction`.
         b0: f64,
         /// Shoulder.
         l0: f64,
         /// Slope.
         s: f64,
-        /// Fraction of the scattered rays that are transmitted.
+        /// Fraction of the scattered rays that go straight on; on a refractive surface, from Fresnel's branch.
+        /// The others are mirrored, there to the other side.
         #[serde(default)]
         transmissive_fraction: f64,
     },

@@ -121,17 +121,18 @@ impl Entry {
         beyond: &str,
         wavelengths: &[f64],
     ) -> Option<String> {
-        let outside: Vec<String> = wavelengths
-            .iter()
-            .filter(|&&wavelength| !(range.0..=range.1).contains(&wavelength))
-            .map(f64::to_string)
-            .collect();
         let (low, high) = range;
+        let is_known = |wavelength: f64| (low..=high).contains(&wavelength);
+        let outside: Vec<f64> =
+            wavelengths.iter().copied().filter(|&wavelength| !is_known(wavelength)).collect();
+        let in_nm = outside.iter().map(|wavelength| 1e-3 * wavelength).find(|&um| is_known(um));
+        let hint = in_nm.map_or(String::new(), |um| format!("; are these nm? {} nm are {um} um", 1e3 * um));
+        let places: Vec<String> = outside.iter().map(f64::to_string).collect();
         (!outside.is_empty()).then(|| {
             let path = &self.path;
             format!(
-                "{path}: {what} is known from {low} to {high} um, and {beyond} at {} um",
-                listed(&outside)
+                "{path}: {what} is known from {low} to {high} um, and {beyond} at {} um{hint}",
+                listed(&places)
             )
         })
     }

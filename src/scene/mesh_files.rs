@@ -39,8 +39,14 @@ pub(super) fn read(path: &Path, place: &str) -> Result<Mesh> {
             return Err(Error::scene(place, problem, "convert the mesh to one of the two"));
         }
     };
-    let bytes = bytes_of(path).map_err(|err| Error::file(path, err))?;
-    parse(&bytes).map_err(|err| Error::file(path, format!("{}: {}", err.place, err.problem)))
+    let bytes = bytes_of(path).map_err(|err| Error::file(path, format!("{err}; {place} names it")))?;
+    let mesh = parse(&bytes).map_err(|err| {
+        Error::file(path, format!("{}: {}; {place} names the file", err.place, err.problem))
+    })?;
+    match mesh.faces.is_empty() {
+        true => Err(Error::file(path, format!("it holds no triangle; {place} names it"))),
+        false => Ok(mesh),
+    }
 }
 
 fn bytes_of(path: &Path) -> std::io::Result<Vec<u8>> {
@@ -90,7 +96,7 @@ fn stl(bytes: &[u8]) -> Parsed {
     let count = count.map(|word| u32::from_le_bytes(word) as usize);
     match count {
         Some(count) if bytes.len() == STL_HEADER + count * STL_TRIANGLE => Ok(binary_stl(bytes)),
-        _ if bytes.trim_ascii_start().starts_with(b"solid") => ascii_stl(&text(bytes)?),
+        _ if bytes.trim_ascii_start().starts_with(b"solid") && bytes.is_ascii() => ascii_stl(&text(bytes)?),
         count => Err(Malformed {
             place: "the file".into(),
             problem: match count {
@@ -139,16 +145,16 @@ fn ascii_stl(text: &str) -> Parsed {
 fn point<'a>(words: impl Iterator<Item = &'a str>, index: usize) -> std::result::Result<DVec3, Malformed> {
     let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).take(3).collect();
     match numbers[..] {
-        [x, y, z] => Ok(DVec3::new(x, y, z)),
-        _ => Err(at_line(index, "a vertex needs three numbers")),
+        [x, y, z] if DVec3::new(x, y, z).is_finite() => Ok(DVec3::new(x, y, z)),
+        _ => Err(at_line(index, "a vertex needs three finite numbers")),
     }
 }
 
-/// Faces of more than three corners are cut into a fan, which is right for convex ones.
+/// Faces of more than three corners are cut into a fan.
 fn obj(text: &str) -> Parsed {
     let mut mesh = Mesh::default();
-    for (index, line) in text.lines().enumerate() {
-        let mut words = line.split_whitespace();
+    for (index, line) in logical_lines(text) {
+        let mut words = line.split('#').next().unwrap_or("").split_whitespace();
         match words.next() {
             Some("v") => mesh.vertices.push(point(words, index)? + DVec3::ZERO),
             Some("f") => {
@@ -157,12 +163,52 @@ fn obj(text: &str) -> Parsed {
                 let corners = corners
                     .filter(|corners| corners.len() >= 3)
                     .ok_or_else(|| at_line(index, "a face needs three or more vertices that are there"))?;
-                mesh.faces.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+                let triangles = fan(&corners, &mesh.vertices).ok_or_else(|| {
+                    at_line(
+                        index,
+                        format!(
+                            "this face of {} corners cannot be cut into a fan; cut it into triangles",
+                            corners.len()
+                        ),
+                    )
+                })?;
+                mesh.faces.extend(triangles);
             }
             _ => {}
         }
     }
     Ok(mesh)
+}
+
+/// Lines with the index of their first: a backslash at the end of one joins the next to it.
+fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
+    let mut lines = text.lines().enumerate();
+    std::iter::from_fn(move || {
+        let (index, line) = lines.next()?;
+        let mut joined = line.to_owned();
+        while let Some(begun) = joined.trim_end().strip_suffix('\\') {
+            let next = lines.next().map_or("", |(_, next)| next);
+            joined = format!("{begun} {next}");
+        }
+        Some((index, joined))
+    })
+}
+
+/// The triangles from the first corner that sees every other, so that each point of the face lies in one of them; none
+/// if no corner does.
+fn fan(corners: &[u32], vertices: &[DVec3]) -> Option<Vec<[u32; 3]>> {
+    let from = |start: usize| {
+        let corner = move |i: usize| corners[(start + i) % corners.len()];
+        (1..corners.len() - 1).map(move |i| [corner(0), corner(i), corner(i + 1)])
+    };
+    let normal = |triangle: [u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| vertices[vertex as usize]);
+        (b - a).cross(c - a)
+    };
+    let whole: DVec3 = from(0).map(normal).sum();
+    let sees_all =
+        |start: &usize| corners.len() == 3 || from(*start).all(|triangle| normal(triangle).dot(whole) >= 0.0);
+    (0..corners.len()).find(sees_all).map(|start| from(start).collect())
 }
 
 /// `7`, `7/1`, `7//3`: vertices count from 1, or backwards from -1.

@@ -169,24 +169,31 @@ fn drop_degenerate(mesh: &mut Mesh, name: &str) -> Option<String> {
 /// Says where a solid would leak: an edge of a closed mesh belongs to two faces, which run along it in opposite
 /// directions.
 fn open_edges(mesh: &Mesh, name: &str) -> Option<String> {
-    let mut balance: HashMap<([u64; 3], [u64; 3]), i64> = HashMap::new();
+    let mut edges: HashMap<([u64; 3], [u64; 3]), [u32; 2]> = HashMap::new();
     for face in &mesh.faces {
         let corners = mesh.corners(*face).map(bits);
         for (from, to) in [(0, 1), (1, 2), (2, 0)] {
-            let (key, step) = match corners[from] <= corners[to] {
-                true => ((corners[from], corners[to]), 1),
-                false => ((corners[to], corners[from]), -1),
+            let (key, direction) = match corners[from] <= corners[to] {
+                true => ((corners[from], corners[to]), 0),
+                false => ((corners[to], corners[from]), 1),
             };
-            *balance.entry(key).or_default() += step;
+            edges.entry(key).or_default()[direction] += 1;
         }
     }
-    let open = balance.values().filter(|&&count| count != 0).count();
-    (open > 0).then(|| {
-        format!(
+    let uneven = || edges.values().filter(|[there, back]| there != back);
+    let open = uneven().filter(|[there, back]| (there + back) % 2 == 1).count();
+    match (open, uneven().count() - open) {
+        (0, 0) => None,
+        (0, turned) => Some(format!(
+            "faces of the mesh {} are turned against their neighbours (along {turned} edges): rays take its inside for its \
+             outside there",
+            quoted(name)
+        )),
+        (open, _) => Some(format!(
             "the mesh {} is not closed ({open} open edges): it bounds a solid only with other surfaces",
             quoted(name)
-        )
-    })
+        )),
+    }
 }
 
 fn bits(vertex: DVec3) -> [u64; 3] {

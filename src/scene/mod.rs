@@ -7,6 +7,7 @@ mod bsdf;
 mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
+mod doubts;
 mod frame;
 pub mod json;
 pub mod materials;
@@ -85,6 +86,7 @@ impl Scene {
         let surfaces = surfaces::build(&file, &wavelengths, &meshes, folder, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         let meshes = meshes.meshes;
+        warnings.extend(doubts::of(&file, &surfaces, &wavelengths));
         Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, meshes, media })
     }
 
@@ -147,7 +149,8 @@ fn check_versions(tree: &Value) -> Result<()> {
 }
 
 fn check_version(place: &str, found: &Value, read: u64) -> Result<()> {
-    if found.as_u64() == Some(read) {
+    // Optiland, too, takes 1.0 for 1.
+    if found.as_f64() == Some(read as f64) {
         return Ok(());
     }
     let found = place::ticked(&found.to_string());

@@ -121,6 +121,12 @@ fn single(
         scatter_fraction: raw.scatter_fraction,
     };
     let refractive = raw.interaction == Interaction::Refractive;
+    if !refractive && ![&Material::Vacuum, &raw.material_front].contains(&&raw.material_back) {
+        reading.warnings.push(format!(
+            "the material_back of {} is ignored, because its interaction is not `refractive`",
+            quoted(&raw.name)
+        ));
+    }
     Ok(SceneSurface {
         name: raw.name.clone(),
         frame: moved(&frame_of(&raw.cs), mesh.map_or(DVec3::ZERO, |mesh| mesh.centre)),
@@ -229,6 +235,12 @@ impl Finish<'_> {
                     .warnings
                     .push(format!("the {what} of {} is ignored, because it is `absorbing`", quoted(name)));
             }
+        }
+        if self.scatter_fraction < 1.0 && self.bsdf.is_none() {
+            reading.warnings.push(format!(
+                "the scatter_fraction of {} changes nothing, because it has no `bsdf`",
+                quoted(name)
+            ));
         }
         match self.bsdf {
             Some(bsdf) if !absorbs => {
