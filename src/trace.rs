@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::end_log::{EndLogs, Rays};
 use crate::gpu::profile::Profile;
-use crate::ir::{SceneIr, ray_id};
+use crate::ir::{PixelGrid, SceneIr, Sensor, Splat, ray_id};
 use crate::nominal;
 use crate::processors;
 use crate::program::lowered::ReachedMarks;
@@ -128,8 +128,7 @@ impl MomentSource {
         let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
         let is_cheap =
             !program::features::splits(ir) && ir.sensors.iter().all(program::lowered::takes_rays_whole);
-        // Rays that a table gives no weight hit detectors all the same: of the error their number says nothing.
-        let is_needed = program::bsdf::kinds(ir).into_iter().any(program::bsdf::BsdfKind::has_table);
+        let is_needed = hits_say_little(ir);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
             asked if options.sampler == Sampler::Sobol => match asked {
@@ -141,6 +140,20 @@ impl MomentSource {
             StandardError::Auto | StandardError::On => MomentSource::Device,
         }
     }
+}
+
+/// True where rays without weight hit detectors, as a table or a Harvey-Shack lobe leaves them, so that the number of hits says
+/// nothing of the error; but where squares would be many or dear, nobody sums them unasked.
+fn hits_say_little(ir: &SceneIr) -> bool {
+    const MOST_CELLS: usize = 1 << 22;
+    let is_near = |sensor: &Sensor| {
+        let is_wide = |grid: &PixelGrid| matches!(grid.splat, Splat::Gaussian { .. });
+        sensor.absorb && !sensor.kind.grid().is_some_and(is_wide)
+    };
+    program::bsdf::kinds(ir).into_iter().any(program::bsdf::BsdfKind::has_table)
+        && !program::features::splits(ir)
+        && ir.sensors.iter().all(is_near)
+        && ir.sensors.iter().map(Sensor::num_cells).sum::<usize>() <= MOST_CELLS
 }
 
 impl<'a> Tracer<'a> {

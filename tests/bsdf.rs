@@ -276,6 +276,31 @@ fn tabulated(table: &BsdfTable, transmissive_fraction: f64) -> Value {
             "transmissive_fraction": transmissive_fraction })
 }
 
+/// Of rays drawn evenly over the projected hemisphere a share p = sin^2(5 deg) lies in this lobe and carries pi times its
+/// height; the others have no weight, and hit the detector as well. So the relative error is sqrt((1 - p) / (p n)).
+#[test]
+fn rays_without_weight_do_not_make_errors_small() {
+    const NUM_RAYS: u64 = 200_000;
+    let rows = vec![40.0, 40.0, 0.0, 0.0, 40.0, 40.0, 0.0, 0.0];
+    let table = BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 5.0, 5.001, 90.0], values: rows };
+    let map = json!({ "type": "irradiance", "name": "map", "cs": { "z": -20.0 }, "width": 100.0, "height": 100.0,
+                      "num_pixels_x": 16, "num_pixels_y": 16 });
+    let p = 5_f64.to_radians().sin().powi(2);
+    let expected = ((1.0 - p) / (p * NUM_RAYS as f64)).sqrt();
+    for precision in PRECISIONS {
+        let result = trace(
+            &scene(pencil(0.0), &[scatterer(tabulated(&table, 0.0))], &[map.clone()]),
+            NUM_RAYS,
+            precision,
+        );
+        let detector = result.detector("map").unwrap();
+        let error = detector.total_flux_standard_error.unwrap() / detector.total_flux;
+        assert!((error / expected - 1.0).abs() < 0.1, "{precision:?}: {error} instead of {expected}");
+        let of_hits = 1.0 / (detector.num_rays_hit as f64).sqrt();
+        assert!(of_hits < 0.15 * expected, "{of_hits}: most rays without weight miss the map");
+    }
+}
+
 #[test]
 fn a_tabulated_ray_carries_pi_times_the_table() {
     let table = peaked_table();

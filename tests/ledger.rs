@@ -1,4 +1,4 @@
-//! The ledger closes to the last bit: every scene, precision, kind of integers and sampling policy.
+//! The ledger closes to the last bit: every scene with every sampling policy, in precisions and kinds of integers by turns.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,

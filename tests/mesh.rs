@@ -634,13 +634,37 @@ fn files_and_lists_give_the_same_mesh_once() {
 const COMB: &str = "v 0 0 0\nv 3 0 0\nv 3 1 0\nv 1 1 0\nv 1 2 0\nv 3 2 0\nv 3 3 0\nv 1 3 0\nv 1 4 0\nv 3 4 0\nv 3 5 0\n\
     v 0 5 0\nf 1 2 3 4 5 6 7 8 9 10 11 12\n";
 
+/// A rectangle of 10 x 7 mm aslant, with corners in rows on its edges, in as many digits as files have.
+fn in_rows() -> String {
+    let corners = [(0.0, 0.0), (10.0, 0.0), (10.0, 7.0), (0.0, 7.0)];
+    let mut text = String::new();
+    for (i, from) in corners.into_iter().enumerate() {
+        let to = corners[(i + 1) % 4];
+        for step in 0..20 {
+            let share = f64::from(step) / 20.0;
+            let (x, y) = (from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1));
+            let (sin, cos) = 0.7_f64.sin_cos();
+            text += &format!("v {:.6} {:.6} 0\n", cos * x - sin * y, sin * x + cos * y);
+        }
+    }
+    text + "f " + &(1..=80).map(|i| i.to_string()).collect::<Vec<_>>().join(" ") + "\n"
+}
+
 #[test]
 fn faces_of_many_corners_are_covered_once() {
     let folder = tempfile::tempdir().unwrap();
     // An L, whose first corner does not see the last but one.
     let l = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 3 0\nv 0 3 0\nf 2 3 4 \\\n 5 6 1 # an L\n";
+    // The second corner of the square lies on an edge; a comment may end in a backslash.
+    let edged = "v 0 0 0\n# C:\\\nv 1 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4 5\n";
     let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n";
-    for (name, obj, area, triangles) in [("l.obj", l, 4.0, 4), ("square.obj", square, 1.0, 2)] {
+    // Corners in rows are rounded to either side of the edge that they lie on.
+    for (name, obj, area, least) in [
+        ("l.obj", l, 4.0, 0.5),
+        ("square.obj", square, 1.0, 0.5),
+        ("edged.obj", edged, 4.0, 0.5),
+        ("rows.obj", &in_rows(), 70.0, -1e-5),
+    ] {
         std::fs::write(folder.path().join(name), obj).unwrap();
         let shape = format!(r#"{{"type": "mesh", "path": "{name}"}}"#);
         let (ir, _) = lowered(&[shape], Some(folder.path())).unwrap();
@@ -650,9 +674,8 @@ fn faces_of_many_corners_are_covered_once() {
             0.5 * (b - a).cross(c - a).z
         });
         let areas: Vec<f64> = areas.collect();
-        assert_eq!(areas.len(), triangles, "{name}");
-        assert!(areas.iter().all(|area| *area > 0.0), "{name}: {areas:?}");
-        assert!((areas.iter().sum::<f64>() - area).abs() < 1e-14, "{name}: {areas:?}");
+        assert!(areas.iter().all(|area| *area >= least), "{name}: {areas:?}");
+        assert!((areas.iter().sum::<f64>() - area).abs() < 1e-6 * area, "{name}: {areas:?}");
     }
 }
 
@@ -733,7 +756,7 @@ fn broken_files_are_refused_with_their_line() {
         ("text.obj", b"v 0 0 0\n\xff", "byte 8: this is no UTF-8 text"),
         ("nan.obj", b"v 0 0 nan\n", "line 1: a vertex needs three finite numbers"),
         ("empty.obj", b"v 0 0 0\n", "it holds no triangle; nsq_gpu.surfaces[0].shape.path names it"),
-        ("truncated.stl", &[&b"solid"[..], &[0xff; 80]].concat(), "85 bytes are no binary STL of"),
+        ("truncated.stl", &[&b"solid"[..], &[0; 80]].concat(), "85 bytes are no binary STL of"),
         ("comb.obj", COMB.as_bytes(), "line 13: this face of 12 corners cannot be cut into a fan"),
     ] {
         std::fs::write(folder.path().join(name), contents).unwrap();

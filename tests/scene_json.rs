@@ -311,8 +311,8 @@ fn detectors_that_see_nothing_or_more_than_their_name_are_warned_of() {
     };
     let sampling = r#""sampling": {}"#;
     assert_eq!(warnings_of(&[map("A", 20.0), map("B", 21.0), spectral(0.5)].join(", "), sampling), [""; 0]);
-    let expected = "detector \"B\" lies in the plane of \"L1.back\", which rays meet instead, as in Optiland: move it by a \
-        micrometre";
+    let expected = "detector \"B\" lies in the plane of \"L1.back\": where the two coincide, rays meet the latter alone, as in \
+        Optiland; move one by a micrometre";
     assert_eq!(warnings_of(&[map("A", 20.0), map("B", 14.0)].join(", "), sampling), [expected]);
     let found = warnings_of(&[map("A", 20.0), map("B", 20.0)].join(", "), sampling);
     assert_eq!(found, [expected.replace("L1.back", "A")]);
@@ -340,7 +340,7 @@ fn media_without_a_second_face_and_branches_that_are_never_drawn_are_warned_of()
     };
     let lone =
         |warnings: Vec<String>| warnings.iter().any(|warning| warning.contains("alone borders on \"SF10\""));
-    assert!(!lone(warnings_of(map, &slab(r#""material_front": "SF10""#))));
+    assert!(!lone(warnings_of(map, &slab(r#""material_front": {"type": "catalog", "name": "SF10"}"#))));
     assert!(lone(warnings_of(map, &slab(r#""material_front": null"#))));
     for (prob, missing) in
         [("0", Some("reflection")), ("1", Some("transmission")), ("0.5", None), ("\"auto\"", None)]

@@ -52,7 +52,7 @@ class NsqGpuBackend(TracerBackend):
         target_error: Stop when every detector's relative standard error is at most this, of its flux and on average of
             its lit pixels; the rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
         standard_error: True sums second moments, so that results have standard errors, False does not; None does where
-            it costs little, or where ``target_error`` needs them. With Sobol points, True scrambles them in 16
+            it costs little, where hits say nothing of the error, or where ``target_error`` needs them. With Sobol points, True scrambles them in 16
             independent ways and gives the errors between these, and None gives none.
         time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
         sampler: ``"pcg"``, Optiland's random numbers, or ``"sobol"``, Owen-scrambled Sobol points, with which errors
@@ -71,7 +71,7 @@ class NsqGpuBackend(TracerBackend):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
         if standard_error not in (None, True, False):
-            raise UsageError(f"standard_error is {standard_error!r}; give True, False, or None for what costs little")
+            raise UsageError(f"standard_error is {standard_error!r}; give True, False or None")
         self.seed = seed
         self.precision = precision
         self.adapter = adapter
@@ -168,9 +168,13 @@ class NsqGpuBackend(TracerBackend):
 
 def _whole(name: str, number: float) -> int:
     """Return a whole number, be it written as 1e6."""
-    if int(number) != number:
+    try:
+        whole = int(number)
+    except (TypeError, ValueError, OverflowError):
+        whole = None
+    if whole is None or whole != number:
         raise UsageError(f"{name} is {number!r}; give a whole number")
-    return int(number)
+    return whole
 
 
 def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from optiland.nonsequential import NSQScene
 
 from nsq_gpu import scene_file
-from nsq_gpu.binary import find_binary
+from nsq_gpu.binary import ENVIRONMENT, find_binary
 from nsq_gpu.errors import BinaryNotFoundError
 from nsq_gpu.process import run
 
@@ -25,9 +26,11 @@ def load_scene(path: str | Path) -> NSQScene:
     path = Path(path)
     document = scene_file.read_document(path)
     try:
-        command = [find_binary(), "check", str(path)]
+        binary = find_binary()
     except BinaryNotFoundError:
-        pass
+        # A program that is named must be there.
+        if os.environ.get(ENVIRONMENT):
+            raise
     else:
-        run(command)
+        run([binary, "check", "--", str(path)])
     return scene_file.scene_from_dict(document, path.parent)

@@ -222,8 +222,8 @@ def test_precision_and_sampler_are_checked_at_once() -> None:
 def test_whole_numbers_are_whole_and_choices_are_choices() -> None:
     scene = bench()
     assert backend().trace(scene, 1e3).num_rays_total == 1000  # type: ignore[arg-type]
-    for wrong in ({"num_rays": 1.5}, {"num_rays": 10, "seed": 1.5}, {"num_rays": 10, "max_depth": 2.5}):
-        with pytest.raises(nsq_gpu.UsageError, match=r"is \d\.5; give a whole number"):
+    for wrong in ({"num_rays": 1.5}, {"num_rays": np.inf}, {"num_rays": 9, "seed": 1.5}, {"num_rays": 9, "max_depth": "2"}):
+        with pytest.raises(nsq_gpu.UsageError, match=r"is (\d\.5|inf|'2'); give a whole number"):
             backend().trace(scene, **wrong)
     with pytest.raises(nsq_gpu.UsageError, match="standard_error is 'yes'"):
         nsq_gpu.NsqGpuBackend(standard_error="yes")  # type: ignore[arg-type]

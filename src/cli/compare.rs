@@ -113,7 +113,7 @@ fn notes(found: &ResultComparison) -> String {
         text += "some standard errors are not in the files (`trace --standard-error on`): value / sqrt(hits) instead\n";
     }
     if found.same_draws {
-        text += "A and B have the same draws: they should be less far apart than chance has it\n";
+        text += "A and B have the same draws: if they are of one scene, they should be less far apart than chance has it\n";
     }
     text
 }

@@ -158,8 +158,8 @@ pub enum SamplerArg {
 /// The `--standard-error` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum StandardErrorArg {
-    /// Where a ray ends on every detector, in one cell, and where surfaces scatter by a table or a Harvey-Shack lobe; with
-    /// --target-error, always.
+    /// Where a ray ends on every detector, in one cell, or in up to four where surfaces scatter by a table or a Harvey-Shack
+    /// lobe; with --target-error, always.
     Auto,
     /// Always: also where rays are spread over pixels, or pass detectors.
     On,

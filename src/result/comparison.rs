@@ -83,8 +83,8 @@ pub fn compare(a: &TraceResult, b: &TraceResult, limit: f64) -> ResultComparison
     ResultComparison {
         limit,
         errors_from_hits: lacks_errors(a) || lacks_errors(b),
-        same_draws: (&a.run.scene, a.run.seed, &a.run.sampler, a.run.first_ray)
-            == (&b.run.scene, b.run.seed, &b.run.sampler, b.run.first_ray),
+        same_draws: (a.run.seed, &a.run.sampler, a.run.first_ray)
+            == (b.run.seed, &b.run.sampler, b.run.first_ray),
         agree: detectors.iter().all(|detector| detector.agree),
         detectors,
     }

@@ -1,8 +1,11 @@
 //! What a scene may say without its user meaning it: it is traced as it is written, and told.
 
+use std::collections::BTreeMap;
+
 use glam::{DVec2, DVec3};
 
 use super::json::{Detector, Material, ReflectProb, SceneFile};
+use super::materials::listed;
 use super::place::quoted;
 use super::surfaces::SceneSurface;
 use crate::ir::lower::sensor;
@@ -15,7 +18,7 @@ pub(super) fn of(file: &SceneFile, surfaces: &[SceneSurface], wavelengths: &[f64
     doubts.extend(open_media(file, surfaces));
     doubts.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     doubts.extend(hidden_detectors(file, surfaces));
-    doubts.extend(one_branch(file));
+    doubts.extend(one_branch(file, surfaces));
     doubts
 }
 
@@ -58,31 +61,43 @@ fn swapped_lobe(surface: &SceneSurface) -> Option<String> {
 /// Media that one open face alone borders on: a solid of it has no other face, most often because that one's medium was
 /// forgotten.
 fn open_media(file: &SceneFile, surfaces: &[SceneSurface]) -> Vec<String> {
-    let refracts = |surface: &&SceneSurface| surface.interaction == Interaction::Refractive;
-    let borders =
-        |surface: &SceneSurface, medium: &Material| [&surface.front, &surface.back].contains(&medium);
-    let mut doubts = Vec::new();
-    for surface in surfaces.iter().filter(refracts).filter(|surface| !is_closed(&surface.shape)) {
-        for medium in [&surface.front, &surface.back] {
-            let is_lone = *medium != Material::Vacuum
-                && surface.front != surface.back
-                && surfaces.iter().filter(|other| borders(other, medium)).count() == 1
-                && file.sources.iter().all(|source| source.medium() != medium);
-            if is_lone {
-                doubts.push(format!(
-                    "{} alone borders on {}: if that is a solid, the face where light leaves it has lost its medium",
-                    quoted(&surface.name),
-                    quoted(medium.name())
-                ));
-            }
-        }
+    let mut num_faces: BTreeMap<(bool, &str), usize> = BTreeMap::new();
+    for surface in surfaces {
+        let sides = [key_of(&surface.front), key_of(&surface.back)];
+        let distinct = if sides[0] == sides[1] { &sides[..1] } else { &sides[..] };
+        distinct.iter().for_each(|medium| *num_faces.entry(*medium).or_default() += 1);
     }
-    doubts
+    let is_lone = |medium: &Material| {
+        *medium != Material::Vacuum
+            && num_faces.get(&key_of(medium)) == Some(&1)
+            && file.sources.iter().all(|source| key_of(source.medium()) != key_of(medium))
+    };
+    let bounds = |surface: &&SceneSurface| {
+        surface.interaction == Interaction::Refractive && surface.front != surface.back
+    };
+    let open = surfaces.iter().filter(bounds).filter(|surface| !is_closed(&surface.shape));
+    open.flat_map(|surface| [(surface, &surface.front), (surface, &surface.back)])
+        .filter(|(_, medium)| is_lone(medium))
+        .map(|(surface, medium)| {
+            format!(
+                "{} alone borders on {}: if that is a solid, the face where light leaves it has lost its medium",
+                quoted(&surface.name),
+                quoted(medium.name())
+            )
+        })
+        .collect()
+}
+
+/// What tells media apart: a catalog name is the same in either spelling.
+fn key_of(medium: &Material) -> (bool, &str) {
+    let is_of_the_block = matches!(medium, Material::Medium { .. });
+    (is_of_the_block, medium.name())
 }
 
 fn is_closed(shape: &Shape) -> bool {
     match shape {
-        Shape::Sphere { .. } | Shape::Mesh(_) => true,
+        Shape::Sphere { aperture_radius, .. } => aperture_radius.is_none(),
+        Shape::Mesh(_) => true,
         Shape::Conic { .. } | Shape::Plane(_) | Shape::Annulus { .. } | Shape::Frustum { .. } => false,
     }
 }
@@ -101,7 +116,7 @@ fn wavelengths_beyond(detector: &Detector, wavelengths: &[f64]) -> Option<String
             "detector {} counts light of {} um in its first or last bin, though its bins reach from {} to {} um, as in \
              Optiland",
             quoted(&spectral.name),
-            beyond.join(", "),
+            listed(&beyond),
             spectral.wl_min,
             spectral.wl_max
         )
@@ -118,7 +133,8 @@ fn hidden_detectors(file: &SceneFile, surfaces: &[SceneSurface]) -> Vec<String> 
         let flat = Flat::new(&sensor.name, sensor.frame, sensor.outline(), 0.0);
         if let Some(other) = before.iter().find(|other| other.covers(&flat)) {
             doubts.push(format!(
-                "detector {} lies in the plane of {}, which rays meet instead, as in Optiland: move it by a micrometre",
+                "detector {} lies in the plane of {}: where the two coincide, rays meet the latter alone, as in Optiland; \
+                 move one by a micrometre",
                 quoted(&sensor.name),
                 quoted(other.name)
             ));
@@ -188,17 +204,18 @@ impl<'a> Flat<'a> {
             .map(|c| local(other.frame.origin + other.frame.rotation * c.extend(0.0)))
             .collect();
         let fits_the_hole = !corners.is_empty() && corners.iter().all(|corner| corner.length() <= self.hole);
-        !fits_the_hole && overlap(&self.corners, &corners)
+        !fits_the_hole && overlap(&self.corners, &corners, ROUNDINGS * size)
     }
 }
 
-/// True if two convex polygons have an area in common: no edge of either has all of the other beyond it.
-fn overlap(a: &[DVec2], b: &[DVec2]) -> bool {
+/// True if two convex polygons have an area in common: no edge of either has all of the other beyond it, within a rounding
+/// \[mm\].
+fn overlap(a: &[DVec2], b: &[DVec2], rounding: f64) -> bool {
     let separates = |edges: &[DVec2], others: &[DVec2]| {
         let around: f64 = pairs(edges).map(|(from, to)| from.perp_dot(to)).sum();
         pairs(edges).any(|(from, to)| {
             let edge = (to - from) * around.signum();
-            let touch = 1e-12 * edge.length() * edge.length().max(1.0);
+            let touch = edge.length() * (rounding + 1e-12 * edge.length());
             others.iter().all(|point| edge.perp_dot(*point - from) <= touch)
         })
     };
@@ -212,7 +229,8 @@ fn pairs(corners: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
 // Sampling
 
 /// A branch that is never drawn is missing in the result, whatever weight the other has.
-fn one_branch(file: &SceneFile) -> Option<String> {
+fn one_branch(file: &SceneFile, surfaces: &[SceneSurface]) -> Option<String> {
+    surfaces.iter().find(|surface| surface.interaction == Interaction::Refractive)?;
     let missing = match file.nsq_gpu.as_ref()?.sampling.reflect_prob {
         ReflectProb::Constant(0.0) => "reflection",
         ReflectProb::Constant(1.0) => "transmission",

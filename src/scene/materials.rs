@@ -125,8 +125,8 @@ impl Entry {
         let is_known = |wavelength: f64| (low..=high).contains(&wavelength);
         let outside: Vec<f64> =
             wavelengths.iter().copied().filter(|&wavelength| !is_known(wavelength)).collect();
-        let in_nm = outside.iter().map(|wavelength| 1e-3 * wavelength).find(|&um| is_known(um));
-        let hint = in_nm.map_or(String::new(), |um| format!("; are these nm? {} nm are {um} um", 1e3 * um));
+        let in_nm = outside.iter().find(|&&wavelength| is_known(wavelength / 1e3));
+        let hint = in_nm.map_or(String::new(), |nm| format!("; are these nm? {nm} nm are {} um", nm / 1e3));
         let places: Vec<String> = outside.iter().map(f64::to_string).collect();
         (!outside.is_empty()).then(|| {
             let path = &self.path;
@@ -342,7 +342,7 @@ fn distance(key: &str, spelling: &str, title: &str) -> Option<usize> {
 }
 
 /// The first few, and how many more there are.
-fn listed(items: &[impl AsRef<str>]) -> String {
+pub(super) fn listed(items: &[impl AsRef<str>]) -> String {
     let shown: Vec<&str> = items.iter().take(MAX_LISTED).map(AsRef::as_ref).collect();
     match items.len() - shown.len() {
         0 => shown.join(", "),

@@ -3,6 +3,7 @@
 //! The readers are our own: a file may come from anywhere, so sizes in it are checked before memory is taken, messages
 //! name the line, and coordinates keep the digits that the text has.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::io::Read;
 use std::path::Path;
@@ -96,7 +97,9 @@ fn stl(bytes: &[u8]) -> Parsed {
     let count = count.map(|word| u32::from_le_bytes(word) as usize);
     match count {
         Some(count) if bytes.len() == STL_HEADER + count * STL_TRIANGLE => Ok(binary_stl(bytes)),
-        _ if bytes.trim_ascii_start().starts_with(b"solid") && bytes.is_ascii() => ascii_stl(&text(bytes)?),
+        _ if bytes.trim_ascii_start().starts_with(b"solid") && !bytes.contains(&0) => {
+            ascii_stl(&text(bytes)?)
+        }
         count => Err(Malformed {
             place: "the file".into(),
             problem: match count {
@@ -153,8 +156,8 @@ fn point<'a>(words: impl Iterator<Item = &'a str>, index: usize) -> std::result:
 /// Faces of more than three corners are cut into a fan.
 fn obj(text: &str) -> Parsed {
     let mut mesh = Mesh::default();
-    for (index, line) in logical_lines(text) {
-        let mut words = line.split('#').next().unwrap_or("").split_whitespace();
+    for (index, line) in records(text) {
+        let mut words = line.split_whitespace();
         match words.next() {
             Some("v") => mesh.vertices.push(point(words, index)? + DVec3::ZERO),
             Some("f") => {
@@ -180,23 +183,34 @@ fn obj(text: &str) -> Parsed {
     Ok(mesh)
 }
 
-/// Lines with the index of their first: a backslash at the end of one joins the next to it.
-fn logical_lines(text: &str) -> impl Iterator<Item = (usize, String)> {
-    let mut lines = text.lines().enumerate();
+fn without_comment(line: &str) -> &str {
+    line.split('#').next().unwrap_or(line).trim_end()
+}
+
+/// Records without their comments, each with the index of its first line: where a vertex or a face ends in a backslash, the
+/// next line belongs to it.
+fn records(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let mut lines = text.lines().map(without_comment).enumerate();
     std::iter::from_fn(move || {
         let (index, line) = lines.next()?;
-        let mut joined = line.to_owned();
-        while let Some(begun) = joined.trim_end().strip_suffix('\\') {
-            let next = lines.next().map_or("", |(_, next)| next);
-            joined = format!("{begun} {next}");
+        let mut record = Cow::Borrowed(line);
+        let is_read = matches!(line.split_whitespace().next(), Some("v" | "f"));
+        while is_read && record.ends_with('\\') {
+            let begun = record.to_mut();
+            begun.pop();
+            begun.push(' ');
+            begun.push_str(lines.next().map_or("", |(_, next)| next));
         }
-        Some((index, joined))
+        Some((index, record))
     })
 }
 
-/// The triangles from the first corner that sees every other, so that each point of the face lies in one of them; none
-/// if no corner does.
+/// The triangles from a corner that sees every other, so that each point of the face lies in one of them; the first without
+/// triangles that have no area, if there is one. None if no corner does, of the first so many of a long face.
 fn fan(corners: &[u32], vertices: &[DVec3]) -> Option<Vec<[u32; 3]>> {
+    const MOST_TRIED: usize = 1 << 8;
+    /// Share of the face that triangles may lie outside it, where corners in a row are rounded.
+    const ROUNDING: f64 = 1e-6;
     let from = |start: usize| {
         let corner = move |i: usize| corners[(start + i) % corners.len()];
         (1..corners.len() - 1).map(move |i| [corner(0), corner(i), corner(i + 1)])
@@ -205,10 +219,16 @@ fn fan(corners: &[u32], vertices: &[DVec3]) -> Option<Vec<[u32; 3]>> {
         let [a, b, c] = triangle.map(|vertex| vertices[vertex as usize]);
         (b - a).cross(c - a)
     };
+    if corners.len() == 3 {
+        return Some(from(0).collect());
+    }
     let whole: DVec3 = from(0).map(normal).sum();
-    let sees_all =
-        |start: &usize| corners.len() == 3 || from(*start).all(|triangle| normal(triangle).dot(whole) >= 0.0);
-    (0..corners.len()).find(sees_all).map(|start| from(start).collect())
+    let least = whole.length_squared() * ROUNDING;
+    let start = |least: f64| {
+        let sees_all = |start: &usize| from(*start).all(|triangle| normal(triangle).dot(whole) >= least);
+        (0..corners.len().min(MOST_TRIED)).find(sees_all)
+    };
+    start(least).or_else(|| start(-least)).map(|start| from(start).collect())
 }
 
 /// `7`, `7/1`, `7//3`: vertices count from 1, or backwards from -1.

@@ -63,10 +63,10 @@ fn syntax_error(text: &str, err: &json5::Error) -> Error {
     };
     let place = format!("line {line}, column {column}");
     let cause = err.code().map_or_else(|| err.to_string(), |code| code.to_string());
-    // At the end of the text, the parser points at the innermost bracket that is still open.
     if text.trim().is_empty() {
         return Error::scene(place, "the file is empty", "give the path of a scene file");
     }
+    // At the end of the text, the parser points at the innermost bracket that is still open.
     if cause.starts_with("EOF") {
         return Error::scene(
             place,

@@ -107,9 +107,9 @@ impl Strict {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum StandardError {
     /// Where they cost little: where a ray ends on every detector, in one cell. Spread over pixels, or come by several
-    /// times, a ray makes as many deposits again. And where hits tell nothing of the error: where surfaces scatter by a
-    /// table or a Harvey-Shack lobe, which leave rays without weight. Of Sobol points never: scrambled apart, they are
-    /// spread less evenly.
+    /// times, a ray makes as many deposits again. And where hits tell nothing of the error and detectors end rays in few
+    /// cells: where surfaces scatter by a table or a Harvey-Shack lobe, which leave rays without weight. Of Sobol points
+    /// never: scrambled apart, they are spread less evenly.
     #[default]
     Auto,
     /// Always.
