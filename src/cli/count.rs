@@ -20,7 +20,8 @@ pub fn parse(text: &str) -> Result<u64, String> {
     // Beyond, a float no longer says which integer was meant.
     if count > 9007199254740992.0 {
         return Err(format!(
-            "`{text}` is too many: beyond 2^53, about 9e15, numbers are read in digits alone"
+            "`{text}` is too many: beyond 2^53, about 9e15, numbers are read in digits alone, up to {}",
+            u64::MAX
         ));
     }
     Ok(count as u64)
