@@ -289,7 +289,7 @@ fn rays_without_weight_do_not_make_errors_small() {
     let expected = ((1.0 - p) / (p * NUM_RAYS as f64)).sqrt();
     for precision in PRECISIONS {
         let result = trace(
-            &scene(pencil(0.0), &[scatterer(tabulated(&table, 0.0))], &[map.clone()]),
+            &scene(pencil(0.0), &[scatterer(tabulated(&table, 0.0))], std::slice::from_ref(&map)),
             NUM_RAYS,
             precision,
         );
