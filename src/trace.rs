@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::end_log::{EndLogs, Rays};
 use crate::gpu::profile::Profile;
-use crate::ir::{PixelGrid, SceneIr, Sensor, Splat, ray_id};
+use crate::ir::{SceneIr, Sensor, Splat, ray_id};
 use crate::nominal;
 use crate::processors;
 use crate::program::lowered::ReachedMarks;
@@ -147,8 +147,7 @@ impl MomentSource {
 fn hits_say_little(ir: &SceneIr) -> bool {
     const MOST_CELLS: usize = 1 << 22;
     let is_near = |sensor: &Sensor| {
-        let is_wide = |grid: &PixelGrid| matches!(grid.splat, Splat::Gaussian { .. });
-        sensor.absorb && !sensor.kind.grid().is_some_and(is_wide)
+        sensor.absorb && sensor.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
     };
     program::bsdf::kinds(ir).into_iter().any(program::bsdf::BsdfKind::has_table)
         && !program::features::splits(ir)

@@ -16,8 +16,8 @@ asked for.
 
 Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
 database), and ``total_flux_standard_error`` [W]; both are None where they were not asked for by
-``NsqGpuBackend(standard_error=True)`` and would have cost something. Only the results of ``scene.trace`` have
-them, not those of a live detector's ``get_result()``.
+``NsqGpuBackend(standard_error=True)`` and would have cost something, unless hits say nothing of the error. Only the
+results of ``scene.trace`` have them, not those of a live detector's ``get_result()``.
 
 ``NsqGpuBackend(seed, precision, adapter, binary, timeout, progress, target_error, time_limit, standard_error,
 sampler)``: ``precision="auto"`` takes f64 where the adapter is good at it, else f32 or, where that is too coarse and

@@ -52,8 +52,8 @@ class NsqGpuBackend(TracerBackend):
         target_error: Stop when every detector's relative standard error is at most this, of its flux and on average of
             its lit pixels; the rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
         standard_error: True sums second moments, so that results have standard errors, False does not; None does where
-            it costs little, where hits say nothing of the error, or where ``target_error`` needs them. With Sobol points, True scrambles them in 16
-            independent ways and gives the errors between these, and None gives none.
+            it costs little, where hits say nothing of the error, or where ``target_error`` needs them. With Sobol points,
+            True scrambles them in 16 independent ways and gives the errors between these, and None gives none.
         time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
         sampler: ``"pcg"``, Optiland's random numbers, or ``"sobol"``, Owen-scrambled Sobol points, with which errors
             fall faster, but rays are not those of Optiland's backends.

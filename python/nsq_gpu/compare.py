@@ -34,7 +34,7 @@ from optiland.nonsequential.backends.numpy_backend import NumpyBackend
 from nsq_gpu.backend import PRECISIONS, NsqGpuBackend
 from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, SceneError, UsageError
-from nsq_gpu.process import run
+from nsq_gpu.loading import check_scene
 from nsq_gpu.scene_file import load_scene
 
 #: Exit code where the backends disagree: the command's own for a tolerance that is not met.
@@ -255,7 +255,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.torch and importlib.util.find_spec("torch") is None:
         raise UsageError("--torch: Torch is not installed; `pip install torch`, or compare with NumPy alone")
     # The loader takes scenes for valid, and drops some keys that it does not know. The command tells the place.
-    run([find_binary(options.binary), "check", str(options.scene)])
+    check_scene(find_binary(options.binary), options.scene)
 
 
 def trace_all(options: argparse.Namespace) -> list[Side]:

@@ -32,5 +32,14 @@ def load_scene(path: str | Path) -> NSQScene:
         if os.environ.get(ENVIRONMENT):
             raise
     else:
-        run([binary, "check", "--", str(path)])
+        check_scene(binary, path)
     return scene_file.scene_from_dict(document, path.parent)
+
+
+def check_scene(binary: str, path: Path) -> None:
+    """Refuse what the command refuses of a file.
+
+    Raises:
+        NsqGpuError: It does; the message has the place.
+    """
+    run([binary, "check", "--", str(path)])

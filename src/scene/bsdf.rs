@@ -63,9 +63,11 @@ fn lowered(name: &str, place: &str, bsdf: &Bsdf, reading: &mut Reading<'_>) -> R
     })
 }
 
-/// A lobe that Optiland's table cannot resolve becomes wider than it is; one that falls through it has no shape at all.
+/// A lobe that Optiland's table cannot resolve becomes wider than it is; one that falls through it has no shape at all. One
+/// about the normal that reaches beyond the unit disk of direction cosines has no direction there, and what is drawn is lost.
 fn check_lobe(name: &str, place: &str, [b0, l0, s]: [f64; 3], warnings: &mut Vec<String>) -> Result<()> {
-    let (_, total) = harvey_shack_table(b0, l0, s);
+    const NOTICED: f64 = 0.01;
+    let (cumulative, total) = harvey_shack_table(b0, l0, s);
     if !(total.is_finite() && total > 0.0) {
         let remedy = if b0 == 0.0 { "give b0 > 0, or remove the bsdf" } else { "give a larger l0" };
         return Err(Error::scene(place, "the lobe scatters nothing", remedy));
@@ -75,6 +77,15 @@ fn check_lobe(name: &str, place: &str, [b0, l0, s]: [f64; 3], warnings: &mut Vec
             "the lobe of {} is too narrow (l0 = {l0}) for the steps of {HARVEY_SHACK_STEP:.1e} in which it is tabulated: it \
              is traced wider",
             quoted(name)
+        ));
+    }
+    let lost = 1.0 - cumulative[(1.0 / HARVEY_SHACK_STEP).round() as usize];
+    if lost > NOTICED {
+        warnings.push(format!(
+            "the lobe of {} is so wide that {:.1} % of what it scatters at normal incidence has no direction and is lost, more \
+             at a slant, as in Optiland; a smaller l0 or a larger s narrows it",
+            quoted(name),
+            100.0 * lost
         ));
     }
     Ok(())

@@ -1,21 +1,26 @@
 //! What a scene may say without its user meaning it: it is traced as it is written, and told.
 
-use std::collections::BTreeMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::{DVec2, DVec3};
 
 use super::json::{Detector, Material, ReflectProb, SceneFile};
 use super::materials::listed;
+use super::media::MediaTable;
 use super::place::quoted;
 use super::surfaces::SceneSurface;
 use crate::ir::lower::sensor;
-use crate::ir::{Bsdf, Frame, HARVEY_SHACK_STEP, Interaction, Outline, Shape, harvey_shack_table};
+use crate::ir::{Bsdf, Frame, Interaction, MediumId, Outline, Shape};
 
 /// Everything that deserves a warning once all surfaces are known.
-pub(super) fn of(file: &SceneFile, surfaces: &[SceneSurface], wavelengths: &[f64]) -> Vec<String> {
-    let mut doubts: Vec<String> = surfaces.iter().filter_map(lost_scatter).collect();
-    doubts.extend(surfaces.iter().filter_map(swapped_lobe));
-    doubts.extend(open_media(file, surfaces));
+pub(super) fn of(
+    file: &SceneFile,
+    surfaces: &[SceneSurface],
+    media: &MediaTable,
+    wavelengths: &[f64],
+) -> Vec<String> {
+    let mut doubts: Vec<String> = surfaces.iter().filter_map(swapped_lobe).collect();
+    doubts.extend(open_media(file, surfaces, media));
     doubts.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     doubts.extend(hidden_detectors(file, surfaces));
     doubts.extend(one_branch(file, surfaces));
@@ -23,23 +28,6 @@ pub(super) fn of(file: &SceneFile, surfaces: &[SceneSurface], wavelengths: &[f64
 }
 
 // Scattering
-
-/// A Harvey-Shack lobe about the normal that reaches beyond the unit disk of direction cosines: there is no such direction,
-/// and what is drawn there is lost.
-fn lost_scatter(surface: &SceneSurface) -> Option<String> {
-    const NOTICED: f64 = 0.01;
-    let Bsdf::HarveyShack { b0, l0, s, .. } = surface.scatter.as_ref()?.bsdf else { return None };
-    let (cumulative, _) = harvey_shack_table(b0, l0, s);
-    let lost = 1.0 - cumulative[(1.0 / HARVEY_SHACK_STEP).round() as usize];
-    (lost > NOTICED).then(|| {
-        format!(
-            "the lobe of {} is so wide that {:.1} % of what it scatters at normal incidence has no direction and is lost, more \
-             at a slant, as in Optiland; a smaller l0 or a larger s narrows it",
-            quoted(&surface.name),
-            100.0 * lost
-        )
-    })
-}
 
 /// On a refractive surface a Harvey-Shack lobe is about the ray that Fresnel's branch sends on, or about its mirror image,
 /// on the other side.
@@ -60,17 +48,16 @@ fn swapped_lobe(surface: &SceneSurface) -> Option<String> {
 
 /// Media that one open face alone borders on: a solid of it has no other face, most often because that one's medium was
 /// forgotten.
-fn open_media(file: &SceneFile, surfaces: &[SceneSurface]) -> Vec<String> {
-    let mut num_faces: BTreeMap<(bool, &str), usize> = BTreeMap::new();
+fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -> Vec<String> {
+    let mut num_faces: HashMap<Option<MediumId>, usize> = HashMap::new();
     for surface in surfaces {
-        let sides = [key_of(&surface.front), key_of(&surface.back)];
-        let distinct = if sides[0] == sides[1] { &sides[..1] } else { &sides[..] };
-        distinct.iter().for_each(|medium| *num_faces.entry(*medium).or_default() += 1);
+        let sides = HashSet::from([media.id(&surface.front), media.id(&surface.back)]);
+        sides.into_iter().for_each(|medium| *num_faces.entry(medium).or_default() += 1);
     }
+    let of_sources: HashSet<_> = file.sources.iter().map(|source| media.id(source.medium())).collect();
     let is_lone = |medium: &Material| {
-        *medium != Material::Vacuum
-            && num_faces.get(&key_of(medium)) == Some(&1)
-            && file.sources.iter().all(|source| key_of(source.medium()) != key_of(medium))
+        let id = media.id(medium);
+        *medium != Material::Vacuum && num_faces.get(&id) == Some(&1) && !of_sources.contains(&id)
     };
     let bounds = |surface: &&SceneSurface| {
         surface.interaction == Interaction::Refractive && surface.front != surface.back
@@ -86,12 +73,6 @@ fn open_media(file: &SceneFile, surfaces: &[SceneSurface]) -> Vec<String> {
             )
         })
         .collect()
-}
-
-/// What tells media apart: a catalog name is the same in either spelling.
-fn key_of(medium: &Material) -> (bool, &str) {
-    let is_of_the_block = matches!(medium, Material::Medium { .. });
-    (is_of_the_block, medium.name())
 }
 
 fn is_closed(shape: &Shape) -> bool {

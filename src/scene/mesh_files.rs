@@ -11,7 +11,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::place::quoted;
-use crate::ir::Mesh;
+use crate::ir::{Mesh, area_vector};
 use crate::{Error, Result};
 
 /// Longest file that is read \[bytes\].
@@ -215,10 +215,7 @@ fn fan(corners: &[u32], vertices: &[DVec3]) -> Option<Vec<[u32; 3]>> {
         let corner = move |i: usize| corners[(start + i) % corners.len()];
         (1..corners.len() - 1).map(move |i| [corner(0), corner(i), corner(i + 1)])
     };
-    let normal = |triangle: [u32; 3]| {
-        let [a, b, c] = triangle.map(|vertex| vertices[vertex as usize]);
-        (b - a).cross(c - a)
-    };
+    let normal = |triangle: [u32; 3]| area_vector(triangle.map(|vertex| vertices[vertex as usize]));
     if corners.len() == 3 {
         return Some(from(0).collect());
     }

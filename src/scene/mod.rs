@@ -86,7 +86,7 @@ impl Scene {
         let surfaces = surfaces::build(&file, &wavelengths, &meshes, folder, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         let meshes = meshes.meshes;
-        warnings.extend(doubts::of(&file, &surfaces, &wavelengths));
+        warnings.extend(doubts::of(&file, &surfaces, &media, &wavelengths));
         Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, meshes, media })
     }
 
