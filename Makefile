@@ -4,6 +4,7 @@
 # make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
+# make test-drivers  the same bits from a second driver, SwiftShader, out of Debian's package chromium-common
 # make clean       removes what the others made
 #
 # Each installs what is missing, and needs no network once everything is there.
@@ -35,7 +36,7 @@ BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
-.PHONY: demo bench accuracy fast-binary test test-rust test-python test-random test-torch build adapter display rust-components clean
+.PHONY: demo bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
@@ -69,6 +70,11 @@ test-torch: adapter .venv-torch/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py \
 		tests/test_export.py::test_torch_tensors_that_want_gradients_are_refused
 
+test-drivers: export VK_ADD_DRIVER_FILES = $(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
+test-drivers: adapter .drivers/installed
+	$(BINARY) adapters | grep SwiftShader
+	cargo test --test strict -- --ignored drivers_on_processors_give_the_same_bits
+
 build:
 	@command -v cargo >/dev/null || { echo "cargo is missing: see https://rustup.rs" >&2; exit 1; }
 	@cargo build $(BUILD_ARGS)
@@ -98,9 +104,17 @@ rust-components:
 .venv-torch/installed: python/requirements-torch.txt python/requirements.txt
 	@$(call python_environment,.venv-torch,$<)
 
+# Unpacked, not installed: no other program finds the driver.
+.drivers/installed:
+	@command -v apt-get >/dev/null || { echo "SwiftShader is taken from a package of Debian" >&2; exit 1; }
+	@$(call apt_install,libvulkan1)
+	mkdir -p .drivers
+	cd .drivers && apt-get download -qq chromium-common && dpkg -x chromium-common_*.deb . && rm chromium-common_*.deb
+	touch $@
+
 clean:
 	cargo clean
-	rm -rf demo-out bench-out accuracy-out .venv .venv-torch
+	rm -rf demo-out bench-out accuracy-out .venv .venv-torch .drivers
 
 # $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
 python_environment = \

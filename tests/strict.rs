@@ -1,17 +1,20 @@
-//! Strict arithmetic: the same scene compiled in, in tables and searched by a tree gives the same bits.
+//! Strict arithmetic: the same scene compiled in, in tables and searched by a tree gives the same bits; so do the ways of
+//! graphics processors, and other drivers.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod zoo;
 
 use nsq_gpu::Error;
-use nsq_gpu::gpu::{AdapterChoice, Gpu};
+use nsq_gpu::gpu::{AdapterChoice, AdapterInfo, Gpu, Ways, list_adapters};
 use nsq_gpu::ir::SceneIr;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::Tally;
 use nsq_gpu::trace::{RecordPaths, Strict};
 use nsq_gpu::{TraceOptions, Tracer};
+use std::collections::BTreeSet;
 use std::io::Write;
+use zoo::devices::Devices;
 
 /// True where the device can be strict; else says on stderr what is skipped.
 fn can_be_strict(test: &str) -> bool {
@@ -59,6 +62,69 @@ fn every_form_of_a_scene_has_the_same_bits() {
             assert_same_bits(name, Precision::F64, &[BY_TREE, IN_TURN]);
         }
     }
+}
+
+/// A processor's adapter as if it were a graphics processor's.
+fn as_graphics_processor() -> &'static Gpu {
+    static GPUS: Devices<Gpu> = Devices::new();
+    GPUS.mine(|| open(None, Ways::OfGraphicsProcessors))
+}
+
+fn open(name: Option<String>, ways: Ways) -> Gpu {
+    Gpu::open(&AdapterChoice { name, ways, ..AdapterChoice::default() }).unwrap()
+}
+
+/// Asserts it of those of the scenes, by their number.
+fn assert_ways_agree(test: &str, which: impl Fn(usize) -> bool, precision: Precision) {
+    let (own, graphics) = (zoo::unchecked_gpu(), as_graphics_processor());
+    if !can_be_strict(test) || !own.info.is_cpu() {
+        let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: `{}` has but one way", own.info.name);
+        return;
+    }
+    let options = TraceOptions { strict: Strict::On, ..zoo::options(3000, 8, precision) };
+    for (_, name) in zoo::scenes().iter().enumerate().filter(|(number, _)| which(*number)) {
+        let ir = zoo::load(name);
+        let [own, graphics] = [own, graphics].map(|gpu| zoo::trace_on(gpu, &ir, &options));
+        assert!(own == graphics, "{name} in {precision:?}: other bits");
+    }
+}
+
+#[test]
+fn the_ways_of_graphics_processors_have_the_same_bits_in_f32() {
+    assert_ways_agree("ways in f32", |number| number.is_multiple_of(2), Precision::F32);
+}
+
+#[test]
+fn the_ways_of_graphics_processors_have_the_same_bits_in_f64() {
+    assert_ways_agree("ways in f64", |number| !number.is_multiple_of(2), Precision::F64);
+}
+
+/// Of processors: graphics processors may round divisions and roots otherwise (Vulkan, "Precision of Individual
+/// Operations").
+#[test]
+#[ignore = "wants two drivers on processors: make test-drivers"]
+fn drivers_on_processors_give_the_same_bits() {
+    // SwiftShader's compiler takes gigabytes for it.
+    const LEFT_OUT: &str = "mesh_prism";
+    let names: BTreeSet<String> =
+        list_adapters().into_iter().filter(AdapterInfo::is_cpu).map(|info| info.name).collect();
+    if names.len() < 2 {
+        let _ =
+            writeln!(std::io::stderr(), "SKIPPED: same bits of drivers: not two on processors: {names:?}");
+        return;
+    }
+    let gpus: Vec<Gpu> = names.into_iter().map(|name| open(Some(name), Ways::OfItsKind)).collect();
+    let [strict, plain] = [Strict::On, Strict::Off]
+        .map(|strict| TraceOptions { strict, ..zoo::options(20_000, 8, Precision::F32) });
+    let differ = |name: &str, options: &TraceOptions| {
+        let ir = zoo::load(name);
+        let first = zoo::trace_on(&gpus[0], &ir, options);
+        gpus[1..].iter().any(|gpu| zoo::trace_on(gpu, &ir, options) != first)
+    };
+    let scenes: Vec<String> = zoo::scenes().into_iter().filter(|name| name != LEFT_OUT).collect();
+    let others: Vec<&String> = scenes.iter().filter(|name| differ(name, &strict)).collect();
+    assert!(others.is_empty(), "other bits in {others:?}");
+    assert!(differ("cooke_triplet", &plain), "without strict arithmetic, too: this test could not fail");
 }
 
 /// What strict arithmetic is for: without it some of the same rays come out otherwise. Of another driver this need not be

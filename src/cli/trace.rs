@@ -362,7 +362,7 @@ fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
 
 fn adapter_choice(args: &Args) -> AdapterChoice {
     let native = if args.portable { Native::Off } else { Native::Allowed };
-    AdapterChoice { name: args.adapter.clone(), native, runtime_checks: false }
+    AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() }
 }
 
 fn wanted(precision: PrecisionArg) -> Wanted {

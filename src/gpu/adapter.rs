@@ -15,6 +15,18 @@ pub struct AdapterChoice {
     pub native: Native,
     /// The compiler's bounds checks and loop bounding in shaders: on in tests, off where speed counts.
     pub runtime_checks: bool,
+    /// Which ways to trace; the same bits where arithmetic is strict.
+    pub ways: Ways,
+}
+
+/// Which ways to trace: where sums are added, in what memory tables lie, how many rays an invocation follows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Ways {
+    /// Those that suit the adapter's kind.
+    #[default]
+    OfItsKind,
+    /// Those of graphics processors, whatever the adapter is: for tests where none is at hand.
+    OfGraphicsProcessors,
 }
 
 /// Whether optional features of the device are used.
@@ -119,16 +131,19 @@ fn subgroup_size(adapter: &wgpu::Adapter) -> u32 {
     if least == most && least.is_multiple_of(4) { least.max(1) } else { 1 }
 }
 
-/// The adapters that can compute, best first: discrete, integrated, virtual, then software.
+/// The adapters that can compute, best first: discrete, integrated, virtual, then software; of one kind those with `f64`.
 fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     adapters.retain(|a| a.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS));
-    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
-        wgpu::DeviceType::DiscreteGpu => 0,
-        wgpu::DeviceType::IntegratedGpu => 1,
-        wgpu::DeviceType::VirtualGpu => 2,
-        wgpu::DeviceType::Cpu => 3,
-        wgpu::DeviceType::Other => 4,
+    adapters.sort_by_key(|adapter| {
+        let kind = match adapter.get_info().device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::IntegratedGpu => 1,
+            wgpu::DeviceType::VirtualGpu => 2,
+            wgpu::DeviceType::Cpu => 3,
+            wgpu::DeviceType::Other => 4,
+        };
+        (kind, !adapter.features().contains(wgpu::Features::SHADER_F64))
     });
     adapters
 }
@@ -170,7 +185,10 @@ impl Gpu {
     }
 
     fn from_adapter(adapter: &wgpu::Adapter, choice: &AdapterChoice) -> Result<Self> {
-        let info = describe(adapter);
+        let mut info = describe(adapter);
+        if choice.ways == Ways::OfGraphicsProcessors {
+            info.kind = format!("{:?}", wgpu::DeviceType::DiscreteGpu);
+        }
         let native = choice.native == Native::Allowed;
         let mut features = wgpu::Features::empty();
         // 64-bit floats are a tier of their own, not a shortcut: they stay with native features off.

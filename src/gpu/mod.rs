@@ -17,4 +17,4 @@ pub mod strict;
 pub mod sums;
 pub mod tuning;
 
-pub use adapter::{AdapterChoice, AdapterInfo, Gpu, Native, list_adapters};
+pub use adapter::{AdapterChoice, AdapterInfo, Gpu, Native, Ways, list_adapters};

@@ -51,7 +51,8 @@ pub fn logging_in_32_bits_gpu() -> &'static Gpu {
 }
 
 fn open(native: Native, runtime_checks: bool) -> Gpu {
-    Gpu::open(&AdapterChoice { name: None, native, runtime_checks }).expect("an adapter opens")
+    Gpu::open(&AdapterChoice { native, runtime_checks, ..AdapterChoice::default() })
+        .expect("an adapter opens")
 }
 
 /// A tracer with a change of its shader: one text, which it must have, instead of the other.
