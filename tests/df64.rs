@@ -84,7 +84,7 @@ fn arrivals(ir: &SceneIr, precision: Precision) -> Vec<[f64; 6]> {
 #[test]
 fn positions_over_six_surfaces_and_200_mm_are_within_1e_10_mm() {
     if !zoo::gpu().f64 {
-        eprintln!("SKIPPED: no 64-bit floats on this adapter");
+        zoo::skip("df64 beside f64", "the adapter has no 64-bit floats");
         return;
     }
     let ir = Scene::from_json(RELAY).unwrap().lower().unwrap();

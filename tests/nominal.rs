@@ -113,8 +113,7 @@ fn so_do_invocations_of_one_ray_or_several() {
 #[test]
 fn so_do_lanes_that_store_together() {
     if zoo::gpu().lanes == 1 {
-        println!("skipped: so_do_lanes_that_store_together: the adapter has no subgroups of one size");
-        return;
+        return zoo::skip("lanes that store together", "the adapter has no subgroups of one size");
     }
     let [lens, cavity, billiard] = ["bench_lens", "bench_cavity", "mirror_ball_billiard"].map(zoo::load);
     let mut aslant = cavity.clone();

@@ -8,6 +8,7 @@
 
 pub mod devices;
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use devices::Devices;
@@ -53,6 +54,12 @@ pub fn logging_in_32_bits_gpu() -> &'static Gpu {
 fn open(native: Native, runtime_checks: bool) -> Gpu {
     Gpu::open(&AdapterChoice { native, runtime_checks, ..AdapterChoice::default() })
         .expect("an adapter opens")
+}
+
+/// Says that a test is skipped, and why.
+pub fn skip(test: &str, reason: &str) {
+    // Straight to the stream: the test runner hides what a passing test prints.
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: {reason}");
 }
 
 /// A tracer with a change of its shader: one text, which it must have, instead of the other.
