@@ -31,7 +31,7 @@ fn unpack_ray(q: PackedRay) -> Ray {
         vec3<real>(q.position_x, q.position_y, q.position_z),
         vec3<real>(q.direction_x, q.direction_y, q.direction_z),
         q.weight, key, stream_at(key, FRESNEL_BRANCH, jump), stream_at(key, RR, jump), q.index, bounce, q.last,
-        q.state & 0xffffu, (q.state >> 16u) & 0x3fffu, (q.state >> 31u) != 0u, ((q.state >> 30u) & 1u) != 0u, ALIVE,
+        q.state & 0xffffu, (q.state >> 16u) & 0x3fffu, (q.state >> 31u) != 0u, ((q.state >> 30u) & 1u) != 0u, 0u, ALIVE,
     );
 }
 

@@ -17,7 +17,7 @@ fn new_ray(key: RayKey, index: u32) -> Ray {
     return Ray(
         position, direction, e.weight, key,
         stream_at(key, FRESNEL_BRANCH, first_jump()), stream_at(key, RR, first_jump()),
-        index, 0u, NONE, draw_wavelength(key, e), e.medium, false, false, ALIVE,
+        index, 0u, NONE, draw_wavelength(key, e), e.medium, false, false, 0u, ALIVE,
     );
 }
 

@@ -19,7 +19,7 @@ fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
         refract_at(ray, surface, primitive, n);
     }
     scatter(ray, surface, n, incoming);
-    note_side(ray, n);
+    note_side(ray, n, incoming);
 }
 
 // The unit normal of an analytic shape, from the front medium to the back medium: the gradient of the quadric.

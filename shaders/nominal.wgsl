@@ -56,7 +56,7 @@ fn crosses(
         (*ray).direction = transmitted(d, n, boundary);
     }
     leave_boundary(ray, surface, primitive, entering_back, reflected);
-    note_side(ray, n);
+    note_side(ray, n, d);
     let takes_side = ((cosine > 0.0) == entering_back) & (reflects == reflected);
     return (hit.primitive == primitive) & takes_side & goes_on(ray);
 }

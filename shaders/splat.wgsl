@@ -12,6 +12,7 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
     } else {
         splat(*ray, index, false);
         log_pass((*ray).index);
+        note_passing(ray, sensor_of(index));
     }
 }
 

@@ -85,6 +85,7 @@ fn next_event(ray: ptr<function, Ray>) {
 }
 
 fn reach(ray: ptr<function, Ray>, hit: Hit) {
+    leave_contact(ray, hit.distance);
     attenuate(ray, hit.distance);
     (*ray).position += hit.distance * (*ray).direction;
     (*ray).last = hit.primitive;

@@ -1,47 +1,143 @@
-// Faces in contact (program::contact): coincident faces form a group, ranked along the normal of its first face. A ray
-// crosses them by rank, forward from the lowest, backward from the highest: the limit of a vanishing gap. Distances
-// among them decide nothing, because they differ by rounding.
+// Contacts (program::contact): faces in one place form a group, and a ray meets each of them at most once on its way
+// through. Which face comes next follows from sides and media, as in the limit of a vanishing gap. Distances among the faces
+// decide nothing, because distances differ by rounding.
+//
+// Example: two plates of glass touch. A ray in the first plate first meets the face that bounds its own glass, then, in the
+// vacuum of the gap, the face of the other plate, whatever the order of the list.
 
-// True if a direction goes along the group's normal, at a face with the normal n.
-fn goes_forward(d: vec3<real>, n: vec3<real>, contact: Contact) -> bool {
-    return (dot(d, n) > 0.0) == (contact.flipped == 0u);
+// Roles of a face (program::contact::Role). The lower one is met first.
+const ROLE_HIDDEN_ABSORBER: u32 = 2u;
+const ROLE_DETECTOR: u32 = 3u;
+
+// In Ray.below_it: the ray has arrived on a face from afar.
+const ARRIVES: u32 = 0x80000000u;
+const ALL_LAYERS: u32 = 0x7fffffffu;
+
+// Levels of a group that are told apart.
+const LAST_LEVEL: u32 = 0xffffffu;
+
+// How far a mesh is searched beyond what is in contact with it, in tolerances.
+const TOLERANCES_BEYOND: real = 64.0;
+
+// The group in whose place the ray stands, and the level of the face that it leaves.
+struct Standing {
+    group: u32,
+    level: u32,
 }
 
-// After an event on a face with this normal.
-fn note_side(ray: ptr<function, Ray>, n: vec3<real>) {
-    (*ray).forward = goes_forward((*ray).direction, n, contact_of((*ray).last));
-}
-
-alias Standing = Contact;
-
-// The group that the ray stands on, and its rank there.
 fn standing(ray: Ray) -> Standing {
-    if ray.last < NUM_SURFACES {
-        return contact_of(ray.last);
+    if ray.last == NONE {
+        return Standing(0u, 0u);
     }
-    return Contact(0u, 0u, 0u);
+    let contact = contact_at(ray.last, arrived_on());
+    return Standing(contact.group, contact.level);
 }
 
 fn stands_on(here: Standing, contact: Contact) -> bool {
     return (contact.group != 0u) & (here.group == contact.group);
 }
 
+// True if the ray was born within rounding of a shape: it leaves the shape, on the side to which it goes.
+fn is_born_on(ray: Ray, o: vec3<real>, s: Quadric) -> bool {
+    let slope = vec3<real>(s.radial * o.x, s.radial * o.y, s.axial * o.z + s.offset);
+    let height = 0.5 * value_at(o, s);
+    return (ray.last == NONE) & (height * height <= CONTACT_TOLERANCE * CONTACT_TOLERANCE * dot(slope, slope));
+}
+
+// True if a direction goes along the group's normal, at a face with the normal n.
+fn goes_forward(d: vec3<real>, n: vec3<real>, contact: Contact) -> bool {
+    return (dot(d, n) > 0.0) == (contact.flipped == 0u);
+}
+
+// Before an event at this distance.
+fn leave_contact(ray: ptr<function, Ray>, distance: real) {
+    if distance > 0.0 {
+        (*ray).below_it = ARRIVES;
+    }
+}
+
+// After an event on a face with this normal, to which the ray came in this direction.
+fn note_side(ray: ptr<function, Ray>, n: vec3<real>, incoming: vec3<real>) {
+    let contact = contact_at((*ray).last, arrived_on());
+    let came_forward = goes_forward(incoming, n, contact);
+    let forward = goes_forward((*ray).direction, n, contact);
+    let at_first = select(ALL_LAYERS, 0u, came_forward);
+    let before = select((*ray).below_it, at_first, (*ray).below_it == ARRIVES);
+    let passed = select(before & ~contact.layer, before | contact.layer, forward);
+    (*ray).below_it = select(before, passed, forward == came_forward);
+    (*ray).forward = forward;
+}
+
+// After a detector has let the ray pass.
+fn note_passing(ray: ptr<function, Ray>, sensor: Sensor) {
+    note_side(ray, sensor_normal(sensor), (*ray).direction);
+}
+
+fn sensor_normal(sensor: Sensor) -> vec3<real> {
+    return from_sensor(sensor, vec3<real>(0.0, 0.0, 1.0));
+}
+
+// The normal of a primitive where the ray has come to; of a mesh, that of the triangle noted last.
+fn normal_of(primitive: u32, position: vec3<real>) -> vec3<real> {
+    if primitive >= NUM_SURFACES {
+        return sensor_normal(sensor_of(primitive - NUM_SURFACES));
+    }
+    return noted_normal(surface_of(primitive), position);
+}
+
+// The media on this side of a face and beyond it, for a ray that goes forward or back.
+fn near_medium(contact: Contact, forward: bool) -> u32 {
+    return select(contact.above, contact.below, forward);
+}
+
+fn far_medium(contact: Contact, forward: bool) -> u32 {
+    return select(contact.below, contact.above, forward);
+}
+
+// True if a face of the group in whose place the ray stands comes next: it lies ahead, and nothing hides it. A refracting
+// face whose far medium the ray is in, and whose near one it is not, lies behind the ray: a second facet in the same place
+// adds no matter.
+fn comes_next(ray: Ray, here: Standing, contact: Contact) -> bool {
+    let is_ahead = ((ray.below_it & contact.layer) == 0u) == ray.forward;
+    let is_beyond = (near_medium(contact, ray.forward) != ray.medium) & (far_medium(contact, ray.forward) == ray.medium);
+    let hides = (contact.role >= ROLE_HIDDEN_ABSORBER) | ((contact.refracts != 0u) & is_beyond);
+    return stands_on(here, contact) & is_ahead & !((contact.level == here.level) & hides);
+}
+
+// Of faces that a ray can meet in one place, the one with the lowest number comes first, or else the first in the list:
+// by the gap where there is one, by role, and by whether the face bounds the ray's own medium. A face with that medium on
+// both sides stands before one that the ray leaves the medium by.
+fn precedence(contact: Contact, forward: bool, medium: u32) -> u32 {
+    let near = near_medium(contact, forward);
+    let is_inner = (contact.refracts == 0u) | (far_medium(contact, forward) == near);
+    let bounds = select(2u, select(1u, 0u, is_inner), near == medium);
+    let level = select(LAST_LEVEL - contact.level, contact.level, forward);
+    return (level << 4u) | (contact.role << 2u) | bounds;
+}
+
 // `nearer` for a face of a group. `elsewhere` is the distance to where the ray meets the face away from where it stands;
 // `holds` tells that the face reaches to where it stands.
-fn nearer_in_contact(best: Hit, ray: Ray, here: Standing, primitive: u32, elsewhere: real, holds: bool) -> Hit {
-    let contact = contact_of(primitive);
-    let is_next = ray.forward == (contact.rank > here.rank);
-    let touches = stands_on(here, contact) & (ray.last != primitive) & is_next & holds;
-    let distance = select(elsewhere, 0.0, touches);
+fn nearer_in_contact(
+    best: Hit, ray: Ray, here: Standing, primitive: u32, contact: Contact, elsewhere: real, holds: bool,
+) -> Hit {
+    let distance = select(elsewhere, 0.0, comes_next(ray, here, contact) & holds);
+    return first_of(best, noted_triangle(), ray, distance, primitive, contact);
+}
+
+// `triangle`: the one noted for the best hit.
+fn first_of(best: Hit, triangle: u32, ray: Ray, distance: real, primitive: u32, contact: Contact) -> Hit {
     if distance >= MISS {
         return best;
     }
-    if best.primitive < NUM_SURFACES {
-        let rival = contact_of(best.primitive);
-        let n = geometric_normal(surface_of(primitive), ray.position + distance * ray.direction);
+    if (best.primitive != NONE) & (contact.group != 0u) {
+        let rival = contact_at(best.primitive, triangle);
+        let n = normal_of(primitive, ray.position + distance * ray.direction);
         let gap = abs((distance - best.distance) * dot(ray.direction, n));
         if (rival.group == contact.group) & (gap <= CONTACT_TOLERANCE) {
-            let comes_first = goes_forward(ray.direction, n, contact) == (contact.rank < rival.rank);
+            let forward = select(goes_forward(ray.direction, n, contact), ray.forward, distance == 0.0);
+            let own = precedence(contact, forward, ray.medium);
+            let others = precedence(rival, forward, ray.medium);
+            let comes_first = (own < others) | ((own == others) & (primitive < best.primitive));
             return Hit(select(best.distance, distance, comes_first), select(best.primitive, primitive, comes_first));
         }
     }

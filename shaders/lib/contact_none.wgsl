@@ -1,6 +1,10 @@
 // No two faces are in contact.
 
-fn note_side(ray: ptr<function, Ray>, n: vec3<real>) {}
+fn leave_contact(ray: ptr<function, Ray>, distance: real) {}
+
+fn note_side(ray: ptr<function, Ray>, n: vec3<real>, incoming: vec3<real>) {}
+
+fn note_passing(ray: ptr<function, Ray>, sensor: Sensor) {}
 
 alias Standing = u32;
 

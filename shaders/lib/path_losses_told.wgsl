@@ -8,6 +8,7 @@ var<private> is_absorbed_weakly: bool = true;
 
 // As `reach`.
 fn reach_next(ray: ptr<function, Ray>, hit: Hit) {
+    leave_contact(ray, hit.distance);
     let before = (*ray).weight;
     if MEDIA_ABSORB_WEAKLY {
         (*ray).weight = attenuated_weakly(*ray, hit.distance);

@@ -33,8 +33,10 @@ struct Ray {
     // True if the ray entered a solid after it was last in vacuum. Optiland's medium stack is empty exactly when this
     // is false: a pop never empties it (depth 1 has only vacuum below, and entering vacuum clears the whole stack).
     entered_solid: bool,
-    // The side of the face `last` to which the ray left it (lib/contact.wgsl).
+    // The side of the face `last` to which the ray left it, and which faces in its place lie below it, a bit a layer
+    // (lib/contact.wgsl).
     forward: bool,
+    below_it: u32,
     fate: u32,
 }
 

@@ -102,13 +102,13 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
     var walk = walk_from(u32(root));
     var round = 0u;
     loop {
-        descend(&walk, ray.boxes, f32(ray.start), f32(nearest), TREE_ROWS);
+        descend(&walk, ray.boxes, f32(ray.start), f32(facets_beyond(nearest)), TREE_ROWS);
         var i = 0u;
         loop {
             if is_dispatched() & (walk.items != 0u) {
                 let triangle = TRIANGLE_ROWS * take_item(&walk);
-                let t = triangle_crossing(ray, triangle);
-                if t > ray.start && t < nearest && triangle != ray.leaves {
+                let t = facet_crossing(ray, triangle, triangle_crossing(ray, triangle));
+                if facet_comes_first(ray, triangle, t, found, nearest) {
                     nearest = t;
                     found = triangle;
                 }
@@ -125,7 +125,8 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
     }
     let distance = nearest - ray.start;
     let is_behind = distance > farthest || (!HAS_TREE && distance == farthest);
-    if found == NONE || distance <= 0.0 || is_behind {
+    let touches = FACETS_TOUCH && nearest == ray.start;
+    if found == NONE || (distance <= 0.0 && !touches) || is_behind {
         return MISS;
     }
     hit_triangle = found;

@@ -4,7 +4,7 @@
 use super::TEXELS_PER_LINE;
 use super::bsdf::BsdfKind;
 use super::bvh::Forest;
-use super::contact::{self, Contact};
+use super::contact::Contacts;
 use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
@@ -56,7 +56,9 @@ pub struct Composition<'a> {
     /// The triangles of its meshes.
     pub triangles: &'a Triangles,
     /// Which of its faces are in contact.
-    pub contacts: &'a [Contact],
+    pub contacts: &'a Contacts,
+    /// The contacts of facets.
+    pub facets: &'a lowered::FacetTable,
     /// The tree over its primitives, if they are searched by one.
     pub tree: Option<&'a PrimitiveTree>,
     /// Every ray has at all times the weight that all are born with.
@@ -209,9 +211,12 @@ impl Composition<'_> {
         if self.tree.is_some() {
             let _ = writeln!(text, "const TREE_SLACK: f32 = {:?};", tree::SLACK);
         }
-        if contact::any(self.contacts) {
-            let tolerance = 4.0 * contact::widest_tolerance(self.ir, self.centre, o.precision);
-            let _ = writeln!(text, "const CONTACT_TOLERANCE: real = {};", literal(tolerance, o.precision)?);
+        if self.contacts.any() {
+            let tolerance = literal(self.contacts.tolerance, o.precision)?;
+            let _ = writeln!(text, "const CONTACT_TOLERANCE: real = {tolerance};");
+        }
+        if f.has_meshes() {
+            let _ = writeln!(text, "const FACETS_TOUCH: bool = {};", self.searches_facets());
         }
         if f.splits {
             let significands = literal(o.precision.significands(), o.precision)?;
@@ -273,7 +278,8 @@ impl Composition<'_> {
                 shader!("lib/paths_recorded.wgsl"),
             ),
             pick(f.has_meshes(), shader!("shapes/mesh.wgsl"), shader!("lib/mesh_none.wgsl")),
-            pick(contact::any(self.contacts), shader!("lib/contact.wgsl"), shader!("lib/contact_none.wgsl")),
+            pick(self.contacts.any(), shader!("lib/contact.wgsl"), shader!("lib/contact_none.wgsl")),
+
             shader!("shapes/plane.wgsl"),
             shader!("generate.wgsl"),
             pick(f.splits, split_triangle, shader!("intersect.wgsl")),
@@ -294,6 +300,9 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
+            (self.searches_facets(), shader!("lib/facets.wgsl")),
+            (f.has_meshes() && !self.searches_facets(), shader!("lib/facets_apart.wgsl")),
+            (self.contacts.any() && !self.searches_facets(), shader!("lib/facets_none.wgsl")),
             (f.reads_media(), shader!("lib/media.wgsl")),
             (
                 f.refractive,
@@ -344,17 +353,22 @@ impl Composition<'_> {
             (!o.baked && self.tree.is_none(), shader!("lib/primitives_table.wgsl")),
             (
                 !o.baked,
-                pick(
-                    contact::any(self.contacts),
-                    shader!("lib/try_primitive_contact.wgsl"),
-                    shader!("lib/try_primitive.wgsl"),
-                ),
+                match (self.searches_facets(), self.contacts.any()) {
+                    (true, _) => shader!("lib/try_primitive_facets.wgsl"),
+                    (false, true) => shader!("lib/try_primitive_contact.wgsl"),
+                    (false, false) => shader!("lib/try_primitive.wgsl"),
+                },
             ),
             (self.options.has_events(f), shader!("lib/events.wgsl")),
             (self.options.has_queue(), shader!("compact.wgsl")),
             (
                 self.options.has_queue(),
-                pick(f.has_meshes(), shader!("lib/queued_ray_mesh.wgsl"), shader!("lib/queued_ray.wgsl")),
+                match (f.has_meshes(), self.contacts.any()) {
+                    (false, false) => shader!("lib/queued_ray.wgsl"),
+                    (true, false) => shader!("lib/queued_ray_mesh.wgsl"),
+                    (false, true) => shader!("lib/queued_ray_contact.wgsl"),
+                    (true, true) => shader!("lib/queued_ray_mesh_contact.wgsl"),
+                },
             ),
             (!self.options.has_queue(), shader!("lib/queue_none.wgsl")),
             (!has_squares, shader!("lib/moments_none.wgsl")),
@@ -488,6 +502,17 @@ impl Composition<'_> {
         self.end_log.is_some_and(|log| log.max_passes > 0)
     }
 
+    /// Facets of meshes are in contact, or sources lie on them.
+    fn searches_facets(&self) -> bool {
+        let is_mesh = |i: usize| matches!(self.ir.surfaces.get(i).map(|s| s.shape), Some(Shape::Mesh(_)));
+        let births = (0..self.ir.surfaces.len()).any(|i| is_mesh(i) && self.contacts.is_born_on(i));
+        births || !self.contacts.facets.is_empty()
+    }
+
+    fn contact_records(&self) -> Records {
+        lowered::contact_records(self.ir, self.contacts, self.facets)
+    }
+
     fn branch_file(&self) -> &'static str {
         if self.features.importance {
             shader!("lib/branch_importance.wgsl")
@@ -521,8 +546,8 @@ impl Composition<'_> {
             );
         }
         text.push_str(&self.emitter()?);
-        if contact::any(self.contacts) {
-            text.push_str(&self.rows_of(&lowered::contact_records(self.contacts), self.options.baked)?);
+        if self.contacts.any() {
+            text.push_str(&self.rows_of(&self.contact_records(), self.options.baked)?);
         }
         text.push_str(&frame_functions("Surface", "surface", rotated_surfaces));
         text.push_str(&frame_functions("Sensor", "sensor", rotated_sensors));
@@ -594,7 +619,7 @@ impl Composition<'_> {
     ) -> Result<String> {
         let primitives = lowered::primitives(self.ir);
         let mut text = format!("fn {head} -> Hit {{\n    var best = {start};\n");
-        if contact::any(self.contacts) {
+        if self.contacts.any() {
             text.push_str("    let here = standing(ray);\n");
         }
         for (i, leaving) in candidates {
@@ -646,18 +671,35 @@ impl Composition<'_> {
             let _ = write!(arguments, "{}, ", self.real(argument)?);
         }
         let (o, d) = self.in_frame(frame)?;
-        Ok(match self.contacts.get(i).filter(|contact| contact.group != 0) {
-            None => format!(
+        if kind.is_searched() && self.searches_facets() {
+            let contact = self.contact_records().row(self.precision(), i)?;
+            let distance = format!("{function}({o}, {d}, {arguments}{leaving}, farthest_from(best))");
+            return Ok(format!(
+                "    search_facets(ray, here, {contact});\n    \
+                 best = nearer_facet(best, ray, {i}u, {distance});\n"
+            ));
+        }
+        let mut leaving = leaving.to_string();
+        if self.contacts.is_born_on(i) {
+            let [radial, axial, offset] = lowered::gradient(shape);
+            let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
+            let constant = self.real(lowered::shape_constant(shape))?;
+            let quadric = format!("Quadric({radial}, {axial}, {offset}, {constant})");
+            leaving = format!("({leaving}) | is_born_on(ray, {o}, {quadric})");
+        }
+        if !self.contacts.touches(i) {
+            return Ok(format!(
                 "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);\n"
-            ),
-            Some(_) => {
-                let holds = kind.holds();
-                let stands = format!("({leaving}) | stands_on(here, contact_of({i}u))");
-                let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
-                let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
-                format!("    best = nearer_in_contact(best, ray, here, {i}u, {elsewhere}, {holds});\n")
-            }
-        })
+            ));
+        }
+        let contact = self.contact_records().row(self.precision(), i)?;
+        let holds = kind.holds();
+        let stands = format!("({leaving}) | stands_on(here, {contact})");
+        let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
+        let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
+        Ok(format!(
+            "    best = nearer_in_contact(best, ray, here, {i}u, {contact}, {elsewhere}, {holds});\n"
+        ))
     }
 
     fn nearest_primitive_table(&self) -> String {
@@ -674,10 +716,21 @@ impl Composition<'_> {
                 format!("{}(o, d{arguments}, leaving{farthest})", kind.name().0)
             },
         );
-        if contact::any(self.contacts) {
+        if self.contacts.any() {
             let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
             text +=
                 &by_kind(head, &kinds, "false", |kind, arguments| format!("{}(o{arguments})", kind.holds()));
+            let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
+            text += &by_kind("fn shape_quadric(p: Primitive) -> Quadric", &kinds, flat, |kind, arguments| {
+                match kind.quadric() {
+                    Some((function, num)) => {
+                        let arguments: Vec<&str> = arguments.split(", ").skip(1).take(num).collect();
+                        format!("{function}({})", arguments.join(", "))
+                    }
+                    None if kind == ShapeKind::Annulus => "Quadric(0.0, 0.0, 1.0, -2.0 * p.a2)".into(),
+                    None => flat.into(),
+                }
+            });
         }
         text
     }

@@ -1,7 +1,7 @@
 //! What the shaders need of surfaces, sensors, primitives and media, as records. Origins are relative to the scene's centre.
 
 use super::bsdf;
-use super::contact::Contact;
+use super::contact::{self, Contacts};
 use super::features::{self, EmitterName, Features, ShapeKind};
 use super::records::Records;
 use crate::error::{Error, Result};
@@ -341,13 +341,67 @@ pub fn shape_constant(shape: &Shape) -> f64 {
     }
 }
 
-/// The records of faces in contact.
-pub fn contact_records(contacts: &[Contact]) -> Records {
+/// The record of every primitive in contact. `facets`: see shaders/lib/facets.wgsl.
+pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
     let mut records = Records::new("Contact", "contact", CONTACTS);
-    records.uint("group", contacts.iter().map(|c| c.group));
-    records.uint("rank", contacts.iter().map(|c| c.rank));
-    records.uint("flipped", contacts.iter().map(|c| u32::from(c.flipped)));
+    let primitives = &contacts.primitives;
+    records.uint("group", primitives.iter().map(|c| c.group));
+    records.uint("layer", primitives.iter().map(|c| 1 << c.layer));
+    records.uint("level", primitives.iter().map(|c| c.level));
+    records.uint("role", primitives.iter().map(|c| c.role as u32));
+    records.uint("flipped", primitives.iter().map(|c| u32::from(c.flipped)));
+    let surfaces = &ir.surfaces;
+    let side = |i: usize, flipped: bool| match surfaces.get(i) {
+        Some(surface) if surface.interaction == Interaction::Absorbing => contact::NO_MEDIUM,
+        Some(surface) if flipped => surface.back as u32,
+        Some(surface) => surface.front as u32,
+        None => contact::NO_MEDIUM,
+    };
+    records.uint("below", primitives.iter().enumerate().map(|(i, c)| side(i, c.flipped)));
+    records.uint("above", primitives.iter().enumerate().map(|(i, c)| side(i, !c.flipped)));
+    let refracts = |i: usize| surfaces.get(i).is_some_and(|s| s.interaction == Interaction::Refractive);
+    records.uint("refracts", (0..primitives.len()).map(|i| u32::from(refracts(i))));
+    records.uint("born", contacts.born_on.iter().map(|&born| u32::from(born)));
+    records.uint("facets", (0..primitives.len()).map(|i| facets.first_of(ir, i)));
     records
+}
+
+/// The contacts of facets, two words each, in the order of the triangles of each mesh.
+#[derive(Debug, Default)]
+pub struct FacetTable {
+    /// The contents of the buffer.
+    pub words: Vec<u32>,
+    /// For each surface in the table, what brings the number of one of its triangles to its row.
+    firsts: std::collections::HashMap<usize, u32>,
+}
+
+impl FacetTable {
+    /// What `facets` says of a primitive that is no mesh, and of a mesh without facets in contact.
+    const NO_MESH: u32 = u32::MAX;
+    const NO_FACETS: u32 = u32::MAX - 1;
+
+    /// The table of a scene's contacts.
+    pub fn of(ir: &SceneIr, contacts: &Contacts, triangles: &super::mesh::Triangles) -> Self {
+        let mut table = FacetTable::default();
+        for (i, surface) in ir.surfaces.iter().enumerate() {
+            let (Shape::Mesh(mesh), Some(facets)) = (surface.shape, contacts.facets.get(&i)) else { continue };
+            let (first, order) = triangles.of_mesh(mesh);
+            let row = table.words.len() as u32 / 2;
+            table.firsts.insert(i, row.wrapping_sub(first as u32));
+            table.words.extend(order.iter().flat_map(|&face| {
+                let contact = facets[face as usize];
+                [contact.group, contact.layer | u32::from(contact.flipped) << 5 | contact.level << 6]
+            }));
+        }
+        table
+    }
+
+    fn first_of(&self, ir: &SceneIr, primitive: usize) -> u32 {
+        match ir.surfaces.get(primitive).map(|surface| surface.shape) {
+            Some(Shape::Mesh(_)) => self.firsts.get(&primitive).copied().unwrap_or(Self::NO_FACETS),
+            _ => Self::NO_MESH,
+        }
+    }
 }
 
 /// What the shape's distance function takes between the direction and `leaving`.

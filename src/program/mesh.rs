@@ -20,6 +20,10 @@ const PADDING: f64 = 1.0 / (1 << 18) as f64;
 #[derive(Debug, Default)]
 pub struct Triangles {
     corners: Vec<[DVec3; 3]>,
+    /// Of each, the face of its mesh.
+    faces: Vec<u32>,
+    /// The first triangle of each mesh.
+    firsts: Vec<usize>,
 }
 
 impl Triangles {
@@ -39,9 +43,18 @@ impl Triangles {
                 )));
             }
             let corners = |&face: &u32| mesh.corners(mesh.faces[face as usize]);
+            triangles.firsts.push(triangles.corners.len());
+            triangles.faces.extend(&tree.order);
             triangles.corners.extend(tree.order.iter().map(corners));
         }
         Ok(triangles)
+    }
+
+    /// The number of the first triangle of a mesh, and the faces that its triangles are.
+    pub fn of_mesh(&self, mesh: usize) -> (usize, &[u32]) {
+        let first = self.firsts[mesh];
+        let end = self.firsts.get(mesh + 1).copied().unwrap_or(self.faces.len());
+        (first, &self.faces[first..end])
     }
 
     /// Rows of all triangles: they stand among the trees in f32, and in a buffer of their own in the other tiers.

@@ -335,10 +335,11 @@ impl Program {
         let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
         let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
         let triangles = mesh::Triangles::of(meshes, &mut forest)?;
-        let contacts = contact::contacts(ir, centre, options.precision);
+        let contacts = contact::Contacts::of(ir, centre, options.precision)?;
+        let facets = lowered::FacetTable::of(ir, &contacts, &triangles);
         let tree = match has_tree {
             true => {
-                let boxes = tree::boxes(ir, centre, &contacts, options.precision);
+                let boxes = tree::boxes(ir, centre, &contacts);
                 let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len())?;
                 let num_others = forest.num_rows() + triangles.num_rows();
                 tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
@@ -371,6 +372,7 @@ impl Program {
             forest: &forest,
             triangles: &triangles,
             contacts: &contacts,
+            facets: &facets,
             tree: tree.as_ref(),
             constant_weights,
             end_log: end_log.as_ref(),
@@ -412,7 +414,7 @@ impl Program {
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &contacts, tree.as_ref())?;
+        program.buffers = program.pack(ir, &contacts, &facets, tree.as_ref())?;
         program.buffers.extend(program.trees(&forest, &triangles, tree.as_ref())?);
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
@@ -421,7 +423,8 @@ impl Program {
     fn pack(
         &self,
         ir: &SceneIr,
-        contacts: &[contact::Contact],
+        contacts: &contact::Contacts,
+        facets: &lowered::FacetTable,
         tree: Option<&tree::PrimitiveTree>,
     ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
@@ -440,6 +443,9 @@ impl Program {
         if self.features.spectral {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
         }
+        if !facets.words.is_empty() {
+            buffers.push((contact::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
+        }
         let mut tables = Vec::new();
         if self.features.reads_media() && !self.options.bakes_media(ir) {
             tables.push(lowered::medium_records(ir));
@@ -450,7 +456,7 @@ impl Program {
             let has_records = tree.is_some_and(|tree| tree.records.is_some());
             let num = self.options.num_in_table(ir);
             let primitives = (!has_records).then(|| lowered::primitive_records(ir, self.centre, num));
-            let contacts = contact::any(contacts).then(|| lowered::contact_records(contacts));
+            let contacts = contacts.any().then(|| lowered::contact_records(ir, contacts, facets));
             tables.extend([surfaces, sensors].into_iter().chain(primitives).chain(contacts));
         }
         for records in tables {

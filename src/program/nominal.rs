@@ -6,7 +6,7 @@
 //! is only seen that a ray is clear of them (super::clearance).
 
 use super::clearance::{self, Clearance, Pilot};
-use super::contact::{self, Contact};
+use super::contact::Contacts;
 use super::end_log::{self, EndLog};
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
 use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, Shape, Surface};
@@ -101,7 +101,7 @@ impl NominalPath {
     pub fn of(
         ir: &SceneIr,
         centre: DVec3,
-        contacts: &[Contact],
+        contacts: &Contacts,
         options: &ProgramOptions,
         pilot_path: &PilotPath,
     ) -> Option<Self> {
@@ -114,11 +114,11 @@ impl NominalPath {
         let goes = has_end && before.iter().all(|&i| goes_on(i));
         // Of three faces within the tolerance, two of them in contact, it depends on their order which is the nearest; a
         // tree keeps none.
-        let has_order = !contact::any(contacts) || options.tree_primitives(ir).is_empty();
+        let has_order = !contacts.has_groups() || options.tree_primitives(ir).is_empty();
         if !(fits && goes && has_order && is_possible(ir, options)) {
             return None;
         }
-        let boxes = tree::boxes(ir, centre, contacts, options.precision);
+        let boxes = tree::boxes(ir, centre, contacts);
         let legs: Vec<Leg> = legs(emitters_box(ir, centre), primitives, &boxes).collect();
         if (*escapes && boxes.len() > MOST_MISSED)
             || legs.iter().map(|leg| leg.can_be_met(&boxes).count()).sum::<usize>() > MOST_LOOKED_AT
@@ -126,7 +126,7 @@ impl NominalPath {
             return None;
         }
         let shapes = lowered::primitives(ir);
-        let touches = |i: usize| contacts.get(i).is_some_and(|contact| contact.group != 0);
+        let touches = |i: usize| contacts.touches(i);
         let mut pilot = Pilot::new(ways, LEAST_CLEAR);
         let events = legs.iter().enumerate().map(|(step, leg)| {
             let &Leg { leaves, primitive, bounds } = leg;

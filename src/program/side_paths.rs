@@ -2,7 +2,7 @@
 //! Each has a stage of its own, which traces them from their birth as `trace_nominal` does the others; one that strays from
 //! its side path, too, follows the next one from the same event, or is traced by `trace_new`.
 
-use super::contact::Contact;
+use super::contact::Contacts;
 use super::nominal::{NominalPath, PilotPath};
 use super::path_log::{LoggedScene, PathLog, media_absorb_weakly};
 use glam::DVec3;
@@ -35,7 +35,7 @@ impl SidePath {
     pub fn of(
         scene: &LoggedScene,
         centre: DVec3,
-        contacts: &[Contact],
+        contacts: &Contacts,
         nominal: &NominalPath,
         nominal_log: Option<&PathLog>,
     ) -> Vec<SidePath> {

@@ -11,7 +11,7 @@
 
 use super::Precision;
 use super::bvh::{Forest, MAX_DEPTH};
-use super::contact::{self, Contact};
+use super::contact::Contacts;
 use super::lowered;
 use super::records::Records;
 use crate::error::{Error, Result};
@@ -99,13 +99,12 @@ impl PrimitiveTree {
 }
 
 /// The boxes of all primitives, relative to `centre`; none for those without an end.
-pub fn boxes(ir: &SceneIr, centre: DVec3, contacts: &[Contact], precision: Precision) -> Vec<Option<Aabb>> {
-    // Faces in contact are met together, as far apart as the tolerance.
-    let touch = 4.0 * contact::widest_tolerance(ir, centre, precision);
+pub fn boxes(ir: &SceneIr, centre: DVec3, contacts: &Contacts) -> Vec<Option<Aabb>> {
     let primitives = lowered::primitives(ir).into_iter().enumerate();
     let of = |(i, (frame, shape)): (usize, (Frame, Shape))| {
-        let touches = contacts.get(i).is_some_and(|contact| contact.group != 0);
-        bounds(&relative(frame, centre), &shape, &ir.meshes, if touches { touch } else { 0.0 })
+        // Faces in contact are met together, as far apart as the tolerance.
+        let touch = if contacts.touches(i) { contacts.tolerance } else { 0.0 };
+        bounds(&relative(frame, centre), &shape, &ir.meshes, touch)
     };
     primitives.map(of).collect()
 }

@@ -1,0 +1,13 @@
+// Meshes whose facets are in no contact. Twin of facets.wgsl.
+
+fn facet_crossing(ray: MeshRay, triangle: u32, crossing: real) -> real {
+    return select(MISS, crossing, (crossing > ray.start) & (triangle != ray.leaves));
+}
+
+fn facet_comes_first(ray: MeshRay, triangle: u32, t: real, found: u32, nearest: real) -> bool {
+    return t < nearest;
+}
+
+fn facets_beyond(nearest: real) -> real {
+    return nearest;
+}

@@ -1,0 +1,13 @@
+// No facet of a mesh is in contact: contacts are those of primitives. Twin of facets.wgsl.
+
+fn contact_at(primitive: u32, triangle: u32) -> Contact {
+    return contact_of(primitive);
+}
+
+fn arrived_on() -> u32 {
+    return 0u;
+}
+
+fn noted_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
+    return quadric_normal(surface, position);
+}

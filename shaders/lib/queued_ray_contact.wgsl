@@ -1,0 +1,16 @@
+// What waits in a queue: the ray, and the faces of its place that lie below it.
+
+struct QueuedRay {
+    ray: PackedRay,
+    below_it: u32,
+}
+
+fn queued(ray: Ray) -> QueuedRay {
+    return QueuedRay(pack_ray(ray), ray.below_it);
+}
+
+fn unqueued(q: QueuedRay) -> Ray {
+    var ray = unpack_ray(q.ray);
+    ray.below_it = q.below_it;
+    return ray;
+}
