@@ -79,23 +79,11 @@ fn edge(p: vec3<real>, q: vec3<real>) -> real {
     return select(area, -area, swapped);
 }
 
-// Where the ray crosses a triangle, or MISS. Edges belong to the triangle.
-fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
-    let a = seen(ray, mesh_row(triangle).xyz);
-    let b = seen(ray, mesh_row(triangle + 1u).xyz);
-    let c = seen(ray, mesh_row(triangle + 2u).xyz);
-    let u = edge(b, c);
-    let v = edge(c, a);
-    let w = edge(a, b);
-    let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
-    let area = u + v + w;
-    return select((u * a.z + v * b.z + w * c.z) / area, MISS, outside || area == 0.0);
-}
-
 // `root` is that of the mesh's tree. Only hits nearer than `farthest` count; from a tree over primitives, so does a tie,
 // which `nearer` settles.
 fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthest: real) -> real {
     let ray = mesh_ray(o, d, leaving);
+    leave_facet(ray, leaving);
     // Beyond the rounding of the sum.
     var nearest = farthest + ray.start + 1e-6 * (farthest + abs(ray.start));
     var found = NONE;

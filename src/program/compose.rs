@@ -9,7 +9,7 @@ use super::end_log::{EndLog, Form};
 use super::features::{Features, Precision, ShapeKind};
 use super::library::{self, Integers, Real};
 use super::lowered::{self, Cells, LEDGER_CELLS, ReachedMarks};
-use super::mesh::Triangles;
+use super::mesh::{self, Triangles};
 use super::nominal::NominalPath;
 use super::path_log::PathLog;
 use super::records::{Records, literal};
@@ -217,6 +217,10 @@ impl Composition<'_> {
         }
         if f.has_meshes() {
             let _ = writeln!(text, "const FACETS_TOUCH: bool = {};", self.searches_facets());
+            if o.precision == Precision::F32 {
+                let slack = literal(mesh::edge_slack(self.ir, self.centre), o.precision)?;
+                let _ = writeln!(text, "const EDGE_SLACK: real = {slack};");
+            }
         }
         if f.splits {
             let significands = literal(o.precision.significands(), o.precision)?;
@@ -279,7 +283,6 @@ impl Composition<'_> {
             ),
             pick(f.has_meshes(), shader!("shapes/mesh.wgsl"), shader!("lib/mesh_none.wgsl")),
             pick(self.contacts.any(), shader!("lib/contact.wgsl"), shader!("lib/contact_none.wgsl")),
-
             shader!("shapes/plane.wgsl"),
             shader!("generate.wgsl"),
             pick(f.splits, split_triangle, shader!("intersect.wgsl")),
@@ -302,6 +305,14 @@ impl Composition<'_> {
         let optional = [
             (self.searches_facets(), shader!("lib/facets.wgsl")),
             (f.has_meshes() && !self.searches_facets(), shader!("lib/facets_apart.wgsl")),
+            (
+                f.has_meshes(),
+                pick(
+                    o.precision == Precision::F32,
+                    shader!("lib/edges_f32.wgsl"),
+                    shader!("lib/edges_exact.wgsl"),
+                ),
+            ),
             (self.contacts.any() && !self.searches_facets(), shader!("lib/facets_none.wgsl")),
             (f.reads_media(), shader!("lib/media.wgsl")),
             (
@@ -697,9 +708,7 @@ impl Composition<'_> {
         let stands = format!("({leaving}) | stands_on(here, {contact})");
         let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
         let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
-        Ok(format!(
-            "    best = nearer_in_contact(best, ray, here, {i}u, {contact}, {elsewhere}, {holds});\n"
-        ))
+        Ok(format!("    best = nearer_in_contact(best, ray, here, {i}u, {contact}, {elsewhere}, {holds});\n"))
     }
 
     fn nearest_primitive_table(&self) -> String {

@@ -135,7 +135,10 @@ struct Search<'a> {
 enum Node {
     Primitive(usize),
     /// The facets of a placed mesh in one plane.
-    Plane { mesh: usize, plane: u32 },
+    Plane {
+        mesh: usize,
+        plane: u32,
+    },
 }
 
 /// Nodes by number, joined to groups.
@@ -287,7 +290,8 @@ impl<'a> Search<'a> {
             let births = Births::of(emitter, self.centre);
             for (i, face) in self.faces.iter().enumerate() {
                 let Some(face) = face else { continue };
-                let within = tolerance(self.precision, births.size.max(face.frame.origin.abs().max_element()));
+                let within =
+                    tolerance(self.precision, births.size.max(face.frame.origin.abs().max_element()));
                 let is_near = births.middle.distance(face.middle) <= births.reach + face.reach + within;
                 if is_near && births.points.iter().all(|&p| face.distance(p).abs() <= within) {
                     born_on[i] = true;
@@ -354,7 +358,8 @@ impl<'a> Search<'a> {
         for (k, unit) in members.iter().enumerate() {
             match unit.node {
                 Node::Primitive(i) => {
-                    let normal = self.faces[i].as_ref().map_or(DVec3::ZERO, |face| face.slope(base.points[0]));
+                    let normal =
+                        self.faces[i].as_ref().map_or(DVec3::ZERO, |face| face.slope(base.points[0]));
                     faces.push((Member::Primitive(i), k, normal.dot(base_normal) < 0.0));
                 }
                 Node::Plane { mesh, plane } => {
@@ -665,10 +670,8 @@ impl Births {
         let signs = [DVec2::new(-1.0, -1.0), DVec2::new(1.0, -1.0), DVec2::new(-1.0, 1.0), DVec2::ONE];
         let is_point = half == DVec2::ZERO;
         let corners = signs.into_iter().filter(|_| !is_point).map(|sign| (sign * half).extend(0.0));
-        let points: Vec<DVec3> = std::iter::once(DVec3::ZERO)
-            .chain(corners)
-            .map(|p| frame.rotation * p + frame.origin)
-            .collect();
+        let points: Vec<DVec3> =
+            std::iter::once(DVec3::ZERO).chain(corners).map(|p| frame.rotation * p + frame.origin).collect();
         let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         let size = low.abs().max(high.abs()).max_element();
@@ -685,7 +688,8 @@ fn planes_of(mesh: &Mesh) -> Vec<u32> {
     let within = tolerance(Precision::F64, size);
     // The same for both orientations, and different for nearly all planes.
     let key = |normal: DVec3, p: DVec3| {
-        (normal.dot(DVec3::new(0.754_877_666, 0.569_840_291, 0.430_159_709)) + 0.324_717_957 * normal.dot(p) / size)
+        (normal.dot(DVec3::new(0.754_877_666, 0.569_840_291, 0.430_159_709))
+            + 0.324_717_957 * normal.dot(p) / size)
             .abs()
     };
     let mut facets: Vec<(f64, u32)> = (0..)

@@ -384,7 +384,9 @@ impl FacetTable {
     pub fn of(ir: &SceneIr, contacts: &Contacts, triangles: &super::mesh::Triangles) -> Self {
         let mut table = FacetTable::default();
         for (i, surface) in ir.surfaces.iter().enumerate() {
-            let (Shape::Mesh(mesh), Some(facets)) = (surface.shape, contacts.facets.get(&i)) else { continue };
+            let (Shape::Mesh(mesh), Some(facets)) = (surface.shape, contacts.facets.get(&i)) else {
+                continue;
+            };
             let (first, order) = triangles.of_mesh(mesh);
             let row = table.words.len() as u32 / 2;
             table.firsts.insert(i, row.wrapping_sub(first as u32));

@@ -2,7 +2,7 @@
 
 use super::bvh::{Forest, MAX_DEPTH};
 use crate::error::{Error, Result};
-use crate::ir::{Mesh, unit_normal};
+use crate::ir::{Mesh, SceneIr, Shape, unit_normal};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -76,6 +76,20 @@ impl Triangles {
 /// The root of a mesh's tree: those of meshes come first.
 pub fn root(mesh: usize) -> u32 {
     mesh as u32
+}
+
+/// How far from the facet that it leaves a ray may stand in f32 \[mm\]: so many units of 2^-24 of the largest coordinate
+/// of a mesh in the scene.
+pub fn edge_slack(ir: &SceneIr, centre: DVec3) -> f64 {
+    const ROUNDINGS: f64 = 16.0;
+    let size = |surface: &crate::ir::Surface| match surface.shape {
+        Shape::Mesh(mesh) => {
+            let reach = ir.meshes[mesh].vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
+            (surface.frame.origin - centre).abs().max_element() + reach
+        }
+        _ => 0.0,
+    };
+    ROUNDINGS * 0.5 * f64::from(f32::EPSILON) * ir.surfaces.iter().map(size).fold(0.0, f64::max)
 }
 
 fn boxes(mesh: &Mesh) -> Vec<Aabb> {

@@ -444,7 +444,8 @@ impl Program {
             buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
         }
         if !facets.words.is_empty() {
-            buffers.push((contact::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
+            buffers
+                .push((contact::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
         }
         let mut tables = Vec::new();
         if self.features.reads_media() && !self.options.bakes_media(ir) {
