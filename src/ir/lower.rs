@@ -64,7 +64,8 @@ fn emitter(scene: &Scene, source: &Source) -> Result<Emitter> {
     })
 }
 
-fn emitter_kind(source: &Source) -> EmitterKind {
+/// How the rays of a source are born.
+pub(crate) fn emitter_kind(source: &Source) -> EmitterKind {
     match source {
         Source::Point(point) => EmitterKind::Point { half_angle: point.half_angle_deg.to_radians() },
         Source::Collimated(beam) => {

@@ -214,6 +214,20 @@ pub enum EmitterKind {
     },
 }
 
+impl EmitterKind {
+    /// Where rays are born, in the plane local z = 0; of a point source, a disk without an extent.
+    pub fn births(&self) -> Outline {
+        match *self {
+            EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
+            EmitterKind::CollimatedTophat { aperture_radius }
+            | EmitterKind::CollimatedGaussian { aperture_radius, .. } => {
+                Outline::Disk { radius: aperture_radius }
+            }
+            EmitterKind::Extended { area, .. } => area,
+        }
+    }
+}
+
 /// A discrete spectrum.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {

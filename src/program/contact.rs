@@ -9,7 +9,7 @@ use super::lowered::{gradient, shape_constant};
 use super::{Precision, tree};
 use crate::error::{Error, Result};
 use crate::ir::{
-    Emitter, EmitterKind, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface, area_vector,
+    Emitter, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface, area_vector,
     unit_normal,
 };
 use glam::{DVec2, DVec3};
@@ -654,15 +654,7 @@ struct Births {
 impl Births {
     fn of(emitter: &Emitter, centre: DVec3) -> Self {
         let frame = tree::relative(emitter.frame, centre);
-        let outline = match emitter.kind {
-            EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
-            EmitterKind::CollimatedTophat { aperture_radius }
-            | EmitterKind::CollimatedGaussian { aperture_radius, .. } => {
-                Outline::Disk { radius: aperture_radius }
-            }
-            EmitterKind::Extended { area, .. } => area,
-        };
-        let half = match outline {
+        let half = match emitter.kind.births() {
             Outline::Rectangle { width, height } => 0.5 * DVec2::new(width, height),
             Outline::Disk { radius } => DVec2::splat(radius),
             Outline::Infinite => DVec2::ZERO,

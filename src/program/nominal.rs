@@ -9,7 +9,7 @@ use super::clearance::{self, Clearance, Pilot};
 use super::contact::Contacts;
 use super::end_log::{self, EndLog};
 use super::{Cells, Features, ProgramOptions, SecondMoments, lowered, tree};
-use crate::ir::{Emitter, EmitterKind, Frame, Interaction, Outline, SceneIr, Shape, Surface};
+use crate::ir::{Emitter, Frame, Interaction, SceneIr, Shape, Surface};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -260,15 +260,7 @@ fn ends(ir: &SceneIr, primitive: usize) -> bool {
 fn emitters_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
     let of = |emitter: &Emitter| {
         let frame = tree::relative(emitter.frame, centre);
-        let outline = match emitter.kind {
-            EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
-            EmitterKind::CollimatedTophat { aperture_radius }
-            | EmitterKind::CollimatedGaussian { aperture_radius, .. } => {
-                Outline::Disk { radius: aperture_radius }
-            }
-            EmitterKind::Extended { area, .. } => area,
-        };
-        tree::bounds(&frame, &Shape::Plane(outline), &[], 0.0)
+        tree::bounds(&frame, &Shape::Plane(emitter.kind.births()), &[], 0.0)
     };
     let boxes: Option<Vec<Aabb>> = ir.emitters.iter().map(of).collect();
     boxes?.into_iter().reduce(|a, b| a.union(&b))

@@ -4,6 +4,7 @@
 //! components, closed and in order -> media as tables over the wavelengths of the sources.
 
 mod bsdf;
+mod coincidence;
 mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
@@ -86,7 +87,7 @@ impl Scene {
         let surfaces = surfaces::build(&file, &wavelengths, &meshes, folder, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         let meshes = meshes.meshes;
-        warnings.extend(doubts::of(&file, &surfaces, &media, &wavelengths));
+        warnings.extend(doubts::of(&file, &surfaces, &meshes, &media, &wavelengths));
         Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, meshes, media })
     }
 
