@@ -9,8 +9,7 @@ use super::lowered::{gradient, shape_constant};
 use super::{Precision, tree};
 use crate::error::{Error, Result};
 use crate::ir::{
-    Emitter, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface, area_vector,
-    unit_normal,
+    Emitter, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface, area_vector, unit_normal,
 };
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
