@@ -4,13 +4,14 @@ use std::collections::{HashMap, HashSet};
 
 use glam::{DVec2, DVec3};
 
-use super::json::{Detector, Material, ReflectProb, SceneFile};
+use super::json::{Detector, Material, Profile, ReflectProb, SceneFile, Source};
 use super::materials::listed;
 use super::media::MediaTable;
 use super::place::quoted;
 use super::surfaces::SceneSurface;
 use crate::ir::lower::sensor;
 use crate::ir::{Bsdf, Frame, Interaction, MediumId, Outline, Shape};
+use crate::result::format::significant;
 
 /// Everything that deserves a warning once all surfaces are known.
 pub(super) fn of(
@@ -24,6 +25,7 @@ pub(super) fn of(
     doubts.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     doubts.extend(hidden_detectors(file, surfaces));
     doubts.extend(one_branch(file, surfaces));
+    doubts.extend(file.sources.iter().filter_map(rays_on_the_rim));
     doubts
 }
 
@@ -205,6 +207,30 @@ fn overlap(a: &[DVec2], b: &[DVec2], rounding: f64) -> bool {
 
 fn pairs(corners: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
     corners.iter().copied().zip(corners.iter().copied().cycle().skip(1))
+}
+
+// Sources
+
+/// Places of a Gaussian beam are drawn until one lies within its radius, but no more than 32 times, as in Optiland; then the
+/// ray starts on the rim. Each draw lies beyond the radius with a probability of exp(-R^2 / 2 sigma^2).
+fn rays_on_the_rim(source: &Source) -> Option<String> {
+    /// That of shaders/emitters/collimated_gaussian.wgsl.
+    const ATTEMPTS: f64 = 32.0;
+    /// Fewer are lost in the noise of a million rays and more.
+    const SHARE: f64 = 1e-6;
+    let Source::Collimated(beam) = source else { return None };
+    let sigma = beam.gaussian_sigma.unwrap_or(0.5 * beam.aperture_radius);
+    let share = (-0.5 * ATTEMPTS * (beam.aperture_radius / sigma).powi(2)).exp();
+    (beam.profile == Profile::Gaussian && share > SHARE).then(|| {
+        format!(
+            "source {} has a gaussian_sigma of {sigma} mm in a radius of {} mm: {} % of its rays start on the rim, because \
+             their places are drawn no more than {ATTEMPTS} times, as in Optiland; a tophat profile or a smaller \
+             gaussian_sigma has none there",
+            quoted(&beam.name),
+            beam.aperture_radius,
+            significant(100.0 * share, 2)
+        )
+    })
 }
 
 // Sampling
