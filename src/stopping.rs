@@ -55,8 +55,8 @@ fn next_check(first: u64, position: u64) -> u64 {
 }
 
 impl Stopping {
-    /// Stops when the largest relative error of [`crate::result::worst_relative_error`] is at most `target_error`, or after
-    /// `time_limit`.
+    /// Stops when the largest relative error of all detectors ([`crate::result::uncertainty::worst_relative_error`]) is at
+    /// most `target_error`, or after `time_limit`.
     pub fn new(ir: &SceneIr, target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
         let num_cells: u64 = ir.sensors.iter().map(|sensor| sensor.num_cells() as u64).sum();
         let first_check = FIRST_CHECK.max(num_cells / CELLS_PER_RAY);
@@ -88,8 +88,11 @@ impl Stopping {
             let position = progress.position();
             if position > 0 && self.next_check(position - 1) == position {
                 let errors = Errors::of(ir, progress.tally()?);
-                let rays = |factor: f64| (progress.done as f64 * factor).ceil() as u64;
-                let rays_to_target = errors.factor_to(target).map(rays);
+                // It stops where the error is looked at.
+                let stops_after = |position: f64| self.next_check((position.ceil() as u64).saturating_sub(1));
+                let more = |factor: f64| stops_after(position as f64 * factor).saturating_sub(position);
+                let rays_to_target =
+                    errors.factor_to(target).map(|factor| progress.done.saturating_add(more(factor)));
                 self.known = errors.worst().map(|error| Known { error, rays_to_target });
                 if self.relative_error().is_some_and(|error| error <= target) {
                     return Ok(Some(StoppedBy::TargetError));

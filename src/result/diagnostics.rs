@@ -35,18 +35,11 @@ pub struct DetectorDiagnostic {
     pub num_pixels: Option<u64>,
     /// `num_rays_hit / num_pixels`; none for a ray database.
     pub mean_hits_per_pixel: Option<f64>,
-    /// True below 10 mean hits per pixel: Optiland's figure. The warnings go by `map_error`.
+    /// True below 10 mean hits per pixel: Optiland's figure. The warnings go by the error of the map.
     pub undersampled: bool,
     /// Rays that would bring 400 hits to each pixel on average: Optiland's figure; none for a ray database or without any
     /// hit.
     pub rays_needed_for_5pct: Option<u64>,
-    /// The sum of the cells' standard errors over the sum of their values. Where second moments were not summed, a cell's
-    /// error is its value over the root of its hits. None of a ray database, of a dark map, and where it is not known.
-    #[serde(default)]
-    pub map_error: Option<f64>,
-    /// Rays that would bring `map_error` to 5 %; none where nothing can be said.
-    #[serde(default)]
-    pub rays_for_map_error_5pct: Option<u64>,
 }
 
 /// Optiland's `Diagnostics`, field by field, and the warnings that follow.
@@ -78,7 +71,7 @@ pub struct Diagnostics {
 }
 
 impl DetectorDiagnostic {
-    fn new(detector: &Detector, sums: &SensorTally, uncertainty: &Uncertainty, num_rays_total: u64) -> Self {
+    fn new(detector: &Detector, num_rays_total: u64) -> Self {
         let num_rays_hit = match detector.data {
             DetectorData::RayDatabase(_) => 0,
             DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
@@ -87,38 +80,44 @@ impl DetectorDiagnostic {
         };
         let num_pixels = detector.data.num_pixels();
         let mean = num_pixels.map(|pixels| num_rays_hit as f64 / pixels as f64);
-        let rays = |factor: f64| (num_rays_total as f64 * factor) as u64;
-        let map = uncertainty.of_map(sums).or_else(|| uncertainty.of_map_by_hits(sums));
         DetectorDiagnostic {
             name: detector.name.clone(),
             num_rays_hit,
             num_pixels,
             mean_hits_per_pixel: mean,
             undersampled: mean.is_some_and(|mean| mean < UNDERSAMPLED_HITS),
-            rays_needed_for_5pct: mean.filter(|mean| *mean > 0.0).map(|mean| rays(TARGET_HITS / mean)),
-            map_error: map.map(|map| map.relative()).filter(|error| error.is_finite()),
-            rays_for_map_error_5pct: map.and_then(|map| map.factor_to(GOOD_ERROR)).map(rays),
+            rays_needed_for_5pct: mean
+                .filter(|mean| *mean > 0.0)
+                .map(|mean| (num_rays_total as f64 * (TARGET_HITS / mean)) as u64),
         }
-    }
-
-    fn warning(&self) -> Option<String> {
-        let error = self.map_error.filter(|error| *error > UNDERSAMPLED_ERROR)?;
-        let remedy = self.rays_for_map_error_5pct.map_or(String::new(), |rays| {
-            format!("; about {} rays would bring it to 5 %", thousands(rounded(rays)))
-        });
-        Some(format!(
-            "detector '{}' is undersampled: the standard errors of its cells add up to {} % of what they hold, so that its map \
-             is mostly shot noise{remedy}",
-            self.name,
-            significant(100.0 * error, 2),
-        ))
     }
 }
 
+/// Says which maps are mostly noise. Where second moments were not summed, a cell's error is its value over the root of its
+/// hits.
+fn undersampled(
+    detector: &Detector,
+    sums: &SensorTally,
+    uncertainty: &Uncertainty,
+    num_rays: u64,
+) -> Option<String> {
+    let map = uncertainty.of_map(sums).or_else(|| uncertainty.of_map_by_hits(sums))?;
+    let error = Some(map.relative()).filter(|error| error.is_finite() && *error > UNDERSAMPLED_ERROR)?;
+    let remedy = map.factor_to(GOOD_ERROR).map_or(String::new(), |factor| {
+        format!("; about {} rays would bring it to 5 %", thousands(rounded(num_rays as f64 * factor)))
+    });
+    Some(format!(
+        "detector '{}' is undersampled: the standard errors of its cells add up to {} % of what they hold, so that its map is \
+         mostly shot noise{remedy}",
+        detector.name,
+        significant(100.0 * error, 2),
+    ))
+}
+
 /// A number to two digits, as no estimate is better than that.
-fn rounded(count: u64) -> u64 {
-    let unit = 10_u64.pow(count.checked_ilog10().unwrap_or(0).saturating_sub(1));
-    count.saturating_add(unit / 2) / unit * unit
+fn rounded(count: f64) -> u64 {
+    let unit = 10_f64.powf((count.max(1.0).log10().floor() - 1.0).max(0.0));
+    ((count / unit).round() * unit) as u64
 }
 
 /// Names for a sentence.
@@ -132,16 +131,15 @@ fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
 impl Diagnostics {
     pub(crate) fn new(ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) -> Self {
         let unreached = result.surfaces.iter().filter(|surface| !surface.reached);
-        let detectors = result.detectors.iter().zip(&tally.sensors);
         let mut diagnostics = Diagnostics {
             depth_truncated_flux_fraction: result.fraction_of_launched(result.ledger.depth.flux),
             rr_killed_flux_fraction: result.fraction_of_launched(result.ledger.roulette_loss.flux),
             flux_conservation_error: result.flux_conservation_error,
             unreached_geometry: unreached.map(|surface| surface.name.clone()).collect(),
-            detectors: detectors
-                .map(|(detector, sums)| {
-                    DetectorDiagnostic::new(detector, sums, uncertainty, result.num_rays_total)
-                })
+            detectors: result
+                .detectors
+                .iter()
+                .map(|detector| DetectorDiagnostic::new(detector, result.num_rays_total))
                 .collect(),
             medium_stack_underflows: tally.medium_stack_underflows,
             split_budget_saturated: tally.split_budget_saturated,
@@ -149,23 +147,26 @@ impl Diagnostics {
             warnings: Vec::new(),
             grave: Vec::new(),
         };
-        diagnostics.warn(ir, result, tally);
+        diagnostics.warn(ir, result, tally, uncertainty);
         diagnostics
     }
 
-    fn warn(&mut self, ir: &SceneIr, result: &TraceResult, tally: &Tally) {
+    fn warn(&mut self, ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) {
         let mut grave = broken_books(result);
         let mut warnings = grave.clone();
         warnings.extend(partial(result));
         warnings.extend(result.run.precision_warning.iter().cloned());
         warnings.extend(result.run.scene_warnings.iter().cloned());
-        let undersampled = self.detectors.iter().filter_map(DetectorDiagnostic::warning);
+        let maps =
+            result.detectors.iter().zip(&tally.sensors).filter_map(|(detector, sums)| {
+                undersampled(detector, sums, uncertainty, result.num_rays_total)
+            });
         let without_rays = sources_without_rays(ir, result, tally);
         let unfinished: Vec<String> = without_rays
             .into_iter()
             .chain(self.cut_off(ir, result))
             .chain(unlit(result))
-            .chain(undersampled)
+            .chain(maps)
             .collect();
         warnings.extend(unfinished.iter().cloned());
         warnings.extend(self.roulette());
@@ -186,7 +187,10 @@ impl Diagnostics {
         }
         let dark = match dark.as_slice() {
             [] => "paths with more events are missing".into(),
-            dark => format!("paths with more events are missing, and {} got no light", listed(dark.iter().copied())),
+            dark => format!(
+                "paths with more events are missing, and {} got no light",
+                listed(dark.iter().copied())
+            ),
         };
         let max_depth = result.run.max_depth;
         Some(format!(
@@ -297,9 +301,10 @@ fn unlit(result: &TraceResult) -> Option<String> {
     })
 }
 
-/// Sources that no ray was left for. A part of a trace may have none of a source: the whole is what counts.
+/// Sources that no ray was left for. A lone source has all rays, and a part of a trace may have none of a source.
 fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Option<String> {
-    if result.run.of_rays.is_some_and(|all| all > result.num_rays_total) {
+    let is_part = result.run.of_rays.is_some_and(|all| all > result.num_rays_total);
+    if is_part || ir.emitters.len() < 2 {
         return None;
     }
     let counts = tally.rays.counts(ir.emitters.len());

@@ -95,7 +95,8 @@ impl Uncertainty {
 
     /// The error of a detector's map; none of a dark one, of a ray database, and where nothing tells the errors of cells.
     pub(crate) fn of_map(&self, sums: &SensorTally) -> Option<MapError> {
-        Uncertainty::knows_cells(sums).then(|| MapError::new(sums, self.unit, |cell| self.of_cell(sums, cell)))?
+        Uncertainty::knows_cells(sums)
+            .then(|| MapError::new(sums, self.unit, |cell| self.of_cell(sums, cell)))?
     }
 
     /// The same by the hits alone: each cell's error is its value over the root of its hits. It is right where all rays
