@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
+import math
 import os
 import shutil
 import signal
@@ -32,7 +33,7 @@ from optiland.nonsequential.detectors.configs import (
     RayDatabaseConfig,
     SpectralDetectorConfig,
 )
-from optiland.nonsequential.sources.configs import PointSourceConfig
+from optiland.nonsequential.sources.configs import CollimatedSourceConfig, PointSourceConfig
 from optiland.nonsequential.units import to_photometric
 from optiland.samples.objectives import CookeTriplet
 
@@ -494,6 +495,20 @@ def test_sources_without_a_ray_are_a_warning() -> None:
         scene.add_source(f"spare{index}", cs(z=-20.0), PointSourceConfig(spectrum=live.two_lines(), half_angle_deg=5.0))
     with pytest.warns(nsq_gpu.ResultWarning, match="2 of 5 sources have no ray: spare2, spare3"):
         scene.trace(3, backend=backend())
+
+
+def test_rays_on_the_rim_of_a_wide_gaussian_beam_are_a_warning_that_tells_their_share() -> None:
+    num_rays, radius = 40_000, 3.0
+    scene = NSQScene()
+    beam = CollimatedSourceConfig(live.two_lines(), aperture_radius=radius, profile="gaussian", gaussian_sigma=2.0 * radius)
+    scene.add_source("beam", cs(), beam)
+    scene.add_detector("rays", cs(z=5.0), RayDatabaseConfig(40.0, 40.0))
+    with pytest.warns(nsq_gpu.NsqGpuWarning, match="beam.* 1.8 % of its rays start on the rim"):
+        result = scene.trace(num_rays, backend=backend())
+    rays = result.detectors["rays"]
+    found = float(np.mean(np.hypot(rays.x, rays.y) > (1.0 - 1e-9) * radius))
+    share = math.exp(-4.0)
+    assert abs(found - share) < 4.5 * math.sqrt(share / num_rays)
 
 
 def half_mirror() -> NSQScene:

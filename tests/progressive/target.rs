@@ -47,21 +47,35 @@ fn deviation(samples: &[f64]) -> f64 {
     variance.sqrt() / bias
 }
 
-/// For each detector how far traces of other seeds lie apart, as the target measures it: by its cells, and by its flux.
-fn apart(tallies: &[Tally]) -> Vec<[f64; 2]> {
-    let of = |sensor: usize, cell: usize| -> Vec<f64> {
-        tallies.iter().map(|tally| tally.sensors[sensor].quanta[cell] as f64).collect()
-    };
-    (0..tallies[0].sensors.len())
-        .map(|sensor| {
-            let fluxes: Vec<f64> =
-                tallies.iter().map(|tally| tally.sensors[sensor].total().quanta as f64).collect();
-            let mean = fluxes.iter().sum::<f64>() / fluxes.len() as f64;
-            let cells = 0..tallies[0].sensors[sensor].quanta.len();
-            let of_cells: f64 = cells.map(|cell| deviation(&of(sensor, cell))).sum();
-            [of_cells / mean, deviation(&fluxes) / mean]
-        })
-        .collect()
+/// How far traces of other seeds lie apart at one detector, as the target measures it.
+#[derive(Debug)]
+struct Apart {
+    /// By its cells, and how uncertain that is: the deviations of so few seeds are known to a fourth each.
+    map: f64,
+    relative_uncertainty: f64,
+    /// By its flux.
+    flux: f64,
+}
+
+impl Apart {
+    fn of(tallies: &[Tally], sensor: usize) -> Self {
+        let fluxes: Vec<f64> =
+            tallies.iter().map(|tally| tally.sensors[sensor].total().quanta as f64).collect();
+        let mean = fluxes.iter().sum::<f64>() / fluxes.len() as f64;
+        let of_cell = |cell: usize| {
+            let values: Vec<f64> =
+                tallies.iter().map(|tally| tally.sensors[sensor].quanta[cell] as f64).collect();
+            deviation(&values)
+        };
+        let cells: Vec<f64> = (0..tallies[0].sensors[sensor].quanta.len()).map(of_cell).collect();
+        let (sum, squares) = cells.iter().fold((0.0, 0.0), |(sum, squares), s| (sum + s, squares + s * s));
+        let of_one = 0.5 / (tallies.len() as f64 - 1.0);
+        Apart {
+            map: sum / mean,
+            relative_uncertainty: if sum > 0.0 { (of_one * squares).sqrt() / sum } else { 0.0 },
+            flux: deviation(&fluxes) / mean,
+        }
+    }
 }
 
 #[test]
@@ -94,13 +108,14 @@ fn a_target_stops_where_the_error_is_what_was_asked() {
                 tracer.trace(|_| true).unwrap()
             })
             .collect();
-        let found = apart(&tallies);
-        let [of_maps, of_fluxes] =
-            [0, 1].map(|which| found.iter().map(|errors| errors[which]).fold(0.0, f64::max));
-        println!("{name}: {num_rays} rays, {said:.4} of {target}, maps {of_maps:.4}, fluxes {of_fluxes:.4}");
-        assert!((0.9 * target..1.1 * target).contains(&of_maps), "{name}: {found:?}, asked for {target}");
-        // The deviation of one number of 8 seeds is within a factor of 2 in 99.9 % of the cases.
-        assert!(of_fluxes < 2.0 * target, "{name}: {found:?}, asked for {target}");
+        let found: Vec<Apart> = (0..ir.sensors.len()).map(|sensor| Apart::of(&tallies, sensor)).collect();
+        let worst = found.iter().max_by(|a, b| a.map.total_cmp(&b.map)).unwrap();
+        println!("{name}: {num_rays} rays, {said:.4} of {target}, {worst:.4?}");
+        // 5 sigma, and 5 % for what the root of few hits hides, and for errors that are bounds.
+        let bound = 0.05 + 5.0 * worst.relative_uncertainty;
+        assert!((worst.map / said - 1.0).abs() < bound, "{name}: {found:?}, {said} is said, to {bound}");
+        // The deviation of one number of 8 seeds is below twice the true one in 99.9 % of the cases.
+        assert!(found.iter().all(|apart| apart.flux < 2.0 * target), "{name}: {found:?}, asked for {target}");
     }
 }
 
@@ -111,22 +126,18 @@ fn the_promised_number_of_rays_comes_true() {
         let ir = zoo::load(name);
         let Stopped { tally, promises } = stopped(&ir, target);
         let num_rays = tally.launched.count;
-        println!("{name}: {num_rays} rays, {:?}", promises.first());
-        let first = promises.iter().find(|(done, _)| done * 300 > num_rays).unwrap();
-        assert!(first.0 * 10 < num_rays, "{name}: too short a trace, of {num_rays} rays");
-        for (done, promised) in promises.iter().filter(|(done, _)| done * 300 > num_rays) {
-            let off = *promised as f64 / num_rays as f64;
+        assert!(promises[0].0 * 40 < num_rays, "{name}: too short a trace, of {num_rays} rays");
+        for (done, promised) in promises {
+            let off = promised as f64 / num_rays as f64;
+            println!("{name}: after {done} of {num_rays} rays {off:.3} of them are promised");
+            // The first look may find so few hits that most cells are unknown.
             assert!(
-                (0.5..2.0).contains(&off),
+                (0.3..2.0).contains(&off),
                 "{name}: after {done} rays {promised} of {num_rays} are promised"
             );
+            assert!(done * 100 < num_rays || (0.5..2.0).contains(&off), "{name}: {promised} after {done}");
+            assert!(done * 4 < num_rays || (0.85..1.15).contains(&off), "{name}: {promised} after {done}");
         }
-        let near: Vec<f64> = promises
-            .iter()
-            .filter(|(done, _)| done * 4 > num_rays)
-            .map(|(_, promised)| *promised as f64 / num_rays as f64)
-            .collect();
-        assert!(near.iter().all(|off| (0.85..1.15).contains(off)), "{name}: {near:?}");
     }
 }
 
