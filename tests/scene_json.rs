@@ -363,7 +363,7 @@ fn gaussian_beams_wider_than_their_radius_are_warned_of() {
         Scene::from_json(&text).unwrap().warnings
     };
     // 32 draws beyond the radius: (e^(-R^2 / 2 sigma^2))^32, 85 % of the rays at ten times the radius.
-    for (sigma, share) in [(30.0, "85"), (6.0, "1.8"), (3.9, "0.0078")] {
+    for (sigma, share) in [(30.0, "85"), (6.0, "1.8"), (3.9, "0.0077")] {
         let found = of(&format!(r#""profile": "gaussian", "gaussian_sigma": {sigma}"#)).concat();
         let told = format!(
             "gaussian_sigma of {sigma} mm in a radius of 3 mm: {share} % of its rays start on the rim"
