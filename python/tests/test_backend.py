@@ -542,7 +542,7 @@ def test_pip_builds_the_release(tmp_path: Path) -> None:
     assert settings["tool"]["maturin"]["profile"] == "release"
     pytest.importorskip("maturin", reason="pip installs maturin for itself")
     said, cargo = tmp_path / "said", shutil.which("cargo")
-    body = f'#!/bin/sh\ncase "$1" in metadata) exec {cargo} "$@";; esac\necho "$@" >> {said}\nexit 1\n'
+    body = f'#!/bin/sh\ncase "$1" in metadata|--version) exec {cargo} "$@";; esac\necho "$@" >> {said}\nexit 1\n'
     stand_in = tmp_path / "cargo"
     stand_in.write_text(body, encoding="utf-8")
     stand_in.chmod(0o755)
