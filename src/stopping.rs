@@ -6,7 +6,7 @@
 use crate::error::Result;
 use crate::ir::SceneIr;
 use crate::result::Tally;
-use crate::result::uncertainty::worst_relative_error;
+use crate::result::uncertainty::Errors;
 use crate::trace::{Progress, Tracer};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -29,8 +29,15 @@ pub struct Stopping {
     target_error: Option<f64>,
     time_limit: Option<Duration>,
     first_check: u64,
-    /// Rays done when the error was last looked at, and the error.
-    known: Option<(u64, f64)>,
+    /// What was found when the error was last looked at.
+    known: Option<Known>,
+}
+
+/// The largest relative error, and the rays that the target takes in all, as far as can be said.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Known {
+    error: f64,
+    rays_to_target: Option<u64>,
 }
 
 /// The least of the first places where the error is looked at: before, it is little more than chance.
@@ -48,8 +55,8 @@ fn next_check(first: u64, position: u64) -> u64 {
 }
 
 impl Stopping {
-    /// Stops when the largest relative error of [`worst_relative_error`] is at most `target_error`, or after
-    /// `time_limit`.
+    /// Stops when the largest relative error of all detectors ([`crate::result::uncertainty::worst_relative_error`]) is at
+    /// most `target_error`, or after `time_limit`.
     pub fn new(ir: &SceneIr, target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
         let num_cells: u64 = ir.sensors.iter().map(|sensor| sensor.num_cells() as u64).sum();
         let first_check = FIRST_CHECK.max(num_cells / CELLS_PER_RAY);
@@ -80,9 +87,14 @@ impl Stopping {
         if let Some(target) = self.target_error {
             let position = progress.position();
             if position > 0 && self.next_check(position - 1) == position {
-                let error = worst_relative_error(ir, progress.tally()?);
-                self.known = error.map(|error| (progress.done, error));
-                if error.is_some_and(|error| error <= target) {
+                let errors = Errors::of(ir, progress.tally()?);
+                // It stops where the error is looked at.
+                let stops_after = |position: f64| self.next_check((position.ceil() as u64).saturating_sub(1));
+                let more = |factor: f64| stops_after(position as f64 * factor).saturating_sub(position);
+                let rays_to_target =
+                    errors.factor_to(target).map(|factor| progress.done.saturating_add(more(factor)));
+                self.known = errors.worst().map(|error| Known { error, rays_to_target });
+                if self.relative_error().is_some_and(|error| error <= target) {
                     return Ok(Some(StoppedBy::TargetError));
                 }
             }
@@ -93,14 +105,14 @@ impl Stopping {
 
     /// The largest relative error when it was last looked at.
     pub fn relative_error(&self) -> Option<f64> {
-        self.known.map(|(_, error)| error)
+        self.known.map(|known| known.error)
     }
 
-    /// Rays that the target takes in all, judged by the error when it was last looked at; none where nothing can be said.
+    /// Rays that the target takes in all, judged by the errors when they were last looked at; none where nothing can be
+    /// said. With random numbers it comes true within a factor of 2 once a hundredth of the rays are traced, and within
+    /// 15 % from a quarter on; Sobol points need fewer.
     pub fn rays_to_target(&self) -> Option<u64> {
-        let (target, (done, error)) = (self.target_error?, self.known?);
-        let factor = (error / target).powi(2);
-        factor.is_finite().then(|| (done as f64 * factor).ceil() as u64)
+        self.known?.rays_to_target
     }
 }
 

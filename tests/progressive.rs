@@ -10,5 +10,7 @@ mod zoo;
 
 #[path = "progressive/fold.rs"]
 mod fold;
+#[path = "progressive/target.rs"]
+mod target;
 #[path = "progressive/uncertainty.rs"]
 mod uncertainty;

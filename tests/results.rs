@@ -15,8 +15,8 @@ use nsq_gpu::ir::{
 use nsq_gpu::result::output::{REPORT, write_all};
 use nsq_gpu::result::report::{Files, Report};
 use nsq_gpu::result::{
-    Booking, DetectorData, PathEvent, PathEventKind, RayRow, RaySet, RunInfo, SensorTally, SurfaceTally,
-    Tally, TraceResult,
+    Booking, DetectorData, PathEvent, PathEventKind, RayRow, RaySet, RaySpan, RunInfo, SensorTally,
+    SurfaceTally, Tally, TraceResult,
 };
 use serde_json::Value;
 
@@ -256,10 +256,74 @@ fn unreached_surfaces_and_thin_sampling_are_warned_about() {
     assert_eq!(result.diagnostics.unreached_geometry, ["L1.front"]);
     let warned = |words: &str| result.diagnostics.warnings.iter().any(|warning| warning.contains(words));
     assert!(warned("no ray hit 1 surface(s): L1.front"));
-    assert!(warned("'sky' is undersampled: 8.33 hits per pixel"));
+    // 10 % from 100 hits in a cell, of twelve.
+    assert!(!warned("'sky' is undersampled"));
     assert!(!warned("'map' is undersampled"));
     assert!(warned("2 % of the launched flux ended at the depth limit"));
     assert!(!warned("no ray reached"));
+}
+
+#[test]
+fn a_map_of_few_hits_says_what_it_takes() {
+    let (ir, mut tally) = everything();
+    for (cell, hits) in [(5, 1), (6, 2), (7, 3)] {
+        (tally.sensors[2].quanta[cell], tally.sensors[2].hits[cell]) = (u128::from(hits) * WEIGHT, hits);
+    }
+    let diagnostics = TraceResult::new(&ir, &run(1000), &tally).unwrap().diagnostics;
+    // (1 + sqrt 2 + sqrt 3) / 6 is 69 %; 400 hits expected in each of three cells, for 2, would do but for the bias of roots.
+    let expected = "detector 'sky' is undersampled: the standard errors of its cells add up to 69 % of what they hold, so that \
+                    its map is mostly shot noise; about 240,000 rays would bring it to 5 %";
+    assert!(diagnostics.warnings.contains(&expected.to_string()), "{:?}", diagnostics.warnings);
+    assert!(diagnostics.grave.contains(&expected.to_string()), "{:?}", diagnostics.grave);
+}
+
+#[test]
+fn light_that_the_depth_limit_took_is_told_with_the_number_to_give() {
+    let (mut ir, mut tally) = everything();
+    let told = |ir: &SceneIr, tally: &Tally, max_depth: u32| {
+        let run = RunInfo { max_depth, ..run(1000) };
+        let grave = TraceResult::new(ir, &run, tally).unwrap().diagnostics.grave;
+        grave.into_iter().find(|warning| warning.contains("depth limit")).unwrap_or_default()
+    };
+    assert_eq!(
+        told(&ir, &tally, 16),
+        "2 % of the launched flux ended at the depth limit of 16 events: paths with more events are missing; give \
+         --max-depth 32, in Python NsqGpuBackend(max_depth=32)"
+    );
+    ir.surfaces.extend(std::iter::repeat_n(ir.surfaces[2].clone(), 20));
+    tally.surfaces.extend(std::iter::repeat_n(tally.surfaces[2], 20));
+    assert!(told(&ir, &tally, 16).contains("max_depth=44"), "twice a mirror and 21 refracting surfaces");
+    assert!(told(&ir, &tally, 44).contains("max_depth=88"));
+    // A dark detector may be dark for the little that is missing.
+    tally.depth_killed = booking(1, 0);
+    tally.depth_killed.quanta = WEIGHT / 100;
+    assert_eq!(told(&ir, &tally, 16), "");
+    tally.sensors[0] = Tally::zeros(&ir).sensors[0].clone();
+    assert!(told(&ir, &tally, 16).contains("missing, and map got no light; give --max-depth 44"));
+    tally.depth_killed = booking(0, 0);
+    assert_eq!(told(&ir, &tally, 16), "");
+}
+
+#[test]
+fn sources_without_a_ray_are_told() {
+    let (mut ir, mut tally) = everything();
+    let emitter = ir.emitters[0].clone();
+    ir.emitters = (0..12).map(|i| Emitter { name: format!("S{i}"), ..emitter.clone() }).collect();
+    tally.rays += RaySpan { first: 0, count: 1000, emitter: 0 };
+    tally.rays += RaySpan { first: 1000, count: 1, emitter: 11 };
+    let told = |tally: &Tally, of_rays| {
+        let run = RunInfo { of_rays, ..run(1000) };
+        let grave = TraceResult::new(&ir, &run, tally).unwrap().diagnostics.grave;
+        grave.into_iter().find(|warning| warning.contains("sources")).unwrap_or_default()
+    };
+    assert_eq!(
+        told(&tally, None),
+        "10 of 12 sources have no ray: S1, S2, S3, S4, S5, S6, S7, S8 and 2 more; their light is missing; launch at least \
+         12 rays, and a thousand times as many for a result"
+    );
+    assert_eq!(told(&tally, Some(1_000_000)), "", "another part has them");
+    (1..11).for_each(|emitter| tally.rays += RaySpan { first: 5000, count: 1, emitter });
+    assert_eq!(told(&tally, None), "");
 }
 
 #[test]
@@ -373,8 +437,10 @@ fn fields_and_diagnostics_are_optilands() {
             None => assert_eq!(&ours[name], expected, "{name}"),
         }
     }
-    // Optiland's, and that the database dropped rows.
-    assert_eq!(result.diagnostics.warnings.len() as u64, oracle["num_warnings"].as_u64().unwrap() + 1);
+    // Optiland takes what the mirror absorbs for an error of the books, which close here.
+    assert!(ours["flux_conservation_error"].as_f64().unwrap() > 0.05);
+    let warnings = &result.diagnostics.warnings;
+    assert!(!warnings.iter().any(|warning| warning.contains("conservation")), "{warnings:?}");
 }
 
 #[test]

@@ -351,3 +351,30 @@ fn media_without_a_second_face_and_branches_that_are_never_drawn_are_warned_of()
         assert_eq!((told, found.len()), (missing.is_some(), usize::from(missing.is_some())), "{found:?}");
     }
 }
+
+#[test]
+fn gaussian_beams_wider_than_their_radius_are_warned_of() {
+    let of = |profile: &str| {
+        let text = format!(
+            r#"{{"nsq_schema_version": 1, "sources": [{{"type": "collimated", "name": "S", "cs": {{}}, "total_flux": 1,
+            "aperture_radius": 3, "spectrum": {{"wavelengths": [0.5], "weights": [1]}}, {profile}}}], "components": [],
+            "detectors": [{{"type": "irradiance", "name": "A", "cs": {{"z": 9}}, "width": 9, "height": 9}}]}}"#
+        );
+        Scene::from_json(&text).unwrap().warnings
+    };
+    // 32 draws beyond the radius: (e^(-R^2 / 2 sigma^2))^32, 85 % of the rays at ten times the radius.
+    for (sigma, share) in [(30.0, "85"), (6.0, "1.8"), (3.9, "0.0077")] {
+        let found = of(&format!(r#""profile": "gaussian", "gaussian_sigma": {sigma}"#)).concat();
+        let told = format!(
+            "gaussian_sigma of {sigma} mm in a radius of 3 mm: {share} % of its rays start on the rim"
+        );
+        assert!(found.contains(&told), "{found}");
+    }
+    for quiet in [
+        r#""profile": "gaussian", "gaussian_sigma": 3.2"#,
+        r#""profile": "gaussian""#,
+        r#""profile": "tophat", "gaussian_sigma": 30"#,
+    ] {
+        assert_eq!(of(quiet), [""; 0], "{quiet}");
+    }
+}

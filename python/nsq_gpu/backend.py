@@ -18,6 +18,7 @@ from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
     NsqGpuError,
     NsqGpuWarning,
+    ResultWarning,
     SceneError,
     ToleranceWarning,
     UnsupportedSceneError,
@@ -49,14 +50,17 @@ class NsqGpuBackend(TracerBackend):
         timeout: Longest time of a trace [s]; then it is ended and TraceTimeoutError raised.
         progress: True shows a bar on stderr; a function is called with the rays done, the rays in all, and the rays
             per second.
-        target_error: Stop when every detector's relative standard error is at most this, of its flux and on average of
-            its lit pixels; the rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
+        target_error: Stop when every detector's relative error is at most this, that of its flux and that of its map: the
+            sum of the pixels' standard errors over the sum of their values. The rays given to ``trace`` are then the
+            most. ToleranceWarning says where it was not met.
         standard_error: True sums second moments, so that results have standard errors, False does not; None does where
             it costs little, where hits say nothing of the error, or where ``target_error`` needs them. With Sobol points,
             True scrambles them in 16 independent ways and gives the errors between these, and None gives none.
         time_limit: Stop after so long [s], and return what was reached; unlike ``timeout``, which gives nothing.
         sampler: ``"pcg"``, Optiland's random numbers, or ``"sobol"``, Owen-scrambled Sobol points, with which errors
             fall faster, but rays are not those of Optiland's backends.
+        max_depth: Largest number of events of a ray, instead of the one given to ``trace``, which is 16 where the caller
+            gives none; ResultWarning says where that takes light, and what to give.
 
     Raises:
         UsageError: There is no such precision or sampler.
@@ -66,7 +70,7 @@ class NsqGpuBackend(TracerBackend):
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
                  progress: bool | ProgressCallback = False, target_error: float | None = None,
                  time_limit: float | None = None, standard_error: bool | None = None,
-                 sampler: str = "pcg") -> None:
+                 sampler: str = "pcg", max_depth: int | None = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
@@ -82,6 +86,7 @@ class NsqGpuBackend(TracerBackend):
         self.time_limit = time_limit
         self.standard_error = standard_error
         self.sampler = sampler
+        self.max_depth = max_depth
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
 
@@ -93,7 +98,7 @@ class NsqGpuBackend(TracerBackend):
         Args:
             scene: The live scene.
             num_rays: Rays to launch.
-            max_depth: Largest number of events of a ray.
+            max_depth: Largest number of events of a ray, unless the backend has one.
             min_flux_fraction: Roulette threshold, as a fraction of the mean flux of a new ray; the larger of it and
                 the scene's ``rr_start_flux`` counts.
             batch_size: Ignored: Optiland's suits a CPU, results do not depend on it, and the program sizes its own
@@ -119,11 +124,14 @@ class NsqGpuBackend(TracerBackend):
             self.report = read_report(folder / "out")
             for warning in self.report["scene_warnings"]:
                 warnings.warn(warning, NsqGpuWarning, stacklevel=_USERS_LINE)
+            for warning in self.report["diagnostics"]["grave"]:
+                warnings.warn(warning, ResultWarning, stacklevel=_USERS_LINE)
             return fill_scene(scene, self.report, folder / "out", exported.surface_labels)
 
     def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,
                  record_paths: bool | int) -> list[str]:
         seed = seed if seed is not None else self.seed
+        max_depth = max_depth if self.max_depth is None else self.max_depth
         options = {
             "--num-rays": _whole("num_rays", num_rays),
             # Optiland keys its draws by the seed modulo 2^64.

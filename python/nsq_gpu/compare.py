@@ -45,6 +45,8 @@ SIGMAS = 5.0
 FATES = 1e-3
 #: Rays whose paths are recorded.
 RECORDED = 2000
+#: Largest number of events of a ray where none is given: Optiland's.
+MAX_DEPTH = 16
 
 COUNTS = ("num_rays_total", "num_rays_absorbed", "num_rays_escaped", "num_rays_flux_killed", "num_rays_depth_killed")
 FLUXES = ("total_flux_in", "total_flux_detected", "total_flux_tapped", "total_flux_absorbed",
@@ -76,14 +78,16 @@ class Difference:
     is_count: bool = False
 
 
-def trace_side(name: str, load: Callable[[], NSQScene], backend: TracerBackend, num_rays: int, seed: int) -> Side:
+def trace_side(name: str, load: Callable[[], NSQScene], backend: TracerBackend, num_rays: int, seed: int,
+               max_depth: int = MAX_DEPTH) -> Side:
     """Trace a scene that is loaded for this backend alone."""
     scene = load()
     # Optiland leaves detectors without a name, and a ray's fate is the names that it met.
     for detector, live in zip(scene.detector_names, scene.detectors, strict=True):
         live.name = detector
     start = time.perf_counter()
-    result = scene.trace(num_rays, seed=seed, backend=backend, record_paths=min(RECORDED, num_rays))
+    result = scene.trace(num_rays, max_depth=max_depth, seed=seed, backend=backend,
+                         record_paths=min(RECORDED, num_rays))
     seconds = time.perf_counter() - start
     hits = {detector: int(live._num_rays_hit)
             for detector, live in zip(scene.detector_names, scene.detectors, strict=True)}
@@ -226,6 +230,8 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("scene", type=Path, metavar="SCENE")
     parser.add_argument("-n", "--num-rays", type=_count, default=100_000, metavar="N")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--max-depth", type=int, default=MAX_DEPTH, metavar="N",
+                        help="largest number of events of a ray, on every side (default: Optiland's %(default)s)")
     parser.add_argument("--precision", choices=PRECISIONS, default="auto")
     parser.add_argument("--adapter", metavar="NAME", help="part of the adapter's name")
     parser.add_argument("--binary", metavar="PATH", help="the program nsq-gpu")
@@ -274,10 +280,11 @@ def trace_all(options: argparse.Namespace) -> list[Side]:
     be.set_backend("numpy")
     be.set_precision("float64")
     ours = NsqGpuBackend(precision=options.precision, adapter=options.adapter, binary=options.binary)
-    sides = [trace_side("nsq-gpu", load, ours, options.num_rays, options.seed)]
+    run = options.num_rays, options.seed, options.max_depth
+    sides = [trace_side("nsq-gpu", load, ours, *run)]
     assert ours.report is not None
     sides[0].name = f"nsq-gpu {ours.report['precision']}"
-    sides.append(trace_side("NumPy", load, NumpyBackend(), options.num_rays, options.seed))
+    sides.append(trace_side("NumPy", load, NumpyBackend(), *run))
     return [*sides, _torch_side(load, options)] if options.torch else sides
 
 
@@ -289,7 +296,7 @@ def _torch_side(load: Callable[[], NSQScene], options: argparse.Namespace) -> Si
     # Torch's default of float32 gives wrong results without a word.
     be.set_precision("float64")
     try:
-        return trace_side("Torch", load, TorchBackend(), options.num_rays, options.seed)
+        return trace_side("Torch", load, TorchBackend(), options.num_rays, options.seed, options.max_depth)
     finally:
         be.set_backend("numpy")
 

@@ -61,6 +61,10 @@ class NsqGpuWarning(UserWarning):
     """What the tracer finds doubtful in a scene, such as rotations that look like degrees."""
 
 
+class ResultWarning(NsqGpuWarning):
+    """Numbers of a result that are not what was asked for: light cut off by the depth limit, maps that are noise."""
+
+
 class ToleranceWarning(NsqGpuWarning):
     """The rays or the time ended before the target for the error was met; the result is what was reached."""
 

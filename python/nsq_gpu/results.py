@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from optiland.nonsequential.detectors.far_field import FarFieldDetector
 from optiland.nonsequential.detectors.irradiance import IrradianceDetector
 from optiland.nonsequential.detectors.ray_database import RayDatabaseDetector
 from optiland.nonsequential.detectors.spectral import SpectralDetector
-from optiland.nonsequential.diagnostics import build_diagnostics
+from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
@@ -29,9 +31,56 @@ _SAME = (
     "total_flux_in", "total_flux_detected", "total_flux_tapped", "total_flux_absorbed", "total_flux_bulk_absorbed",
     "total_flux_escaped", "total_flux_lost", "flux_conservation_error", "trace_time_sec",
 )
+#: What light is taken by, or gained from, that Optiland's figure of the energy has no term for; keys of the ledger.
+_ONLY_IN_LEDGER = {
+    "surface": "mirrors", "coating": "coatings", "bsdf": "scattering surfaces", "importance_loss": "importance sampling",
+    "roulette_gain": "gained by roulette", "importance_gain": "gained by importance sampling",
+    "bsdf_gain": "gained by sampling of scattering",
+}
 #: Longest name in an event [characters].
 _NAME_LENGTH = _EVENT_DTYPE["component_name"].itemsize // 4
 _ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
+
+
+@dataclass(frozen=True)
+class LedgerDiagnostics(Diagnostics):
+    """Optiland's diagnostics with what the program's ledger says.
+
+    ``flux_conservation_error`` is Optiland's figure. It has no term for what mirrors, coatings and scattering surfaces
+    take, and closes only in expectation where branches are drawn by importance or rays end by roulette. The ledger has
+    a bin for each of these, so it alone tells whether light was lost.
+    """
+
+    #: Quanta that no bin accounts for.
+    ledger_imbalance_quanta: int = 0
+    #: Deposits that were no numbers.
+    invalid_deposits: int = 0
+    #: Flux that Optiland's figure has no term for [W], by what took it.
+    flux_only_in_ledger: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    @property
+    def ledger_closes(self) -> bool:
+        """True if every quantum is accounted for."""
+        return self.ledger_imbalance_quanta == 0 and self.invalid_deposits == 0
+
+    def warnings(self) -> list[str]:
+        """Return Optiland's warnings; of the energy, those of the ledger."""
+        said = Diagnostics.warnings(dataclasses.replace(self, flux_conservation_error=0.0))
+        return said if self.ledger_closes else [self._ledger(), *said]
+
+    def report(self) -> str:
+        """Return Optiland's report, and what the ledger says."""
+        return f"{super().report()}\n{self._ledger()}"
+
+    def _ledger(self) -> str:
+        if not self.ledger_closes:
+            return (f"THE LEDGER DOES NOT CLOSE: {self.ledger_imbalance_quanta} quanta unaccounted for, "
+                    f"{self.invalid_deposits} invalid deposits")
+        text = "The ledger closes: every quantum is accounted for."
+        if self.flux_only_in_ledger:
+            taken = ", ".join(f"{what} {flux:.6g} W" for what, flux in self.flux_only_in_ledger.items())
+            text += f" Optiland's flux_conservation_error has no term for: {taken}."
+        return text
 
 
 def read_report(folder: Path) -> Json:
@@ -130,8 +179,9 @@ _FILL: dict[type, Callable[[Any, Json, Any], None]] = {
 
 def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> Any:
     launched, said = report["total_flux_in"], report["diagnostics"]
+    ledger = report["ledger"]
     reached = {index for index, surface in enumerate(report["surfaces"]) if surface["reached"]}
-    return build_diagnostics(
+    optilands = build_diagnostics(
         scene,
         reached,
         report["num_rays_total"],
@@ -142,6 +192,13 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
         said["split_budget_saturated"],
         detectors,
         medium_stack_underflows=said["medium_stack_underflows"],
+    )
+    return LedgerDiagnostics(
+        **vars(optilands),
+        ledger_imbalance_quanta=int(ledger["imbalance_quanta"]),
+        invalid_deposits=ledger["invalid_deposits"],
+        flux_only_in_ledger={what: ledger[key]["flux"] for key, what in _ONLY_IN_LEDGER.items()
+                             if ledger[key]["flux"] > 0.0},
     )
 
 

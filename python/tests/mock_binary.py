@@ -61,11 +61,12 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("-n", type=int, required=True)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--precision", required=True)
+    parser.add_argument("--max-depth", type=int, required=True)
     parser.add_argument("-o", type=Path, required=True)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
-    result = oracle.run(options.scene, options.n, options.seed)
+    result = oracle.run(options.scene, options.n, options.seed, max_depth=options.max_depth)
     inject(os.environ.get("NSQ_MOCK_FAULT", ""), result)
     write_result(result, options.o)
 

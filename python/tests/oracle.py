@@ -13,6 +13,7 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.backends.numpy_backend import NumpyBackend
 from optiland.nonsequential.components.absorbing import AbsorbingComponent
 from optiland.nonsequential.components.base import BaseComponent
+from optiland.nonsequential.diagnostics import Diagnostics
 
 from nsq_gpu import scene_file
 from nsq_gpu.scene_file import TableMaterial
@@ -155,5 +156,6 @@ def _diagnostics(result: Any) -> Json:
     diagnostics = dataclasses.asdict(result.diagnostics)
     diagnostics["unreached_geometry"] = list(diagnostics["unreached_geometry"])
     diagnostics["detectors"] = list(diagnostics["detectors"])
-    diagnostics["warnings"] = result.diagnostics.warnings()
+    # Optiland's own, also of our results, which say of the energy what the ledger says.
+    diagnostics["warnings"] = Diagnostics.warnings(result.diagnostics)
     return diagnostics

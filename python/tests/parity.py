@@ -26,6 +26,8 @@ from tests.oracle import COUNTS, DETECTOR_ARRAYS, FLUXES, Json
 
 ORACLE_DIR = Path(__file__).resolve().parents[2] / "tests" / "oracle"
 
+#: The largest number of events of a ray on both sides: what Optiland takes where none is given.
+OPTILANDS_DEPTH = 16
 #: Runs a side of a statistical comparison; the rays are shared among them.
 STATISTICAL_RUNS = 16
 #: Seeds of the oracle's runs start here, so that they are independent of the binary's.
@@ -38,7 +40,7 @@ def trace_with_binary(command: list[str], scene: Path, num_rays: int, seed: int,
     """Run the binary and return its result as ``oracle.trace`` would."""
     with tempfile.TemporaryDirectory() as folder:
         arguments = ["trace", str(scene), "-n", str(num_rays), "--seed", str(seed), "--precision", precision,
-                     "-o", folder, "--json"]
+                     "--max-depth", str(OPTILANDS_DEPTH), "-o", folder, "--json"]
         run = subprocess.run([*command, *arguments], capture_output=True, text=True)
         if run.returncode != 0:
             raise RuntimeError(f"exit code {run.returncode}: {run.stderr.strip()[-500:]}")
@@ -71,7 +73,7 @@ def uncapped(document: Json) -> Json:
 def trace_with_oracle(document: Json, num_rays: int, seed: int, folder: Path = oracle.SCENES_DIR) -> Json:
     """Trace a parsed file with NumpyBackend, its ray databases without their caps."""
     scene = oracle.scene_from_dict(uncapped(document), folder)
-    return oracle.trace(scene, oracle.detector_kinds(document), num_rays, seed)
+    return oracle.trace(scene, oracle.detector_kinds(document), num_rays, seed, max_depth=OPTILANDS_DEPTH)
 
 
 def caps(document: Json) -> Json:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
+import math
 import os
 import shutil
 import signal
@@ -12,6 +14,8 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,6 +33,7 @@ from optiland.nonsequential.detectors.configs import (
     RayDatabaseConfig,
     SpectralDetectorConfig,
 )
+from optiland.nonsequential.sources.configs import CollimatedSourceConfig, PointSourceConfig
 from optiland.nonsequential.units import to_photometric
 from optiland.samples.objectives import CookeTriplet
 
@@ -448,6 +453,104 @@ def test_warnings_of_the_program_are_python_warnings() -> None:
     with pytest.warns(nsq_gpu.NsqGpuWarning, match="radians") as caught:
         scene.trace(100, backend=backend())
     assert caught[0].filename == __file__
+
+
+def deep(num_lenses: int) -> NSQScene:
+    """Return the bench with so many plates of two faces each."""
+    scene = bench()
+    for index in range(num_lenses):
+        scene.add_lens(f"L{index}", cs(z=-15.0 + 3.0 * index), LensConfig(np.inf, np.inf, 1.0, glass(), 60.0))
+    return scene
+
+
+def test_a_detector_that_the_depth_limit_leaves_dark_is_a_warning_with_the_number_to_give() -> None:
+    scene = deep(10)
+    with pytest.warns(nsq_gpu.ResultWarning, match="screen got no light") as caught:
+        dark = scene.trace(NUM_RAYS, backend=backend())
+    assert dark.detectors["screen"].total_flux == 0.0
+    said = next(str(warning.message) for warning in caught if "max_depth" in str(warning.message))
+    assert {warning.filename for warning in caught} == {__file__}
+    given = int(said.split("NsqGpuBackend(max_depth=")[1].rstrip(")"))
+    assert given >= 2 * 20
+    # The backend's number takes the place of the 16 that Optiland passes.
+    which = backend(max_depth=given)
+    result, _ = traced(deep(10), NUM_RAYS, which)
+    assert which.report is not None and which.report["max_depth"] == given
+    reference, _ = traced(deep(10), NUM_RAYS, NumpyBackend(), max_depth=given)
+    assert float(reference.detectors["screen"].total_flux) > 0.1
+    assert result.detectors["screen"].total_flux == pytest.approx(float(reference.detectors["screen"].total_flux))
+
+
+def test_a_map_that_is_noise_is_a_warning() -> None:
+    with pytest.warns(nsq_gpu.ResultWarning, match=r"'screen' is undersampled: .* rays would bring it to 5 %"):
+        bench().trace(100, backend=backend())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bench().trace(100_000, backend=backend())
+
+
+def test_sources_without_a_ray_are_a_warning() -> None:
+    scene = bench()
+    for index in range(4):
+        scene.add_source(f"spare{index}", cs(z=-20.0), PointSourceConfig(spectrum=live.two_lines(), half_angle_deg=5.0))
+    with pytest.warns(nsq_gpu.ResultWarning, match="2 of 5 sources have no ray: spare2, spare3"):
+        scene.trace(3, backend=backend())
+
+
+def test_rays_on_the_rim_of_a_wide_gaussian_beam_are_a_warning_that_tells_their_share() -> None:
+    num_rays, radius = 40_000, 3.0
+    scene = NSQScene()
+    beam = CollimatedSourceConfig(live.two_lines(), aperture_radius=radius, profile="gaussian", gaussian_sigma=2.0 * radius)
+    scene.add_source("beam", cs(), beam)
+    scene.add_detector("rays", cs(z=5.0), RayDatabaseConfig(40.0, 40.0))
+    with pytest.warns(nsq_gpu.NsqGpuWarning, match="beam.* 1.8 % of its rays start on the rim"):
+        result = scene.trace(num_rays, backend=backend())
+    rays = result.detectors["rays"]
+    found = float(np.mean(np.hypot(rays.x, rays.y) > (1.0 - 1e-9) * radius))
+    share = math.exp(-4.0)
+    assert abs(found - share) < 4.5 * math.sqrt(share / num_rays)
+
+
+def half_mirror() -> NSQScene:
+    scene = bench()
+    scene.add_mirror("M", cs(), MirrorConfig(0.0, 0.5))
+    return scene
+
+
+def test_what_a_mirror_takes_is_no_error_of_the_energy() -> None:
+    result, _ = traced(half_mirror(), NUM_RAYS, backend())
+    reference, _ = traced(half_mirror(), NUM_RAYS, NumpyBackend())
+    # Optiland's figure stays, and Optiland's report takes it for a bug.
+    assert result.flux_conservation_error == pytest.approx(reference.flux_conservation_error) and "bug" in reference.report()
+    assert result.flux_conservation_error > 0.2
+    report = result.report()
+    assert "bug" not in report and not any("conservation" in warning for warning in result.diagnostics.warnings()), report
+    taken = result.total_flux_in * result.flux_conservation_error
+    assert "The ledger closes: every quantum is accounted for." in report and f"mirrors {taken:.6g} W" in report, report
+    assert result.diagnostics.ledger_closes
+    broken = dataclasses.replace(result.diagnostics, ledger_imbalance_quanta=-3)
+    assert "THE LEDGER DOES NOT CLOSE: -3 quanta" in broken.warnings()[0] and "CLOSE" in broken.report()
+
+
+# Installation
+
+
+def test_pip_builds_the_release(tmp_path: Path) -> None:
+    """The build itself takes a quarter of an hour: a stand-in for cargo tells what it was asked for."""
+    project = live.ROOT / "python"
+    settings = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
+    assert settings["tool"]["maturin"]["profile"] == "release"
+    pytest.importorskip("maturin", reason="pip installs maturin for itself")
+    said, cargo = tmp_path / "said", shutil.which("cargo")
+    body = f'#!/bin/sh\ncase "$1" in metadata|--version) exec {cargo} "$@";; esac\necho "$@" >> {said}\nexit 1\n'
+    stand_in = tmp_path / "cargo"
+    stand_in.write_text(body, encoding="utf-8")
+    stand_in.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}", "CARGO": str(stand_in)}
+    subprocess.run([sys.executable, "-m", "pip", "wheel", "--no-build-isolation", "--no-deps", "-w", str(tmp_path),
+                    str(project)], env=environment, capture_output=True, check=False)
+    asked = said.read_text(encoding="utf-8")
+    assert "--release" in asked or "--profile release" in asked, asked
 
 
 # Where the program is

@@ -98,7 +98,7 @@ def test_the_file_alone_traces_as_the_live_scene(
     schema.validate(content)
     assert document(read_back(content)) == content
     command = [live.binary(), "trace", str(tmp_path / "scene.json"), "-n", str(NUM_RAYS), "--precision", "f64",
-               "-o", str(tmp_path / "out")]
+               "--max-depth", "16", "-o", str(tmp_path / "out")]
     subprocess.run(command, check=True, capture_output=True)
     by_command = load_result(tmp_path / "out")
     _, by_backend = traced(scene, NUM_RAYS, backend())

@@ -1,6 +1,7 @@
 //! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
 
 use crate::error::Result;
+use crate::trace::TraceOptions;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -25,6 +26,7 @@ pub fn run(args: &Args) -> Result<String> {
     list("media", ir.media.iter().map(|m| m.name.as_str()).collect());
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
+    let _ = writeln!(text, "  max_depth: {}, unless given", TraceOptions::depth_of(&ir));
     for warning in &scene.warnings {
         let _ = writeln!(text, "  warning: {warning}");
     }

@@ -42,8 +42,8 @@ pub struct Args {
     /// several sources bit for bit.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     of_rays: Option<u64>,
-    /// Stop when every detector's relative standard error, of its flux and on average of its lit pixels, is at most X:
-    /// 1%, 0.01. Exit code 6 if the rays or the time end before.
+    /// Stop when every detector's relative error is at most X: 1%, 0.01. It is that of its flux, and that of its map: the
+    /// sum of the pixels' standard errors over the sum of their values. Exit code 6 if the rays or the time end before.
     #[arg(long, value_name = "X", value_parser = quantity::parse_fraction)]
     target_error: Option<f64>,
     /// Stop after this time: 30s, 5m, 1.5h.
@@ -65,9 +65,10 @@ pub struct Args {
     /// Seed of every random draw.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Largest number of events (surfaces and detectors) of a ray.
-    #[arg(long, default_value_t = 16)]
-    max_depth: u32,
+    /// Largest number of events (surfaces and detectors) of a ray. Where it is not given, twice the number of surfaces that
+    /// are not absorbing, but at least 16, Optiland's; with --resume, that of the file.
+    #[arg(long, value_name = "N")]
+    max_depth: Option<u32>,
     /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
     #[arg(long, default_value_t = 1e-6, value_name = "X")]
     min_flux_fraction: f64,
@@ -199,7 +200,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
-    let options = options(args)?.tuned(&gpu.info);
+    let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
+    let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| TraceOptions::depth_of(&ir));
+    let options = TraceOptions { max_depth, ..options(args)? }.tuned(&gpu.info);
     let (result, tally, identity) = std::thread::scope(|scope| {
         let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
         let options = TraceOptions { precision: choosing.precision(), ..options.clone() };
@@ -374,7 +377,7 @@ fn wanted(precision: PrecisionArg) -> Wanted {
     }
 }
 
-/// All but the precision.
+/// All but the precision and the largest number of events.
 fn options(args: &Args) -> Result<TraceOptions> {
     let standard_error = match (args.standard_error, args.target_error) {
         (StandardErrorArg::Off, Some(_)) => {
@@ -389,7 +392,6 @@ fn options(args: &Args) -> Result<TraceOptions> {
     Ok(TraceOptions {
         num_rays: args.num_rays,
         seed: args.seed,
-        max_depth: args.max_depth,
         min_flux_fraction: args.min_flux_fraction,
         batch_size: args.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
         sampler: match args.sampler {

@@ -22,7 +22,7 @@ pub struct Args {
     /// Seed of every random draw.
     #[arg(long)]
     seed: Option<u64>,
-    /// Largest number of events (surfaces and detectors) of a ray.
+    /// Largest number of events (surfaces and detectors) of a ray; where it is not given, that of `nsq-gpu trace`.
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
     /// Part of the adapter's name (see `nsq-gpu adapters`).

@@ -2,18 +2,24 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::ir::SceneIr;
 use crate::result::format::{percent, significant, thousands};
-use crate::result::{Detector, DetectorData, StageTime, Tally, TraceResult};
+use crate::result::{Detector, DetectorData, SensorTally, StageTime, Tally, TraceResult, Uncertainty};
 use crate::stopping::StoppedBy;
+use crate::trace::TraceOptions;
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
 const DEPTH_TRUNCATION: f64 = 1e-3;
-/// Warn when Optiland's flux conservation error is above this.
-const FLUX_CONSERVATION: f64 = 0.05;
 /// Warn when roulette ended more than this fraction of the launched flux: unbiased, but noisy.
 const ROULETTE: f64 = 1e-3;
-/// Below this mean number of hits per pixel shot noise dominates a map (32 % at 10 hits).
+/// Optiland calls a detector undersampled below this mean number of hits per pixel.
 const UNDERSAMPLED_HITS: f64 = 10.0;
+/// Warn when the error of a map is above this: that of 10 hits in each pixel that is lit.
+const UNDERSAMPLED_ERROR: f64 = 0.32;
+/// The warning says how many rays bring it to this.
+const GOOD_ERROR: f64 = 0.05;
+/// Names in a warning; of more, their number is told.
+const MOST_NAMES: usize = 8;
 /// Hits per pixel for 5 % relative error: 1 / 0.05^2.
 const TARGET_HITS: f64 = 400.0;
 
@@ -29,9 +35,10 @@ pub struct DetectorDiagnostic {
     pub num_pixels: Option<u64>,
     /// `num_rays_hit / num_pixels`; none for a ray database.
     pub mean_hits_per_pixel: Option<f64>,
-    /// True below 10 mean hits per pixel.
+    /// True below 10 mean hits per pixel: Optiland's figure. The warnings go by the error of the map.
     pub undersampled: bool,
-    /// Rays that would bring the mean relative error to 5 %; none for a ray database or without any hit.
+    /// Rays that would bring 400 hits to each pixel on average: Optiland's figure; none for a ray database or without any
+    /// hit.
     pub rays_needed_for_5pct: Option<u64>,
 }
 
@@ -57,6 +64,10 @@ pub struct Diagnostics {
     pub stage_times: Vec<StageTime>,
     /// One sentence per finding, the gravest first.
     pub warnings: Vec<String>,
+    /// Those of `warnings` that say that numbers of the result are not what was asked for. The Python package gives them as
+    /// warnings of its own.
+    #[serde(default)]
+    pub grave: Vec<String>,
 }
 
 impl DetectorDiagnostic {
@@ -80,23 +91,45 @@ impl DetectorDiagnostic {
                 .map(|mean| (num_rays_total as f64 * (TARGET_HITS / mean)) as u64),
         }
     }
+}
 
-    fn warning(&self) -> Option<String> {
-        let mean = self.mean_hits_per_pixel.filter(|mean| self.undersampled && *mean > 0.0)?;
-        let remedy = self.rays_needed_for_5pct.map_or(String::new(), |rays| {
-            format!("; about {} rays would bring the mean error to 5 %", thousands(rays))
-        });
-        Some(format!(
-            "detector '{}' is undersampled: {} hits per pixel on average (below {UNDERSAMPLED_HITS}), so that its map is \
-             mostly shot noise{remedy}",
-            self.name,
-            significant(mean, 3),
-        ))
-    }
+/// Says which maps are mostly noise. Where second moments were not summed, a cell's error is its value over the root of its
+/// hits.
+fn undersampled(
+    detector: &Detector,
+    sums: &SensorTally,
+    uncertainty: &Uncertainty,
+    num_rays: u64,
+) -> Option<String> {
+    let map = uncertainty.of_map(sums).or_else(|| uncertainty.of_map_by_hits(sums))?;
+    let error = Some(map.relative()).filter(|error| error.is_finite() && *error > UNDERSAMPLED_ERROR)?;
+    let remedy = map.factor_to(GOOD_ERROR).map_or(String::new(), |factor| {
+        format!("; about {} rays would bring it to 5 %", thousands(rounded(num_rays as f64 * factor)))
+    });
+    Some(format!(
+        "detector '{}' is undersampled: the standard errors of its cells add up to {} % of what they hold, so that its map is \
+         mostly shot noise{remedy}",
+        detector.name,
+        significant(100.0 * error, 2),
+    ))
+}
+
+/// A number to two digits, as no estimate is better than that.
+fn rounded(count: f64) -> u64 {
+    let unit = 10_f64.powf((count.max(1.0).log10().floor() - 1.0).max(0.0));
+    ((count / unit).round() * unit) as u64
+}
+
+/// Names for a sentence.
+fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
+    let more = names.len().saturating_sub(MOST_NAMES);
+    let shown: Vec<&str> = names.take(MOST_NAMES).collect();
+    let shown = shown.join(", ");
+    if more > 0 { format!("{shown} and {} more", thousands(more as u64)) } else { shown }
 }
 
 impl Diagnostics {
-    pub(crate) fn new(result: &TraceResult, tally: &Tally) -> Self {
+    pub(crate) fn new(ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) -> Self {
         let unreached = result.surfaces.iter().filter(|surface| !surface.reached);
         let mut diagnostics = Diagnostics {
             depth_truncated_flux_fraction: result.fraction_of_launched(result.ledger.depth.flux),
@@ -112,55 +145,70 @@ impl Diagnostics {
             split_budget_saturated: tally.split_budget_saturated,
             stage_times: result.run.stage_times.clone(),
             warnings: Vec::new(),
+            grave: Vec::new(),
         };
-        diagnostics.warnings = diagnostics.all_warnings(result);
+        diagnostics.warn(ir, result, tally, uncertainty);
         diagnostics
     }
 
-    fn all_warnings(&self, result: &TraceResult) -> Vec<String> {
-        let mut warnings = broken_books(result);
+    fn warn(&mut self, ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) {
+        let mut grave = broken_books(result);
+        let mut warnings = grave.clone();
         warnings.extend(partial(result));
         warnings.extend(result.run.precision_warning.iter().cloned());
         warnings.extend(result.run.scene_warnings.iter().cloned());
-        warnings.extend(self.flux_warnings(result.ledger.closes()));
+        let maps =
+            result.detectors.iter().zip(&tally.sensors).filter_map(|(detector, sums)| {
+                undersampled(detector, sums, uncertainty, result.num_rays_total)
+            });
+        let without_rays = sources_without_rays(ir, result, tally);
+        let unfinished: Vec<String> = without_rays
+            .into_iter()
+            .chain(self.cut_off(ir, result))
+            .chain(unlit(result))
+            .chain(maps)
+            .collect();
+        warnings.extend(unfinished.iter().cloned());
+        warnings.extend(self.roulette());
         warnings.extend(self.unreached());
-        warnings.extend(unlit(result));
-        warnings.extend(self.detectors.iter().filter_map(DetectorDiagnostic::warning));
         warnings.extend(result.detectors.iter().filter_map(truncated_database));
         warnings.extend(self.underflows());
         warnings.extend(self.saturated());
-        warnings
+        grave.extend(unfinished);
+        (self.warnings, self.grave) = (warnings, grave);
     }
 
-    fn flux_warnings(&self, ledger_closes: bool) -> Vec<String> {
-        let mut warnings = Vec::new();
-        if self.depth_truncated_flux_fraction > DEPTH_TRUNCATION {
-            warnings.push(format!(
-                "{} of the launched flux ended at the depth limit: paths with more events are missing; raise max_depth if \
-                 they matter",
-                percent(self.depth_truncated_flux_fraction)
-            ));
+    /// Light that the depth limit took, where it is much, or where a detector is dark that it might have lit.
+    fn cut_off(&self, ir: &SceneIr, result: &TraceResult) -> Option<String> {
+        let fraction = self.depth_truncated_flux_fraction;
+        let dark: Vec<&str> = dark_detectors(result);
+        if fraction <= DEPTH_TRUNCATION && (dark.is_empty() || fraction == 0.0) {
+            return None;
         }
-        if self.flux_conservation_error > FLUX_CONSERVATION {
-            let meaning = if ledger_closes {
-                "the exact ledger closes, so this is flux that Optiland's formula has no term for: loss at mirrors, \
-                 coatings and scattering surfaces, and weight gained or lost by roulette and importance sampling"
-            } else {
-                "the exact ledger does not close either"
-            };
-            warnings.push(format!(
-                "flux_conservation_error, Optiland's figure, is {}: {meaning}",
-                percent(self.flux_conservation_error)
-            ));
-        }
-        if self.rr_killed_flux_fraction > ROULETTE {
-            warnings.push(format!(
+        let dark = match dark.as_slice() {
+            [] => "paths with more events are missing".into(),
+            dark => format!(
+                "paths with more events are missing, and {} got no light",
+                listed(dark.iter().copied())
+            ),
+        };
+        let max_depth = result.run.max_depth;
+        Some(format!(
+            "{} of the launched flux ended at the depth limit of {max_depth} events: {dark}; give --max-depth {deeper}, in \
+             Python NsqGpuBackend(max_depth={deeper})",
+            percent(fraction),
+            deeper = TraceOptions::deeper(ir, max_depth),
+        ))
+    }
+
+    fn roulette(&self) -> Option<String> {
+        (self.rr_killed_flux_fraction > ROULETTE).then(|| {
+            format!(
                 "Russian roulette ended {} of the launched flux: unbiased, but noisy; lower rr_start_flux if the noise \
                  matters",
                 percent(self.rr_killed_flux_fraction)
-            ));
-        }
-        warnings
+            )
+        })
     }
 
     fn unreached(&self) -> Option<String> {
@@ -237,14 +285,39 @@ fn partial(result: &TraceResult) -> Option<String> {
     })
 }
 
+fn dark_detectors(result: &TraceResult) -> Vec<&str> {
+    let dark = result.detectors.iter().filter(|detector| detector.num_rays_hit == 0);
+    dark.map(|detector| detector.name.as_str()).collect()
+}
+
 fn unlit(result: &TraceResult) -> Option<String> {
-    let unlit = result.detectors.iter().filter(|detector| detector.num_rays_hit == 0);
-    let names: Vec<&str> = unlit.map(|detector| detector.name.as_str()).collect();
+    let names = dark_detectors(result);
     (!names.is_empty()).then(|| {
         format!(
             "no ray reached {} detector(s): {}; check where they stand and how they are turned",
             names.len(),
             names.join(", ")
+        )
+    })
+}
+
+/// Sources that no ray was left for. A lone source has all rays, and a part of a trace may have none of a source.
+fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Option<String> {
+    let is_part = result.run.of_rays.is_some_and(|all| all > result.num_rays_total);
+    if is_part || ir.emitters.len() < 2 {
+        return None;
+    }
+    let counts = tally.rays.counts(ir.emitters.len());
+    let without = ir.emitters.iter().zip(counts).filter(|(_, count)| *count == 0);
+    let names: Vec<&str> = without.map(|(emitter, _)| emitter.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} of {} sources have no ray: {}; their light is missing; launch at least {} rays, and a thousand times as many \
+             for a result",
+            thousands(names.len() as u64),
+            thousands(ir.emitters.len() as u64),
+            listed(names.iter().copied()),
+            thousands(ir.emitters.len() as u64)
         )
     })
 }

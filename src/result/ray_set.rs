@@ -40,6 +40,15 @@ impl RaySet {
         self.spans.iter().filter(|span| span.emitter as usize == emitter).map(|span| span.count).sum()
     }
 
+    /// Launched rays of each of so many emitters.
+    pub fn counts(&self, num_emitters: usize) -> Vec<u64> {
+        let mut counts = vec![0; num_emitters];
+        for span in &self.spans {
+            counts.iter_mut().skip(span.emitter as usize).take(1).for_each(|count| *count += span.count);
+        }
+        counts
+    }
+
     /// Rays whose ids leave each remainder 0.. by `divisor`; ids of launched rays.
     pub fn counts_by_remainder(&self, divisor: u64) -> Vec<u64> {
         // Of the ids below `end`.

@@ -35,7 +35,7 @@ pub struct Report {
     /// The target for the relative error; null if there was none.
     pub target_error: Option<f64>,
     /// The largest of all detectors' relative standard errors: of `total_flux`, and `mean_relative_error`. Null where it
-    /// is not known.
+    /// is not known. Detectors that no ray reached have none.
     pub relative_error: Option<f64>,
     /// Number of the first ray.
     pub first_ray: u64,
@@ -97,8 +97,8 @@ pub struct Report {
     #[serde(default)]
     pub first_rays_sec: Option<f64>,
     /// `{name: {kind, absorb, total_flux, total_flux_standard_error, mean_relative_error, num_rays_hit, file, picture, ...}}`
-    /// in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the mean of the relative standard
-    /// errors of the cells that are not dark. Both errors are null where they are not known; `file` and `picture` if none was
+    /// in scene order. Fluxes and their standard errors are in W; `mean_relative_error` is the sum of the cells' standard
+    /// errors over the sum of their values, in flux. Both errors are null where they are not known; `file` and `picture` if none was
     /// written. Detectors with pixels have `width` and `height` \[mm\]. Ray databases have `num_rays_stored`, the rows kept, whose
     /// flux is `total_flux`; `total_flux_recorded`, that of all rows; and `frame`, whose `axes` are the local x, y, z in
     /// global coordinates and whose `origin` is in mm.

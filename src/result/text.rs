@@ -32,11 +32,12 @@ impl TraceResult {
         };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, {} on {}{driver}\n{precision}{}",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{precision}{}",
             run.program,
             run.version,
             thousands(self.num_rays_total),
             run.seed,
+            run.max_depth,
             run.precision,
             run.adapter,
             self.timing(),
@@ -86,18 +87,22 @@ impl TraceResult {
     fn detector_table(&self) -> String {
         let widest = self.detectors.iter().map(|detector| detector.name.chars().count()).max().unwrap_or(0);
         let width = widest.max(16) + 2;
-        let mut table =
-            format!("{:<width$}{:<14}{:>14}{:>14}{:>16}\n", "detector", "kind", "W", "std. error", "rays");
+        let mut table = format!(
+            "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}\n",
+            "detector", "kind", "W", "std. error", "map error", "rays"
+        );
         for detector in &self.detectors {
             let passing = if detector.absorb { "" } else { "  (transmissive)" };
             let error = detector.total_flux_standard_error.filter(|error| error.is_finite());
+            let of_map = detector.mean_relative_error().filter(|error| error.is_finite());
             let _ = writeln!(
                 table,
-                "{:<width$}{:<14}{:>14}{:>14}{:>16}{passing}",
+                "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}{passing}",
                 detector.name,
                 detector.data.kind(),
                 significant(detector.total_flux, 7),
                 error.map_or("-".into(), |error| significant(error, 2)),
+                of_map.map_or("-".into(), |error| format!("{} %", significant(100.0 * error, 2))),
                 thousands(detector.num_rays_hit),
             );
         }

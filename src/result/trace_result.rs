@@ -5,7 +5,7 @@ use crate::ir::{Interaction, SceneIr, Sensor, SensorKind};
 use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
     Recorded, Rows, SensorTally, SpectralMap, Tally, Uncertainty,
-    uncertainty::{mean_relative, worst_relative_error},
+    uncertainty::{relative_error_of_map, worst_relative_error},
 };
 use crate::stopping::StoppedBy;
 use serde::{Deserialize, Serialize};
@@ -289,7 +289,7 @@ impl TraceResult {
             ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();
-        result.diagnostics = Diagnostics::new(&result, tally);
+        result.diagnostics = Diagnostics::new(ir, &result, tally, &uncertainty);
         Ok(result)
     }
 
@@ -361,17 +361,22 @@ impl Detector {
         self.total_flux_standard_error.filter(|_| self.total_flux > 0.0).map(|error| error / self.total_flux)
     }
 
-    /// Mean of the relative standard errors of the cells that are not dark; none where there are none, or no errors.
+    /// Error of the map: the sum of the cells' standard errors over the sum of their values, in flux. It is the mean of the
+    /// cells' relative errors, each weighted by the cell's flux. None of a dark map, or without errors.
     pub fn mean_relative_error(&self) -> Option<f64> {
+        let alike = || std::iter::repeat(1.0);
         match &self.data {
             DetectorData::Irradiance(map) => {
-                map.standard_error.as_ref().and_then(|errors| mean_relative(&map.irradiance, errors))
+                relative_error_of_map(&map.irradiance, map.standard_error.as_ref()?, alike())
             }
             DetectorData::Spectral(map) => {
-                map.standard_error.as_ref().and_then(|errors| mean_relative(&map.irradiance, errors))
+                relative_error_of_map(&map.irradiance, map.standard_error.as_ref()?, alike())
             }
             DetectorData::FarField(pattern) => {
-                pattern.standard_error.as_ref().and_then(|errors| mean_relative(&pattern.intensity, errors))
+                let columns = pattern.phi.len();
+                let sizes = pattern.solid_angles().into_iter();
+                let sizes = sizes.flat_map(|size| std::iter::repeat_n(size, columns));
+                relative_error_of_map(&pattern.intensity, pattern.standard_error.as_ref()?, sizes)
             }
             DetectorData::RayDatabase(_) => None,
         }

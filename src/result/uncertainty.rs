@@ -8,6 +8,12 @@
 //! of every source's rays: sums S_r over n_r rays, of S over n, estimate the variance of S as
 //! R/(R-1) sum (S_r - n_r/n S)^2, with R - 1 degrees of freedom. It is without bias where all n_r are equal; else it is too
 //! large by about the square of one ray of each source, and never too small by more.
+//!
+//! The error of a map is the sum over its cells of their standard errors, over the sum of their values: the mean of the
+//! cells' relative errors, each weighted by the light in the cell. So a cell counts for what it holds, and neither stray
+//! light nor the outer taps of a splat rule the figure. A cell without a ray has an estimated error of 0, and the root of
+//! few hits is on average smaller than the root of the hits expected: by 23 % at one hit a cell, 3 % at five. So the error
+//! of a map is at most about 100 %, and too small where most of its light falls on cells of few hits.
 
 use crate::ir::SceneIr;
 use crate::ir::ray_id::NUM_REPLICATES;
@@ -60,7 +66,7 @@ impl Uncertainty {
     pub(crate) fn new(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Self {
         let rays_of_emitters = match ir.emitters.len() {
             1 => vec![tally.launched.count],
-            emitters => (0..emitters).map(|emitter| tally.rays.count_of(emitter)).collect(),
+            emitters => tally.rays.counts(emitters),
         };
         let overflowed = tally.moments_overflowed;
         let rays_of_replicates = tally.rays.counts_by_remainder(u64::from(NUM_REPLICATES));
@@ -87,14 +93,20 @@ impl Uncertainty {
         Some(errors)
     }
 
-    /// Mean of the relative standard errors of the cells that are not dark; none where all are, or second moments were not
-    /// summed.
-    fn mean_relative_of_cells(&self, sums: &SensorTally) -> Option<f64> {
-        if !Uncertainty::knows_cells(sums) {
-            return None;
-        }
-        let lit = sums.quanta.iter().enumerate().filter(|(_, quanta)| **quanta > 0);
-        mean(lit.map(|(cell, &quanta)| self.of_cell(sums, cell) / self.unit.watts(quanta)))
+    /// The error of a detector's map; none of a dark one, of a ray database, and where nothing tells the errors of cells.
+    pub(crate) fn of_map(&self, sums: &SensorTally) -> Option<MapError> {
+        Uncertainty::knows_cells(sums)
+            .then(|| MapError::new(sums, self.unit, |cell| self.of_cell(sums, cell)))?
+    }
+
+    /// The same by the hits alone: each cell's error is its value over the root of its hits. It is right where all rays
+    /// weigh the same and each comes to one cell.
+    pub(crate) fn of_map_by_hits(&self, sums: &SensorTally) -> Option<MapError> {
+        let error = |cell: usize| {
+            let hits = sums.hits.get(cell).map_or(1, |&hits| hits.max(1));
+            self.unit.watts(sums.quanta[cell]) / (hits as f64).sqrt()
+        };
+        MapError::new(sums, self.unit, error)
     }
 
     /// True if the tally tells errors of the cells.
@@ -141,34 +153,140 @@ impl Uncertainty {
     }
 }
 
-/// Mean of the cells' standard errors relative to their values, over the cells that are not dark; none if all are.
-pub(crate) fn mean_relative<'a>(
+/// The error of a detector's map, and what more rays would make of it.
+///
+/// Where cells have many hits, their standard errors grow with the root of the rays, and the map's error falls with it.
+/// Where they have few, more rays find more cells: the error hardly falls until most cells are found. How many there are
+/// is told by how many were hit once and twice (Chao's estimate).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct MapError {
+    /// Sum over cells of their values.
+    value: f64,
+    /// Sum of the standard errors of the cells of many hits.
+    of_many: f64,
+    /// Sum of the standard errors of the others.
+    of_few: f64,
+    /// Hits expected in one of these, those included that were not hit yet.
+    expected_hits: f64,
+}
+
+impl MapError {
+    /// Of fewer hits, the root tells too little of the root of the hits that are expected.
+    const MANY_HITS: u64 = 8;
+
+    fn new(sums: &SensorTally, unit: FluxUnit, error: impl Fn(usize) -> f64) -> Option<Self> {
+        let mut map = MapError { value: 0.0, of_many: 0.0, of_few: 0.0, expected_hits: 1.0 };
+        for (cell, &quanta) in sums.quanta.iter().enumerate().filter(|(_, quanta)| **quanta > 0) {
+            map.value += unit.watts(quanta);
+            let has_many = sums.hits.get(cell).is_some_and(|&hits| hits >= MapError::MANY_HITS);
+            *(if has_many { &mut map.of_many } else { &mut map.of_few }) += error(cell);
+        }
+        // Cells by their number of hits; the last are of many.
+        let mut cells = [0.0_f64; MapError::MANY_HITS as usize + 1];
+        sums.hits.iter().for_each(|&hits| cells[hits.min(MapError::MANY_HITS) as usize] += 1.0);
+        let [dark, once, twice, ..] = cells;
+        let unseen = (once * (once - 1.0) / (2.0 * (twice + 1.0))).clamp(0.0, dark);
+        let few = (1..).zip(&cells[1..MapError::MANY_HITS as usize]);
+        let (hits, seen) =
+            few.fold((0.0, 0.0), |(hits, seen), (each, &num)| (hits + f64::from(each) * num, seen + num));
+        if hits > 0.0 {
+            map.expected_hits = hits / (seen + unseen);
+        }
+        (map.value > 0.0).then_some(map)
+    }
+
+    /// Relative error of the map.
+    pub(crate) fn relative(&self) -> f64 {
+        (self.of_many + self.of_few) / self.value
+    }
+
+    /// That of `factor` times as many rays.
+    fn relative_after(&self, factor: f64) -> f64 {
+        let of_few = mean_root(factor * self.expected_hits) / mean_root(self.expected_hits);
+        (self.of_many * factor.sqrt() + self.of_few * of_few) / (self.value * factor)
+    }
+
+    /// So many times as many rays bring the error to `target`; 1 where it is there, none where nothing can be said.
+    pub(crate) fn factor_to(&self, target: f64) -> Option<f64> {
+        const MOST_DOUBLINGS: f64 = 64.0;
+        const BISECTIONS: u32 = 50;
+        let is_enough = |doublings: f64| self.relative_after(doublings.exp2()) <= target;
+        if self.relative() <= target {
+            return Some(1.0);
+        }
+        let (mut low, mut high) = (0.0, MOST_DOUBLINGS);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            *(if is_enough(middle) { &mut high } else { &mut low }) = middle;
+        }
+        is_enough(high).then(|| high.exp2())
+    }
+}
+
+/// The mean of the root of a Poisson variable of this mean, to 0.7 %.
+fn mean_root(mean: f64) -> f64 {
+    mean / (mean + 0.25 + 0.75 * (-mean / 1.6).exp()).sqrt()
+}
+
+/// The relative errors of one detector that was hit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct DetectorError {
+    map: Option<MapError>,
+    /// That of its flux; NaN where it is not known.
+    flux: f64,
+}
+
+/// The relative errors of all detectors that were hit.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Errors(Vec<DetectorError>);
+
+impl Errors {
+    pub(crate) fn of(ir: &SceneIr, tally: &Tally) -> Self {
+        let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
+        let lit = tally.sensors.iter().map(|sensor| (sensor, sensor.total().quanta as f64));
+        let errors = lit.filter(|(_, total)| *total > 0.0).map(|(sensor, total)| DetectorError {
+            map: uncertainty.of_map(sensor),
+            flux: uncertainty.of_total(sensor).map_or(f64::NAN, |error| error / total),
+        });
+        Errors(errors.collect())
+    }
+
+    /// The largest of all: for each detector, that of its map and that of its flux. None where no detector was hit; NaN
+    /// where an error is not known.
+    pub(crate) fn worst(&self) -> Option<f64> {
+        let all = self.0.iter().flat_map(|error| [error.map.map(|map| map.relative()), Some(error.flux)]);
+        // NaN is the largest of all.
+        all.flatten().max_by(f64::total_cmp)
+    }
+
+    /// So many times as many rays bring all of them to `target`; none where nothing can be said.
+    pub(crate) fn factor_to(&self, target: f64) -> Option<f64> {
+        let factors = self.0.iter().flat_map(|error| {
+            let of_flux = Some((error.flux / target).powi(2)).filter(|factor| factor.is_finite());
+            [error.map.map_or(Some(1.0), |map| map.factor_to(target)), of_flux]
+        });
+        // The largest, if all are known.
+        factors.reduce(|a, b| Some(f64::max(a?, b?)))?.map(|factor| factor.max(1.0))
+    }
+}
+
+/// The largest of all detectors' relative errors: for each, that of its map, the sum of its cells' standard errors over
+/// the sum of their values, and that of its flux. None where no detector was hit; NaN where an error is not known.
+pub fn worst_relative_error(ir: &SceneIr, tally: &Tally) -> Option<f64> {
+    Errors::of(ir, tally).worst()
+}
+
+/// Sum of the cells' standard errors over the sum of their values, by the size of each cell; none of a dark map.
+pub(crate) fn relative_error_of_map<'a>(
     values: impl IntoIterator<Item = &'a f64>,
     errors: impl IntoIterator<Item = &'a f64>,
+    sizes: impl IntoIterator<Item = f64>,
 ) -> Option<f64> {
-    let lit = values.into_iter().zip(errors).filter(|(value, _)| **value > 0.0);
-    mean(lit.map(|(value, error)| error / value))
-}
-
-/// None of nothing.
-fn mean(numbers: impl Iterator<Item = f64>) -> Option<f64> {
-    let (count, sum) = numbers.fold((0_u64, 0.0), |(count, sum), number| (count + 1, sum + number));
-    (count > 0).then(|| sum / count as f64)
-}
-
-/// The largest of all detectors' errors: for each, the mean of the relative standard errors of its lit cells, and the
-/// relative standard error of its flux. None where no detector was hit; NaN where an error is not known.
-pub fn worst_relative_error(ir: &SceneIr, tally: &Tally) -> Option<f64> {
-    let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
-    let watts = |quanta: u128| quanta as f64;
-    let errors = tally.sensors.iter().flat_map(|sensor| {
-        let cells = uncertainty.mean_relative_of_cells(sensor);
-        let total = Some(watts(sensor.total().quanta)).filter(|total| *total > 0.0);
-        let total = total.map(|total| uncertainty.of_total(sensor).map_or(f64::NAN, |error| error / total));
-        [cells, total].into_iter().flatten()
+    let cells = values.into_iter().zip(errors).zip(sizes).filter(|((value, _), _)| **value > 0.0);
+    let (value, error) = cells.fold((0.0, 0.0), |(values, errors), ((value, error), size)| {
+        (values + value * size, errors + error * size)
     });
-    // NaN is the largest of all.
-    errors.max_by(f64::total_cmp)
+    (value > 0.0).then(|| error / value)
 }
 
 #[cfg(test)]
@@ -209,8 +327,61 @@ mod tests {
     }
 
     #[test]
-    fn the_relative_error_is_that_of_lit_cells() {
-        assert_eq!(mean_relative(&[0.0, 2.0, 4.0], &[0.0, 1.0, 1.0]), Some(0.375));
-        assert_eq!(mean_relative(&[0.0], &[0.0]), None);
+    fn the_error_of_a_map_is_weighted_by_its_light() {
+        let error = |values: &[f64], errors: &[f64], sizes: &[f64]| {
+            relative_error_of_map(values, errors, sizes.iter().copied())
+        };
+        assert_eq!(error(&[0.0, 2.0, 4.0], &[0.0, 1.0, 2.0], &[1.0; 3]), Some(0.5));
+        assert_eq!(error(&[1.0, 3.0], &[1.0, 1.0], &[2.0, 1.0]), Some(0.6));
+        // A tap of 1e-20 of the peak, whose error is a million times its value, is nothing.
+        assert_eq!(error(&[1.0, 1e-20], &[0.01, 1e-14], &[1.0; 2]), Some(0.01 + 1e-14));
+        // A dark cell has no error; that of a cell without weight does not count.
+        assert_eq!(error(&[0.0], &[1.0], &[1.0]), None);
+    }
+
+    /// A map of cells of so many hits, all of weight 1.
+    fn map_of(hits: Vec<u64>) -> MapError {
+        let quanta = hits.iter().map(|&hits| u128::from(hits) << 52).collect();
+        let sums = SensorTally { quanta, hits, ..SensorTally::default() };
+        let uncertainty = Uncertainty {
+            num_rays: 1,
+            rays_of_emitters: Vec::new(),
+            rays_of_replicates: Vec::new(),
+            unit: FluxUnit::new(1.0, 1),
+            overflowed: false,
+        };
+        uncertainty.of_map_by_hits(&sums).unwrap()
+    }
+
+    #[test]
+    fn a_map_of_few_hits_says_so_and_knows_what_it_takes() {
+        let many = map_of(vec![0, 100, 100, 400]);
+        assert_relative_eq!(many.relative(), 40.0 / 600.0, max_relative = 1e-12);
+        assert_relative_eq!(many.factor_to(40.0 / 6000.0).unwrap(), 100.0, max_relative = 1e-9);
+        assert_eq!(many.factor_to(0.5), Some(1.0));
+        // 1 of 100 cells is hit each time, by chance: of 10,000 cells at 0.1 hits, 905 have one, 45 two, 2 three.
+        let mut hits = vec![1; 905];
+        hits.extend(vec![2; 45]);
+        hits.extend(vec![3; 2]);
+        hits.extend(vec![0; 10_000 - 952]);
+        let few = map_of(hits);
+        // The root of one hit is one hit, so that the error is close to 100 %, and would be for ten times the rays.
+        assert!((0.95..1.0).contains(&few.relative()), "{}", few.relative());
+        // 5 % are 400 hits a cell, 4,000 times as many.
+        assert_relative_eq!(few.factor_to(0.05).unwrap(), 4000.0, max_relative = 0.1);
+        let (factor, error) = (few.factor_to(0.5).unwrap(), few.relative_after(few.factor_to(0.5).unwrap()));
+        assert!((30.0..45.0).contains(&factor) && (0.49..=0.5).contains(&error), "{factor}: {error}");
+    }
+
+    #[test]
+    fn the_mean_of_the_root_is_close_to_the_series() {
+        for mean in [0.01, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0, 30.0] {
+            let (mut sum, mut share) = (0.0, f64::exp(-mean));
+            for hits in 1..200 {
+                share *= mean / f64::from(hits);
+                sum += share * f64::from(hits).sqrt();
+            }
+            assert_relative_eq!(mean_root(mean), sum, max_relative = 7e-3);
+        }
     }
 }

@@ -3,12 +3,13 @@
 use std::collections::{HashMap, HashSet};
 
 use super::coincidence;
-use super::json::{Detector, Material, ReflectProb, SceneFile};
+use super::json::{Detector, Material, Profile, ReflectProb, SceneFile, Source};
 use super::materials::listed;
 use super::media::MediaTable;
 use super::place::quoted;
 use super::surfaces::SceneSurface;
 use crate::ir::{Bsdf, Interaction, MediumId, Mesh, Shape};
+use crate::result::format::significant;
 
 /// Everything that deserves a warning once all surfaces are known.
 pub(super) fn of(
@@ -23,6 +24,7 @@ pub(super) fn of(
     doubts.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     doubts.extend(coincidence::warnings(file, surfaces, meshes, media));
     doubts.extend(one_branch(file, surfaces));
+    doubts.extend(file.sources.iter().filter_map(rays_on_the_rim));
     doubts
 }
 

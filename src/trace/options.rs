@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::tuning::Tuning;
 use crate::gpu::{AdapterInfo, Gpu};
+use crate::ir::{Interaction, SceneIr};
 use crate::program::{PathSampling, Precision, Sampler};
 use crate::result::RunInfo;
 
@@ -19,7 +20,7 @@ pub struct TraceOptions {
     pub of_rays: Option<u64>,
     /// Seed of every draw.
     pub seed: u64,
-    /// Largest number of events of a ray.
+    /// Largest number of events of a ray. The default is Optiland's; the command takes [`TraceOptions::depth_of`] a scene.
     pub max_depth: u32,
     /// Roulette starts below the larger of this and the scene's `rr_start_flux`, times the mean flux of a new ray.
     pub min_flux_fraction: f64,
@@ -136,7 +137,7 @@ impl Default for TraceOptions {
             first_ray: 0,
             of_rays: None,
             seed: 0,
-            max_depth: 16,
+            max_depth: TraceOptions::OPTILANDS_DEPTH,
             min_flux_fraction: 1e-6,
             batch_size: None,
             precision: Precision::F64,
@@ -163,6 +164,25 @@ impl Default for TraceOptions {
 }
 
 impl TraceOptions {
+    /// Optiland's largest number of events of a ray, where none is given.
+    pub const OPTILANDS_DEPTH: u32 = 16;
+
+    /// The largest number of events of a ray that commands take for a scene, where none is given. A ray may go through
+    /// every surface, and through half of them forth and back, before it comes to a detector.
+    pub fn depth_of(ir: &SceneIr) -> u32 {
+        let go_on = ir.surfaces.iter().filter(|surface| surface.interaction != Interaction::Absorbing);
+        let twice = u32::try_from(2 * go_on.count()).unwrap_or(MAX_DEPTH_LIMIT);
+        twice.clamp(TraceOptions::OPTILANDS_DEPTH, MAX_DEPTH_LIMIT)
+    }
+
+    /// The number to give where the depth limit takes light: that of the scene, or twice what was given.
+    pub(crate) fn deeper(ir: &SceneIr, max_depth: u32) -> u32 {
+        match TraceOptions::depth_of(ir) {
+            depth if depth > max_depth => depth,
+            _ => max_depth.saturating_mul(2).min(MAX_DEPTH_LIMIT),
+        }
+    }
+
     /// With the work cut as suits an adapter.
     pub fn tuned(self, adapter: &AdapterInfo) -> Self {
         let Tuning { workgroup_size, events_per_dispatch } = Tuning::of(adapter);

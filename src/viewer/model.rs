@@ -306,7 +306,9 @@ impl Model {
         if path.is_dir() || path.file_name().is_some_and(|name| name == REPORT) {
             model.open_results(if path.is_dir() { path } else { path.parent().unwrap_or(path) })?;
         } else {
-            model.scene = Some(Arc::new(LoadedScene::read(path)?));
+            let scene = LoadedScene::read(path)?;
+            model.run = RunOptions::of(&scene.ir);
+            model.scene = Some(Arc::new(scene));
         }
         model.subject = model.first_detector().map_or(Subject::Scene, Subject::Detector);
         if let Some([wavelength]) = model.scene.as_ref().map(|scene| scene.ir.wavelengths.as_slice()) {

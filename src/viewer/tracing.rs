@@ -70,6 +70,13 @@ impl Default for RunOptions {
     }
 }
 
+impl RunOptions {
+    /// Those of a trace of this scene by the command.
+    pub fn of(ir: &SceneIr) -> Self {
+        RunOptions { max_depth: TraceOptions::depth_of(ir), ..RunOptions::default() }
+    }
+}
+
 /// How far a trace is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {

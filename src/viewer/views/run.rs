@@ -95,7 +95,8 @@ fn progress(model: &Model, ui: &mut Ui) {
             error.map_or(String::new(), |error| format!(", worst error {} %", significant(100.0 * error, 2)));
         let text = format!("{} of {} rays, {rate} M rays/s{error}", thousands(rays), thousands(job.num_rays));
         ui.label(text).on_hover_text(
-            "error: the largest relative standard error, of all detectors' totals and of the mean of their lit cells",
+            "error: the largest relative error of all detectors: of the flux, and of the map, the sum of the cells' \
+             standard errors over the sum of their values",
         );
     }
 }
