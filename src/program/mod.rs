@@ -334,12 +334,12 @@ impl Program {
         // Of meshes that no surface has nothing is searched.
         let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
         let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
-        let triangles = mesh::Triangles::of(meshes, &mut forest)?;
+        let triangles = mesh::Triangles::of(meshes, &mut forest);
         let contacts = contact::contacts(ir, centre, options.precision);
         let tree = match has_tree {
             true => {
                 let boxes = tree::boxes(ir, centre, &contacts, options.precision);
-                let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len())?;
+                let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len());
                 let num_others = forest.num_rows() + triangles.num_rows();
                 tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
                 Some(tree)
