@@ -493,7 +493,7 @@ impl Program {
             return Ok(Vec::new());
         }
         let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
-        (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
+        records.bytes_by_row(&self.module, self.options.precision)
     }
 
     /// The WGSL that the device runs.
