@@ -937,7 +937,7 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
             ir.surfaces[0].interaction = Interaction::Refractive;
             let tally = zoo::trace(&ir, &options);
             assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (0, 0), "{what}");
-            assert_eq!(tally.sensors[0].hits + tally.escaped.count, 1000, "{what}");
+            assert_eq!(tally.sensors[0].hits.iter().sum::<u64>() + tally.escaped.count, 1000, "{what}");
             ir.surfaces[0].interaction = Interaction::Reflective { reflectance: vec![1.0] };
             let options = TraceOptions { paths: RecordPaths::All, ..options };
             let tally = zoo::trace(&ir, &options);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::result::format::{percent, significant, thousands};
+use crate::result::format::{percent, shown, significant, thousands};
 use crate::result::{Detector, DetectorData, StageTime, Tally, TraceResult};
 use crate::stopping::StoppedBy;
 
@@ -89,7 +89,7 @@ impl DetectorDiagnostic {
         Some(format!(
             "detector '{}' is undersampled: {} hits per pixel on average (below {UNDERSAMPLED_HITS}), so that its map is \
              mostly shot noise{remedy}",
-            self.name,
+            shown(&self.name),
             significant(mean, 3),
         ))
     }
@@ -168,7 +168,7 @@ impl Diagnostics {
             format!(
                 "no ray hit {} surface(s): {}; check where they stand and how they are turned, unless they are spare",
                 self.unreached_geometry.len(),
-                self.unreached_geometry.join(", ")
+                self.unreached_geometry.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", ")
             )
         })
     }
@@ -239,7 +239,7 @@ fn partial(result: &TraceResult) -> Option<String> {
 
 fn unlit(result: &TraceResult) -> Option<String> {
     let unlit = result.detectors.iter().filter(|detector| detector.num_rays_hit == 0);
-    let names: Vec<&str> = unlit.map(|detector| detector.name.as_str()).collect();
+    let names: Vec<String> = unlit.map(|detector| shown(&detector.name)).collect();
     (!names.is_empty()).then(|| {
         format!(
             "no ray reached {} detector(s): {}; check where they stand and how they are turned",
@@ -253,7 +253,7 @@ fn truncated_database(detector: &Detector) -> Option<String> {
     match &detector.data {
         DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
             "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
-            detector.name,
+            shown(&detector.name),
             thousands(rays.num_rays()),
             thousands(detector.num_rays_hit)
         )),
