@@ -941,14 +941,14 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
             ir.surfaces[0].interaction = Interaction::Reflective { reflectance: vec![1.0] };
             let options = TraceOptions { paths: RecordPaths::All, ..options };
             let tally = zoo::trace(&ir, &options);
-            let reflected: Vec<&PathEvent> =
-                tally.paths.iter().filter(|event| matches!(event.kind, PathEventKind::Surface(_))).collect();
-            assert_eq!(reflected.len(), 1000, "{what}");
-            for event in reflected {
-                let (position, direction) = (event.ray.position, event.ray.direction);
-                assert_eq!(position, [0.0, 0.0, 5.0 + 5.0 * outward], "{what}");
-                assert_eq!(direction, [0.0, 0.0, outward], "{what}");
-            }
+            let are = |is: fn(&PathEventKind) -> bool| -> Vec<&PathEvent> {
+                tally.paths.iter().filter(|event| is(&event.kind)).collect()
+            };
+            let met = are(|kind| matches!(kind, PathEventKind::Surface(_)));
+            let left = are(|kind| matches!(kind, PathEventKind::Escaped | PathEventKind::Sensor(_)));
+            assert_eq!((met.len(), left.len()), (1000, 1000), "{what}");
+            assert!(met.iter().all(|event| event.ray.position == [0.0, 0.0, 5.0 + 5.0 * outward]), "{what}");
+            assert!(left.iter().all(|event| event.ray.direction == [0.0, 0.0, outward]), "{what}");
         }
     }
 }

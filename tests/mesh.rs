@@ -899,9 +899,7 @@ fn what_is_no_file_is_refused_at_once() {
     std::fs::create_dir(folder.path().join("folder.obj")).unwrap();
     std::os::unix::fs::symlink("/dev/zero", folder.path().join("endless.stl")).unwrap();
     let table = |path: &str| {
-        format!(
-            r#"{{"type": "plane"}}, "scatter_fraction": 1, "bsdf": {{"type": "tabulated", "path": "{path}"}}"#
-        )
+        format!(r#"{{"type": "plane"}}, "reflectance": 1, "bsdf": {{"type": "tabulated", "path": "{path}"}}"#)
     };
     for (name, problem) in [
         ("pipe.stl", "it is a pipe or a device, and no file"),
@@ -970,8 +968,10 @@ fn doubled_facets_are_named_however_they_are_written() {
     for (mesh, doubled, all) in
         [(again([0, 1, 2]), 1, 5), (again([2, 0, 1]), 1, 5), (again([1, 0, 2]), 1, 5), (whole, 4, 8)]
     {
-        for interaction in ["absorbing", "reflective", "refractive"] {
-            let (_, warnings) = lowered_as(interaction, &[inline(&mesh)], None).unwrap();
+        for (interaction, more) in
+            [("absorbing", ""), ("reflective", r#", "reflectance": 1"#), ("refractive", "")]
+        {
+            let (_, warnings) = lowered_as(interaction, &[inline(&mesh) + more], None).unwrap();
             let told = format!(
                 "{doubled} of the {all} triangles of the mesh \"part 0\" stand where another one has"
             );
