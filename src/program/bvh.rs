@@ -158,7 +158,7 @@ impl Sapling {
             Branch::Node(node) if level + fewest_levels(self.spans[node].len()) > MAX_DEPTH => {
                 Branch::Row(self.spans[node].clone())
             }
-            branch => branch,
+            Branch::Node(_) | Branch::Row(_) => branch,
         }
     }
 

@@ -226,10 +226,9 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     records.real("axial", gradients.iter().map(|g| g[1]));
     records.real("offset", gradients.iter().map(|g| g[2]));
     if features.tips {
-        let outward = |shape: &Shape| match shape {
-            Shape::Frustum { r_front, r_back, .. } if r_front < r_back => -1.0,
-            _ => 1.0,
-        };
+        let is_in_front =
+            |shape: &Shape| matches!(shape, Shape::Frustum { r_front, r_back, .. } if r_front < r_back);
+        let outward = |shape: &Shape| if is_in_front(shape) { -1.0 } else { 1.0 };
         records.real("tip", ir.surfaces.iter().map(|s| outward(&s.shape)));
     }
     if features.has_meshes() {

@@ -18,6 +18,7 @@ mod meshes;
 mod place;
 mod surfaces;
 mod text;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod tree;
 mod validate;
 mod volume;
