@@ -30,14 +30,7 @@ fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     // That of a plane is the same everywhere, and known where the plane is compiled in.
     let is_plane = (surface.radial == 0.0) & (surface.axial == 0.0);
     let gradient = select(slope, vec3<real>(0.0, 0.0, surface.offset), is_plane);
-    return from_surface(surface, unit_gradient(gradient));
-}
-
-fn unit_gradient(gradient: vec3<real>) -> vec3<real> {
-    if UNIT_GRADIENTS {
-        return renormalize(gradient);
-    }
-    return gradient / sqrt(dot(gradient, gradient));
+    return from_surface(surface, unit_gradient(surface, gradient));
 }
 
 // A number between 0 and 1 as a quotient that is not taken yet.

@@ -219,6 +219,69 @@ fn output_folder_gets_report_and_two_files_a_detector() {
     assert!(files["camera.npz"].starts_with(b"PK") && files["camera.png"].starts_with(b"\x89PNG"));
 }
 
+/// Names that are no file names, or that one file would have to share.
+const NAMES: [&str; 16] = [
+    "a/b",
+    "a_b",
+    "../up",
+    "..",
+    "",
+    "Det 1: focus",
+    "Image",
+    "image",
+    "con",
+    "why?",
+    " D ",
+    "-n",
+    ".hidden",
+    "a\tb\u{1b}[2J",
+    "report",
+    "ray_paths",
+];
+
+#[test]
+fn detectors_of_any_name_have_files_of_their_own() {
+    if !has_adapter("detectors_of_any_name_have_files_of_their_own") {
+        return;
+    }
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/example.json");
+    let mut scene: Value = serde_json::from_str(&std::fs::read_to_string(example).unwrap()).unwrap();
+    let long = ["y".repeat(300) + "1", "y".repeat(300) + "2"];
+    let names: Vec<&str> = NAMES.into_iter().chain(long.iter().map(String::as_str)).collect();
+    let detector = scene["detectors"][0].clone();
+    let named = |(i, name): (usize, &&str)| {
+        let mut detector = detector.clone();
+        detector["name"] = Value::from(*name);
+        detector["absorb"] = Value::from(false);
+        detector["cs"]["z"] = Value::from(49 + i);
+        detector
+    };
+    scene["detectors"] = names.iter().enumerate().map(named).collect();
+    let (folder, path) = file_with(&scene.to_string());
+    let out = folder.path().join("out");
+    let said = run(&["trace", &path, "-n", "1000", "-o", out.to_str().unwrap(), "--record-paths", "3"]);
+    assert!(!said.succeeds().contains(['\u{1b}', '\t']), "{}", said.stdout);
+    let files = files_in(&out);
+    let report: Value = serde_json::from_slice(&files["report.json"]).unwrap();
+    let of_detectors = report["detectors"].as_object().unwrap();
+    assert!(of_detectors.keys().eq(&names), "{:?}", of_detectors.keys());
+    let mut seen = std::collections::BTreeSet::new();
+    for (name, detector) in of_detectors {
+        for key in ["file", "picture"] {
+            let file = detector[key].as_str().unwrap();
+            assert!(files.contains_key(file), "{name:?}: {file}");
+            assert!(seen.insert(file.to_lowercase()), "{name:?}: {file}");
+        }
+    }
+    // All that was written lies in the folder: two files a detector, the report, the sums and the paths.
+    assert_eq!(files.len(), 2 * names.len() + 3);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    let out = out.to_str().unwrap();
+    let compared = run(&["compare", out, out]);
+    assert!(!compared.succeeds().contains(['\u{1b}', '\t']), "{}", compared.stdout);
+    assert!(!run(&["check", &path]).succeeds().contains(['\u{1b}', '\t']));
+}
+
 #[test]
 fn nothing_is_written_where_something_fails() {
     if !has_adapter("failed output") {

@@ -917,3 +917,38 @@ fn files_of_another_precision_differ() {
     assert!(f32["eye.npz"] != f64["eye.npz"]);
     assert!(f32["report.json"] != f64["report.json"]);
 }
+
+/// A cone of glass whose tip points along z, or against it, and a ray that arrives there: its normal is the axis, outward.
+#[test]
+fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
+    for outward in [1.0, -1.0] {
+        let mut ir = lamp_in_a_ball();
+        let (r_front, r_back) = if outward > 0.0 { (5.0, 0.0) } else { (0.0, 5.0) };
+        ir.surfaces[0].shape = Shape::Frustum { r_front, r_back, z_front: 0.0, z_back: 10.0 };
+        (ir.surfaces[0].front, ir.surfaces[0].back) = (1, 0);
+        let z = DVec3::new(0.0, 0.0, -outward);
+        let rotation = DMat3::from_cols(DVec3::X, z.cross(DVec3::X), z);
+        ir.emitters[0].frame = Frame { origin: -20.0 * z, rotation };
+        ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.0 };
+        ir.emitters[0].medium = 0;
+        for precision in [Precision::F32, Precision::Df64, Precision::F64] {
+            let options = zoo::options(1000, 5, precision);
+            let what = format!("{precision:?}, outward {outward}");
+            ir.surfaces[0].interaction = Interaction::Refractive;
+            let tally = zoo::trace(&ir, &options);
+            assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (0, 0), "{what}");
+            assert_eq!(tally.sensors[0].hits.iter().sum::<u64>() + tally.escaped.count, 1000, "{what}");
+            ir.surfaces[0].interaction = Interaction::Reflective { reflectance: vec![1.0] };
+            let options = TraceOptions { paths: RecordPaths::All, ..options };
+            let tally = zoo::trace(&ir, &options);
+            let are = |is: fn(&PathEventKind) -> bool| -> Vec<&PathEvent> {
+                tally.paths.iter().filter(|event| is(&event.kind)).collect()
+            };
+            let met = are(|kind| matches!(kind, PathEventKind::Surface(_)));
+            let left = are(|kind| matches!(kind, PathEventKind::Escaped | PathEventKind::Sensor(_)));
+            assert_eq!((met.len(), left.len()), (1000, 1000), "{what}");
+            assert!(met.iter().all(|event| event.ray.position == [0.0, 0.0, 5.0 + 5.0 * outward]), "{what}");
+            assert!(left.iter().all(|event| event.ray.direction == [0.0, 0.0, outward]), "{what}");
+        }
+    }
+}

@@ -123,6 +123,36 @@ fn loses_no_ray(num_rays: u64) {
 }
 
 /// The part of all rays that a missing triangle lets out is its share of the sphere of directions.
+/// A rod whose end faces are fans from a corner of the rim, as CAD writes them.
+fn rod(segments: u32) -> Mesh {
+    let corner = |i: u32, z: f64| {
+        let (y, x) = (2.0 * PI * f64::from(i) / f64::from(segments)).sin_cos();
+        DVec3::new(10.0 * x, 10.0 * y, z)
+    };
+    let vertices = [-10.0, 10.0].into_iter().flat_map(|z| (0..segments).map(move |i| corner(i, z))).collect();
+    let mut faces = Vec::new();
+    for i in 0..segments {
+        let next = (i + 1) % segments;
+        faces.extend([[i, next, segments + next], [i, segments + next, segments + i]]);
+    }
+    for i in 1..segments - 1 {
+        faces.extend([[segments, segments + i, segments + i + 1], [0, i + 1, i]]);
+    }
+    Mesh { vertices, faces }
+}
+
+/// Their boxes lie in one another, so that the tree that suits them best is as deep as they are many.
+#[test]
+fn a_rod_with_fans_for_end_faces_loses_no_ray() {
+    for segments in [360, 1440] {
+        for precision in PRECISIONS {
+            let tally = zoo::trace(&trap(rod(segments)), &zoo::options(20_000, 3, precision));
+            assert_eq!(tally.escaped.count, 0, "{segments} segments, {precision:?}");
+            assert_eq!(tally.surfaces[0].absorbed.count, 20_000, "{segments} segments, {precision:?}");
+        }
+    }
+}
+
 #[test]
 fn a_missing_triangle_lets_out_the_rays_that_aim_at_it() {
     let mut ir = trap(icosphere(3, 10.0));
@@ -741,6 +771,217 @@ fn meshes_that_mean_nothing_are_refused_with_their_place() {
     }
 }
 
+/// A binary STL of two triangles, with a corner that is no number.
+fn nan_corner() -> Vec<u8> {
+    let mut bytes = vec![0; 80];
+    bytes.extend(2_u32.to_le_bytes());
+    for x in [4.0, f32::NAN] {
+        let numbers = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, x, 5.0, 6.0, 1.0, 0.0, 0.0_f32];
+        bytes.extend(numbers.into_iter().flat_map(f32::to_le_bytes));
+        bytes.extend([0, 0]);
+    }
+    bytes
+}
+
+/// The text of an STL.
+fn stl_of(mesh: &Mesh) -> String {
+    let vertex = |v: DVec3| format!("      vertex {:.9e} {:.9e} {:.9e}\n", v.x, v.y, v.z);
+    let facet = |face: &[u32; 3]| {
+        let corners: String = mesh.corners(*face).map(vertex).concat();
+        format!("  facet normal 0 0 0\n    outer loop\n{corners}    endloop\n  endfacet\n")
+    };
+    let facets: String = mesh.faces.iter().map(facet).collect();
+    format!("solid part\n{facets}endsolid part\n")
+}
+
+fn latin_1(text: &str) -> Vec<u8> {
+    text.chars().map(|c| u32::from(c) as u8).collect()
+}
+
+fn utf_16(text: &str) -> Vec<u8> {
+    format!("\u{feff}{text}").encode_utf16().flat_map(u16::to_le_bytes).collect()
+}
+
+/// What exporters and editors make of a text, and trimesh reads: the mesh is that of the plain file, to the bit.
+#[test]
+fn dialects_of_text_files_are_the_same_mesh() {
+    let stl = stl_of(&tetrahedron());
+    let (first, second) = stl.split_at(stl.find("endfacet").unwrap() + 9);
+    let obj = "v 0 0 0\nv 2 0 0\nv 0 3 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    let dialects: Vec<(&str, Vec<u8>)> = vec![
+        ("plain.stl", stl.clone().into()),
+        ("upper.stl", stl.to_uppercase().into()),
+        (
+            "capital.stl",
+            stl.replace("facet", "Facet").replace("solid", "Solid").replace("vertex", "Vertex").into(),
+        ),
+        ("mark.stl", format!("\u{feff}{stl}").into()),
+        ("latin.stl", latin_1(&stl.replace("part", "K\u{f6}rper"))),
+        ("utf16.stl", utf_16(&stl)),
+        ("crlf.stl", stl.replace('\n', "\r\n").into()),
+        ("tabs.stl", stl.replace("  ", "\t").into()),
+        ("blank.stl", format!("\n\n{}", stl.replace('\n', "\n\n")).into()),
+        (
+            "apart.stl",
+            stl.replace("endloop", "end loop")
+                .replace("endfacet", "end facet")
+                .replace("endsolid", "end solid")
+                .into(),
+        ),
+        ("nameless.stl", stl.replace(" part", "").into()),
+        ("misnamed.stl", stl.replace("part", "# vertex facet endloop").into()),
+        ("normals.stl", stl.replace("normal 0 0 0", "normal -nan nan(ind) 0,5").into()),
+        ("signs.stl", stl.replace("vertex ", "vertex +").into()),
+        ("exponents.stl", stl.replace("e0", "e+000").into()),
+        ("loopless.stl", stl.replace("    outer loop\n", "").replace("    endloop\n", "").into()),
+        ("one_line.stl", stl.replace("normal 0 0 0\n", "").replace("outer loop\n", "").into()),
+        ("comment.stl", format!("exported by a program\n{stl}").into()),
+        ("two.stl", format!("{first}endsolid part\nsolid part\n{second}").into()),
+        ("plain.obj", obj.into()),
+        ("mark.obj", format!("\u{feff}{obj}").into()),
+        ("joined.obj", obj.replace("v 0 3 0", "\u{feff}v 0 3 0").into()),
+        ("latin.obj", latin_1(&format!("# K\u{f6}rper\no K\u{f6}rper\n{obj}"))),
+        ("utf16.obj", utf_16(obj)),
+        ("crlf.obj", obj.replace('\n', "\r\n").into()),
+        ("tabs.obj", obj.replace(' ', "\t").into()),
+        ("indented.obj", obj.replace("f ", "  f  ").into()),
+        ("numbers.obj", obj.replace("v 0 0 0", "v +0. -0.0 .0e0").replace("v 2 0", "v 2.E0 0e+00").into()),
+        ("colours.obj", obj.replace("v 0 0 1", "v 0 0 1 0.5 0.25 1").into()),
+        ("backwards.obj", obj.replace("f 1 3 2", "f -4 -2 -3").into()),
+        (
+            "slashes.obj",
+            obj.replace("f 1 3 2", "f 1/1 3/2/ 2//7").replace("f 2 3 4", "f 2/1/1 3/1/1 4/1/1").into(),
+        ),
+        ("groups.obj", obj.replace("f 1 2 4", "g side\nusemtl glass\ns off\nf 1 2 4").into()),
+        ("continued.obj", obj.replace("f 1 2 4", "f 1 \\\n 2 \\\n4").into()),
+        ("comments.obj", obj.replace("f 1 2 4", "# C:\\\nf 1 2 4 # side").into()),
+        ("faces_first.obj", {
+            let (vertices, faces) = obj.split_at(obj.find('f').unwrap());
+            format!("{faces}{vertices}").into()
+        }),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let mesh_of = |name: &str, bytes: &[u8]| {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+        let shape = format!(r#"{{"type": "mesh", "path": "{name}"}}"#);
+        let (mut ir, warnings) = lowered_as("refractive", &[shape], Some(folder.path()))
+            .unwrap_or_else(|err| panic!("{name}: {err}"));
+        assert_eq!(warnings, Vec::<String>::new(), "{name}");
+        ir.meshes.remove(0)
+    };
+    let plain = [mesh_of("plain.stl", stl.as_bytes()), mesh_of("plain.obj", obj.as_bytes())];
+    assert_eq!(plain[0].faces.len(), 4);
+    for (name, bytes) in &dialects {
+        let of_kind = &plain[usize::from(name.ends_with("obj"))];
+        assert_eq!(mesh_of(name, bytes), *of_kind, "{name}");
+    }
+}
+
+/// Where the last line alone is missing, nothing is lost; half of a mesh is refused (`half.stl`).
+#[test]
+fn a_closed_mesh_without_its_last_line_is_read_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("whole.stl"), stl_of(&tetrahedron()).replace("endsolid part\n", ""))
+        .unwrap();
+    let shape = r#"{"type": "mesh", "path": "whole.stl"}"#.to_string();
+    let (ir, warnings) = lowered(&[shape], Some(folder.path())).unwrap();
+    assert_eq!(ir.meshes[0].faces.len(), 4);
+    assert!(warnings.len() == 1 && warnings[0].contains("without `endsolid`"), "{warnings:?}");
+}
+
+/// A pipe without a writer would wait for ever, and /dev/zero has no end.
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe.stl");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::fs::create_dir(folder.path().join("folder.obj")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", folder.path().join("endless.stl")).unwrap();
+    let table = |path: &str| {
+        format!(r#"{{"type": "plane"}}, "reflectance": 1, "bsdf": {{"type": "tabulated", "path": "{path}"}}"#)
+    };
+    for (name, problem) in [
+        ("pipe.stl", "it is a pipe or a device, and no file"),
+        ("endless.stl", "it is a pipe or a device, and no file"),
+        ("folder.obj", "it is a folder, and no file"),
+    ] {
+        let mesh = format!(r#"{{"type": "mesh", "path": "{name}"}}"#);
+        for (interaction, shape) in [("absorbing", mesh), ("reflective", table(name))] {
+            let message = lowered_as(interaction, &[shape], Some(folder.path())).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains(problem), "{name}: {message}");
+        }
+    }
+}
+
+fn two(first: &Mesh, second: &Mesh) -> Mesh {
+    let mut both = first.clone();
+    let next = both.vertices.len() as u32;
+    both.vertices.extend(&second.vertices);
+    both.faces.extend(second.faces.iter().map(|face| face.map(|corner| corner + next)));
+    both
+}
+
+fn turned(mut mesh: Mesh) -> Mesh {
+    mesh.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    mesh
+}
+
+fn shifted(mut mesh: Mesh, by: DVec3) -> Mesh {
+    mesh.vertices.iter_mut().for_each(|v| *v += by);
+    mesh
+}
+
+#[test]
+fn solids_that_are_inside_out_are_named() {
+    let glass = |front: &str, back: &str, mesh: &Mesh| {
+        format!(r#"{}, "material_front": {front}, "material_back": {back}"#, inline(mesh))
+    };
+    let beside = shifted(cube(2.0), 5.0 * DVec3::X);
+    for (what, mesh, parts) in [
+        ("a cube", cube(2.0), 0),
+        ("a cube whose faces look inward", turned(cube(2.0)), 1),
+        ("a hollow cube", two(&cube(4.0), &turned(cube(2.0))), 0),
+        ("two cubes", two(&cube(2.0), &beside), 0),
+        ("two cubes, one inside out", two(&cube(2.0), &turned(beside.clone())), 1),
+        ("two cubes inside out", two(&turned(cube(2.0)), &turned(beside)), 2),
+    ] {
+        let (_, warnings) = lowered_as("refractive", &[glass("\"N-BK7\"", "null", &mesh)], None).unwrap();
+        let told =
+            warnings.iter().any(|warning| warning.contains(&format!("\"part 0\" is inside out ({parts} of")));
+        assert_eq!((told, warnings.len()), (parts > 0, usize::from(parts > 0)), "{what}: {warnings:?}");
+        // With the media exchanged, a mesh that looks inward is right.
+        let (_, warnings) = lowered_as("refractive", &[glass("null", "\"N-BK7\"", &mesh)], None).unwrap();
+        assert_eq!(warnings, Vec::<String>::new(), "{what}");
+    }
+}
+
+#[test]
+fn doubled_facets_are_named_however_they_are_written() {
+    let again = |order: [usize; 3]| {
+        let mut mesh = tetrahedron();
+        let face = mesh.faces[3];
+        mesh.faces.push(order.map(|i| face[i]));
+        mesh
+    };
+    let whole = two(&tetrahedron(), &tetrahedron());
+    for (mesh, doubled, all) in
+        [(again([0, 1, 2]), 1, 5), (again([2, 0, 1]), 1, 5), (again([1, 0, 2]), 1, 5), (whole, 4, 8)]
+    {
+        for (interaction, more) in
+            [("absorbing", ""), ("reflective", r#", "reflectance": 1"#), ("refractive", "")]
+        {
+            let (_, warnings) = lowered_as(interaction, &[inline(&mesh) + more], None).unwrap();
+            let told = format!(
+                "{doubled} of the {all} triangles of the mesh \"part 0\" stand where another one has"
+            );
+            assert!(warnings.iter().any(|warning| warning.contains(&told)), "{interaction}: {warnings:?}");
+        }
+    }
+    let (_, warnings) = lowered(&[inline(&tetrahedron())], None).unwrap();
+    assert_eq!(warnings, Vec::<String>::new());
+}
+
 #[test]
 fn broken_files_are_refused_with_their_line() {
     let folder = tempfile::tempdir().unwrap();
@@ -753,7 +994,22 @@ fn broken_files_are_refused_with_their_line() {
         ("index.obj", b"v 0 0 0\nf 1 1 2\n", "line 2: a face needs three or more vertices that are there"),
         ("zero.obj", b"v 0 0 0\nf 0 1 1\n", "line 2: a face needs"),
         ("line.obj", b"v 0 0 0\nf 1 1\n", "line 2: a face needs"),
-        ("text.obj", b"v 0 0 0\n\xff", "byte 8: this is no UTF-8 text"),
+        ("text.obj", b"v 0 0 0\n\xff", "it holds no triangle"),
+        (
+            "cr.obj",
+            b"v 0 0 0\rv 1 0 0\rv 0 1 0\rf 1 2 3\r",
+            "line 1: its lines end in a carriage return alone",
+        ),
+        ("far.obj", b"v 0 0 1e13\n", "line 1: the vertex [0.0, 0.0, 10000000000000.0] mm is out of range"),
+        ("before.stl", b"solid\nvertex 1 2 3\nfacet\n", "line 3: the facet before has no end"),
+        ("four.stl", b"solid\nvertex 1 2 3 4\n", "line 2: the number 4 belongs to no vertex"),
+        ("comma.stl", b"solid\nvertex 1,0 2 3\n", "line 2: a vertex needs three finite numbers"),
+        ("nan.stl", &nan_corner(), "facet 2: a vertex needs three finite numbers, and has [NaN, 5.0, 6.0]"),
+        (
+            "half.stl",
+            b"solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n",
+            "the file ends without `endsolid` and its mesh has 3 open edges",
+        ),
         ("nan.obj", b"v 0 0 nan\n", "line 1: a vertex needs three finite numbers"),
         ("empty.obj", b"v 0 0 0\n", "it holds no triangle; nsq_gpu.surfaces[0].shape.path names it"),
         ("truncated.stl", &[&b"solid"[..], &[0; 80]].concat(), "85 bytes are no binary STL of"),

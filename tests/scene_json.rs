@@ -254,6 +254,43 @@ fn doubtful_materials_and_angles_are_warned_of() {
     assert!(warnings.iter().any(|warning| warning.contains("19.5 um")), "{warnings:?}");
 }
 
+/// In every frame, and in those that it is chained to.
+#[test]
+fn degrees_for_radians_are_told_wherever_a_rotation_stands() {
+    let plain = r#""cs": {"reference_cs": {"x": 1}}"#;
+    let scene = |turned: usize, cs: &str| {
+        let cs = |i: usize| if i == turned { cs } else { plain };
+        format!(
+            r#"{{"nsq_schema_version": 1, "components": [{{"type": "mirror", "name": "M", {}, "config": {{"radius": 0,
+            "reflectance": 1, "aperture_radius": 9}}}}], "sources": [{{"type": "point", "name": "S", {}, "total_flux": 1,
+            "spectrum": {{"wavelengths": [0.5], "weights": [1]}}}}], "detectors": [{{"type": "irradiance", "name": "D", {},
+            "width": 9, "height": 9}}], "nsq_gpu": {{"version": 1, "surfaces": [{{"name": "R", {}, "interaction":
+            "reflective", "reflectance": 1, "shape": {{"type": "plane", "width": 9, "height": 9}}}}]}}}}"#,
+            cs(0),
+            cs(1),
+            cs(2),
+            cs(3)
+        )
+    };
+    let told = |turned: usize, cs: &str| -> Vec<String> {
+        let warnings = Scene::from_json(&scene(turned, cs)).unwrap().warnings;
+        warnings.into_iter().filter(|warning| warning.contains("rotations are in radians")).collect()
+    };
+    for (i, name) in ["M", "S", "D", "R"].into_iter().enumerate() {
+        assert_eq!(told(i, r#""cs": {"z": 5, "rx": 6.28, "ry": -3.2}"#), Vec::<String>::new(), "{name}");
+        for (cs, words) in [
+            (r#""cs": {"rx": 45}"#, "is rotated by 45 rad"),
+            (r#""cs": {"rz": -90, "z": 5}"#, "is rotated by -90 rad"),
+            (r#""cs": {"reference_cs": {"ry": 90}}"#, "is rotated by 90 rad"),
+            (r#""cs": {"reference_cs": {"reference_cs": {"rx": 30}}}"#, "is rotated by 30 rad"),
+        ] {
+            let warnings = told(i, cs);
+            assert_eq!(warnings.len(), 1, "{name}, {cs}: {warnings:?}");
+            assert!(warnings[0].contains(&format!("\"{name}\" {words}")), "{name}, {cs}: {warnings:?}");
+        }
+    }
+}
+
 #[test]
 fn a_scene_file_is_read_from_its_path() {
     let folder = tempfile::tempdir().unwrap();

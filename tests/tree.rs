@@ -181,6 +181,20 @@ fn faces_in_contact_have_the_same_paths() {
 }
 
 /// Of meshes, plates and sensors in one plane the first in the list wins, wherever the tree meets it.
+/// Shells in one another are a chain, however they are grouped.
+#[test]
+fn concentric_shells_have_the_same_paths() {
+    let shell = |i: usize| {
+        let sphere = Shape::Sphere { radius: 5.0 + 0.01 * i as f64, aperture_radius: None };
+        let mut shell = surface(at(0.0, 0.0, 0.0), sphere, i);
+        shell.interaction = Interaction::Refractive;
+        shell
+    };
+    let sky = SensorKind::FarField { num_theta: 9, num_phi: 18 };
+    let sensors = vec![Sensor { name: "sky".into(), frame: at(0.0, 0.0, 40.0), kind: sky, absorb: true }];
+    assert_same(&scene((0..400).map(shell).collect(), sensors), 40, "400 shells");
+}
+
 #[test]
 fn ties_go_to_the_first_in_the_list() {
     let shapes = [

@@ -38,7 +38,6 @@ _ONLY_IN_LEDGER = {
     "bsdf_gain": "gained by sampling of scattering",
 }
 #: Longest name in an event [characters].
-_NAME_LENGTH = _EVENT_DTYPE["component_name"].itemsize // 4
 _ROWS = ("x", "y", "z", "L", "M", "N", "flux", "wavelength")
 
 
@@ -209,26 +208,27 @@ def _ray_paths(scene: NSQScene, report: Json, folder: Path, surface_labels: list
         events = np.empty(len(columns["ray_id"]), dtype=_EVENT_DTYPE)
         for key in _EVENT_DTYPE.names or ():
             events[key] = columns[key]
-    events["component_name"] = _optilands_names(scene, events, surface_labels)
+        names = columns["component_name"]
+    events["component_name"] = _optilands_names(scene, events["event_type"], names, surface_labels)
     return {"events": events}
 
 
-def _optilands_names(scene: NSQScene, events: np.ndarray, surface_labels: list[str]) -> np.ndarray:
+def _optilands_names(scene: NSQScene, event_types: np.ndarray, ours: np.ndarray, surface_labels: list[str]) -> np.ndarray:
     """Return the events' names as Optiland's own traces write them.
 
     Its births read ``source_0`` and its detectors have no name, whatever the registry calls them, and programs that
-    read its paths expect that.
+    read its paths expect that. The field cuts long names, as it does there.
     """
     sources = {name: getattr(live, "name", f"source_{index}")
                for index, (name, live) in enumerate(zip(scene.source_names, scene.sources, strict=True))}
     surfaces = {label: live.name or f"component_{index}"
                 for index, (label, live) in enumerate(zip(surface_labels, scene.surfaces, strict=True))}
     detectors = {name: live.name for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
-    names = events["component_name"].copy()
+    names = ours.astype(_EVENT_DTYPE["component_name"])
     for which, known in (("birth", sources), ("hit", surfaces | detectors)):
-        chosen = events["event_type"] == which
-        found, inverse = np.unique(events["component_name"][chosen], return_inverse=True)
-        # The field cuts long names.
-        cut = {name[:_NAME_LENGTH]: renamed for name, renamed in known.items()}
-        names[chosen] = np.array([cut[str(name)] for name in found], dtype=names.dtype)[inverse]
+        chosen = event_types == which
+        found, inverse = np.unique(ours[chosen], return_inverse=True)
+        # NumPy's texts have no NUL at their ends.
+        stripped = {name.rstrip("\0"): renamed for name, renamed in known.items()}
+        names[chosen] = np.array([stripped[str(name)] for name in found], dtype=names.dtype)[inverse]
     return names

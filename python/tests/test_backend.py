@@ -200,6 +200,27 @@ def test_paths_are_recorded_as_asked() -> None:
             assert_same_paths(ours, theirs)
 
 
+@pytest.mark.parametrize("names", [("a/b", "a\\b"), ("Det 1: focus", "why?"), ("Image", "image"), ("..", "."), ("con", ""),
+                                   (" D ", "a\tb"), ("y" * 100 + "1", "y" * 100 + "2"), ("report", "ray_paths"),
+                                   ("d\u00e9tecteur \U0001f4a1", "-n")], ids=repr)
+def test_names_are_those_of_optiland(names: tuple[str, str]) -> None:
+    def build() -> NSQScene:
+        scene = bench()
+        for index, name in enumerate(names):
+            scene.add_source(f"lamp {name}", cs(z=-40.0 - index), live.PointSourceConfig(live.two_lines(), half_angle_deg=20.0))
+            scene.add_detector(name, cs(z=20.0 + index), live.IrradianceDetectorConfig(40.0, 40.0, 4, 5, absorb=False))
+            scene.add_mirror(f"mirror {name}", cs(z=300.0 + index), MirrorConfig(0.0, 0.9))
+        return scene
+
+    scene, numpys = build(), build()
+    ours = scene.trace(500, seed=3, record_paths=True, backend=backend())
+    theirs = numpys.trace(500, seed=3, record_paths=True, backend=NumpyBackend())
+    assert list(ours.detectors) == list(theirs.detectors)
+    for name in names:
+        np.testing.assert_allclose(ours.detectors[name].data, theirs.detectors[name].data, rtol=1e-9, atol=1e-15)
+    assert_same_paths(ours, theirs)
+
+
 def test_paths_tell_detectors_from_surfaces() -> None:
     scene = bench()
     scene.add_mirror("M", cs(z=25.0), MirrorConfig(0.0, 0.9))

@@ -1,6 +1,7 @@
 //! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
 
 use crate::error::Result;
+use crate::result::format::shown;
 use crate::trace::TraceOptions;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -17,13 +18,13 @@ pub fn run(args: &Args) -> Result<String> {
     let scene = super::read_scene(&args.scene)?;
     let ir = scene.lower()?;
     let mut text = format!("{} can be traced.\n", args.scene.display());
-    let mut list = |title: &str, names: Vec<&str>| {
+    let mut list = |title: &str, names: Vec<String>| {
         let _ = writeln!(text, "  {title} ({}): {}", names.len(), names.join(", "));
     };
-    list("surfaces", ir.surfaces.iter().map(|s| s.name.as_str()).collect());
-    list("sources", ir.emitters.iter().map(|e| e.name.as_str()).collect());
-    list("detectors", ir.sensors.iter().map(|s| s.name.as_str()).collect());
-    list("media", ir.media.iter().map(|m| m.name.as_str()).collect());
+    list("surfaces", ir.surfaces.iter().map(|s| shown(&s.name)).collect());
+    list("sources", ir.emitters.iter().map(|e| shown(&e.name)).collect());
+    list("detectors", ir.sensors.iter().map(|s| shown(&s.name)).collect());
+    list("media", ir.media.iter().map(|m| shown(&m.name)).collect());
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
     let _ = writeln!(text, "  max_depth: {}, unless given", TraceOptions::depth_of(&ir));

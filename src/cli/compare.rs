@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::result::TraceResult;
 use crate::result::comparison::{DetectorComparison, ResultComparison, compare};
-use crate::result::format::{significant, thousands};
+use crate::result::format::{shown, significant, thousands};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     super::print(&text)?;
     let apart = found.detectors.iter().filter(|detector| !detector.agree);
-    let names: Vec<String> = apart.map(|detector| format!("'{}'", detector.name)).collect();
+    let names: Vec<String> = apart.map(|detector| format!("'{}'", shown(&detector.name))).collect();
     Err(Error::Tolerance(format!("A and B disagree on {}", names.join(", "))))
 }
 
@@ -62,14 +62,15 @@ fn header(path: &std::path::Path, side: &str, result: &TraceResult) -> String {
 }
 
 fn table(found: &ResultComparison) -> String {
-    let widest = found.detectors.iter().map(|detector| detector.name.chars().count()).max().unwrap_or(0);
+    let widest =
+        found.detectors.iter().map(|detector| shown(&detector.name).chars().count()).max().unwrap_or(0);
     let width = widest.max(8) + 2;
     let mut table = format!(
         "{:<width$}{:>13}{:>13}{:>12}{:>11}{:>8}{:>10}{:>8}{:>9}{:>7}\n",
         "detector", "A [W]", "B [W]", "A - B [W]", "sigma [W]", "sigmas", "cells", "rms", "largest", "limit"
     );
     for detector in &found.detectors {
-        let _ = writeln!(table, "{:<width$}{}", detector.name, line(detector));
+        let _ = writeln!(table, "{:<width$}{}", shown(&detector.name), line(detector));
     }
     table
 }

@@ -286,6 +286,7 @@ impl Composition<'_> {
             shader!("shapes/plane.wgsl"),
             shader!("generate.wgsl"),
             pick(f.splits, split_triangle, shader!("intersect.wgsl")),
+            pick(f.tips, shader!("lib/gradients_tip.wgsl"), shader!("lib/gradients.wgsl")),
             shader!("interact.wgsl"),
             shader!("splat.wgsl"),
             shader!("trace.wgsl"),

@@ -101,6 +101,8 @@ pub struct Features {
     pub whole_weights: bool,
     /// Every surface that turns rays has a gradient of unit length on it (spheres, planes).
     pub unit_gradients: bool,
+    /// The tip of a cone belongs to some surface.
+    pub tips: bool,
     /// Splats of irradiance and spectral detectors: hard, bilinear, Gaussian.
     pub splats: [bool; 3],
     /// Some detector lets rays pass.
@@ -209,6 +211,7 @@ impl Features {
                 .iter()
                 .filter(|s| !matches!(s.interaction, Interaction::Absorbing))
                 .all(|s| has_unit_gradient(&s.shape)),
+            tips: ir.surfaces.iter().any(|s| has_tip(&s.shape)),
             splats: [
                 grids.contains(&Splat::Hard),
                 grids.contains(&Splat::Bilinear),
@@ -298,6 +301,11 @@ fn least_share(ir: &SceneIr) -> f64 {
 /// True if rays are split at refractive surfaces.
 pub fn splits(ir: &SceneIr) -> bool {
     ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
+}
+
+/// True if a cone reaches to its tip, where its quadric has no gradient.
+fn has_tip(shape: &Shape) -> bool {
+    matches!(shape, Shape::Frustum { r_front, r_back, .. } if *r_front == 0.0 || *r_back == 0.0)
 }
 
 /// On a sphere |grad| = 1 with the scale used in the shaders; so it is on every plane. A mesh has none.

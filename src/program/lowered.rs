@@ -225,6 +225,12 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     records.real("radial", gradients.iter().map(|g| g[0]));
     records.real("axial", gradients.iter().map(|g| g[1]));
     records.real("offset", gradients.iter().map(|g| g[2]));
+    if features.tips {
+        let is_in_front =
+            |shape: &Shape| matches!(shape, Shape::Frustum { r_front, r_back, .. } if r_front < r_back);
+        let outward = |shape: &Shape| if is_in_front(shape) { -1.0 } else { 1.0 };
+        records.real("tip", ir.surfaces.iter().map(|s| outward(&s.shape)));
+    }
     if features.has_meshes() {
         let is_mesh = |shape: &Shape| u32::from(matches!(shape, Shape::Mesh(_)));
         records.uint("mesh", ir.surfaces.iter().map(|s| is_mesh(&s.shape)));

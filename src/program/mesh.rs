@@ -1,7 +1,6 @@
 //! Meshes as shaders/shapes/mesh.wgsl reads them: one list of triangles, in the order of the trees over them.
 
-use super::bvh::{Forest, MAX_DEPTH};
-use crate::error::{Error, Result};
+use super::bvh::Forest;
 use crate::ir::{Mesh, SceneIr, Shape, unit_normal};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
@@ -28,26 +27,16 @@ pub struct Triangles {
 
 impl Triangles {
     /// Builds a tree over each mesh.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if a mesh is so uneven that its tree gets too deep.
-    pub fn of(meshes: &[Mesh], forest: &mut Forest) -> Result<Self> {
+    pub fn of(meshes: &[Mesh], forest: &mut Forest) -> Self {
         let mut triangles = Triangles::default();
         for (i, mesh) in meshes.iter().enumerate() {
-            let tree = forest.plant(root(i) as usize, &boxes(mesh), triangles.corners.len() as u32);
-            if tree.depth > MAX_DEPTH {
-                return Err(Error::Usage(format!(
-                    "the tree over a mesh is {} levels deep, and at most {MAX_DEPTH} can be searched; \
-                     its triangles lie too unevenly: split it into several meshes",
-                    tree.depth
-                )));
-            }
+            let order = forest.plant(root(i) as usize, &boxes(mesh), triangles.corners.len() as u32);
             let corners = |&face: &u32| mesh.corners(mesh.faces[face as usize]);
             triangles.firsts.push(triangles.corners.len());
-            triangles.faces.extend(&tree.order);
-            triangles.corners.extend(tree.order.iter().map(corners));
+            triangles.faces.extend(&order);
+            triangles.corners.extend(order.iter().map(corners));
         }
-        Ok(triangles)
+        triangles
     }
 
     /// The number of the first triangle of a mesh, and the faces that its triangles are.

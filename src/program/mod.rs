@@ -334,13 +334,13 @@ impl Program {
         // Of meshes that no surface has nothing is searched.
         let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
         let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
-        let triangles = mesh::Triangles::of(meshes, &mut forest)?;
+        let triangles = mesh::Triangles::of(meshes, &mut forest);
         let contacts = contact::Contacts::of(ir, centre, options.precision)?;
         let facets = lowered::FacetTable::of(ir, &contacts, &triangles);
         let tree = match has_tree {
             true => {
                 let boxes = tree::boxes(ir, centre, &contacts);
-                let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len())?;
+                let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len());
                 let num_others = forest.num_rows() + triangles.num_rows();
                 tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
                 Some(tree)
@@ -500,7 +500,7 @@ impl Program {
             return Ok(Vec::new());
         }
         let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
-        (0..ir.emitters.len()).map(|i| records.row_bytes(&self.module, self.options.precision, i)).collect()
+        records.bytes_by_row(&self.module, self.options.precision)
     }
 
     /// The WGSL that the device runs.

@@ -179,12 +179,12 @@ impl Records {
         )
     }
 
-    /// The bytes of one row of a uniform.
-    pub fn row_bytes(&self, module: &naga::Module, precision: Precision, row: usize) -> Result<Vec<u8>> {
+    /// The bytes of each row, for a uniform that holds one at a time.
+    pub fn bytes_by_row(&self, module: &naga::Module, precision: Precision) -> Result<Vec<Vec<u8>>> {
         let columns: Vec<&Column> = self.columns.iter().collect();
         let layout = StructLayout::of(module, self.name)?;
         let bytes = packed(&columns, &layout, precision)?;
-        Ok(bytes[row * layout.stride..(row + 1) * layout.stride].to_vec())
+        Ok(bytes.chunks_exact(layout.stride).map(<[u8]>::to_vec).collect())
     }
 
     /// The bytes of a table's buffer, with each field where the composed module has it; none if all rows are the same.

@@ -10,11 +10,11 @@
 //! ray the same margin keeps the entry into a box before any hit within.
 
 use super::Precision;
-use super::bvh::{Forest, MAX_DEPTH};
+use super::bvh::Forest;
 use super::contact::Contacts;
 use super::lowered;
 use super::records::Records;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::ir::{Frame, Mesh, Outline, SceneIr, Shape};
 use glam::{DVec2, DVec3};
 use obvhs::aabb::Aabb;
@@ -39,10 +39,7 @@ pub struct PrimitiveTree {
 
 impl PrimitiveTree {
     /// Builds the tree from a root, over primitives with these boxes, or none.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if the primitives lie so unevenly that the tree gets too deep.
-    pub fn of(boxes: &[Option<Aabb>], forest: &mut Forest, root: usize) -> Result<Self> {
+    pub fn of(boxes: &[Option<Aabb>], forest: &mut Forest, root: usize) -> Self {
         let (mut boxed, mut bounds, mut boundless) = (Vec::new(), Vec::new(), Vec::new());
         for (i, of_primitive) in (0..).zip(boxes) {
             match *of_primitive {
@@ -53,17 +50,10 @@ impl PrimitiveTree {
                 None => boundless.push(i),
             }
         }
-        let tree = forest.plant(root, &bounds, 0);
-        if tree.depth > MAX_DEPTH {
-            return Err(Error::Usage(format!(
-                "the tree over the surfaces is {} levels deep, and at most {MAX_DEPTH} can be searched; \
-                 they lie too unevenly: move the far ones closer or leave some out",
-                tree.depth
-            )));
-        }
-        let in_order = tree.order.iter().map(|&place| boxed[place as usize]);
+        let order = forest.plant(root, &bounds, 0);
+        let in_order = order.iter().map(|&place| boxed[place as usize]);
         let primitives = in_order.chain(boundless).collect();
-        Ok(PrimitiveTree { root: root as u32, primitives, num_boxed: boxed.len(), records: None })
+        PrimitiveTree { root: root as u32, primitives, num_boxed: boxed.len(), records: None }
     }
 
     /// In the order of the tree, then those without a box.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ir::SceneIr;
-use crate::result::format::{percent, significant, thousands};
+use crate::result::format::{percent, shown, significant, thousands};
 use crate::result::{Detector, DetectorData, SensorTally, StageTime, Tally, TraceResult, Uncertainty};
 use crate::stopping::StoppedBy;
 use crate::trace::TraceOptions;
@@ -123,9 +123,9 @@ fn rounded(count: f64) -> u64 {
 /// Names for a sentence.
 fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
     let more = names.len().saturating_sub(MOST_NAMES);
-    let shown: Vec<&str> = names.take(MOST_NAMES).collect();
-    let shown = shown.join(", ");
-    if more > 0 { format!("{shown} and {} more", thousands(more as u64)) } else { shown }
+    let names: Vec<String> = names.take(MOST_NAMES).map(shown).collect();
+    let names = names.join(", ");
+    if more > 0 { format!("{names} and {} more", thousands(more as u64)) } else { names }
 }
 
 impl Diagnostics {
@@ -216,7 +216,7 @@ impl Diagnostics {
             format!(
                 "no ray hit {} surface(s): {}; check where they stand and how they are turned, unless they are spare",
                 self.unreached_geometry.len(),
-                self.unreached_geometry.join(", ")
+                self.unreached_geometry.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", ")
             )
         })
     }
@@ -285,9 +285,9 @@ fn partial(result: &TraceResult) -> Option<String> {
     })
 }
 
-fn dark_detectors(result: &TraceResult) -> Vec<&str> {
+fn dark_detectors(result: &TraceResult) -> Vec<String> {
     let dark = result.detectors.iter().filter(|detector| detector.num_rays_hit == 0);
-    dark.map(|detector| detector.name.as_str()).collect()
+    dark.map(|detector| shown(&detector.name)).collect()
 }
 
 fn unlit(result: &TraceResult) -> Option<String> {
@@ -326,7 +326,7 @@ fn truncated_database(detector: &Detector) -> Option<String> {
     match &detector.data {
         DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
             "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
-            detector.name,
+            shown(&detector.name),
             thousands(rays.num_rays()),
             thousands(detector.num_rays_hit)
         )),

@@ -1,4 +1,17 @@
-//! Numbers for people.
+//! Numbers and names for people.
+
+/// A name as tables, warnings and pictures show it. Any text is a name, and none may garble a terminal or flood it.
+pub(crate) fn shown(name: &str) -> String {
+    const MOST_CHARACTERS: usize = 60;
+    let mut shown = String::new();
+    for c in name.chars().take(MOST_CHARACTERS) {
+        if c.is_control() { shown.extend(c.escape_debug()) } else { shown.push(c) }
+    }
+    if name.chars().nth(MOST_CHARACTERS).is_some() {
+        shown.push('…');
+    }
+    shown
+}
 
 /// `value` with `digits` significant digits, trailing zeros dropped; an exponent outside 1e-4 to 1e9.
 pub(crate) fn significant(value: f64, digits: usize) -> String {

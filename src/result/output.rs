@@ -5,6 +5,7 @@
 //! old ones put back if any rename fails. Files of the result that was there before go with it: no file is left that the
 //! report does not know.
 
+use std::collections::{HashMap, HashSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -229,14 +230,18 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
 /// and lower case are the same.
 fn file_stems(result: &TraceResult) -> Vec<String> {
-    let mut taken = vec!["ray_paths".to_string()];
+    // Where case is no difference, neither is that of letters that only one case of has a letter of its own.
+    let folded = |stem: &str| stem.to_uppercase().to_lowercase();
+    let mut taken = HashSet::from(["ray_paths".to_string()]);
+    let mut next_numbers: HashMap<String, u64> = HashMap::new();
     let mut distinct = |name: &str| {
         let stem = safe_stem(name);
-        let numbered = (2..).map(|number| format!("{stem}_{number}"));
-        let free =
-            std::iter::once(stem.clone()).chain(numbered).find(|stem| !taken.contains(&stem.to_lowercase()));
-        let free = free.unwrap_or(stem);
-        taken.push(free.to_lowercase());
+        let mut free = stem.clone();
+        let next = next_numbers.entry(folded(&stem)).or_insert(2);
+        while !taken.insert(folded(&free)) {
+            free = format!("{stem}_{next}");
+            *next += 1;
+        }
         free
     };
     result.detectors.iter().map(|detector| distinct(&detector.name)).collect()

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::result::format::{significant, thousands};
+use crate::result::format::{shown, significant, thousands};
 use crate::result::{Entry, TraceResult};
 use crate::stopping::StoppedBy;
 
@@ -85,7 +85,8 @@ impl TraceResult {
     }
 
     fn detector_table(&self) -> String {
-        let widest = self.detectors.iter().map(|detector| detector.name.chars().count()).max().unwrap_or(0);
+        let widest =
+            self.detectors.iter().map(|detector| shown(&detector.name).chars().count()).max().unwrap_or(0);
         let width = widest.max(16) + 2;
         let mut table = format!(
             "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}\n",
@@ -98,7 +99,7 @@ impl TraceResult {
             let _ = writeln!(
                 table,
                 "{:<width$}{:<14}{:>14}{:>14}{:>14}{:>16}{passing}",
-                detector.name,
+                shown(&detector.name),
                 detector.data.kind(),
                 significant(detector.total_flux, 7),
                 error.map_or("-".into(), |error| significant(error, 2)),

@@ -1,9 +1,9 @@
 //! Scatter models and coatings of the file -> those of the tracer: tables read and proven, contradictions refused.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Read;
 use std::path::Path;
 
+use super::files;
 use super::json::{Bsdf, Coating};
 use super::place::{key_of, quoted};
 use crate::ir::{self, BsdfTable, HARVEY_SHACK_STEP, harvey_shack_table};
@@ -191,7 +191,7 @@ fn check_value(place: &str, value: f64) -> Result<()> {
 
 fn from_file(place: &str, path: &str, folder: &Path) -> Result<BsdfTable> {
     let path = folder.join(path);
-    let text = read_limited(&path).map_err(|err| {
+    let text = text_of(&path).map_err(|err| {
         Error::scene(
             place,
             format!("{}: {err}", quoted(&path.display().to_string())),
@@ -201,13 +201,11 @@ fn from_file(place: &str, path: &str, folder: &Path) -> Result<BsdfTable> {
     parse(place, &text)
 }
 
-fn read_limited(path: &Path) -> std::io::Result<String> {
-    let mut text = String::new();
-    let bytes = std::fs::File::open(path)?.take(MAX_FILE_BYTES + 1).read_to_string(&mut text)?;
-    if bytes as u64 > MAX_FILE_BYTES {
-        return Err(std::io::Error::other(format!("the file is longer than {MAX_FILE_BYTES} bytes")));
-    }
-    Ok(text)
+/// Spreadsheets begin what they call UTF-8 with a byte order mark.
+fn text_of(path: &Path) -> std::io::Result<String> {
+    let text = String::from_utf8(files::read(path, MAX_FILE_BYTES)?)
+        .map_err(|_| std::io::Error::other("it is not UTF-8 text; save it as UTF-8"))?;
+    Ok(text.trim_start_matches(files::MARK).to_owned())
 }
 
 /// Lines `theta_i, theta_s, bsdf` in any order, with `#` before comments: every pair of two angles once.

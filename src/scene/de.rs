@@ -5,15 +5,17 @@
 //! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`super::text`] writes for the
 //! non-finite ones.
 
+use indexmap::IndexMap;
 use serde::de::value::StrDeserializer;
 use serde::de::{
     self, DeserializeSeed, Deserializer, EnumAccess, MapAccess, SeqAccess, VariantAccess, Visitor,
 };
 use serde::forward_to_deserialize_any;
-use serde_json::{Map, Number, Value};
+use serde_json::Number;
 use serde_path_to_error::Segment;
 
 use super::place::{did_you_mean, key_of, quoted, ticked};
+use super::tree::{Array, Value, View};
 use crate::{Error, Result};
 
 /// The key that names the kind of an object.
@@ -21,7 +23,7 @@ const TAG: &str = "type";
 
 /// Reads `value` as a `T`.
 pub(super) fn typed<'de, T: de::Deserialize<'de>>(value: &'de Value) -> Result<T> {
-    serde_path_to_error::deserialize(Tree { value, skip: None }).map_err(|err| {
+    serde_path_to_error::deserialize(Tree::new(View::Value(value))).map_err(|err| {
         let place = err.path().iter().fold(String::new(), |place, segment| match segment {
             Segment::Seq { index } => format!("{place}[{index}]"),
             Segment::Map { key } => key_of(&place, key),
@@ -120,12 +122,12 @@ type Outcome<T> = std::result::Result<T, Fault>;
 /// One value of the tree; for an object whose `type` was read already, `skip` hides that key.
 #[derive(Clone, Copy)]
 struct Tree<'de> {
-    value: &'de Value,
+    value: View<'de>,
     skip: Option<&'static str>,
 }
 
 impl<'de> Tree<'de> {
-    fn new(value: &'de Value) -> Self {
+    fn new(value: View<'de>) -> Self {
         Tree { value, skip: None }
     }
 
@@ -135,43 +137,72 @@ impl<'de> Tree<'de> {
 
     fn real(&self) -> Option<f64> {
         match self.value {
-            Value::Number(number) => number.as_f64(),
-            Value::String(word) if word == "Infinity" => Some(f64::INFINITY),
-            Value::String(word) if word == "-Infinity" => Some(f64::NEG_INFINITY),
+            View::Number(number) => Some(number),
+            View::Value(Value::Number(number)) => number.as_f64(),
+            View::Value(Value::String(word)) if &**word == "Infinity" => Some(f64::INFINITY),
+            View::Value(Value::String(word)) if &**word == "-Infinity" => Some(f64::NEG_INFINITY),
             _ => None,
+        }
+    }
+
+    fn whole(&self) -> Option<u64> {
+        match self.value {
+            View::Number(number) => whole_of(number),
+            View::Value(Value::Number(number)) => whole(number),
+            _ => None,
+        }
+    }
+
+    fn items(&self) -> Option<Items<'de>> {
+        match self.value {
+            View::Row(row) => Some(Items::Row(row.iter())),
+            View::Value(Value::Array(array)) => Some(Items::Array { array, next: 0 }),
+            View::Number(_) | View::Value(_) => None,
+        }
+    }
+
+    fn object(&self) -> Option<&'de IndexMap<String, Value>> {
+        match self.value {
+            View::Value(value) => value.object(),
+            View::Number(_) | View::Row(_) => None,
         }
     }
 
     /// The JSON kind as a variant name of an enum that takes it.
     fn kind(&self) -> &'static str {
         match self.value {
-            Value::Null => "$null",
             _ if self.real().is_some() => "$number",
-            Value::String(_) => "$string",
-            Value::Object(_) => "$object",
-            Value::Bool(_) | Value::Array(_) | Value::Number(_) => "$other",
+            View::Value(Value::Null) => "$null",
+            View::Value(Value::String(_)) => "$string",
+            View::Value(Value::Object(_)) => "$object",
+            View::Value(Value::Bool(_) | Value::Array(_) | Value::Number(_))
+            | View::Number(_)
+            | View::Row(_) => "$other",
         }
     }
 }
 
-fn describe(value: &Value) -> String {
+fn describe(value: View<'_>) -> String {
     match value {
-        Value::Null => "null".to_owned(),
-        Value::Bool(value) => value.to_string(),
-        Value::Number(number) => format!("the number {number}"),
-        Value::String(text) if text == "NaN" => "NaN, which is not a number".to_owned(),
-        Value::String(text) => format!("the text {}", quoted(text)),
-        Value::Array(_) => "an array".to_owned(),
-        Value::Object(_) => "an object".to_owned(),
+        View::Value(Value::Null) => "null".to_owned(),
+        View::Value(Value::Bool(value)) => value.to_string(),
+        View::Value(Value::Number(number)) => format!("the number {number}"),
+        View::Number(number) => format!("the number {number}"),
+        View::Value(Value::String(text)) if &**text == "NaN" => "NaN, which is not a number".to_owned(),
+        View::Value(Value::String(text)) => format!("the text {}", quoted(text)),
+        View::Value(Value::Array(_)) | View::Row(_) => "an array".to_owned(),
+        View::Value(Value::Object(_)) => "an object".to_owned(),
     }
 }
 
 /// Whole numbers may be written as `1e3`.
 fn whole(number: &Number) -> Option<u64> {
+    number.as_u64().or_else(|| number.as_f64().and_then(whole_of))
+}
+
+fn whole_of(number: f64) -> Option<u64> {
     const EXACT: f64 = 9_007_199_254_740_992.0;
-    number.as_u64().or_else(|| {
-        number.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=EXACT).contains(x)).map(|x| x as u64)
-    })
+    (number.fract() == 0.0 && (0.0..=EXACT).contains(&number)).then_some(number as u64)
 }
 
 impl<'de> Deserializer<'de> for Tree<'de> {
@@ -179,12 +210,12 @@ impl<'de> Deserializer<'de> for Tree<'de> {
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
         match self.value {
-            Value::Null => visitor.visit_unit(),
-            Value::Bool(value) => visitor.visit_bool(*value),
-            Value::Number(_) => self.deserialize_f64(visitor),
-            Value::String(text) => visitor.visit_borrowed_str(text),
-            Value::Array(items) => visitor.visit_seq(Items { items: items.iter() }),
-            Value::Object(object) => visitor.visit_map(Entries::new(object, self.skip)),
+            View::Value(Value::Null) => visitor.visit_unit(),
+            View::Value(Value::Bool(value)) => visitor.visit_bool(*value),
+            View::Value(Value::Number(_)) | View::Number(_) => self.deserialize_f64(visitor),
+            View::Value(Value::String(text)) => visitor.visit_borrowed_str(text),
+            View::Value(Value::Array(_)) | View::Row(_) => self.deserialize_seq(visitor),
+            View::Value(Value::Object(object)) => visitor.visit_map(Entries::new(object, self.skip)),
         }
     }
 
@@ -196,31 +227,29 @@ impl<'de> Deserializer<'de> for Tree<'de> {
     }
 
     fn deserialize_u64<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
-        match self.value {
-            Value::Number(number) if whole(number).is_some() => visitor.visit_u64(whole(number).unwrap_or(0)),
-            _ => self.wrong("a whole number, 0 or above"),
+        match self.whole() {
+            Some(number) => visitor.visit_u64(number),
+            None => self.wrong("a whole number, 0 or above"),
         }
     }
 
     fn deserialize_u32<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
-        match self.value {
-            Value::Number(number) if whole(number).is_some_and(|n| n <= u64::from(u32::MAX)) => {
-                visitor.visit_u64(whole(number).unwrap_or(0))
-            }
-            _ => self.wrong("a whole number from 0 to 4294967295"),
+        match self.whole().filter(|number| *number <= u64::from(u32::MAX)) {
+            Some(number) => visitor.visit_u64(number),
+            None => self.wrong("a whole number from 0 to 4294967295"),
         }
     }
 
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
         match self.value {
-            Value::Bool(value) => visitor.visit_bool(*value),
+            View::Value(Value::Bool(value)) => visitor.visit_bool(*value),
             _ => self.wrong("true or false"),
         }
     }
 
     fn deserialize_str<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
         match self.value {
-            Value::String(text) => visitor.visit_borrowed_str(text),
+            View::Value(Value::String(text)) => visitor.visit_borrowed_str(text),
             _ => self.wrong("a text in quotes"),
         }
     }
@@ -230,23 +259,23 @@ impl<'de> Deserializer<'de> for Tree<'de> {
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
-        match self.value {
-            Value::Array(items) => visitor.visit_seq(Items { items: items.iter() }),
-            _ => self.wrong("an array"),
+        match self.items() {
+            Some(items) => visitor.visit_seq(items),
+            None => self.wrong("an array"),
         }
     }
 
     fn deserialize_tuple<V: Visitor<'de>>(self, len: usize, visitor: V) -> Outcome<V::Value> {
-        match self.value {
-            Value::Array(items) if items.len() == len => visitor.visit_seq(Items { items: items.iter() }),
-            _ => self.wrong(&format!("an array of {len} items")),
+        match self.items().filter(|items| items.size_hint() == Some(len)) {
+            Some(items) => visitor.visit_seq(items),
+            None => self.wrong(&format!("an array of {len} items")),
         }
     }
 
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
-        match self.value {
-            Value::Object(object) => visitor.visit_map(Entries::new(object, self.skip)),
-            _ => self.wrong("an object"),
+        match self.object() {
+            Some(object) => visitor.visit_map(Entries::new(object, self.skip)),
+            None => self.wrong("an object"),
         }
     }
 
@@ -261,7 +290,7 @@ impl<'de> Deserializer<'de> for Tree<'de> {
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Outcome<V::Value> {
         match self.value {
-            Value::Null => visitor.visit_none(),
+            View::Value(Value::Null) => visitor.visit_none(),
             _ => visitor.visit_some(self),
         }
     }
@@ -281,14 +310,12 @@ impl<'de> Deserializer<'de> for Tree<'de> {
         visitor: V,
     ) -> Outcome<V::Value> {
         let kind = self.kind();
-        if let Value::Object(object) = self.value
-            && let Some(tag) = object.get(TAG)
-        {
+        if let Some(tag) = self.object().and_then(|object| object.get(TAG)) {
             let Value::String(tag) = tag else {
-                return Tree::new(tag).wrong("a text in quotes for `type`");
+                return Tree::new(View::Value(tag)).wrong("a text in quotes for `type`");
             };
-            if !words(variants).any(|word| word == tag) {
-                return Err(Fault::UnknownType { word: tag.clone(), known: variants });
+            if !words(variants).any(|word| word == &**tag) {
+                return Err(Fault::UnknownType { word: tag.to_string(), known: variants });
             }
             return visitor.visit_enum(Variant { tag, body: Tree { value: self.value, skip: Some(TAG) } });
         }
@@ -296,10 +323,10 @@ impl<'de> Deserializer<'de> for Tree<'de> {
             return visitor.visit_enum(Variant { tag: kind, body: self });
         }
         match self.value {
-            Value::String(word) if words(variants).next().is_some() => {
+            View::Value(Value::String(word)) if words(variants).next().is_some() => {
                 visitor.visit_enum(Variant { tag: word, body: self })
             }
-            Value::Object(_) => Err(Fault::MissingType { known: variants }),
+            View::Value(Value::Object(_)) => Err(Fault::MissingType { known: variants }),
             _ => self.wrong(&choices(variants)),
         }
     }
@@ -316,30 +343,41 @@ fn choices(variants: &'static [&'static str]) -> String {
     format!("one of {}{number}", listed.join(", "))
 }
 
-struct Items<'de> {
-    items: std::slice::Iter<'de, Value>,
+enum Items<'de> {
+    Array { array: &'de Array, next: usize },
+    Row(std::slice::Iter<'de, f64>),
 }
 
 impl<'de> SeqAccess<'de> for Items<'de> {
     type Error = Fault;
 
     fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Outcome<Option<T::Value>> {
-        self.items.next().map(|value| seed.deserialize(Tree::new(value))).transpose()
+        let item = match self {
+            Items::Array { array, next } => {
+                *next += 1;
+                array.get(*next - 1)
+            }
+            Items::Row(numbers) => numbers.next().copied().map(View::Number),
+        };
+        item.map(|value| seed.deserialize(Tree::new(value))).transpose()
     }
 
     fn size_hint(&self) -> Option<usize> {
-        Some(self.items.len())
+        Some(match self {
+            Items::Array { array, next } => array.len().saturating_sub(*next),
+            Items::Row(numbers) => numbers.len(),
+        })
     }
 }
 
 struct Entries<'de> {
-    entries: serde_json::map::Iter<'de>,
+    entries: indexmap::map::Iter<'de, String, Value>,
     skip: Option<&'static str>,
     value: Option<&'de Value>,
 }
 
 impl<'de> Entries<'de> {
-    fn new(object: &'de Map<String, Value>, skip: Option<&'static str>) -> Self {
+    fn new(object: &'de IndexMap<String, Value>, skip: Option<&'static str>) -> Self {
         Entries { entries: object.iter(), skip, value: None }
     }
 }
@@ -358,7 +396,7 @@ impl<'de> MapAccess<'de> for Entries<'de> {
 
     fn next_value_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Outcome<T::Value> {
         match self.value.take() {
-            Some(value) => seed.deserialize(Tree::new(value)),
+            Some(value) => seed.deserialize(Tree::new(View::Value(value))),
             None => Err(Fault::Other("a value was read before its key".to_owned())),
         }
     }
@@ -383,7 +421,7 @@ impl<'de> VariantAccess<'de> for Tree<'de> {
 
     fn unit_variant(self) -> Outcome<()> {
         match self.value {
-            Value::String(_) | Value::Null => Ok(()),
+            View::Value(Value::String(_) | Value::Null) => Ok(()),
             _ => self.wrong("a text in quotes"),
         }
     }

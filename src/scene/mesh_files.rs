@@ -1,16 +1,17 @@
-//! Mesh files: STL, as text or binary, and OBJ, of which vertices and faces are read.
+//! Mesh files: STL, as text or binary, and OBJ, of which vertices and faces are read, in all dialects that trimesh reads.
 //!
 //! The readers are our own: a file may come from anywhere, so sizes in it are checked before memory is taken, messages
 //! name the line, and coordinates keep the digits that the text has.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::io::Read;
 use std::path::Path;
 
 use glam::DVec3;
 
+use super::files;
 use super::place::quoted;
+use super::validate::MAX_LENGTH;
 use crate::ir::{Mesh, area_vector};
 use crate::{Error, Result};
 
@@ -27,47 +28,66 @@ struct Malformed {
     problem: String,
 }
 
-type Parsed = std::result::Result<Mesh, Malformed>;
+type Checked<T> = std::result::Result<T, Malformed>;
+
+/// What a file holds.
+pub(super) struct MeshFile {
+    pub mesh: Mesh,
+    /// A text STL without its last line: whole, or cut off between two facets.
+    pub lacks_end: bool,
+}
 
 /// Reads a mesh by the ending of its name.
-pub(super) fn read(path: &Path, place: &str) -> Result<Mesh> {
+pub(super) fn read(path: &Path, place: &str) -> Result<MeshFile> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    let parse: fn(&[u8]) -> Parsed = match ending.as_str() {
+    let parse: fn(&[u8]) -> Checked<MeshFile> = match ending.as_str() {
         "stl" => stl,
-        "obj" => |bytes| obj(&text(bytes)?),
+        "obj" => |bytes| obj(&lines_of(bytes)?),
         _ => {
             let problem = format!("{} is neither .stl nor .obj", quoted(&path.display().to_string()));
             return Err(Error::scene(place, problem, "convert the mesh to one of the two"));
         }
     };
-    let bytes = bytes_of(path).map_err(|err| Error::file(path, format!("{err}; {place} names it")))?;
-    let mesh = parse(&bytes).map_err(|err| {
+    let bytes =
+        files::read(path, MAX_BYTES).map_err(|err| Error::file(path, format!("{err}; {place} names it")))?;
+    let file = parse(&bytes).map_err(|err| {
         Error::file(path, format!("{}: {}; {place} names the file", err.place, err.problem))
     })?;
-    match mesh.faces.is_empty() {
+    match file.mesh.faces.is_empty() {
         true => Err(Error::file(path, format!("it holds no triangle; {place} names it"))),
-        false => Ok(mesh),
+        false => Ok(file),
     }
 }
 
-fn bytes_of(path: &Path) -> std::io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(std::io::Error::other(format!("the file is longer than {MAX_BYTES} bytes")));
+/// The text of a file whose lines end as other readers take them to.
+fn lines_of(bytes: &[u8]) -> Checked<String> {
+    let text = files::text(bytes);
+    if text.contains('\r') && !text.contains('\n') {
+        return Err(Malformed {
+            place: "line 1".into(),
+            problem: "its lines end in a carriage return alone; end them in a line feed".into(),
+        });
     }
-    Ok(bytes)
-}
-
-fn text(bytes: &[u8]) -> std::result::Result<String, Malformed> {
-    String::from_utf8(bytes.to_vec()).map_err(|err| Malformed {
-        place: format!("byte {}", err.utf8_error().valid_up_to()),
-        problem: "this is no UTF-8 text".into(),
-    })
+    Ok(text)
 }
 
 fn at_line(index: usize, problem: impl Into<String>) -> Malformed {
     Malformed { place: format!("line {}", index + 1), problem: problem.into() }
+}
+
+/// A corner, if its coordinates are such as a scene may have.
+fn corner_of(coordinates: [f64; 3]) -> std::result::Result<DVec3, String> {
+    let corner = DVec3::from_array(coordinates);
+    if !corner.is_finite() {
+        return Err(format!("a vertex needs three finite numbers, and has {coordinates:?}"));
+    }
+    if corner.abs().max_element() > MAX_LENGTH {
+        return Err(format!(
+            "the vertex {coordinates:?} mm is out of range: coordinates reach to {MAX_LENGTH:e}"
+        ));
+    }
+    // -0 is 0.
+    Ok(corner + DVec3::ZERO)
 }
 
 /// Collects triangles; corners of the same coordinates become one vertex.
@@ -80,8 +100,6 @@ struct Soup {
 impl Soup {
     fn push(&mut self, corners: [DVec3; 3]) {
         let face = corners.map(|corner| {
-            // -0 is 0.
-            let corner = corner + DVec3::ZERO;
             *self.known.entry(corner.to_array().map(f64::to_bits)).or_insert_with(|| {
                 self.mesh.vertices.push(corner);
                 self.mesh.vertices.len() as u32 - 1
@@ -92,95 +110,146 @@ impl Soup {
 }
 
 /// A file whose length fits its number of triangles is binary, even if its comment begins with `solid`.
-fn stl(bytes: &[u8]) -> Parsed {
+fn stl(bytes: &[u8]) -> Checked<MeshFile> {
     let count = bytes.get(STL_HEADER - 4..STL_HEADER).and_then(|word| word.try_into().ok());
     let count = count.map(|word| u32::from_le_bytes(word) as usize);
-    match count {
-        Some(count) if bytes.len() == STL_HEADER + count * STL_TRIANGLE => Ok(binary_stl(bytes)),
-        _ if bytes.trim_ascii_start().starts_with(b"solid") && !bytes.contains(&0) => {
-            ascii_stl(&text(bytes)?)
-        }
-        count => Err(Malformed {
-            place: "the file".into(),
-            problem: match count {
-                Some(count) => format!("{} bytes are no binary STL of {count} triangles", bytes.len()),
-                None => "it is too short for an STL".into(),
-            },
-        }),
+    if count.is_some_and(|count| bytes.len() == STL_HEADER + count * STL_TRIANGLE) {
+        return binary_stl(bytes);
     }
+    let is_utf_16 = matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]);
+    if is_utf_16 || !bytes.contains(&0) {
+        let text = files::text(bytes);
+        let has = |word: &str| text.split_whitespace().any(|other| other.eq_ignore_ascii_case(word));
+        if has("facet") || has("solid") {
+            return ascii_stl(&lines_of(bytes)?);
+        }
+    }
+    Err(Malformed {
+        place: "the file".into(),
+        problem: match count {
+            Some(count) => format!("{} bytes are no binary STL of {count} triangles", bytes.len()),
+            None => "it is too short for an STL".into(),
+        },
+    })
 }
 
-fn binary_stl(bytes: &[u8]) -> Mesh {
+fn binary_stl(bytes: &[u8]) -> Checked<MeshFile> {
     let mut soup = Soup::default();
-    for triangle in bytes[STL_HEADER..].chunks_exact(STL_TRIANGLE) {
-        let number = |i: usize| {
+    for (number, triangle) in (1..).zip(bytes[STL_HEADER..].chunks_exact(STL_TRIANGLE)) {
+        let coordinate = |i: usize| {
             let word = [triangle[4 * i], triangle[4 * i + 1], triangle[4 * i + 2], triangle[4 * i + 3]];
             f64::from(f32::from_le_bytes(word))
         };
         // The first three numbers are the normal, which the corners tell better.
-        soup.push([3, 6, 9].map(|i| DVec3::new(number(i), number(i + 1), number(i + 2))));
+        let mut corners = [DVec3::ZERO; 3];
+        for (corner, first) in corners.iter_mut().zip([3, 6, 9]) {
+            *corner = corner_of([0, 1, 2].map(|axis| coordinate(first + axis)))
+                .map_err(|problem| Malformed { place: format!("facet {number}"), problem })?;
+        }
+        soup.push(corners);
     }
-    soup.mesh
+    Ok(MeshFile { mesh: soup.mesh, lacks_end: false })
 }
 
-fn ascii_stl(text: &str) -> Parsed {
+/// Words count, in upper or lower case, and not how lines hold them; `end loop` is `endloop`. A name ends with its line, and so
+/// does a normal, which the corners tell better.
+fn ascii_stl(text: &str) -> Checked<MeshFile> {
     let mut soup = Soup::default();
     let mut corners = Vec::new();
+    let (mut begun, mut ended) = (0_usize, 0_usize);
     for (index, line) in text.lines().enumerate() {
         let mut words = line.split_whitespace();
-        match words.next() {
-            Some("vertex") => corners.push(point(words, index)?),
-            Some("endloop") => {
-                let triangle = <[DVec3; 3]>::try_from(std::mem::take(&mut corners));
-                soup.push(triangle.map_err(|loose| {
-                    at_line(index, format!("this facet has {} corners instead of 3", loose.len()))
-                })?);
+        while let Some(word) = words.next() {
+            match word.to_ascii_lowercase().as_str() {
+                "solid" => {
+                    begun += 1;
+                    break;
+                }
+                "endsolid" => {
+                    ended += 1;
+                    break;
+                }
+                "normal" => break,
+                "vertex" => {
+                    let numbers: Vec<f64> =
+                        words.by_ref().take(3).map_while(|word| word.parse().ok()).collect();
+                    corners.push(corner_at(&numbers, index)?);
+                }
+                "endloop" => soup.push(facet(&mut corners, index)?),
+                "endfacet" if corners.is_empty() => {}
+                "endfacet" => soup.push(facet(&mut corners, index)?),
+                "end" => match words.next().map(str::to_ascii_lowercase).as_deref() {
+                    Some("loop") => soup.push(facet(&mut corners, index)?),
+                    Some("solid") => {
+                        ended += 1;
+                        break;
+                    }
+                    _ => {}
+                },
+                "facet" if !corners.is_empty() => return Err(at_line(index, "the facet before has no end")),
+                other if other.parse::<f64>().is_ok() => {
+                    return Err(at_line(index, format!("the number {other} belongs to no vertex")));
+                }
+                _ => {}
             }
-            _ => {}
         }
     }
-    if corners.is_empty() {
-        return Ok(soup.mesh);
+    if !corners.is_empty() {
+        return Err(Malformed {
+            place: "the end of the file".into(),
+            problem: "the last facet is not complete".into(),
+        });
     }
-    Err(Malformed { place: "the end of the file".into(), problem: "the last facet is not complete".into() })
+    Ok(MeshFile { mesh: soup.mesh, lacks_end: ended < begun.max(1) })
 }
 
-fn point<'a>(words: impl Iterator<Item = &'a str>, index: usize) -> std::result::Result<DVec3, Malformed> {
-    let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).take(3).collect();
-    match numbers[..] {
-        [x, y, z] if DVec3::new(x, y, z).is_finite() => Ok(DVec3::new(x, y, z)),
-        _ => Err(at_line(index, "a vertex needs three finite numbers")),
-    }
+fn facet(corners: &mut Vec<DVec3>, index: usize) -> Checked<[DVec3; 3]> {
+    let found = std::mem::take(corners);
+    <[DVec3; 3]>::try_from(found)
+        .map_err(|loose| at_line(index, format!("this facet has {} corners instead of 3", loose.len())))
 }
 
-/// Faces of more than three corners are cut into a fan.
-fn obj(text: &str) -> Parsed {
+fn corner_at(numbers: &[f64], index: usize) -> Checked<DVec3> {
+    let numbers: [f64; 3] =
+        numbers.try_into().map_err(|_| at_line(index, "a vertex needs three finite numbers"))?;
+    corner_of(numbers).map_err(|problem| at_line(index, problem))
+}
+
+/// Faces may stand before their vertices; those of more than three corners are cut into a fan.
+fn obj(text: &str) -> Checked<MeshFile> {
     let mut mesh = Mesh::default();
+    let mut faces = Vec::new();
     for (index, line) in records(text) {
         let mut words = line.split_whitespace();
         match words.next() {
-            Some("v") => mesh.vertices.push(point(words, index)? + DVec3::ZERO),
-            Some("f") => {
-                let corner = |word| obj_index(word, mesh.vertices.len());
-                let corners: Option<Vec<u32>> = words.map(corner).collect();
-                let corners = corners
-                    .filter(|corners| corners.len() >= 3)
-                    .ok_or_else(|| at_line(index, "a face needs three or more vertices that are there"))?;
-                let triangles = fan(&corners, &mesh.vertices).ok_or_else(|| {
-                    at_line(
-                        index,
-                        format!(
-                            "this face of {} corners cannot be cut into a fan; cut it into triangles",
-                            corners.len()
-                        ),
-                    )
-                })?;
-                mesh.faces.extend(triangles);
+            Some("v" | "V") => {
+                // A weight or a colour may follow.
+                let numbers: Vec<f64> = words.take(3).map_while(|word| word.parse().ok()).collect();
+                mesh.vertices.push(corner_at(&numbers, index)?);
+            }
+            Some("f" | "F" | "fo") => {
+                let corners: Option<Vec<usize>> =
+                    words.map(|word| obj_index(word, mesh.vertices.len())).collect();
+                faces.push((index, corners.filter(|corners| corners.len() >= 3)));
             }
             _ => {}
         }
     }
-    Ok(mesh)
+    for (index, corners) in faces {
+        let are_there = |corners: &Vec<usize>| corners.iter().all(|&corner| corner < mesh.vertices.len());
+        let corners = corners
+            .filter(are_there)
+            .ok_or_else(|| at_line(index, "a face needs three or more vertices that are there"))?;
+        let corners: Vec<u32> = corners.into_iter().map(|corner| corner as u32).collect();
+        let triangles = fan(&corners, &mesh.vertices).ok_or_else(|| {
+            let corners = corners.len();
+            let problem =
+                format!("this face of {corners} corners cannot be cut into a fan; cut it into triangles");
+            at_line(index, problem)
+        })?;
+        mesh.faces.extend(triangles);
+    }
+    Ok(MeshFile { mesh, lacks_end: false })
 }
 
 fn without_comment(line: &str) -> &str {
@@ -194,7 +263,7 @@ fn records(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     std::iter::from_fn(move || {
         let (index, line) = lines.next()?;
         let mut record = Cow::Borrowed(line);
-        let is_read = matches!(line.split_whitespace().next(), Some("v" | "f"));
+        let is_read = matches!(line.split_whitespace().next(), Some("v" | "V" | "f" | "F" | "fo"));
         while is_read && record.ends_with('\\') {
             let begun = record.to_mut();
             begun.pop();
@@ -228,9 +297,9 @@ fn fan(corners: &[u32], vertices: &[DVec3]) -> Option<Vec<[u32; 3]>> {
     start(least).or_else(|| start(-least)).map(|start| from(start).collect())
 }
 
-/// `7`, `7/1`, `7//3`: vertices count from 1, or backwards from -1.
-fn obj_index(word: &str, num_vertices: usize) -> Option<u32> {
+/// `7`, `7/1`, `7//3`: vertices count from 1, or backwards from -1, the last one before.
+fn obj_index(word: &str, num_vertices: usize) -> Option<usize> {
     let number: i64 = word.split('/').next()?.parse().ok()?;
-    let index = if number < 0 { num_vertices as i64 + number } else { number - 1 };
-    (0..num_vertices as i64).contains(&index).then_some(index as u32)
+    let index = if number < 0 { (num_vertices as i64).checked_add(number)? } else { number - 1 };
+    usize::try_from(index).ok()
 }

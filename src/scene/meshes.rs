@@ -1,13 +1,13 @@
 //! The meshes of a scene: from files or as written, checked, each kept once.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::json::{Interaction, RawSurface, SceneFile, Shape};
-use super::mesh_files;
+use super::json::{Interaction, Material, RawSurface, SceneFile, Shape};
+use super::mesh_files::{self, MeshFile};
 use super::place::{key_of, quoted};
 use super::validate::MAX_LENGTH;
 use crate::ir::{Mesh, area_vector};
@@ -34,6 +34,8 @@ pub(super) struct Meshes {
     placed: HashMap<usize, Placed>,
     files: HashMap<PathBuf, Placed>,
     by_hash: HashMap<u64, Vec<Placed>>,
+    /// What refractive surfaces ask of a mesh.
+    solids: HashMap<usize, Solid>,
 }
 
 impl Meshes {
@@ -44,6 +46,13 @@ impl Meshes {
             let place = key_of(&format!("nsq_gpu.surfaces[{index}]"), "shape");
             if let Some(placed) = meshes.mesh_of(raw, folder, &place, warnings)? {
                 meshes.placed.insert(index, placed);
+                if raw.interaction == Interaction::Refractive {
+                    let solid = meshes
+                        .solids
+                        .entry(placed.mesh)
+                        .or_insert_with(|| Solid::of(&meshes.meshes[placed.mesh]));
+                    warnings.extend(solid.doubts(raw));
+                }
             }
         }
         Ok(meshes)
@@ -68,8 +77,12 @@ impl Meshes {
                 if let Some(known) = self.files.get(&path) {
                     return Ok(Some(*known));
                 }
-                let mesh = mesh_files::read(&path, &key_of(place, "path"))?;
+                let place_of_path = key_of(place, "path");
+                let MeshFile { mesh, lacks_end } = mesh_files::read(&path, &place_of_path)?;
                 let placed = self.add(mesh, raw, place, warnings)?;
+                if lacks_end {
+                    warnings.push(self.cut_off(placed, &path, &place_of_path)?);
+                }
                 self.files.insert(path, placed);
                 placed
             }
@@ -86,6 +99,21 @@ impl Meshes {
             }
         };
         Ok(Some(placed))
+    }
+
+    /// What to say of a file that ends without `endsolid`. Where the mesh is not closed, part of it is missing most likely.
+    fn cut_off(&self, placed: Placed, path: &Path, place: &str) -> Result<String> {
+        let found = "the file ends without `endsolid`";
+        match Solid::of(&self.meshes[placed.mesh]).open_edges {
+            0 => Ok(format!("{}: {found}, though its mesh is closed", path.display())),
+            open => Err(Error::file(
+                path,
+                format!(
+                    "{found} and its mesh has {open} open edges, so that it seems cut off; if it is whole, add the line \
+                     `endsolid`; {place} names the file"
+                ),
+            )),
+        }
     }
 
     /// Checks a mesh, moves it about its middle, and keeps it unless it is there already.
@@ -121,9 +149,7 @@ impl Meshes {
                 format!("use at most {MAX_TRIANGLES}; the same mesh placed twice counts once"),
             ));
         }
-        if raw.interaction == Interaction::Refractive {
-            warnings.extend(open_edges(&mesh, &raw.name));
-        }
+        warnings.extend(doubled_facets(&mesh, &raw.name));
         let placed = Placed { mesh: self.meshes.len(), centre };
         candidates.push(placed);
         self.meshes.push(mesh);
@@ -166,34 +192,129 @@ fn drop_degenerate(mesh: &mut Mesh, name: &str) -> Option<String> {
     })
 }
 
-/// Says where a solid would leak: an edge of a closed mesh belongs to two faces, which run along it in opposite
-/// directions.
-fn open_edges(mesh: &Mesh, name: &str) -> Option<String> {
-    let mut edges: HashMap<([u64; 3], [u64; 3]), [u32; 2]> = HashMap::new();
-    for face in &mesh.faces {
-        let corners = mesh.corners(*face).map(bits);
-        for (from, to) in [(0, 1), (1, 2), (2, 0)] {
-            let (key, direction) = match corners[from] <= corners[to] {
-                true => ((corners[from], corners[to]), 0),
-                false => ((corners[to], corners[from]), 1),
-            };
-            edges.entry(key).or_default()[direction] += 1;
+/// Triangles that have the same corners as others, whichever way they run.
+fn doubled_facets(mesh: &Mesh, name: &str) -> Option<String> {
+    let mut seen = HashSet::with_capacity(mesh.faces.len());
+    let mut is_doubled = |face: &[u32; 3]| {
+        let mut corners = mesh.corners(*face).map(bits);
+        corners.sort_unstable();
+        !seen.insert(corners)
+    };
+    let all = mesh.faces.len();
+    let doubled = mesh.faces.iter().filter(|face| is_doubled(face)).count();
+    (doubled > 0).then(|| {
+        format!(
+            "{doubled} of the {all} triangles of the mesh {} stand where another one has the same corners: the mesh has doubled \
+             facets, so remove them from its file",
+            quoted(name)
+        )
+    })
+}
+
+/// What bounds a solid, and what does not.
+#[derive(Debug)]
+struct Solid {
+    /// Edges of an odd number of faces.
+    open_edges: usize,
+    /// Other edges that unlike numbers of faces run along in either direction.
+    turned_edges: usize,
+    /// Closed parts whose faces look inward, but for hollows within others.
+    parts_inside_out: usize,
+}
+
+impl Solid {
+    /// An edge of a closed mesh belongs to two faces, which run along it in opposite directions.
+    fn of(mesh: &Mesh) -> Self {
+        let mut edges: HashMap<([u64; 3], [u64; 3]), [u32; 2]> = HashMap::new();
+        for face in &mesh.faces {
+            let corners = mesh.corners(*face).map(bits);
+            for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+                let (key, direction) = match corners[from] <= corners[to] {
+                    true => ((corners[from], corners[to]), 0),
+                    false => ((corners[to], corners[from]), 1),
+                };
+                edges.entry(key).or_default()[direction] += 1;
+            }
+        }
+        let uneven = || edges.values().filter(|[there, back]| there != back);
+        let open_edges = uneven().filter(|[there, back]| (there + back) % 2 == 1).count();
+        let turned_edges = uneven().count() - open_edges;
+        let parts_inside_out = if open_edges + turned_edges == 0 { parts_inside_out(mesh) } else { 0 };
+        Solid { open_edges, turned_edges, parts_inside_out }
+    }
+
+    /// Says where a solid would leak, or light take its inside for its outside.
+    fn doubts(&self, raw: &RawSurface) -> Option<String> {
+        let name = quoted(&raw.name);
+        match *self {
+            Solid { open_edges: open @ 1.., .. } => Some(format!(
+                "the mesh {name} is not closed ({open} open edges): it bounds a solid only with other surfaces"
+            )),
+            Solid { turned_edges: turned @ 1.., .. } => Some(format!(
+                "faces of the mesh {name} are turned against their neighbours (along {turned} edges): rays take its inside for \
+                 its outside there"
+            )),
+            // With vacuum in front, and a medium behind, that is how a solid is written.
+            Solid { parts_inside_out: parts @ 1.., .. } if raw.material_front != Material::Vacuum => {
+                Some(format!(
+                    "the mesh {name} is inside out ({parts} of its parts): its normals point inward, so that its material_front fills \
+                 what is outside; turn its faces, or exchange its materials"
+                ))
+            }
+            Solid { .. } => None,
         }
     }
-    let uneven = || edges.values().filter(|[there, back]| there != back);
-    let open = uneven().filter(|[there, back]| (there + back) % 2 == 1).count();
-    match (open, uneven().count() - open) {
-        (0, 0) => None,
-        (0, turned) => Some(format!(
-            "faces of the mesh {} are turned against their neighbours (along {turned} edges): rays take its inside for its \
-             outside there",
-            quoted(name)
-        )),
-        (open, _) => Some(format!(
-            "the mesh {} is not closed ({open} open edges): it bounds a solid only with other surfaces",
-            quoted(name)
-        )),
+}
+
+/// Parts of a closed mesh that hold a negative volume: all whose box is not within that of a part that holds a positive one.
+fn parts_inside_out(mesh: &Mesh) -> usize {
+    struct Part {
+        volume: f64,
+        low: DVec3,
+        high: DVec3,
     }
+    let mut parts: HashMap<u32, Part> = HashMap::new();
+    let of_face = parts_of(mesh);
+    for (face, part) in mesh.faces.iter().zip(of_face) {
+        let [a, b, c] = mesh.corners(*face);
+        let none = || Part { volume: 0.0, low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+        let part = parts.entry(part).or_insert_with(none);
+        part.volume += a.dot(b.cross(c));
+        part.low = part.low.min(a).min(b).min(c);
+        part.high = part.high.max(a).max(b).max(c);
+    }
+    let is_within =
+        |inner: &Part, outer: &Part| inner.low.cmpge(outer.low).all() && inner.high.cmple(outer.high).all();
+    let solid: Vec<&Part> = parts.values().filter(|part| part.volume > 0.0).collect();
+    let is_hollow = |part: &Part| solid.iter().any(|outer| is_within(part, outer));
+    parts.values().filter(|part| part.volume < 0.0 && !is_hollow(part)).count()
+}
+
+/// For each face a number that faces have in common where a way along edges leads from one to the other.
+fn parts_of(mesh: &Mesh) -> Vec<u32> {
+    let mut number_of: HashMap<[u64; 3], u32> = HashMap::new();
+    let mut numbered = |vertex: DVec3| {
+        let next = number_of.len() as u32;
+        *number_of.entry(bits(vertex)).or_insert(next)
+    };
+    let faces: Vec<[u32; 3]> = mesh.faces.iter().map(|face| mesh.corners(*face).map(&mut numbered)).collect();
+    let mut parents: Vec<u32> = (0..number_of.len() as u32).collect();
+    for [a, b, c] in &faces {
+        for other in [b, c] {
+            let (one, two) = (root_of(&mut parents, *a), root_of(&mut parents, *other));
+            parents[one as usize] = two;
+        }
+    }
+    faces.iter().map(|[corner, ..]| root_of(&mut parents, *corner)).collect()
+}
+
+fn root_of(parents: &mut [u32], mut of: u32) -> u32 {
+    while parents[of as usize] != of {
+        // Halves the way for whoever comes next.
+        parents[of as usize] = parents[parents[of as usize] as usize];
+        of = parents[of as usize];
+    }
+    of
 }
 
 fn bits(vertex: DVec3) -> [u64; 3] {

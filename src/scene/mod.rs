@@ -9,6 +9,7 @@ mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
 mod doubts;
+mod files;
 mod frame;
 pub mod json;
 pub mod materials;
@@ -18,6 +19,8 @@ mod meshes;
 mod place;
 mod surfaces;
 mod text;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
+mod tree;
 mod validate;
 mod volume;
 
@@ -131,8 +134,8 @@ fn unescape(schema: &mut Value) {
 }
 
 /// Versions come first, so that a file of another version is not blamed for its keys.
-fn check_versions(tree: &Value) -> Result<()> {
-    let Some(object) = tree.as_object() else {
+fn check_versions(tree: &tree::Value) -> Result<()> {
+    let Some(object) = tree.object() else {
         return Err(Error::scene("the scene file", "it does not hold an object", "write { ... }"));
     };
     let Some(version) = object.get("nsq_schema_version") else {
@@ -143,18 +146,23 @@ fn check_versions(tree: &Value) -> Result<()> {
         ));
     };
     check_version("nsq_schema_version", version, NSQ_SCHEMA_VERSION)?;
-    match object.get("nsq_gpu").and_then(|block| block.get("version")) {
+    let block = object.get("nsq_gpu").and_then(tree::Value::object);
+    match block.and_then(|block| block.get("version")) {
         Some(version) => check_version("nsq_gpu.version", version, BLOCK_VERSION),
         None => Ok(()),
     }
 }
 
-fn check_version(place: &str, found: &Value, read: u64) -> Result<()> {
-    // Optiland, too, takes 1.0 for 1.
-    if found.as_f64() == Some(read as f64) {
-        return Ok(());
-    }
-    let found = place::ticked(&found.to_string());
+fn check_version(place: &str, found: &tree::Value, read: u64) -> Result<()> {
+    let found = match found {
+        // Optiland, too, takes 1.0 for 1.
+        tree::Value::Number(number) if number.as_f64() == Some(read as f64) => return Ok(()),
+        tree::Value::Number(number) => place::ticked(&number.to_string()),
+        tree::Value::String(text) => place::quoted(text),
+        tree::Value::Null | tree::Value::Bool(_) | tree::Value::Array(_) | tree::Value::Object(_) => {
+            "of another kind".to_owned()
+        }
+    };
     Err(Error::scene(
         place,
         format!("the file has version {found}, this program reads version {read}"),

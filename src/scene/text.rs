@@ -3,16 +3,22 @@
 //! Python writes a flat surface's radius as bare `Infinity`, which JSON forbids and JSON5 allows, so the text is read
 //! as JSON5. The tree cannot hold such numbers; it carries them as the strings that Python prints.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 
+use indexmap::IndexMap;
 use serde::de::{self, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
-use serde_json::{Map, Number, Value};
+use serde_json::Number;
 
 use super::place::Place;
+use super::tree::{Array, Value};
 use crate::{Error, Result};
 
-/// Longest scene text that is read \[bytes\]; the tree takes several times as much memory.
+/// Longest scene text that is read \[bytes\]; numbers in rows take at most four times as much memory, and twice that while they
+/// grow.
 pub(super) const MAX_BYTES: usize = 256 << 20;
+
+/// Most values that are not numbers in a row: of 100 bytes or more each.
+const MAX_VALUES: usize = 1 << 24;
 
 /// Deepest nesting of arrays and objects: parsing recurses, and the stack must not run out.
 const MAX_DEPTH: usize = 128;
@@ -27,7 +33,8 @@ pub(super) fn parse(text: &str) -> Result<Value> {
         ));
     }
     let refusal = RefCell::new(None);
-    let root = Node { depth: 0, place: Place::Root, refusal: &refusal };
+    let num_values = Cell::new(0);
+    let root = Node { depth: 0, place: Place::Root, refusal: &refusal, num_values: &num_values };
     let mut deserializer = json5::Deserializer::from_str(text);
     let parsed = root.deserialize(&mut deserializer).and_then(|value| at_end(&mut deserializer, value));
     match (refusal.into_inner(), parsed) {
@@ -85,11 +92,14 @@ fn end_of(text: &str) -> (usize, usize) {
 }
 
 /// A seed that reads one value, knowing where it stands.
+#[derive(Clone, Copy)]
 struct Node<'a> {
     depth: usize,
     place: Place<'a>,
     /// Where a refusal that is not about syntax waits while the parser unwinds.
     refusal: &'a RefCell<Option<Error>>,
+    /// Values that are stored one by one.
+    num_values: &'a Cell<usize>,
 }
 
 impl Node<'_> {
@@ -100,6 +110,22 @@ impl Node<'_> {
         };
         self.refusal.borrow_mut().get_or_insert_with(|| Error::scene(place, problem, remedy));
         E::custom("refused")
+    }
+
+    /// Notes that so many more values are stored one by one.
+    fn count<E: de::Error>(&self, more: usize) -> std::result::Result<(), E> {
+        self.num_values.set(self.num_values.get().saturating_add(more));
+        if self.num_values.get() <= MAX_VALUES {
+            return Ok(());
+        }
+        self.refusal.borrow_mut().get_or_insert_with(|| {
+            Error::scene(
+                "the scene file",
+                format!("it holds more than {MAX_VALUES} values beside rows of numbers"),
+                "keep large data such as meshes in files of their own",
+            )
+        });
+        Err(E::custom("refused"))
     }
 
     fn check_depth<E: de::Error>(&self) -> std::result::Result<(), E> {
@@ -152,45 +178,50 @@ impl<'de> Visitor<'de> for Node<'_> {
     fn visit_f64<E>(self, value: f64) -> std::result::Result<Value, E> {
         Ok(match Number::from_f64(value) {
             Some(number) => Value::Number(number),
-            None if value.is_nan() => Value::String("NaN".to_owned()),
-            None if value > 0.0 => Value::String("Infinity".to_owned()),
-            None => Value::String("-Infinity".to_owned()),
+            None if value.is_nan() => Value::String("NaN".into()),
+            None if value > 0.0 => Value::String("Infinity".into()),
+            None => Value::String("-Infinity".into()),
         })
     }
 
     fn visit_str<E>(self, value: &str) -> std::result::Result<Value, E> {
-        Ok(Value::String(value.to_owned()))
+        Ok(Value::String(value.into()))
     }
 
     fn visit_string<E>(self, value: String) -> std::result::Result<Value, E> {
-        Ok(Value::String(value))
+        Ok(Value::String(value.into()))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> std::result::Result<Value, A::Error> {
         self.check_depth()?;
-        let mut array = Vec::new();
+        let mut array = Array::default();
         loop {
             let place = Place::Index(&self.place, array.len());
-            let item = Node { depth: self.depth + 1, place, refusal: self.refusal };
+            let item = Node { depth: self.depth + 1, place, ..self };
             match items.next_element_seed(item)? {
-                Some(value) => array.push(value),
-                None => return Ok(Value::Array(array)),
+                Some(value) => self.count(array.push(value))?,
+                None => {
+                    array.shrink();
+                    return Ok(Value::Array(array));
+                }
             }
         }
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> std::result::Result<Value, A::Error> {
         self.check_depth()?;
-        let mut object = Map::new();
+        let mut object = IndexMap::new();
         while let Some(key) = entries.next_key::<String>()? {
             let place = Place::Key(&self.place, &key);
-            let item = Node { depth: self.depth + 1, place, refusal: self.refusal };
+            let item = Node { depth: self.depth + 1, place, ..self };
+            self.count(1)?;
             if object.contains_key(&key) {
                 return Err(item.refuse("the key stands here twice".to_owned(), "remove one of the two"));
             }
             let value = entries.next_value_seed(item)?;
             object.insert(key, value);
         }
-        Ok(Value::Object(object))
+        object.shrink_to_fit();
+        Ok(Value::Object(Box::new(object)))
     }
 }

@@ -32,8 +32,8 @@ const MAX_ITEMS: usize = 100_000;
 const MAX_TABLES: usize = 1 << 25;
 /// Widest Gaussian splat \[pixels\].
 const MAX_SPLAT_SIGMA: f64 = 100.0;
-/// Longest name \[bytes\]; detectors' become file names.
-const MAX_NAME: usize = 200;
+/// Longest name \[bytes\]: tables of rows repeat the longest in every row.
+const MAX_NAME: usize = 1 << 16;
 
 /// Checks everything that can be checked without building surfaces or looking up materials.
 pub(super) fn check(file: &SceneFile, warnings: &mut Vec<String>) -> Result<()> {
@@ -449,17 +449,23 @@ fn check_total_flux(file: &SceneFile) -> Result<()> {
     refuse("sources[0].total_flux", "no source emits any flux", "give at least one source a flux above 0 W")
 }
 
-/// Full turns in radians are degrees by mistake, more often than not.
+/// Full turns in radians are degrees by mistake, more often than not: of a frame, or of one that it is chained to.
 fn warn_of_degrees(file: &SceneFile, warnings: &mut Vec<String>) {
     let components = file.components.iter().map(|component| (component.name(), component.cs()));
+    let surfaces = file.nsq_gpu.iter().flat_map(|block| &block.surfaces);
+    let surfaces = surfaces.map(|surface| (surface.name.as_str(), &surface.cs));
     let sources = file.sources.iter().map(|source| (source.name(), source.cs()));
     let detectors = file.detectors.iter().map(|detector| (detector.name(), detector.cs()));
-    for (name, cs) in components.chain(sources).chain(detectors) {
-        let turned = [cs.rx, cs.ry, cs.rz].into_iter().find(|angle| angle.abs() > std::f64::consts::TAU);
-        if let Some(angle) = turned {
-            let turned = format!("{} is rotated by {angle} rad", quoted(name));
-            warnings
-                .push(format!("{turned}; rotations are in radians, so check that degrees were not meant"));
+    for (name, cs) in components.chain(surfaces).chain(sources).chain(detectors) {
+        let chain = std::iter::successors(Some(cs), |cs| cs.reference_cs.as_deref());
+        let mut angles =
+            chain.enumerate().flat_map(|(links, cs)| [cs.rx, cs.ry, cs.rz].map(|angle| (links, angle)));
+        if let Some((links, angle)) = angles.find(|(_, angle)| angle.abs() > std::f64::consts::TAU) {
+            let turned =
+                if links == 0 { quoted(name) } else { format!("a reference_cs of {}", quoted(name)) };
+            warnings.push(format!(
+                "{turned} is rotated by {angle} rad; rotations are in radians, so check that degrees were not meant"
+            ));
         }
     }
 }
@@ -473,10 +479,7 @@ fn check_names(file: &SceneFile) -> Result<()> {
         file.components.iter().enumerate().map(|(i, c)| (format!("components[{i}].name"), c.name()));
     check_distinct(components.chain(raw))?;
     check_distinct(file.sources.iter().enumerate().map(|(i, s)| (format!("sources[{i}].name"), s.name())))?;
-    let detectors =
-        || file.detectors.iter().enumerate().map(|(i, d)| (format!("detectors[{i}].name"), d.name()));
-    check_distinct(detectors())?;
-    check_file_names(detectors())
+    check_distinct(file.detectors.iter().enumerate().map(|(i, d)| (format!("detectors[{i}].name"), d.name())))
 }
 
 fn check_distinct<'a>(names: impl Iterator<Item = (String, &'a str)>) -> Result<()> {
@@ -490,50 +493,13 @@ fn check_distinct<'a>(names: impl Iterator<Item = (String, &'a str)>) -> Result<
     Ok(())
 }
 
+/// Any text is a name, as in Optiland: files get names of their own ([`crate::result::output`]).
 fn check_name(place: &str, name: &str) -> Result<()> {
-    let problem = match name {
-        "" => "the name is empty",
-        "." | ".." => "the name is a path",
-        _ if name.contains(['/', '\\']) => "the name is a path",
-        _ if name.chars().any(char::is_control) => "the name contains a control character",
-        _ if name.len() > MAX_NAME => "the name is too long",
-        _ => return Ok(()),
-    };
-    refuse(place, format!("{problem}: {}", quoted(name)), "use letters, digits, spaces, `_`, `-` and `.`")
-}
-
-/// Detectors' names become file names, on any system.
-fn check_file_names<'a>(names: impl Iterator<Item = (String, &'a str)>) -> Result<()> {
-    let mut seen = HashSet::new();
-    for (place, name) in names {
-        if name.contains(['<', '>', ':', '"', '|', '?', '*'])
-            || name.ends_with(['.', ' '])
-            || name.starts_with(' ')
-        {
-            let problem = format!("the name {} cannot be a file name", quoted(name));
-            return refuse(place, problem, "use letters, digits, `_`, `-` and `.`");
-        }
-        if is_device(name) {
-            return refuse(
-                place,
-                format!("{} is a device on some systems", quoted(name)),
-                "rename the detector",
-            );
-        }
-        if !seen.insert(name.to_lowercase()) {
-            let problem = format!("the name {} differs from another detector's only by case", quoted(name));
-            return refuse(place, problem, "give each detector a file name of its own");
-        }
+    if name.len() <= MAX_NAME {
+        return Ok(());
     }
-    Ok(())
-}
-
-fn is_device(name: &str) -> bool {
-    let stem = name.split('.').next().unwrap_or("").to_uppercase();
-    let numbered = |prefix: &str| {
-        stem.strip_prefix(prefix).is_some_and(|n| n.len() == 1 && n.as_bytes()[0].is_ascii_digit())
-    };
-    matches!(stem.as_str(), "CON" | "PRN" | "AUX" | "NUL") || numbered("COM") || numbered("LPT")
+    let problem = format!("the name is {} bytes long: {}", name.len(), quoted(name));
+    refuse(place, problem, format!("give at most {MAX_NAME}"))
 }
 
 // The block

@@ -4,6 +4,7 @@ use super::TraceOptions;
 use crate::error::{Error, Result};
 use crate::ir::SceneIr;
 use crate::result::QUANTA_PER_WEIGHT;
+use crate::result::format::shown;
 
 /// Rays of one emitter, numbered from `first`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +62,7 @@ pub(super) fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<EmitterRays>
             return Err(Error::Usage(format!(
                 "source `{}` emits {flux:e} W, less than the other sources' sums can resolve (a quantum is {:e} W); \
                  trace it on its own",
-                emitter.name,
+                shown(&emitter.name),
                 mean / QUANTA_PER_WEIGHT
             )));
         }

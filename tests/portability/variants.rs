@@ -70,6 +70,7 @@ pub enum Choice {
     Reflective,
     ReflectiveBySpectrum,
     Absorbing,
+    Tip,
     Coated,
     CoatedBySpectrum,
     Scattering(BsdfKind),
@@ -244,6 +245,7 @@ impl Choice {
             Choice::Reflective,
             Choice::ReflectiveBySpectrum,
             Choice::Absorbing,
+            Choice::Tip,
             Choice::Coated,
             Choice::CoatedBySpectrum,
             Choice::Split,
@@ -292,6 +294,10 @@ impl Choice {
                 ir.surfaces.push(surface(ball(), mirror(0.9, 0.5, ir.wavelengths.len())));
             }
             Choice::Absorbing => ir.surfaces.push(surface(ball(), Interaction::Absorbing)),
+            Choice::Tip => {
+                let cone = Shape::Frustum { r_front: 5.0, r_back: 0.0, z_front: -1.0, z_back: 2.0 };
+                ir.surfaces.push(surface(cone, Interaction::Refractive));
+            }
             Choice::Coated => ir.surfaces.push(coated(0.9, 0.9, ir.wavelengths.len())),
             Choice::CoatedBySpectrum => {
                 polychromatic(ir);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::result::format::{si_prefix, significant, thousands, with_prefix};
+use crate::result::format::{self, si_prefix, significant, thousands, with_prefix};
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, picture, text_width, with_unit};
 use crate::result::png::raster::{self, Raster};
 use crate::result::{Detector, FarFieldPattern, IrradianceMap, RayDatabase, SpectralMap};
@@ -77,7 +77,7 @@ pub(super) fn irradiance(path: &Path, detector: &Detector, map: &IrradianceMap) 
     let panel = MapPanel::new((map.width, map.height), &map.irradiance);
     let layout = panel.layout(detector, &numbers, 0);
     picture(path, layout.size, panel.text, |canvas| {
-        canvas.title(layout.head, &detector.name, &numbers)?;
+        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
         panel.draw(canvas, &layout)
     })
 }
@@ -91,7 +91,7 @@ pub(super) fn spectral(path: &Path, detector: &Detector, map: &SpectralMap) -> D
     let px = |times: f64| (times * text).round() as i32;
     let layout = panel.layout(detector, &numbers, px(9.0 + FOOT));
     picture(path, layout.size, text, |canvas| {
-        canvas.title(layout.head, &detector.name, &numbers)?;
+        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
         panel.draw(canvas, &layout)?;
         let width = layout.data.width.max(px(16.0)).min(layout.size.0 - layout.data.left - px(PAD));
         let place = Place { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
@@ -156,7 +156,7 @@ impl MapPanel {
             y_labels: self.y.label_width(self.text),
             key: self.bar.margin(self.text),
             below,
-            title: &detector.name,
+            title: &format::shown(&detector.name),
             numbers,
         })
     }
@@ -196,14 +196,14 @@ pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPatt
         y_labels: rim,
         key: bar.margin(text) + rim,
         below: px(2.6),
-        title: &detector.name,
+        title: &format::shown(&detector.name),
         numbers: &numbers,
     });
     layout.data.top += px(1.3);
     layout.bar.top += px(1.3);
     layout.bar.left += rim;
     picture(path, layout.size, text, |canvas| {
-        canvas.title(layout.head, &detector.name, &numbers)?;
+        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
         canvas.raster(layout.data, shown.raster)?;
         if shown.top == 0.0 {
             canvas.note(layout.data, "no rays")?;
@@ -286,11 +286,11 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
         y_labels: y.label_width(text),
         key: key.width(text),
         below: 0,
-        title: &detector.name,
+        title: &format::shown(&detector.name),
         numbers: &numbers,
     });
     picture(path, layout.size, text, |canvas| {
-        canvas.title(layout.head, &detector.name, &numbers)?;
+        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
 
         let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
         let inner = Place { left: 0, top: 0, ..layout.data };
