@@ -24,6 +24,7 @@ pub mod cli;
 pub mod error;
 pub mod folders;
 pub mod gpu;
+pub mod mesa;
 #[warn(
     clippy::wildcard_enum_match_arm,
     reason = "whoever adds a kind must be told of every place that knows kinds"
@@ -31,6 +32,7 @@ pub mod gpu;
 pub mod ir;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod nominal;
+mod placing;
 pub mod precision;
 pub mod processors;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]

@@ -50,7 +50,9 @@ pub fn run(args: &Args) -> Result<String> {
     }
     check(&args.results, &parts)?;
     if let Some(dir) = &args.output {
-        output::check_writable(dir)?;
+        let names = ir.sensors.iter().map(|sensor| sensor.name.as_str());
+        let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
+        output::check(dir, &output::file_names(names, true, ray_paths, true))?;
     }
     let merged = merge(&ir, &parts);
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
@@ -63,7 +65,7 @@ pub fn run(args: &Args) -> Result<String> {
 fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
     let mut tally = Tally::zeros(ir);
     parts.iter().for_each(|part| tally += &part.tally);
-    tally.sort_rows();
+    tally.sort_rows(ir);
     let all = |value: fn(&Identity) -> &String| {
         let mut values: Vec<&str> = parts.iter().map(|part| value(&part.identity).as_str()).collect();
         values.sort_unstable();

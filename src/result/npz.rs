@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use ndarray::arr0;
@@ -26,13 +26,47 @@ pub const SCHEMA: u32 = 1;
 /// An `.npz` file in the making.
 pub(crate) struct NpzFile {
     path: PathBuf,
-    writer: NpzWriter<BufWriter<File>>,
+    writer: NpzWriter<BufWriter<UntilFailure>>,
+}
+
+/// A file that takes nothing more once something could not be written, and does not complain again: the archive's writer
+/// goes on to write its end, and would tell stderr.
+struct UntilFailure {
+    file: File,
+    failed: bool,
+}
+
+impl UntilFailure {
+    fn act<T>(&mut self, otherwise: T, act: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
+        if self.failed {
+            return Ok(otherwise);
+        }
+        let done = act(&mut self.file);
+        self.failed = done.is_err();
+        done
+    }
+}
+
+impl Write for UntilFailure {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.act(bytes.len(), |file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.act((), Write::flush)
+    }
+}
+
+impl Seek for UntilFailure {
+    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+        self.act(0, |file| file.seek(place))
+    }
 }
 
 impl NpzFile {
     fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).map_err(|error| Error::file(path, error))?;
-        Ok(NpzFile { path: path.into(), writer: NpzWriter::new(BufWriter::new(file)) })
+        Ok(NpzFile { path: path.into(), writer: NpzWriter::new(BufWriter::new(UntilFailure { file, failed: false })) })
     }
 
     /// Adds an array.
@@ -82,8 +116,8 @@ impl NpzFile {
     fn finish(self) -> Result<()> {
         let path = self.path;
         let buffer = self.writer.finish().map_err(|error| Error::file(&path, error))?;
-        let file = buffer.into_inner().map_err(|error| Error::file(&path, error))?;
-        file.sync_all().map_err(|error| Error::file(&path, error))
+        let inner = buffer.into_inner().map_err(|error| Error::file(&path, error.error()))?;
+        inner.file.sync_all().map_err(|error| Error::file(&path, error))
     }
 }
 

@@ -56,6 +56,10 @@ pub struct RunInfo {
     pub first_ray: u64,
     /// The rays are a part of a trace of so many, if they are.
     pub of_rays: Option<u64>,
+    /// No GPU was found, so that a processor traced.
+    pub has_no_gpu: bool,
+    /// Read from files without hashes, as older versions wrote them: damage would not be noticed.
+    pub is_unchecked: bool,
     /// Name of the program.
     pub program: String,
     /// Version of the program.
@@ -216,6 +220,8 @@ impl Default for RunInfo {
             target_error: None,
             first_ray: 0,
             of_rays: None,
+            has_no_gpu: false,
+            is_unchecked: false,
             program: env!("CARGO_PKG_NAME").into(),
             version: env!("CARGO_PKG_VERSION").into(),
         }
