@@ -226,7 +226,10 @@ pub fn check_writable(path: &Path) -> Result<()> {
 /// Refuses to replace anything but a file of sums. An empty file holds nothing that could be lost.
 fn check_is_own(path: &Path) -> Result<()> {
     let refused = |what: &str| {
-        Err(Error::file(path, format!("{what}; sums replace only a file of sums: name another one, or move this one away")))
+        Err(Error::file(
+            path,
+            format!("{what}; sums replace only a file of sums: name another one, or move this one away"),
+        ))
     };
     match path.symlink_metadata() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => match path.file_name() {
@@ -244,7 +247,9 @@ fn check_is_own(path: &Path) -> Result<()> {
 /// True of a file that begins as files of sums do.
 pub fn is_one(path: &Path) -> bool {
     let mut magic = [0; MAGIC.len()];
-    path.is_file() && File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok() && magic == *MAGIC
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok()
+        && magic == *MAGIC
 }
 
 fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
@@ -374,14 +379,43 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_written_leaves_the_one_before() {
+    fn only_sums_are_replaced_and_no_link_is_followed() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tally");
         let Checkpoint { identity, tally } = checkpoint();
-        write(&path, &identity, &tally).unwrap();
-        fs::create_dir(folder.path().join("a.tally.new")).unwrap();
-        assert!(matches!(write(&path, &identity, &Tally::default()), Err(Error::File { .. })));
-        assert_eq!(Checkpoint::read(&path).unwrap().tally, tally);
+        let path = |name: &str| folder.path().join(name);
+        let refused = |path: &Path| {
+            let before = fs::read(path).ok();
+            let told = [check_writable(path), write(path, &identity, &tally)];
+            assert!(
+                told.iter().all(|told| matches!(told, Err(Error::File { path: named, .. }) if named == path))
+            );
+            assert_eq!(fs::read(path).ok(), before);
+        };
+        fs::write(path("scene.json"), "{}").unwrap();
+        fs::create_dir(path("folder")).unwrap();
+        [path("scene.json"), path("folder"), path("missing/c.tally")].iter().for_each(|path| refused(path));
+        // An empty file, as `mktemp` makes one, holds nothing.
+        fs::write(path("empty"), "").unwrap();
+        for name in ["empty", "new", "new"] {
+            check_writable(&path(name)).unwrap();
+            write(&path(name), &identity, &tally).unwrap();
+            assert_eq!(Checkpoint::read(&path(name)).unwrap().tally, tally);
+        }
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::symlink;
+            refused(Path::new("/dev/null"));
+            symlink(path("new"), path("link")).unwrap();
+            refused(&path("link"));
+            // What lay in the way of versions whose temporary name was known.
+            symlink(path("scene.json"), path("new.new")).unwrap();
+            write(&path("new"), &identity, &Tally::default()).unwrap();
+            assert_eq!(fs::read_to_string(path("scene.json")).unwrap(), "{}");
+        }
+        let hidden = fs::read_dir(folder.path())
+            .unwrap()
+            .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().starts_with('.'));
+        assert_eq!(hidden.count(), 0);
     }
 
     #[test]

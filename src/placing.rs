@@ -78,7 +78,10 @@ impl Scratch {
         let own_lock = File::open(folder.path()).ok().filter(|file| file.try_lock().is_ok());
         if lock.0.is_some() {
             let ours = folder.path().symlink_metadata()?;
-            [place, guard].iter().take(if place == guard { 1 } else { 2 }).for_each(|place| sweep(place, &ours));
+            [place, guard]
+                .iter()
+                .take(if place == guard { 1 } else { 2 })
+                .for_each(|place| sweep(place, &ours));
         }
         Ok(Scratch { folder, _lock: own_lock })
     }
@@ -275,17 +278,18 @@ fn hidden_file(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let _lock = Lock::of(folder);
     step();
-    // The operating system's word alone: tempfile's adds the hidden name, which nobody asked for.
     let file = builder.tempfile_in(folder).map_err(own_word)?;
     let _ = file.as_file().try_lock();
     Ok(file)
 }
 
-/// What the operating system says, without the hidden name that `tempfile` adds.
+/// What the operating system says, without the hidden path that `tempfile` adds.
 pub(crate) fn own_word(error: io::Error) -> io::Error {
-    let of_system = error.get_ref().and_then(|inner| inner.source()?.downcast_ref::<io::Error>());
-    let code = error.raw_os_error().or_else(|| of_system.and_then(io::Error::raw_os_error));
-    code.map_or_else(|| io::Error::from(error.kind()), io::Error::from_raw_os_error)
+    let text = error.to_string();
+    match text.split_once(" at path ") {
+        Some((word, _)) => io::Error::new(error.kind(), word),
+        None => error,
+    }
 }
 
 fn folder_of(path: &Path) -> &Path {
@@ -331,6 +335,8 @@ pub(crate) fn step() {
         let number = STEPS.fetch_add(1, Ordering::Relaxed);
         let last = std::env::var("NSQ_GPU_TEST_KILL_AT").ok().and_then(|text| text.parse().ok());
         if last == Some(number) {
+            #[cfg(unix)]
+            let _ = nix::sys::signal::raise(nix::sys::signal::Signal::SIGKILL);
             std::process::abort();
         }
     }

@@ -31,8 +31,10 @@ fn parse_sigmas(text: &str) -> std::result::Result<f64, String> {
 /// Gives the table; an error where the two disagree.
 pub fn run(args: &Args) -> Result<String> {
     let (a, b) = (TraceResult::read(&args.a)?, TraceResult::read(&args.b)?);
-    for (path, _) in [(&args.a, &a), (&args.b, &b)].iter().filter(|(_, result)| result.run.is_unchecked) {
-        super::say(&format!("{} is of an older version, without hashes: damage would not be noticed", path.display()));
+    for (path, result) in [(&args.a, &a), (&args.b, &b)] {
+        if result.run.is_unchecked {
+            super::say(&result.run.unchecked_notice(path));
+        }
     }
     let found = compare(&a, &b, args.sigmas);
     let text = match args.json {

@@ -18,6 +18,9 @@ pub struct Args {
     /// Write the result of all rays into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write no pictures, the numbers alone.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// The scene file, where it is not where it was.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
@@ -52,12 +55,12 @@ pub fn run(args: &Args) -> Result<String> {
     if let Some(dir) = &args.output {
         let names = ir.sensors.iter().map(|sensor| sensor.name.as_str());
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
-        output::check(dir, &output::file_names(names, true, ray_paths, true))?;
+        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
     }
     let merged = merge(&ir, &parts);
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
-    let printed = Printed { json: args.json, pictures: true };
+    let printed = Printed { json: args.json, pictures: !args.no_pictures };
     super::trace::deliver(&result, &merged, args.output.as_deref(), printed)
 }
 

@@ -488,7 +488,8 @@ fn trace(
     let tally = tracer.go_on(begun, |progress| session.after_pass(progress))?;
     let trace_time_sec = start.elapsed().as_secs_f64();
     session.progress.finish();
-    let checkpointed = args.checkpoint.as_ref().map_or(Ok(()), |path| checkpoint::write(path, identity, &tally));
+    let checkpointed =
+        args.checkpoint.as_ref().map_or(Ok(()), |path| checkpoint::write(path, identity, &tally));
     let stage_times = tracer.stage_times();
     stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
     let partial = tally.launched.count < tracer.num_rays();

@@ -61,9 +61,10 @@ pub fn sealed(mut report: Report, files: BTreeMap<String, FileHash>) -> String {
 /// # Errors
 /// [`Error::File`] with the path.
 pub fn check_report(path: &Path, text: &str, meta: &Meta) -> Result<()> {
-    let blank = text.rfind(&meta.sha256).filter(|_| meta.sha256.len() == NO_HASH.len()).map(|place| {
-        [&text[..place], NO_HASH, &text[place + NO_HASH.len()..]].concat()
-    });
+    let blank = text
+        .rfind(&meta.sha256)
+        .filter(|_| meta.sha256.len() == NO_HASH.len())
+        .map(|place| [&text[..place], NO_HASH, &text[place + NO_HASH.len()..]].concat());
     match blank {
         Some(blank) if hex(&Sha256::digest(blank.as_bytes())) == meta.sha256 => Ok(()),
         _ => Err(Error::file(path, "is damaged, or was edited: its hash is another one")),
@@ -83,7 +84,10 @@ pub fn check_file(dir: &Path, name: &str, meta: &Meta) -> Result<()> {
     if found == *hash {
         return Ok(());
     }
-    Err(Error::file(path, format!("is damaged, was edited, or belongs to another trace: {REPORT} has another hash of it")))
+    Err(Error::file(
+        path,
+        format!("is damaged, was edited, or belongs to another trace: {REPORT} has another hash of it"),
+    ))
 }
 
 /// Refuses a folder of which any file but pictures is not as it was written; false if it is too old to know.
@@ -93,9 +97,10 @@ pub fn check_file(dir: &Path, name: &str, meta: &Meta) -> Result<()> {
 pub fn check_folder(dir: &Path) -> Result<bool> {
     let path = dir.join(REPORT);
     let text = std::fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
-    let report: serde_json::Value = serde_json::from_str(&text).map_err(|error| Error::file(&path, error))?;
+    let damaged = |error: serde_json::Error| Error::file(&path, format!("is damaged: {error}"));
+    let report: serde_json::Value = serde_json::from_str(&text).map_err(damaged)?;
     let Some(meta) = report.get("meta") else { return Ok(false) };
-    let meta = Meta::deserialize(meta).map_err(|error| Error::file(&path, error))?;
+    let meta = Meta::deserialize(meta).map_err(damaged)?;
     check_report(&path, &text, &meta)?;
     let is_read = |name: &&String| !name.ends_with(".png");
     meta.files.keys().filter(is_read).try_for_each(|name| check_file(dir, name, &meta))?;

@@ -96,9 +96,12 @@ pub fn file_names<'a>(
 ) -> Vec<String> {
     let suffixes = if pictures { &[".npz", ".png"][..] } else { &[".npz"] };
     let stems = file_stems(detectors);
-    let of_detectors = stems.iter().flat_map(|stem| suffixes.iter().map(move |suffix| format!("{stem}{suffix}")));
+    let of_detectors =
+        stems.iter().flat_map(|stem| suffixes.iter().map(move |suffix| format!("{stem}{suffix}")));
     let others = [(RAY_PATHS, ray_paths), (TALLY, tally), (REPORT, true)];
-    of_detectors.chain(others.iter().filter(|(_, is_written)| *is_written).map(|(name, _)| name.to_string())).collect()
+    of_detectors
+        .chain(others.iter().filter(|(_, is_written)| *is_written).map(|(name, _)| name.to_string()))
+        .collect()
 }
 
 /// The deepest folder on the way to `dir` that exists: where files lie on the file system of the results.
@@ -216,7 +219,8 @@ impl Before {
     fn of(dir: &Path) -> Before {
         let mut files = BTreeMap::new();
         let is_file = |name: &str| dir.join(name).symlink_metadata().is_ok_and(|found| found.is_file());
-        let text = is_file(REPORT).then(|| fs::read_to_string(dir.join(REPORT)).ok()).flatten().unwrap_or_default();
+        let text =
+            is_file(REPORT).then(|| fs::read_to_string(dir.join(REPORT)).ok()).flatten().unwrap_or_default();
         let report: Value = serde_json::from_str(&text).unwrap_or_default();
         let meta: Option<Meta> = serde_json::from_value(report["meta"].clone()).ok();
         if report["program"] == env!("CARGO_PKG_NAME") {
@@ -236,14 +240,17 @@ impl Before {
             files.insert(TALLY.into(), None);
         }
         // What somebody has changed since is no longer this program's.
-        let is_unchanged = |name: &str, hash: &FileHash| integrity::hash_of(&dir.join(name)).is_ok_and(|found| found == *hash);
+        let is_unchanged = |name: &str, hash: &FileHash| {
+            integrity::hash_of(&dir.join(name)).is_ok_and(|found| found == *hash)
+        };
         files.retain(|name, hash| hash.as_ref().is_none_or(|hash| is_unchanged(name, hash)));
         Before { files }
     }
 
     /// Refuses to replace what is not of this result.
     fn check(&self, dir: &Path, names: &[String]) -> Result<()> {
-        for name in names {
+        // The report first: what it tells of the others counts only where it is as it was.
+        for name in names.iter().rev() {
             let path = dir.join(name);
             match path.symlink_metadata() {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
@@ -305,7 +312,10 @@ fn install_over(dir: &Path, real: &Path, staged: &Path, scratch: &Scratch, names
     let staged = scratch.staged().join(staged);
     let exchanged = journal(false);
     scratch.note(&exchanged).map_err(|error| Error::file(dir, error))?;
-    if is_like(real, &staged) && keep_others(&exchanged, &staged).is_ok() && placing::exchange(&staged, real).is_ok() {
+    if is_like(real, &staged)
+        && keep_others(&exchanged, &staged).is_ok()
+        && placing::exchange(&staged, real).is_ok()
+    {
         exchanged.rescue(&staged);
     } else {
         let journal = journal(true);
@@ -372,7 +382,11 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
     let mut names = Vec::new();
     let mut files = Files::default();
     let mut pictures = Vec::new();
-    for (detector, stem) in result.detectors.iter().zip(file_stems(result.detectors.iter().map(|detector| detector.name.as_str()))) {
+    for (detector, stem) in result
+        .detectors
+        .iter()
+        .zip(file_stems(result.detectors.iter().map(|detector| detector.name.as_str())))
+    {
         let data = format!("{stem}.npz");
         step();
         npz::write_detector(&folder.join(&data), result, detector)?;
@@ -473,4 +487,3 @@ fn safe_stem(name: &str) -> String {
         stem => stem,
     }
 }
-

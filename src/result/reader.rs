@@ -90,11 +90,8 @@ impl TraceResult {
             .iter()
             .map(|(name, entry)| detector(dir, name, typed(path, entry)?, report.meta.as_ref()))
             .collect::<Result<_>>()?;
-        let surfaces = report
-            .surfaces
-            .iter()
-            .map(|entry| surface(path, typed(path, entry)?))
-            .collect::<Result<_>>()?;
+        let surfaces =
+            report.surfaces.iter().map(|entry| surface(path, typed(path, entry)?)).collect::<Result<_>>()?;
         Ok(assemble(report, detectors, surfaces))
     }
 }
@@ -151,7 +148,7 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
 }
 
 fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T> {
-    serde_json::from_str(text).map_err(|error| Error::file(path, error))
+    serde_json::from_str(text).map_err(|error| Error::file(path, format!("is damaged: {error}")))
 }
 
 fn typed<T: DeserializeOwned>(path: &Path, value: &Value) -> Result<T> {
@@ -223,14 +220,17 @@ fn check_claims(file: &File) -> std::result::Result<(), String> {
         let mut member = archive.by_index(index).map_err(|error| error.to_string())?;
         let (name, size) = (member.name().to_string(), member.size());
         let claims = |what: &str, bytes: u128| {
-            Err(format!("`{name}` {what} {bytes} bytes, in a file of {length}: this program did not write it"))
+            Err(format!(
+                "`{name}` {what} {bytes} bytes, in a file of {length}: this program did not write it"
+            ))
         };
         if member.compression() != CompressionMethod::Stored || size > length {
             return claims("would unpack to", size.into());
         }
         let Ok(header) = Header::from_reader(&mut member) else { continue };
         // Each number or letter takes one byte at least.
-        let num_items = header.shape.iter().try_fold(1_u128, |product, &side| product.checked_mul(side as u128));
+        let num_items =
+            header.shape.iter().try_fold(1_u128, |product, &side| product.checked_mul(side as u128));
         let num_items = num_items.unwrap_or(u128::MAX);
         if num_items > size.into() {
             return claims("claims more than", num_items);

@@ -9,6 +9,7 @@ use crate::result::{
 };
 use crate::stopping::StoppedBy;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 use std::sync::Arc;
 
 /// How the trace was run.
@@ -229,6 +230,11 @@ impl Default for RunInfo {
 }
 
 impl RunInfo {
+    /// What is to be said of results that [`RunInfo::is_unchecked`].
+    pub fn unchecked_notice(&self, dir: &Path) -> String {
+        format!("{} is of an older version, without hashes: damage would not be noticed", dir.display())
+    }
+
     /// Rays launched per second, of `launched` in all; 0 where no time was measured.
     pub fn rays_per_sec(&self, launched: u64) -> f64 {
         let own = launched.saturating_sub(self.num_rays_before);
