@@ -2,18 +2,21 @@
 //!
 //! A file is, little-endian: the eight bytes `NSQTALLY`; the version of the format, u32; the length of the rest, u64; its
 //! CRC-32, u32; then, in [postcard](https://docs.rs/postcard)'s encoding, an [`Identity`] and a [`Tally`]. It holds no time,
-//! so that equal sums are equal files. It is written beside its place and renamed: whatever happens meanwhile, a whole file
+//! so that equal sums are equal files. It is written to a hidden file beside its place, which is renamed: whatever happens meanwhile, a whole file
 //! is there, the new one or the one before.
 
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
 use crate::ir::SceneIr;
+use crate::placing;
+use crate::result::integrity;
+use crate::result::output::{REPORT, TALLY};
 use crate::result::{SensorTally, Tally};
 use crate::trace::{RecordPaths, TraceOptions};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs::{self, File};
-use std::io::Write as _;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Version of the format.
@@ -188,7 +191,14 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::File`] if it cannot be read, is damaged, or of another format.
     pub fn read(path: &Path) -> Result<Self> {
-        let path = if path.is_dir() { path.join(crate::result::output::TALLY) } else { PathBuf::from(path) };
+        let is_folder = path.is_dir();
+        if is_folder && path.join(REPORT).is_file() {
+            integrity::check_folder(path)?;
+        }
+        let path = if is_folder { path.join(TALLY) } else { PathBuf::from(path) };
+        if path.exists() && !path.is_file() {
+            return Err(Error::file(path, "is no file"));
+        }
         let bytes = fs::read(&path).map_err(|error| Error::file(&path, error))?;
         decode(&bytes).map_err(|problem| Error::file(&path, problem))
     }
@@ -200,23 +210,46 @@ impl Checkpoint {
 /// [`Error::File`] if the file cannot be written; the one that is there then stays.
 pub fn write(path: &Path, identity: &Identity, tally: &Tally) -> Result<()> {
     let bytes = encode(identity, tally)?;
-    // Always the same place, so that a killed program leaves one file at most.
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    let beside = PathBuf::from(beside);
-    let written = File::create(&beside)
-        .and_then(|mut file| file.write_all(&bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| fs::rename(&beside, path));
-    written.map_err(|error| {
-        let _ = fs::remove_file(&beside);
-        Error::file(path, error)
-    })?;
-    if let Some(folder) = path.parent() {
-        // Where folders cannot be synced, the file system does what it does.
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        let _ = File::open(folder).and_then(|folder| folder.sync_all());
+    check_is_own(path)?;
+    placing::replace_file(path, &bytes).map_err(|error| Error::file(path, placing::own_word(error)))
+}
+
+/// Finds out before a long trace whether [`write`] could write a file.
+///
+/// # Errors
+/// [`Error::File`] if it could not, or if something else than a file of sums would be lost.
+pub fn check_writable(path: &Path) -> Result<()> {
+    check_is_own(path)?;
+    placing::check_folder_of(path).map_err(|error| Error::file(path, placing::own_word(error)))
+}
+
+/// Refuses to replace anything but a file of sums. An empty file holds nothing that could be lost.
+fn check_is_own(path: &Path) -> Result<()> {
+    let refused = |what: &str| {
+        Err(Error::file(
+            path,
+            format!("{what}; sums replace only a file of sums: name another one, or move this one away"),
+        ))
+    };
+    match path.symlink_metadata() {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => match path.file_name() {
+            Some(_) => Ok(()),
+            None => refused("is no name of a file"),
+        },
+        Err(error) => Err(Error::file(path, error)),
+        Ok(found) if found.is_dir() => refused("is a folder"),
+        Ok(found) if found.is_symlink() => refused("is a link"),
+        Ok(found) if found.is_file() && (found.len() == 0 || is_one(path)) => Ok(()),
+        Ok(_) => refused("is no file of sums of this program"),
     }
-    Ok(())
+}
+
+/// True of a file that begins as files of sums do.
+pub fn is_one(path: &Path) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok()
+        && magic == *MAGIC
 }
 
 fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
@@ -346,14 +379,43 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_written_leaves_the_one_before() {
+    fn only_sums_are_replaced_and_no_link_is_followed() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tally");
         let Checkpoint { identity, tally } = checkpoint();
-        write(&path, &identity, &tally).unwrap();
-        fs::create_dir(folder.path().join("a.tally.new")).unwrap();
-        assert!(matches!(write(&path, &identity, &Tally::default()), Err(Error::File { .. })));
-        assert_eq!(Checkpoint::read(&path).unwrap().tally, tally);
+        let path = |name: &str| folder.path().join(name);
+        let refused = |path: &Path| {
+            let before = fs::read(path).ok();
+            let told = [check_writable(path), write(path, &identity, &tally)];
+            assert!(
+                told.iter().all(|told| matches!(told, Err(Error::File { path: named, .. }) if named == path))
+            );
+            assert_eq!(fs::read(path).ok(), before);
+        };
+        fs::write(path("scene.json"), "{}").unwrap();
+        fs::create_dir(path("folder")).unwrap();
+        [path("scene.json"), path("folder"), path("missing/c.tally")].iter().for_each(|path| refused(path));
+        // An empty file, as `mktemp` makes one, holds nothing.
+        fs::write(path("empty"), "").unwrap();
+        for name in ["empty", "new", "new"] {
+            check_writable(&path(name)).unwrap();
+            write(&path(name), &identity, &tally).unwrap();
+            assert_eq!(Checkpoint::read(&path(name)).unwrap().tally, tally);
+        }
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::symlink;
+            refused(Path::new("/dev/null"));
+            symlink(path("new"), path("link")).unwrap();
+            refused(&path("link"));
+            // What lay in the way of versions whose temporary name was known.
+            symlink(path("scene.json"), path("new.new")).unwrap();
+            write(&path("new"), &identity, &Tally::default()).unwrap();
+            assert_eq!(fs::read_to_string(path("scene.json")).unwrap(), "{}");
+        }
+        let hidden = fs::read_dir(folder.path())
+            .unwrap()
+            .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().starts_with('.'));
+        assert_eq!(hidden.count(), 0);
     }
 
     #[test]

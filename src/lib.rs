@@ -14,7 +14,8 @@
 //! [`nominal`] finds, by a pilot trace, the path that most rays take, and those of most others, so that they can have stages
 //! of their own.
 //! [`stopping`] and [`checkpoint`] are callers of the fold: when it is good enough, and how it survives.
-//! [`folders`] knows where a user keeps settings and caches, [`processors`] how many threads are worth their start.
+//! [`folders`] knows where a user keeps settings and caches, [`processors`] how many threads are worth their start. `placing`
+//! puts files in their places, and [`mesa`] keeps drivers silent.
 //! [`gpu`] holds the mechanics of wgpu and knows no optics; [`cli`] is the only place that prints; [`bench`] measures;
 //! `viewer`, behind the feature of that name, is the window of `nsq-gpu view`.
 
@@ -29,8 +30,10 @@ pub mod gpu;
     reason = "whoever adds a kind must be told of every place that knows kinds"
 )]
 pub mod ir;
+pub mod mesa;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]
 pub mod nominal;
+mod placing;
 pub mod precision;
 pub mod processors;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `ir`")]

@@ -419,7 +419,7 @@ impl<'a> Tracer<'a> {
         }
         self.drain(&mut tally)?;
         if self.rays.len() > 1 {
-            tally.sort_rows();
+            tally.sort_rows(self.ir);
         }
         Ok(tally)
     }
@@ -694,7 +694,6 @@ impl<'a> Tracer<'a> {
         let device = &self.devices[number];
         let gpu = &device.gpu;
         device.prepare(&self.program, &rays)?;
-        gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
         if let Some(emitter) = self.program.emitters.get(range.emitter) {
             gpu.queue.write_buffer(&device.emitter, 0, emitter);
         }
@@ -712,6 +711,16 @@ impl<'a> Tracer<'a> {
         let is_first = self.begun.insert((number, path));
         self.is_compiling |= is_first;
         let is_timed = path.is_none() && !is_first;
+        if is_first && gpu.info.is_cpu() {
+            // A driver may try at a stage's first dispatch what compiling it for the numbers of one range would save. Lavapipe
+            // (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every range; one that
+            // begins at ray 0 makes none grow. So the first dispatch is such a one, of no workgroups.
+            let from_zero = self.program.range_bytes(&RayRange { first: 0, ..*range })?;
+            gpu.queue.write_buffer(&device.range, 0, &from_zero);
+            let stages: Vec<Stage> = device.stages([0, 0, 1], num_rounds, log, &rays).collect();
+            submit(gpu, &stages, stages.len(), None);
+        }
+        gpu.queue.write_buffer(&device.range, 0, &self.program.range_bytes(range)?);
         let stages: Vec<Stage> = device.stages([x, y, 1], num_rounds, log, &rays).collect();
         let per_submission = stages.len().div_ceil(self.size.submissions());
         self.num_submissions += stages.len().div_ceil(per_submission) as u64;
@@ -748,7 +757,8 @@ impl<'a> Tracer<'a> {
         let decode = self.event_decoder(&layout, range.first)?;
         let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
         gpu.queue.write_buffer(device_counts, 0, &[0; 12]);
-        events.sort_unstable_by_key(|event| (event.row.order(), event.kind));
+        let splits = self.program.splitting.is_some();
+        events.sort_unstable_by_key(|event| (event.row.order(splits), event.kind));
         match self.recordings.get_mut(range.emitter) {
             Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
             None => self.events.append(&mut events),
@@ -1026,10 +1036,12 @@ fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
     if program.splitting.is_none() {
         return Ok(());
     }
-    if options.num_rays > ray_id::MOST_LAUNCHED {
+    // A larger id would be that of another ray's child.
+    if options.first_ray.saturating_add(options.num_rays) > ray_id::MOST_LAUNCHED {
         return Err(Error::Usage(format!(
-            "{} rays are too many where rays are split; launch at most {}",
+            "{} rays from ray {} on are too many where rays are split: their ids end at {}",
             options.num_rays,
+            options.first_ray,
             ray_id::MOST_LAUNCHED
         )));
     }

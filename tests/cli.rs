@@ -554,6 +554,26 @@ fn shaders_of_another_width_are_compiled_anew() {
     assert!(narrow > wide, "of another width");
 }
 
+/// Lavapipe would compile a stage anew for every range of rays, unless the first range began at ray 0.
+#[test]
+fn ranges_that_begin_elsewhere_compile_nothing_anew() {
+    if !has_lavapipe("ranges_that_begin_elsewhere_compile_nothing_anew") {
+        return;
+    }
+    let num_compiled = |first_ray: &str| {
+        let cache = tempfile::tempdir().unwrap();
+        let scene = scene_path("newtonian_telescope");
+        let mut command = command(&["trace", scene.to_str().unwrap(), "-n", "9000", "--batch-size", "1000"]);
+        command.args(["--sampler", "sobol", "--first-ray", first_ray]);
+        command.env("MESA_SHADER_CACHE_DIR", cache.path()).env_remove("MESA_SHADER_CACHE_DISABLE");
+        Said::of(&command.output().unwrap()).succeeds();
+        num_files(cache.path())
+    };
+    let from_zero = num_compiled("0");
+    assert!(from_zero > 0);
+    assert_eq!(num_compiled("5"), from_zero);
+}
+
 fn num_files(folder: &Path) -> usize {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     entries.map(|path| if path.is_dir() { num_files(&path) } else { 1 }).sum()
@@ -657,6 +677,137 @@ fn a_trace_may_end_with_whoever_started_it() {
     drop(child.stdin.take());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is written");
+}
+
+/// The process that started a trace is killed, while another one holds the trace's stdin open.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_trace_ends_with_its_parent_though_a_fork_holds_stdin() {
+    if !has_adapter("parent") {
+        return;
+    }
+    let script = r#"exec 3<&0; "$0" trace scenes/bench_lens.json -n 1e15 --watch-stdin --progress never <&3 & echo $!; wait"#;
+    let mut parent = std::process::Command::new("sh")
+        .args(["-c", script, env!("CARGO_BIN_EXE_nsq-gpu")])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let _held = parent.stdin.take();
+    let mut stdout = parent.stdout.take().unwrap();
+    let mut pid = String::new();
+    let mut byte = [0];
+    while stdout.read(&mut byte).unwrap() == 1 && byte != *b"\n" {
+        pid.push(char::from(byte[0]));
+    }
+    // A zombie of another parent may be left; it no longer traces.
+    let is_running = || {
+        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+        status.contains("State:") && !status.contains("State:\tZ")
+    };
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(is_running(), "it traces as long as its parent lives");
+    parent.kill().unwrap();
+    parent.wait().unwrap();
+    let ends = (0..100).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        !is_running()
+    });
+    if !ends {
+        let _ = std::process::Command::new("kill").args(["-KILL", &pid]).status();
+    }
+    assert!(ends, "it traces on");
+}
+
+/// Neither Mesa nor what it asks complains where no variable of a session is set.
+#[cfg(unix)]
+#[test]
+fn drivers_say_nothing() {
+    if !has_adapter("drivers") {
+        return;
+    }
+    let path = std::env::var_os("PATH").unwrap();
+    for arguments in
+        [&["adapters"][..], &["trace", "scenes/bench_lens.json", "-n", "1000", "--progress", "never"]]
+    {
+        let mut command = command(arguments);
+        command.env_clear().env("PATH", &path).current_dir(env!("CARGO_MANIFEST_DIR"));
+        let said = Said::of(&command.output().unwrap());
+        said.succeeds();
+        assert_eq!(said.stderr, "", "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_processor_is_called_one() {
+    if !has_adapter("processor") {
+        return;
+    }
+    let is_cpu = nsq_gpu::gpu::list_adapters().iter().all(AdapterInfo::is_cpu);
+    let text = "no GPU was found: this is your processor";
+    assert_eq!(run(&["adapters"]).succeeds().contains(text), is_cpu);
+    assert_eq!(trace("bench_lens", &[]).succeeds().contains(text), is_cpu);
+}
+
+/// Bash asks the function of the script; where it finds nothing, bash completes files.
+#[cfg(unix)]
+#[test]
+fn bash_completes_behind_the_subcommand() {
+    let script = r#"
+        source /dev/stdin
+        complete -p nsq-gpu
+        ask() {
+            COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)) COMPREPLY=()
+            "$(complete -p nsq-gpu | sed 's/.*-F \([^ ]*\).*/\1/')" "$1" "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD-1]}"
+            echo "$*: ${COMPREPLY[*]}"
+        }
+        ask nsq-gpu tra
+        ask nsq-gpu trace --se
+        ask /usr/bin/nsq-gpu trace scene.json --se
+        ask nsq-gpu trace scene.json --precision d
+        ask nsq-gpu view scene.json --resu
+        ask nsq-gpu merge a b --sce
+        ask nsq-gpu check scenes/bench_l
+        ask nsq-gpu help comp"#;
+    let mut bash = std::process::Command::new("bash")
+        .args(["--norc", "-c", script])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let completions = run(&["completions", "bash"]);
+    bash.stdin.take().unwrap().write_all(completions.succeeds().as_bytes()).unwrap();
+    let said = Said::of(&bash.wait_with_output().unwrap());
+    let lines: Vec<&str> = said.stdout.lines().map(str::trim_end).collect();
+    assert!(lines[0].contains("-o default"), "{lines:?}");
+    let expected = [
+        "nsq-gpu tra: trace",
+        "nsq-gpu trace --se: --seed",
+        "/usr/bin/nsq-gpu trace scene.json --se: --seed",
+        "nsq-gpu trace scene.json --precision d: df64",
+        "nsq-gpu view scene.json --resu:",
+        "nsq-gpu merge a b --sce: --scene",
+        "nsq-gpu check scenes/bench_l:",
+        "nsq-gpu help comp: compare completions",
+    ];
+    assert_eq!(lines[1..], expected, "{}", said.stderr);
+}
+
+#[test]
+fn an_editors_schema_is_no_unknown_key() {
+    let text = text_of("filter_stack").replacen('{', r#"{"$schema": "nsq.schema.json","#, 1);
+    let block = text.find("\"nsq_gpu\"").unwrap();
+    let brace = block + text[block..].find('{').unwrap() + 1;
+    let text = format!("{}\"$schema\": \"block.json\",{}", &text[..brace], &text[brace..]);
+    let (_folder, path) = file_with(&text);
+    run(&["check", &path]).succeeds();
+    let schema: Value = serde_json::from_str(run(&["schema"]).succeeds()).unwrap();
+    assert!(schema["properties"]["$schema"].is_object());
+    assert!(schema["$defs"]["Block"]["properties"]["$schema"].is_object());
+    let (_folder, path) = file_with(&text.replacen("nsq.schema.json\"", "a\", \"$schemas\": \"b\"", 1));
+    run(&["check", &path]).refuses(SCENE, &["$schemas", "$schema"]);
 }
 
 #[test]

@@ -56,8 +56,9 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         let mut bytes = std::fs::read(&path).unwrap();
         if name == "report.json" {
             let mut report: Value = serde_json::from_slice(&bytes).unwrap();
-            for timing in ["trace_time_sec", "first_rays_sec", "rays_per_sec", "num_rays_before"] {
-                report.as_object_mut().unwrap().remove(timing).unwrap();
+            // And without its hashes: its own is one of the timing, too, and that of the sums' file one of the scene's path.
+            for timing in ["trace_time_sec", "first_rays_sec", "rays_per_sec", "num_rays_before", "meta"] {
+                report.as_object_mut().unwrap().remove(timing);
             }
             bytes = report.to_string().into_bytes();
         }
@@ -428,4 +429,246 @@ fn what_does_not_add_up_is_not_merged() {
     refuse(&["merge", &a, folder.path().to_str().unwrap()], &["tally.bin"]);
     assert!(!run(&["merge", &a]).status.success());
     refuse(&["trace", LENS, "--target-error", "1%", "--standard-error", "off"], &["--standard-error off"]);
+}
+
+// Places: whole, and of one run alone.
+
+/// A scene of many detectors, whose results are many files.
+fn many_detectors(folder: &Path) -> String {
+    let detector = |index: usize| {
+        format!(
+            r#"{{"name": "D{index}", "type": "irradiance", "width": 4, "height": 4, "num_pixels_x": 4, "num_pixels_y": 4,
+                "absorb": false, "cs": {{"x": 0, "y": 0, "z": {}, "rx": 0, "ry": 0, "rz": 0, "reference_cs": null}}}}"#,
+            1 + index
+        )
+    };
+    let detectors: Vec<String> = (0..6).map(detector).collect();
+    let text = format!(
+        r#"{{"nsq_schema_version": 1, "components": [], "detectors": [{}], "sources": [{{"name": "S", "type": "collimated",
+            "total_flux": 1, "aperture_radius": 1, "spectrum": {{"wavelengths": [0.5], "weights": [1]}},
+            "cs": {{"x": 0, "y": 0, "z": 0, "rx": 0, "ry": 0, "rz": 0, "reference_cs": null}}}}]}}"#,
+        detectors.join(", ")
+    );
+    let path = folder.join("many.json");
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().into()
+}
+
+/// Two parts of a trace with each seed: what is merged of them is the same bytes every time.
+fn parts(folder: &Path, seeds: std::ops::Range<u64>) -> Vec<[String; 2]> {
+    let scene = many_detectors(folder);
+    let part = |seed: u64, first: &str| {
+        let file = folder.join(format!("{seed}-{first}.tally")).to_str().unwrap().to_string();
+        let seed = seed.to_string();
+        let rays = ["-n", "500", "--first-ray", first, "--of-rays", "1000", "--seed", &seed];
+        succeed(&trace(&scene, &[&rays[..], &["--checkpoint", &file]].concat()));
+        file
+    };
+    seeds.map(|seed| [part(seed, "0"), part(seed, "500")]).collect()
+}
+
+fn merge_into(parts: &[String; 2], out: &Path) -> Command {
+    command(&["merge", &parts[0], &parts[1], "--no-pictures", "-o", out.to_str().unwrap()])
+}
+
+fn raw(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    let files = files.filter(|entry| entry.file_type().unwrap().is_file());
+    files
+        .map(|entry| (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap()))
+        .collect()
+}
+
+fn hidden(folder: &Path) -> usize {
+    let entries = std::fs::read_dir(folder).unwrap();
+    entries
+        .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().starts_with(".nsq-gpu-"))
+        .count()
+}
+
+/// Killed before each change of the file system in turn, a run leaves the old result whole or the new one; the next run
+/// ends well and tidies up. Where a folder lies among the files they change places one by one: then a killed run may leave
+/// files of one run without a report, and the next run first brings the old ones back.
+#[cfg(debug_assertions)]
+#[test]
+fn a_killed_run_leaves_the_old_result_or_the_new_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let parts = parts(folder.path(), 1..3);
+    let whole: Vec<_> = parts
+        .iter()
+        .map(|parts| {
+            let out = folder.path().join("whole");
+            assert!(merge_into(parts, &out).output().unwrap().status.success());
+            let files = raw(&out);
+            std::fs::remove_dir_all(out).unwrap();
+            files
+        })
+        .collect();
+    let [old, new] = whole.as_slice() else { panic!("two results") };
+    assert!(old.len() == new.len() && old["D0.npz"] != new["D0.npz"]);
+    for has_folder in [false, true] {
+        let mut num_kills = 0;
+        loop {
+            let place = tempfile::tempdir_in(folder.path()).unwrap();
+            let out = place.path().join("out");
+            std::fs::create_dir(&out).unwrap();
+            old.iter().for_each(|(name, bytes)| std::fs::write(out.join(name), bytes).unwrap());
+            std::fs::write(out.join("notes.txt"), "mine").unwrap();
+            if has_folder {
+                std::fs::create_dir(out.join("more")).unwrap();
+                std::fs::write(out.join("more/notes.txt"), "mine").unwrap();
+            }
+            let killed =
+                merge_into(&parts[1], &out).env("NSQ_GPU_TEST_KILL_AT", num_kills.to_string()).output();
+            let ended_well = killed.unwrap().status.success();
+            let check = |expected: &[&BTreeMap<String, Vec<u8>>], may_be_part: bool| {
+                let mut files = raw(&out);
+                assert_eq!(files.remove("notes.txt").unwrap(), b"mine", "at {num_kills}");
+                assert!(!has_folder || std::fs::read(out.join("more/notes.txt")).unwrap() == b"mine");
+                let is = |expected: &&&BTreeMap<String, Vec<u8>>| {
+                    let is_part = may_be_part && !files.contains_key("report.json");
+                    files.iter().all(|file| expected.get(file.0) == Some(file.1))
+                        && (is_part || files.len() == expected.len())
+                };
+                assert!(expected.iter().find(is).is_some(), "at {num_kills}: {:?}", files.keys());
+            };
+            check(&[old, new], has_folder);
+            let output = merge_into(&parts[1], &out).output().unwrap();
+            assert!(output.status.success(), "at {num_kills}: {}", stderr(&output));
+            check(&[new], false);
+            assert_eq!(hidden(place.path()) + hidden(&out), 0, "at {num_kills}");
+            if ended_well {
+                break;
+            }
+            num_kills += 1;
+        }
+        assert!(num_kills >= 50, "{num_kills}");
+    }
+}
+
+#[test]
+fn runs_at_once_into_one_folder_leave_one_result_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let parts = parts(folder.path(), 1..5);
+    let whole: Vec<_> = parts
+        .iter()
+        .map(|parts| {
+            let out = tempfile::tempdir_in(folder.path()).unwrap();
+            assert!(merge_into(parts, out.path()).output().unwrap().status.success());
+            raw(out.path())
+        })
+        .collect();
+    for round in 0..20 {
+        let place = tempfile::tempdir_in(folder.path()).unwrap();
+        let out = place.path().join(if round % 2 == 0 { "out" } else { "deep/out" });
+        if round % 4 >= 2 {
+            std::fs::create_dir_all(&out).unwrap();
+        }
+        let runs: Vec<Child> = parts
+            .iter()
+            .map(|parts| {
+                let mut command = merge_into(parts, &out);
+                command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+            })
+            .collect();
+        for run in runs {
+            let output = run.wait_with_output().unwrap();
+            assert!(output.status.success(), "round {round}: {}", stderr(&output));
+        }
+        let left = raw(&out);
+        assert!(whole.contains(&left), "round {round}: {:?}", left.keys());
+        assert_eq!(hidden(place.path()) + hidden(&out), 0, "round {round}");
+    }
+}
+
+/// So many rays take for ever: what is refused is refused before.
+#[cfg(unix)]
+#[test]
+fn places_that_cannot_be_written_are_found_before_the_trace() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    symlink(place("gone"), place("dangling")).unwrap();
+    std::fs::write(place("file"), "mine").unwrap();
+    for name in ["report", "map", "picture"] {
+        std::fs::create_dir(place(name)).unwrap();
+    }
+    std::fs::create_dir(place("report/report.json")).unwrap();
+    std::fs::write(place("map/D.npz"), "mine").unwrap();
+    symlink(place("file"), place("picture/D.png")).unwrap();
+    let scene = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(LENS)).unwrap();
+    std::fs::write(place("scene.json"), &scene).unwrap();
+    let before = raw(folder.path());
+    let refused = |option: &str, name: &str, words: &[&str]| {
+        let scene = place("scene.json");
+        let output =
+            run(&["trace", scene.to_str().unwrap(), "-n", "1e15", option, place(name).to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(USAGE), "{name}: {}", stderr(&output));
+        assert!(output.stdout.is_empty(), "{name}: it traced");
+        for word in words {
+            assert!(stderr(&output).contains(word), "{name}: no `{word}` in {}", stderr(&output));
+        }
+        assert!(raw(folder.path()) == before && hidden(folder.path()) == 0, "{name}");
+    };
+    refused("-o", "dangling", &["dangling", "leads nowhere"]);
+    refused("-o", "dangling/below", &["dangling", "leads nowhere"]);
+    refused("-o", "not there/../out", &["not there", ".."]);
+    refused("-o", "file/below", &["file", "is not a folder"]);
+    refused("-o", "report", &["report.json", "is a folder"]);
+    refused("-o", "map", &["D.npz", "name another folder"]);
+    refused("-o", "picture", &["D.png", "name another folder"]);
+    refused("--checkpoint", "scene.json", &["scene.json", "no file of sums"]);
+    refused("--checkpoint", "file", &["no file of sums"]);
+    refused("--checkpoint", "dangling", &["is a link"]);
+    refused("--checkpoint", "report", &["is a folder"]);
+    refused("--checkpoint", "missing/c.tally", &["missing/c.tally", "No such file"]);
+    refused("--checkpoint", "/dev/null", &["/dev/null", "no file of sums"]);
+}
+
+/// Where writing fails in the end, nothing is left of it, and the result is printed.
+#[cfg(unix)]
+#[test]
+fn a_result_that_cannot_be_written_is_printed() {
+    for option in ["-o", "--checkpoint"] {
+        let folder = tempfile::tempdir().unwrap();
+        let limited = r#"ulimit -f 8; cd "$1"; "$0" trace "$2" -n 20000 --progress never --json "$3" out"#;
+        let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join(LENS);
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", limited, env!("CARGO_BIN_EXE_nsq-gpu")])
+            .arg(folder.path())
+            .arg(scene)
+            .arg(option);
+        let output = command.env("MESA_SHADER_CACHE_DISABLE", "true").output().unwrap();
+        assert_eq!(output.status.code(), Some(USAGE), "{}", stderr(&output));
+        assert!(
+            stderr(&output).contains("out") && stderr(&output).contains("File too large"),
+            "{}",
+            stderr(&output)
+        );
+        assert_eq!(stderr(&output).lines().count(), 1, "a line of its own: {}", stderr(&output));
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(report["num_rays_total"], 20000);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left");
+    }
+}
+
+#[test]
+fn merge_refuses_results_that_are_not_as_they_were_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (a, b) = (place("a"), place("b"));
+    succeed(&trace(LENS, &["-n", "1000", "--first-ray", "0", "-o", &a]));
+    succeed(&trace(LENS, &["-n", "1000", "--first-ray", "1000", "-o", &b]));
+    for name in ["report.json", "D.npz", "tally.bin"] {
+        let path = Path::new(&a).join(name);
+        let bytes = std::fs::read(&path).unwrap();
+        let mut damaged = bytes.clone();
+        let middle = damaged.len() / 2;
+        damaged[middle] ^= 1;
+        std::fs::write(&path, damaged).unwrap();
+        refuse(&["merge", &a, &b], &[name, "damaged"]);
+        std::fs::write(&path, bytes).unwrap();
+    }
+    succeed(&["merge", &a, &b, "--json"]);
 }

@@ -12,7 +12,7 @@ use nsq_gpu::ir::{
     Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
     Shape, Spectrum, Splat, Surface,
 };
-use nsq_gpu::result::output::{REPORT, write_all};
+use nsq_gpu::result::output::{REPORT, check, file_names, write_all};
 use nsq_gpu::result::report::{Files, Report};
 use nsq_gpu::result::{
     Booking, DetectorData, PathEvent, PathEventKind, RayRow, RaySet, RaySpan, RunInfo, SensorTally,
@@ -533,12 +533,76 @@ fn equal_results_are_equal_files() {
 #[test]
 fn an_existing_folder_keeps_what_is_not_ours() {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-    std::fs::write(folder.path().join(REPORT), "old").unwrap();
+    let (notes, data) = (folder.path().join("notes.txt"), folder.path().join("data"));
+    std::fs::write(&notes, "mine").unwrap();
+    write_all(folder.path(), &with_paths()).unwrap();
     write_all(folder.path(), &result_of_everything()).unwrap();
-    assert_eq!(std::fs::read_to_string(folder.path().join("notes.txt")).unwrap(), "mine");
-    assert!(std::fs::read_to_string(folder.path().join(REPORT)).unwrap().starts_with('{'));
+    assert_eq!(std::fs::read_to_string(&notes).unwrap(), "mine");
+    // A folder cannot be linked into another one: the files change places one by one.
+    std::fs::create_dir(&data).unwrap();
+    std::fs::write(data.join("more.txt"), "mine, too").unwrap();
+    write_all(folder.path(), &with_paths()).unwrap();
+    assert_eq!(TraceResult::read(folder.path()).unwrap().detectors.len(), 4);
+    assert_eq!(std::fs::read_to_string(&notes).unwrap(), "mine");
+    assert_eq!(std::fs::read_to_string(data.join("more.txt")).unwrap(), "mine, too");
     assert!(listing(folder.path()).iter().all(|name| !name.starts_with('.')));
+}
+
+/// Permissions of the folder stay, and a link to it stays one.
+#[cfg(unix)]
+#[test]
+fn an_existing_folder_stays_what_it_was() {
+    use std::os::unix::fs::PermissionsExt;
+    let parent = tempfile::tempdir().unwrap();
+    let (folder, link) = (parent.path().join("results"), parent.path().join("link"));
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::set_permissions(&folder, PermissionsExt::from_mode(0o2750)).unwrap();
+    std::os::unix::fs::symlink(&folder, &link).unwrap();
+    std::os::unix::fs::symlink("/nowhere", folder.join("dangling")).unwrap();
+    write_all(&link, &with_paths()).unwrap();
+    assert!(link.is_symlink() && folder.join(REPORT).is_file());
+    assert_eq!(folder.metadata().unwrap().permissions().mode() & 0o7777, 0o2750);
+    assert_eq!(std::fs::read_link(folder.join("dangling")).unwrap(), Path::new("/nowhere"));
+    assert_eq!(listing(parent.path()), ["link", "results"]);
+}
+
+#[test]
+fn files_that_this_program_has_not_written_are_not_replaced() {
+    let refused = |name: &str, plant: &dyn Fn(&Path)| {
+        let folder = tempfile::tempdir().unwrap();
+        plant(&folder.path().join(name));
+        let before = contents(folder.path());
+        for is_told_before in [true, false] {
+            let error = if is_told_before {
+                let names = ["colours", "map", "rays", "sky"].into_iter();
+                check(folder.path(), &file_names(names, true, true, false)).unwrap_err()
+            } else {
+                write_all(folder.path(), &with_paths()).unwrap_err()
+            };
+            assert!(matches!(&error, Error::File { path, .. } if path.ends_with(name)), "{name}: {error}");
+            assert!(contents(folder.path()) == before, "{name}: something changed");
+        }
+    };
+    let mine = |path: &Path| std::fs::write(path, "mine").unwrap();
+    for name in [REPORT, "map.npz", "sky.png", "ray_paths.npz"] {
+        refused(name, &mine);
+        refused(name, &|path| std::fs::create_dir(path).unwrap());
+        #[cfg(unix)]
+        refused(name, &|path| std::os::unix::fs::symlink("/nowhere", path).unwrap());
+    }
+    // Files that somebody has worked on since are no longer this program's, the report included.
+    for name in [REPORT, "map.npz", "sky.png"] {
+        refused(name, &|path| {
+            write_all(path.parent().unwrap(), &with_paths()).unwrap();
+            let mut bytes = std::fs::read(path).unwrap();
+            *bytes.last_mut().unwrap() ^= 1;
+            std::fs::write(path, bytes).unwrap();
+        });
+    }
+}
+
+fn contents(folder: &Path) -> Vec<(String, Option<Vec<u8>>)> {
+    listing(folder).into_iter().map(|name| (name.clone(), std::fs::read(folder.join(name)).ok())).collect()
 }
 
 #[test]
@@ -549,6 +613,8 @@ fn files_of_the_result_before_go_and_others_stay() {
     std::fs::write(folder.join("notes.npz"), "mine").unwrap();
     std::fs::write(parent.path().join("elsewhere.npz"), "mine").unwrap();
     let mut report: Value = serde_json::from_slice(&std::fs::read(folder.join(REPORT)).unwrap()).unwrap();
+    // As older versions wrote it.
+    report.as_object_mut().unwrap().remove("meta").unwrap();
     report["detectors"]["other"] = report["detectors"]["map"].clone();
     report["detectors"]["other"]["file"] = "../elsewhere.npz".into();
     std::fs::write(folder.join(REPORT), report.to_string()).unwrap();
@@ -567,12 +633,12 @@ fn files_of_the_result_before_go_and_others_stay() {
 #[test]
 fn a_failure_leaves_an_existing_folder_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("map.npz"), "old").unwrap();
+    std::fs::write(folder.path().join("notes.npz"), "old").unwrap();
     std::fs::create_dir(folder.path().join("sky.png")).unwrap();
     let error = write_all(folder.path(), &result_of_everything()).unwrap_err();
     assert_eq!(error, Error::file(folder.path().join("sky.png"), "is a folder"));
-    assert_eq!(listing(folder.path()), ["map.npz", "sky.png"]);
-    assert_eq!(std::fs::read_to_string(folder.path().join("map.npz")).unwrap(), "old");
+    assert_eq!(listing(folder.path()), ["notes.npz", "sky.png"]);
+    assert_eq!(std::fs::read_to_string(folder.path().join("notes.npz")).unwrap(), "old");
 }
 
 #[test]
@@ -584,6 +650,113 @@ fn a_folder_that_cannot_be_made_leaves_nothing() {
     assert_eq!(error, Error::file(&file, "is not a folder"));
     assert_eq!(listing(parent.path()), ["file"]);
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
+}
+
+#[test]
+fn rows_of_rays_beyond_2_40_keep_their_order() {
+    let (ir, mut tally) = everything();
+    let ids = [(1_u64 << 40) - 2, (1 << 40) - 1, 1 << 40, (1 << 40) + 1];
+    tally.sensors[3].rows = ids.iter().rev().map(|&id| row(id, 0, 1.0)).collect();
+    tally.paths = ids
+        .iter()
+        .rev()
+        .map(|&id| PathEvent { ray: row(id, 0, 1.0), kind: PathEventKind::Birth(0) })
+        .collect();
+    let result = TraceResult::new(&ir, &run(1000), &tally).unwrap();
+    let paths = result.ray_paths.unwrap().columns().unwrap();
+    assert_eq!(paths.ray_id.to_vec(), ids.map(|id| id as i64));
+    tally.sort_rows(&ir);
+    let sorted: Vec<u64> = tally.sensors[3].rows.iter().map(|row| row.ray_id).collect();
+    assert_eq!(sorted, ids);
+}
+
+/// 300 flipped bits a file: each is reported, or changes nothing that is read.
+#[test]
+fn flipped_bits_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = with_paths();
+    write_all(folder.path(), &result).unwrap();
+    let read = TraceResult::read(folder.path()).unwrap();
+    let mut state = 1_u64;
+    for name in [REPORT, "map.npz", "colours.npz", "sky.npz", "rays.npz"] {
+        let path = folder.path().join(name);
+        let bytes = std::fs::read(&path).unwrap();
+        for _ in 0..300 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let (place, bit) = ((state >> 33) as usize % bytes.len(), state >> 61);
+            let mut damaged = bytes.clone();
+            damaged[place] ^= 1 << bit;
+            std::fs::write(&path, damaged).unwrap();
+            match TraceResult::read(folder.path()) {
+                Err(Error::File { path: named, .. }) => assert_eq!(named, path),
+                Err(other) => panic!("{name}: {other}"),
+                // The name of the hashes' own field was hit, and it is told that there are none.
+                Ok(mut other) => {
+                    assert!(other.run.is_unchecked, "{name}: bit {bit} of byte {place}");
+                    other.run.is_unchecked = false;
+                    assert!(other == read, "{name}: bit {bit} of byte {place}");
+                }
+            }
+        }
+        std::fs::write(&path, bytes).unwrap();
+    }
+    assert!(TraceResult::read(folder.path()).unwrap() == read);
+}
+
+/// Files of one trace beside the report of another.
+#[test]
+fn a_mixture_of_two_results_is_reported() {
+    let parent = tempfile::tempdir().unwrap();
+    let (one, two) = (parent.path().join("one"), parent.path().join("two"));
+    let (ir, mut tally) = everything();
+    write_all(&one, &TraceResult::new(&ir, &run(1000), &tally).unwrap()).unwrap();
+    tally.sensors[0].quanta[0] += 1;
+    write_all(&two, &TraceResult::new(&ir, &run(1000), &tally).unwrap()).unwrap();
+    std::fs::copy(two.join("map.npz"), one.join("map.npz")).unwrap();
+    let error = TraceResult::read(&one).unwrap_err();
+    assert!(
+        matches!(&error, Error::File { path, problem } if path.ends_with("map.npz") && problem.contains("another trace"))
+    );
+}
+
+/// Without hashes, as older versions wrote results, an archive that claims gigabytes is refused by its claims.
+#[test]
+fn archives_that_claim_more_than_they_hold_are_refused() {
+    use std::io::Write;
+    let folder = tempfile::tempdir().unwrap();
+    write_all(folder.path(), &result_of_everything()).unwrap();
+    let path = folder.path().join(REPORT);
+    let mut report: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    report.as_object_mut().unwrap().remove("meta").unwrap();
+    std::fs::write(&path, report.to_string()).unwrap();
+    assert!(TraceResult::read(folder.path()).unwrap().run.is_unchecked, "old results still open");
+    let member = |shape: &str| {
+        let dictionary = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}");
+        let header = format!("{dictionary:<117}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend([0; 64]);
+        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        let stored =
+            zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+        archive.start_file("irradiance.npy", stored).unwrap();
+        archive.write_all(&bytes).unwrap();
+        archive.finish().unwrap().into_inner()
+    };
+    let problem = |bytes: &[u8]| {
+        std::fs::write(folder.path().join("map.npz"), bytes).unwrap();
+        TraceResult::read(folder.path()).unwrap_err().to_string()
+    };
+    for shape in ["(1099511627776, 8)", "(4294967296, 4294967296, 4294967296)"] {
+        assert!(problem(&member(shape)).contains("claims more than"), "{}", problem(&member(shape)));
+    }
+    // Sizes of the unpacked member, in its own header and in the directory.
+    let mut bytes = member("(2, 4)");
+    let size = (64 + 128_u32).to_le_bytes();
+    let places: Vec<usize> = (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == size).collect();
+    places.into_iter().for_each(|at| bytes[at..at + 4].copy_from_slice(&0x7FFF_0000_u32.to_le_bytes()));
+    assert!(problem(&bytes).contains("would unpack to"), "{}", problem(&bytes));
 }
 
 #[test]

@@ -26,8 +26,9 @@ from nsq_gpu.errors import (
     error_of,
 )
 from nsq_gpu.export import ExportedScene, export, to_json
+from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressBar, ProgressCallback, run
-from nsq_gpu.results import fill_scene, read_report
+from nsq_gpu.results import fill_scene
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")

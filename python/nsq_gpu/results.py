@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.errors import NsqGpuError
+from nsq_gpu.integrity import load_arrays
 
 Json = dict[str, Any]
 
@@ -82,21 +82,16 @@ class LedgerDiagnostics(Diagnostics):
         return text
 
 
-def read_report(folder: Path) -> Json:
-    """Return ``report.json``."""
-    report: Json = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    return report
-
-
 def fill_scene(scene: NSQScene, report: Json, folder: Path, surface_labels: list[str]) -> SimulationResult:
     """Put a trace into the live scene, as a trace of Optiland's leaves it, and return its result."""
     _check_names(report, surface_labels, scene.detector_names)
     _fill_absorbers(scene, report)
+    arrays = {name: load_arrays(folder, report["detectors"][name]["file"], report) for name in scene.detector_names}
     for name, live in zip(scene.detector_names, scene.detectors, strict=True):
-        _fill_detector(live, report["detectors"][name], folder)
+        _fill_detector(live, report["detectors"][name], arrays[name])
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
     for name, detector in detectors.items():
-        _add_errors(detector, report["detectors"][name], folder)
+        _add_errors(detector, report["detectors"][name], arrays[name])
     return SimulationResult(
         **{key: report[key] for key in _SAME},
         detectors=detectors,
@@ -123,20 +118,16 @@ def _fill_absorbers(scene: NSQScene, report: Json) -> None:
 # Detectors
 
 
-def _fill_detector(live: Any, spec: Json, folder: Path) -> None:
+def _fill_detector(live: Any, spec: Json, arrays: Any) -> None:
     live.reset()
-    with np.load(folder / spec["file"]) as arrays:
-        _FILL[type(live)](live, spec, arrays)
+    _FILL[type(live)](live, spec, arrays)
     live._num_rays_hit = spec["num_rays_hit"]
 
 
-def _add_errors(detector: Any, spec: Json, folder: Path) -> None:
+def _add_errors(detector: Any, spec: Json, arrays: Any) -> None:
     """Put the standard errors on a result, where Optiland's has no field for them."""
     detector.total_flux_standard_error = spec["total_flux_standard_error"]
-    detector.standard_error = None
-    with np.load(folder / spec["file"]) as arrays:
-        if "standard_error" in arrays:
-            detector.standard_error = arrays["standard_error"]
+    detector.standard_error = arrays.get("standard_error")
 
 
 def _pixel_area(live: Any) -> float:
@@ -204,11 +195,11 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
 def _ray_paths(scene: NSQScene, report: Json, folder: Path, surface_labels: list[str]) -> Json | None:
     if report["ray_paths"] is None:
         return None
-    with np.load(folder / report["ray_paths"]) as columns:
-        events = np.empty(len(columns["ray_id"]), dtype=_EVENT_DTYPE)
-        for key in _EVENT_DTYPE.names or ():
-            events[key] = columns[key]
-        names = columns["component_name"]
+    columns = load_arrays(folder, report["ray_paths"], report)
+    events = np.empty(len(columns["ray_id"]), dtype=_EVENT_DTYPE)
+    for key in _EVENT_DTYPE.names or ():
+        events[key] = columns[key]
+    names = columns["component_name"]
     events["component_name"] = _optilands_names(scene, events["event_type"], names, surface_labels)
     return {"events": events}
 

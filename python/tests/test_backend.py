@@ -410,6 +410,45 @@ def test_the_real_program_ends_with_the_process_that_traces(tmp_path: Path, how:
     assert _eventually(lambda: not _is_running(child))
 
 
+@posix_only
+@pytest.mark.skipif(shutil.which("ps") is None, reason="ps tells which processes run")
+def test_the_real_program_ends_though_a_fork_lives_on(tmp_path: Path) -> None:
+    program = script(tmp_path, f'exec {live.binary()} "$@"')
+    # The fork has the pipe to the program's stdin open as well.
+    text = """if True:
+        import os, pathlib, sys, threading, time
+        from tests import live
+        folder = pathlib.Path(sys.argv[2])
+        def fork():
+            while not (folder / "pid").exists():
+                time.sleep(0.01)
+            time.sleep(1.0)
+            fork = os.fork()
+            if fork == 0:
+                time.sleep(600.0)
+                os._exit(0)
+            (folder / "fork").write_text(str(fork))
+        threading.Thread(target=fork, daemon=True).start()
+        live.load(live.SCENES[0]).trace(10**15, backend=live.backend(binary=sys.argv[1]))"""
+    parent = subprocess.Popen([sys.executable, "-c", text, program, str(tmp_path)], cwd=live.ROOT / "python",
+                              env=os.environ | {"TMPDIR": str(tmp_path)})
+    fork = child = None
+    try:
+        fork = _eventually(lambda: int((tmp_path / "fork").read_text()) if (tmp_path / "fork").exists() else None)
+        child = int((tmp_path / "pid").read_text())
+        assert _is_running(child)
+        parent.kill()
+        parent.wait()
+        assert _is_running(fork)
+        assert _eventually(lambda: not _is_running(child))
+    finally:
+        parent.kill()
+        for left in (fork, child):
+            if left is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(left, signal.SIGKILL)
+
+
 def _eventually(found: Callable[[], Any]) -> Any:
     """Return what is found as soon as something is, within a minute."""
     for _ in range(6000):

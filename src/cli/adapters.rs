@@ -19,7 +19,9 @@ pub fn run(args: &Args) -> Result<String> {
         // The message with what to install is the device's.
         return Gpu::open(&AdapterChoice::default()).map(|_| String::new());
     }
-    adapters.iter().map(|info| describe(info, args.measure)).collect()
+    let text: String = adapters.iter().map(|info| describe(info, args.measure)).collect::<Result<_>>()?;
+    let no_gpu = "no GPU was found: this is your processor, by a driver in software\n";
+    Ok(if adapters.iter().all(AdapterInfo::is_cpu) { text + no_gpu } else { text })
 }
 
 fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {

@@ -31,6 +31,11 @@ fn parse_sigmas(text: &str) -> std::result::Result<f64, String> {
 /// Gives the table; an error where the two disagree.
 pub fn run(args: &Args) -> Result<String> {
     let (a, b) = (TraceResult::read(&args.a)?, TraceResult::read(&args.b)?);
+    for (path, result) in [(&args.a, &a), (&args.b, &b)] {
+        if result.run.is_unchecked {
+            super::say(&result.run.unchecked_notice(path));
+        }
+    }
     let found = compare(&a, &b, args.sigmas);
     let text = match args.json {
         true => {

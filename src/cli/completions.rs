@@ -10,9 +10,15 @@ pub struct Args {
     shell: clap_complete::Shell,
 }
 
+/// The generator names a subcommand in two ways where the program's name has a dash, so that bash never found its options.
+fn with_one_name_per_subcommand(script: &str) -> String {
+    script.replace("nsq__subcmd__gpu", "nsq__gpu")
+}
+
 /// The script.
 pub fn run<C: CommandFactory>(args: &Args) -> Result<String> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut C::command(), "nsq-gpu", &mut script);
-    Ok(String::from_utf8_lossy(&script).into_owned())
+    let script = String::from_utf8_lossy(&script).into_owned();
+    Ok(if args.shell == clap_complete::Shell::Bash { with_one_name_per_subcommand(&script) } else { script })
 }

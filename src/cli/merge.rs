@@ -18,6 +18,9 @@ pub struct Args {
     /// Write the result of all rays into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write no pictures, the numbers alone.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
     /// The scene file, where it is not where it was.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
@@ -50,12 +53,14 @@ pub fn run(args: &Args) -> Result<String> {
     }
     check(&args.results, &parts)?;
     if let Some(dir) = &args.output {
-        output::check_writable(dir)?;
+        let names = ir.sensors.iter().map(|sensor| sensor.name.as_str());
+        let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
+        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
     }
     let merged = merge(&ir, &parts);
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
-    let printed = Printed { json: args.json, pictures: true };
+    let printed = Printed { json: args.json, pictures: !args.no_pictures };
     super::trace::deliver(&result, &merged, args.output.as_deref(), printed)
 }
 
@@ -63,7 +68,7 @@ pub fn run(args: &Args) -> Result<String> {
 fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
     let mut tally = Tally::zeros(ir);
     parts.iter().for_each(|part| tally += &part.tally);
-    tally.sort_rows();
+    tally.sort_rows(ir);
     let all = |value: fn(&Identity) -> &String| {
         let mut values: Vec<&str> = parts.iter().map(|part| value(&part.identity).as_str()).collect();
         values.sort_unstable();

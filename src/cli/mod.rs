@@ -69,6 +69,8 @@ enum Command {
 /// environment ([`crate::vectors`]).
 pub fn main() -> ExitCode {
     let start = Instant::now();
+    quiet_drivers();
+    ignore_file_size_signal();
     let cli = Cli::try_parse().unwrap_or_else(|error| without_misleading_tip(error).exit());
     let printed = match cli.command {
         Command::Trace(args) => trace::run(&args, start),
@@ -100,6 +102,26 @@ fn choose_vectors(width: Width) {
     #[allow(unsafe_code)]
     unsafe {
         crate::vectors::choose(width);
+    }
+}
+
+/// Keeps Mesa's drivers from writing to stderr. Before other threads and adapters, as in [`choose_vectors`].
+fn quiet_drivers() {
+    // SAFETY: no other thread runs yet, and no adapter was asked for.
+    #[allow(unsafe_code)]
+    unsafe {
+        crate::mesa::quieten();
+    }
+}
+
+/// A file that outgrows a limit (`ulimit -f`) is an error to be told, as that of a full disk, and no reason to be killed.
+fn ignore_file_size_signal() {
+    #[cfg(unix)]
+    {
+        use nix::sys::signal::{SigHandler, Signal, signal};
+        // SAFETY: no handler is called.
+        #[allow(unsafe_code)]
+        let _ = unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) };
     }
 }
 

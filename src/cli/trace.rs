@@ -117,7 +117,8 @@ pub struct Args {
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
-    /// End at once when stdin closes: a program that holds it leaves no trace running, however it ends itself.
+    /// End at once when stdin closes, or the process ends that started this one: whoever holds stdin leaves no trace running,
+    /// however it ends itself.
     #[arg(long)]
     watch_stdin: bool,
 }
@@ -193,17 +194,27 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     super::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
+        #[cfg(unix)]
+        {
+            let parent = std::os::unix::process::parent_id();
+            std::thread::spawn(move || end_with_parent(parent));
+        }
     }
     override_sampling(&mut ir, args)?;
     if let Some(dir) = &args.output {
-        output::check_writable(dir)?;
+        let names = ir.sensors.iter().map(|sensor| sensor.name.as_str());
+        let ray_paths = args.record_paths.is_some();
+        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
+    }
+    if let Some(path) = &args.checkpoint {
+        checkpoint::check_writable(path)?;
     }
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
     let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
     let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| TraceOptions::depth_of(&ir));
     let options = TraceOptions { max_depth, ..options(args)? }.tuned(&gpu.info);
-    let (result, tally, identity) = std::thread::scope(|scope| {
+    let (result, tally, identity, checkpointed) = std::thread::scope(|scope| {
         let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
         let options = TraceOptions { precision: choosing.precision(), ..options.clone() };
         let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
@@ -211,12 +222,12 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         let begun = resumed.map(|resumed| beginning(args, &identity, resumed)).transpose()?;
         let run =
             Run { args, start, scene: &scene, ir: &ir, gpu: &gpu, options: &options, identity: &identity };
-        let (result, tally) = trace(&run, choosing, begun)?;
-        Ok::<_, Error>((result, tally, identity))
+        let (result, tally, checkpointed) = trace(&run, choosing, begun)?;
+        Ok::<_, Error>((result, tally, identity, checkpointed))
     })?;
     let extras = Printed { json: args.json, pictures: !args.no_pictures };
     let printed = deliver(&result, &Checkpoint { identity, tally }, args.output.as_deref(), extras)?;
-    match failure(&result) {
+    match checkpointed.err().or_else(|| failure(&result)) {
         None => Ok(printed),
         Some(failure) => {
             super::print(&printed)?;
@@ -318,29 +329,34 @@ pub struct Printed {
     pub pictures: bool,
 }
 
-/// Writes the files of a result, and gives what goes to stdout.
+/// Writes the files of a result, and gives what goes to stdout. Where they cannot be written, the result is printed before the
+/// error is returned: a trace may have taken days.
 pub fn deliver(
     result: &TraceResult,
     sums: &Checkpoint,
     output: Option<&Path>,
     printed: Printed,
 ) -> Result<String> {
-    if let Some(dir) = output {
-        let tally = sums.to_bytes()?;
-        let extras = output::Extras { pictures: printed.pictures, tally: Some(&tally) };
-        let files = output::write(dir, result, &extras)?;
-        files.iter().filter(|_| !printed.json).for_each(|file| say(&format!("written: {}", file.display())));
-    }
-    if printed.json { json(result, output) } else { Ok(result.report()) }
-}
-
-/// report.json as it was written, or as it would be without files.
-fn json(result: &TraceResult, output: Option<&Path>) -> Result<String> {
-    let Some(dir) = output else {
-        return Ok(report::Report::new(result, &report::Files::default()).to_json());
+    let unwritten = || match printed.json {
+        true => report::Report::new(result, &report::Files::default()).to_json(),
+        false => result.report(),
     };
-    let path = dir.join(output::REPORT);
-    std::fs::read_to_string(&path).map_err(|e| Error::file(path, e))
+    let Some(dir) = output else { return Ok(unwritten()) };
+    let written = sums.to_bytes().and_then(|tally| {
+        let extras = output::Extras { pictures: printed.pictures, tally: Some(&tally) };
+        output::write(dir, result, &extras)
+    });
+    match written {
+        Ok(written) if printed.json => Ok(written.report),
+        Ok(written) => {
+            written.files.iter().for_each(|file| say(&format!("written: {}", file.display())));
+            Ok(result.report())
+        }
+        Err(error) => {
+            super::print(&unwritten())?;
+            Err(error)
+        }
+    }
 }
 
 fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
@@ -442,7 +458,12 @@ fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Rec
     }))
 }
 
-fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<(TraceResult, Tally)> {
+/// The result and its sums, and whether these could be written where `--checkpoint` says.
+fn trace(
+    run: &Run<'_>,
+    choosing: Choosing<'_>,
+    begun: Option<Tally>,
+) -> Result<(TraceResult, Tally, Result<()>)> {
     let Run { args, start: command_start, scene, ir, gpu, options, identity } = run;
     let mut tracer = Tracer::new(gpu, ir, options)?;
     if let Some(recording) = recording(args, ir)? {
@@ -469,9 +490,8 @@ fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<
     let tally = tracer.go_on(begun, |progress| session.after_pass(progress))?;
     let trace_time_sec = start.elapsed().as_secs_f64();
     session.progress.finish();
-    if let Some(path) = &args.checkpoint {
-        checkpoint::write(path, identity, &tally)?;
-    }
+    let checkpointed =
+        args.checkpoint.as_ref().map_or(Ok(()), |path| checkpoint::write(path, identity, &tally));
     let stage_times = tracer.stage_times();
     stage_times.iter().for_each(|time| say(&profile_line(time, trace_time_sec)));
     let partial = tally.launched.count < tracer.num_rays();
@@ -489,13 +509,15 @@ fn trace(run: &Run<'_>, choosing: Choosing<'_>, begun: Option<Tally>) -> Result<
         partial,
         stopped_by: session.stopped_by.filter(|_| partial),
         target_error: args.target_error,
+        // Processors are taken last of all.
+        has_no_gpu: gpu.info.is_cpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
     };
     let result = match tracer.take_recorded()? {
         Some(recorded) => TraceResult::with_rows(ir, &run, &tally, &recorded)?,
         None => TraceResult::new(ir, &run, &tally)?,
     };
-    Ok((result, tally))
+    Ok((result, tally, checkpointed))
 }
 
 /// What happens between two passes.
@@ -532,7 +554,10 @@ impl Session<'_> {
         if let Some(path) = &self.args.checkpoint
             && self.last_checkpoint.elapsed() >= self.args.checkpoint_interval
         {
-            checkpoint::write(path, self.identity, progress.tally()?)?;
+            // The disk may have room again by the next one, and no ray is lost; what fails at the end is an error.
+            if let Err(error) = checkpoint::write(path, self.identity, progress.tally()?) {
+                say(&format!("no checkpoint now: {error}"));
+            }
             self.last_checkpoint = Instant::now();
         }
         Ok(self.stopped_by.is_none())
@@ -551,6 +576,16 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
 /// there is nothing to tidy up.
 fn end_with_stdin() {
     let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+    std::process::exit(i32::from(Error::Interrupted.exit_code()));
+}
+
+/// Waits until the process that started this one has ended, and ends this one: a fork of that process may hold the other end
+/// of stdin as well, and live on.
+#[cfg(unix)]
+fn end_with_parent(parent: u32) {
+    while std::os::unix::process::parent_id() == parent {
+        std::thread::sleep(Duration::from_millis(100));
+    }
     std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 

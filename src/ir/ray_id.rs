@@ -23,9 +23,10 @@ pub fn of(launched: u64, number: u32) -> u64 {
     launched + (u64::from(number) << LAUNCHED_BITS)
 }
 
-/// Where a ray comes in lists: by launched ray, then by number within its family.
-pub fn order(id: u64) -> (u64, u64) {
-    (id % MOST_LAUNCHED, id / MOST_LAUNCHED)
+/// Where a ray comes in lists: by launched ray, then by number within its family. Where no rays are split, an id is the
+/// number of the launched ray alone, which may lie beyond [`MOST_LAUNCHED`].
+pub fn order(id: u64, splits: bool) -> (u64, u64) {
+    if splits { (id % MOST_LAUNCHED, id / MOST_LAUNCHED) } else { (id, 0) }
 }
 
 #[cfg(test)]
@@ -35,9 +36,15 @@ mod tests {
     #[test]
     fn families_stand_together_and_ids_stay_positive() {
         let mut ids = vec![of(1, 0), of(0, 3), of(1, 2), of(0, 0), of(0, 1)];
-        ids.sort_by_key(|&id| order(id));
+        ids.sort_by_key(|&id| order(id, true));
         assert_eq!(ids, [of(0, 0), of(0, 1), of(0, 3), of(1, 0), of(1, 2)]);
         assert_eq!(of(MOST_LAUNCHED - 1, (1 << NUMBER_BITS) - 1), i64::MAX as u64);
         assert_eq!(of(7, 0), 7);
+    }
+
+    #[test]
+    fn ids_of_launched_rays_keep_their_order_beyond_the_bits_of_families() {
+        let ids = [MOST_LAUNCHED - 1, MOST_LAUNCHED, MOST_LAUNCHED + 1, 5 * MOST_LAUNCHED];
+        assert!(ids.is_sorted_by_key(|&id| order(id, false)));
     }
 }

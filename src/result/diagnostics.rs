@@ -123,7 +123,7 @@ fn rounded(count: f64) -> u64 {
 /// Names for a sentence.
 fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
     let more = names.len().saturating_sub(MOST_NAMES);
-    let names: Vec<String> = names.take(MOST_NAMES).map(shown).collect();
+    let names: Vec<&str> = names.take(MOST_NAMES).collect();
     let names = names.join(", ");
     if more > 0 { format!("{names} and {} more", thousands(more as u64)) } else { names }
 }
@@ -181,7 +181,7 @@ impl Diagnostics {
     /// Light that the depth limit took, where it is much, or where a detector is dark that it might have lit.
     fn cut_off(&self, ir: &SceneIr, result: &TraceResult) -> Option<String> {
         let fraction = self.depth_truncated_flux_fraction;
-        let dark: Vec<&str> = dark_detectors(result);
+        let dark = dark_detectors(result);
         if fraction <= DEPTH_TRUNCATION && (dark.is_empty() || fraction == 0.0) {
             return None;
         }
@@ -189,7 +189,7 @@ impl Diagnostics {
             [] => "paths with more events are missing".into(),
             dark => format!(
                 "paths with more events are missing, and {} got no light",
-                listed(dark.iter().copied())
+                listed(dark.iter().map(String::as_str))
             ),
         };
         let max_depth = result.run.max_depth;
@@ -309,14 +309,14 @@ fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Op
     }
     let counts = tally.rays.counts(ir.emitters.len());
     let without = ir.emitters.iter().zip(counts).filter(|(_, count)| *count == 0);
-    let names: Vec<&str> = without.map(|(emitter, _)| emitter.name.as_str()).collect();
+    let names: Vec<String> = without.map(|(emitter, _)| shown(&emitter.name)).collect();
     (!names.is_empty()).then(|| {
         format!(
             "{} of {} sources have no ray: {}; their light is missing; launch at least {} rays, and a thousand times as many \
              for a result",
             thousands(names.len() as u64),
             thousands(ir.emitters.len() as u64),
-            listed(names.iter().copied()),
+            listed(names.iter().map(String::as_str)),
             thousands(ir.emitters.len() as u64)
         )
     })

@@ -12,6 +12,7 @@ pub mod comparison;
 pub mod diagnostics;
 pub mod far_field;
 pub(crate) mod format;
+pub mod integrity;
 pub mod irradiance;
 pub mod ledger;
 pub mod npz;

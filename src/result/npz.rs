@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use ndarray::arr0;
@@ -15,6 +15,7 @@ use serde_json::json;
 use zip::write::SimpleFileOptions;
 
 use crate::error::{Error, Result};
+use crate::placing::step;
 use crate::result::rows::{self, Rows};
 use crate::result::{
     Detector, DetectorData, FarFieldPattern, IrradianceMap, RayDatabase, RayPaths, SpectralMap, TraceResult,
@@ -26,17 +27,69 @@ pub const SCHEMA: u32 = 1;
 /// An `.npz` file in the making.
 pub(crate) struct NpzFile {
     path: PathBuf,
-    writer: NpzWriter<BufWriter<File>>,
+    writer: NpzWriter<BufWriter<UntilFailure>>,
+}
+
+/// A file that takes nothing more once something could not be written, and only pretends to: the archive's writer goes on to
+/// write its end, and would complain on stderr if it could not.
+struct UntilFailure {
+    file: File,
+    failed: bool,
+    place: u64,
+    end: u64,
+}
+
+impl UntilFailure {
+    fn new(file: File) -> Self {
+        UntilFailure { file, failed: false, place: 0, end: 0 }
+    }
+
+    /// What it does, unless it pretends to.
+    fn act<T>(&mut self, pretended: T, act: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
+        if self.failed {
+            return Ok(pretended);
+        }
+        let done = act(&mut self.file);
+        self.failed = done.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::Interrupted);
+        done
+    }
+}
+
+impl Write for UntilFailure {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let length = self.act(bytes.len(), |file| file.write(bytes))?;
+        self.place += length as u64;
+        self.end = self.end.max(self.place);
+        Ok(length)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.act((), Write::flush)
+    }
+}
+
+impl Seek for UntilFailure {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let place = match to {
+            SeekFrom::Start(place) => Some(place),
+            SeekFrom::Current(by) => self.place.checked_add_signed(by),
+            SeekFrom::End(by) => self.end.checked_add_signed(by),
+        };
+        let place = place.ok_or(io::ErrorKind::InvalidInput)?;
+        self.place = self.act(place, |file| file.seek(to))?;
+        Ok(self.place)
+    }
 }
 
 impl NpzFile {
     fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).map_err(|error| Error::file(path, error))?;
-        Ok(NpzFile { path: path.into(), writer: NpzWriter::new(BufWriter::new(file)) })
+        Ok(NpzFile { path: path.into(), writer: NpzWriter::new(BufWriter::new(UntilFailure::new(file))) })
     }
 
     /// Adds an array.
     pub(crate) fn add(&mut self, name: &str, array: &(impl WriteNpyExt + ?Sized)) -> Result<()> {
+        step();
         self.writer.add_array(name, array).map_err(|error| Error::file(&self.path, error))
     }
 
@@ -82,8 +135,8 @@ impl NpzFile {
     fn finish(self) -> Result<()> {
         let path = self.path;
         let buffer = self.writer.finish().map_err(|error| Error::file(&path, error))?;
-        let file = buffer.into_inner().map_err(|error| Error::file(&path, error))?;
-        file.sync_all().map_err(|error| Error::file(&path, error))
+        let inner = buffer.into_inner().map_err(|error| Error::file(&path, error.error()))?;
+        inner.file.sync_all().map_err(|error| Error::file(&path, error))
     }
 }
 

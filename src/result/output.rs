@@ -1,16 +1,20 @@
 //! The files of a result: `report.json`, one `.npz` and one `.png` per detector, `ray_paths.npz` if paths were recorded.
 //!
-//! Written whole or not at all. Everything is written to a hidden folder on the same file system first; a new folder
-//! then appears in one rename, and in an existing one the files are renamed one by one, `report.json` last, with the
-//! old ones put back if any rename fails. Files of the result that was there before go with it: no file is left that the
-//! report does not know.
+//! Written whole or not at all. Everything is written to a hidden folder on the same file system first. A new folder then
+//! appears in one rename. One that exists is exchanged for the new one in one step, in which what else it held is found
+//! again: as the same files, by links. Where that cannot be ([`Target::is_exchangeable`]) the files are renamed one by one,
+//! and all is undone if any rename fails, or by the next run if this one is killed. Files of the result that was there before
+//! go with it. Files that this program has not written are never replaced.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
+use crate::checkpoint;
 use crate::error::{Error, Result};
+use crate::placing::{self, Journal, Lock, Scratch, step};
+use crate::result::integrity::{self, FileHash, Meta};
 use crate::result::report::Files;
 use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
 use rayon::prelude::*;
@@ -28,7 +32,7 @@ pub const TALLY: &str = "tally.bin";
 /// # Errors
 /// [`Error::File`] with the file or folder that could not be written; `dir` is then as it was.
 pub fn write_all(dir: &Path, result: &TraceResult) -> Result<Vec<PathBuf>> {
-    write(dir, result, &Extras { pictures: true, tally: None })
+    write(dir, result, &Extras { pictures: true, tally: None }).map(|written| written.files)
 }
 
 /// What stands beside the numbers of a result.
@@ -40,30 +44,64 @@ pub struct Extras<'a> {
     pub tally: Option<&'a [u8]>,
 }
 
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Written {
+    /// Paths of the files, `report.json` last.
+    pub files: Vec<PathBuf>,
+    /// The text of `report.json`.
+    pub report: String,
+}
+
 /// As [`write_all`], with these extras.
 ///
 /// # Errors
 /// Those of [`write_all`].
-pub fn write(dir: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Vec<PathBuf>> {
-    let (staging, base, missing) = stage(dir)?;
-    let new = staging.path().join("new");
-    let staged = new.join(&missing);
+pub fn write(dir: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Written> {
+    let target = Target::of(dir)?;
+    let scratch = target.scratch(dir)?;
+    let staged = scratch.staged().join(&target.missing);
     fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
-    let names = write_files(&staged, result, extras).map_err(|error| relocate(error, &staged, dir))?;
-    match missing.iter().next() {
-        Some(top) => fs::rename(new.join(top), base.join(top)).map_err(|error| Error::file(dir, error))?,
-        None => install(&staged, &staging.path().join("old"), dir, &names)?,
-    }
-    sync_folder(&base);
-    Ok(names.iter().map(|name| dir.join(name)).collect())
+    let (names, report) =
+        write_files(&staged, result, extras).map_err(|error| relocate(error, &staged, dir))?;
+    install(dir, &target, &scratch, &names)?;
+    Ok(Written { files: names.iter().map(|name| dir.join(name)).collect(), report })
 }
 
-/// Finds out before a long trace whether [`write_all`] could write into `dir`.
+/// Finds out before a long trace whether files could be written into `dir`.
 ///
 /// # Errors
 /// [`Error::File`] with the folder that cannot be written to.
 pub fn check_writable(dir: &Path) -> Result<()> {
-    stage(dir).map(|_| ())
+    Target::of(dir).and_then(|target| target.scratch(dir)).map(|_| ())
+}
+
+/// Finds out before a long trace whether [`write`] could put files of these names into `dir`.
+///
+/// # Errors
+/// [`Error::File`] with the folder that cannot be written to, or the file that this program has not written.
+pub fn check(dir: &Path, names: &[String]) -> Result<()> {
+    let target = Target::of(dir)?;
+    // What a killed run has left undone is undone first.
+    target.scratch(dir)?;
+    if target.missing.as_os_str().is_empty() { Before::of(dir).check(dir, names) } else { Ok(()) }
+}
+
+/// The names of the files that [`write`] would write.
+pub fn file_names<'a>(
+    detectors: impl Iterator<Item = &'a str>,
+    pictures: bool,
+    ray_paths: bool,
+    tally: bool,
+) -> Vec<String> {
+    let suffixes = if pictures { &[".npz", ".png"][..] } else { &[".npz"] };
+    let stems = file_stems(detectors);
+    let of_detectors =
+        stems.iter().flat_map(|stem| suffixes.iter().map(move |suffix| format!("{stem}{suffix}")));
+    let others = [(RAY_PATHS, ray_paths), (TALLY, tally), (REPORT, true)];
+    of_detectors
+        .chain(others.iter().filter(|(_, is_written)| *is_written).map(|(name, _)| name.to_string()))
+        .collect()
 }
 
 /// The deepest folder on the way to `dir` that exists: where files lie on the file system of the results.
@@ -71,40 +109,286 @@ pub fn check_writable(dir: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::File`] if no such folder exists.
 pub fn file_system_of(dir: &Path) -> Result<PathBuf> {
-    split_existing(dir).map(|(base, _)| base)
+    Target::of(dir).map(|target| target.base)
 }
 
-/// A hidden folder on the file system of `dir`, with what [`split_existing`] says.
-fn stage(dir: &Path) -> Result<(tempfile::TempDir, PathBuf, PathBuf)> {
-    let (base, missing) = split_existing(dir)?;
-    let staging = tempfile::Builder::new().prefix(".nsq-gpu-").tempdir_in(&base);
-    // The operating system's word alone: tempfile's adds the hidden folder, which nobody asked for.
-    let problem = |error: io::Error| io::Error::from(error.kind());
-    Ok((staging.map_err(|error| Error::file(dir, problem(error)))?, base, missing))
+/// Where a result goes.
+#[derive(Debug, Clone, PartialEq)]
+struct Target {
+    /// The deepest folder on the way that exists, without links.
+    base: PathBuf,
+    /// What is missing below it; empty if nothing is.
+    missing: PathBuf,
 }
 
-/// The deepest existing ancestor of `dir`, and what is missing below it.
-fn split_existing(dir: &Path) -> Result<(PathBuf, PathBuf)> {
-    for ancestor in dir.ancestors() {
-        let base = if ancestor.as_os_str().is_empty() { Path::new(".") } else { ancestor };
-        if base.is_dir() {
-            let missing = dir.strip_prefix(ancestor).unwrap_or(Path::new(""));
-            return Ok((base.into(), missing.into()));
+impl Target {
+    fn of(dir: &Path) -> Result<Target> {
+        if dir.as_os_str().is_empty() {
+            return Err(Error::Usage("the folder for the results has no name".into()));
         }
-        if base.exists() {
-            return Err(Error::file(base, "is not a folder"));
+        let (mut base, mut missing) = (PathBuf::new(), PathBuf::new());
+        for component in dir.components() {
+            match component {
+                Component::Normal(name) if missing.as_os_str().is_empty() => {
+                    let next = base.join(name);
+                    match fs::metadata(&next) {
+                        Ok(found) if found.is_dir() => base = next,
+                        Ok(_) => return Err(Error::file(next, "is not a folder")),
+                        Err(error) if error.kind() == io::ErrorKind::NotFound && !placing::exists(&next) => {
+                            missing.push(name);
+                        }
+                        Err(error) => return Err(Error::file(&next, link_problem(&next, &error))),
+                    }
+                }
+                Component::Normal(name) => missing.push(name),
+                Component::ParentDir if !missing.as_os_str().is_empty() => {
+                    let problem = "is not there, so that `..` leads nowhere from it; make it first";
+                    return Err(Error::file(base.join(missing), problem));
+                }
+                Component::Prefix(_) | Component::RootDir | Component::CurDir | Component::ParentDir => {
+                    base.push(component);
+                }
+            }
+        }
+        let base = if base.as_os_str().is_empty() { Path::new(".") } else { &base };
+        let base = base.canonicalize().map_err(|error| Error::file(base, error))?;
+        Ok(Target { base, missing })
+    }
+
+    fn exists(&self) -> bool {
+        self.missing.as_os_str().is_empty()
+    }
+
+    /// The folder whose lock runs hold that change the target.
+    fn guard(&self) -> &Path {
+        let parent = self.base.parent().filter(|_| self.exists());
+        parent.unwrap_or(&self.base)
+    }
+
+    /// A hidden folder on the file system of the target.
+    fn scratch(&self, dir: &Path) -> Result<Scratch> {
+        let is_beside = self.exists() && self.is_exchangeable();
+        let beside = if is_beside { Scratch::new_in(self.guard(), self.guard()).ok() } else { None };
+        // Where nothing can be made beside it, the folder itself may still take it.
+        let scratch = beside.map_or_else(|| Scratch::new_in(&self.base, self.guard()), Ok);
+        scratch.map_err(|error| Error::file(dir, error))
+    }
+
+    /// True if the folder may be exchanged for another one: it holds no folders, which no link can keep, nobody but its owner
+    /// writes it, no file system is mounted there, and this process does not stand in it.
+    fn is_exchangeable(&self) -> bool {
+        let stands_here = || std::env::current_dir().is_ok_and(|here| here.starts_with(&self.base));
+        let has_folders = || {
+            let mut entries = fs::read_dir(&self.base).into_iter().flatten().flatten();
+            entries.any(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
+        };
+        self.base.parent().is_some_and(|parent| is_on_one_file_system(parent, &self.base))
+            && !stands_here()
+            && !has_folders()
+    }
+}
+
+fn link_problem(path: &Path, error: &io::Error) -> String {
+    match fs::read_link(path) {
+        Ok(leads_to) => format!("is a link to {}, which leads nowhere: {error}", leads_to.display()),
+        Err(_) => error.to_string(),
+    }
+}
+
+#[cfg(unix)]
+fn is_on_one_file_system(a: &Path, b: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let device = |path: &Path| path.metadata().ok().map(|found| found.dev());
+    device(a).is_some() && device(a) == device(b)
+}
+
+#[cfg(not(unix))]
+fn is_on_one_file_system(_: &Path, _: &Path) -> bool {
+    false
+}
+
+/// The files of the result that a folder holds, and what is known of them.
+#[derive(Debug, Default)]
+struct Before {
+    /// Names, with the hashes that the report has of them.
+    files: BTreeMap<String, Option<FileHash>>,
+}
+
+impl Before {
+    /// Nothing where there is no report of this program.
+    fn of(dir: &Path) -> Before {
+        let mut files = BTreeMap::new();
+        let is_file = |name: &str| dir.join(name).symlink_metadata().is_ok_and(|found| found.is_file());
+        let text =
+            is_file(REPORT).then(|| fs::read_to_string(dir.join(REPORT)).ok()).flatten().unwrap_or_default();
+        let report: Value = serde_json::from_str(&text).unwrap_or_default();
+        let meta: Option<Meta> = serde_json::from_value(report["meta"].clone()).ok();
+        if report["program"] == env!("CARGO_PKG_NAME") {
+            let detectors = report["detectors"].as_object().into_iter().flat_map(|all| all.values());
+            let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
+            let names = of_detectors.chain([&report["ray_paths"]]).filter_map(Value::as_str);
+            // A report that somebody has changed could name files elsewhere.
+            let is_here = |name: &&str| Path::new(name).file_name() == Some(name.as_ref()) && is_file(name);
+            let hash = |name: &str| meta.as_ref().and_then(|meta| meta.files.get(name).cloned());
+            files.extend(names.filter(is_here).map(|name| (name.to_string(), hash(name))));
+            let is_unchanged = |meta: &Meta| integrity::check_report(&dir.join(REPORT), &text, meta).is_ok();
+            if meta.as_ref().is_none_or(is_unchanged) {
+                files.insert(REPORT.into(), None);
+            }
+        }
+        if is_file(TALLY) && checkpoint::is_one(&dir.join(TALLY)) {
+            files.insert(TALLY.into(), None);
+        }
+        // What somebody has changed since is no longer this program's.
+        let is_unchanged = |name: &str, hash: &FileHash| {
+            integrity::hash_of(&dir.join(name)).is_ok_and(|found| found == *hash)
+        };
+        files.retain(|name, hash| hash.as_ref().is_none_or(|hash| is_unchanged(name, hash)));
+        Before { files }
+    }
+
+    /// Refuses to replace what is not of this result.
+    fn check(&self, dir: &Path, names: &[String]) -> Result<()> {
+        // The report first: what it tells of the others counts only where it is as it was.
+        for name in names.iter().rev() {
+            let path = dir.join(name);
+            match path.symlink_metadata() {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(Error::file(path, error)),
+                Ok(found) if found.is_dir() => return Err(Error::file(path, "is a folder")),
+                Ok(found) if found.is_file() && self.files.contains_key(name) => {}
+                Ok(_) => {
+                    let problem = "is not as this program wrote it, and would be replaced; move it away, or name another folder";
+                    return Err(Error::file(path, problem));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Puts the staged files into place, whatever other runs have put there meanwhile.
+fn install(dir: &Path, staged_for: &Target, scratch: &Scratch, names: &[String]) -> Result<()> {
+    // Each turn but the last finds that another run was faster.
+    const MOST_TURNS: usize = 100;
+    for _ in 0..MOST_TURNS {
+        let target = Target::of(dir)?;
+        let _lock = Lock::of(target.guard());
+        if Target::of(dir)? != target {
+            continue;
+        }
+        let Some(top) = target.missing.iter().next() else {
+            return install_over(dir, &target.base, &staged_for.missing, scratch, names);
+        };
+        let staged = scratch.staged().join(&staged_for.missing);
+        let num_missing = target.missing.iter().count();
+        if num_missing > staged_for.missing.iter().count().max(1) {
+            return Err(Error::file(dir, "was taken away while the trace ran"));
+        }
+        let from = staged.ancestors().nth(num_missing - 1).unwrap_or(&staged);
+        match placing::rename_to_new(from, &target.base.join(top)) {
+            Ok(()) => {
+                placing::sync_folder(&target.base);
+                return Ok(());
+            }
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(Error::file(dir, error)),
         }
     }
-    Err(Error::file(dir, "no folder to write to"))
+    Err(Error::file(dir, "other runs write there all the time"))
 }
 
-/// Writes every file into `folder`; returns their names, `report.json` last.
-fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Vec<String>> {
+/// Puts the staged files into a folder that exists, in the place of the result that it holds.
+fn install_over(dir: &Path, real: &Path, staged: &Path, scratch: &Scratch, names: &[String]) -> Result<()> {
+    let before = Before::of(real);
+    before.check(dir, names)?;
+    let journal = |in_place| Journal {
+        target: real.into(),
+        staged: staged.into(),
+        names: names.into(),
+        retired: before.files.keys().filter(|name| !names.contains(name)).cloned().collect(),
+        in_place,
+    };
+    let staged = scratch.staged().join(staged);
+    let exchanged = journal(false);
+    scratch.note(&exchanged).map_err(|error| Error::file(dir, error))?;
+    if is_like(real, &staged)
+        && keep_others(&exchanged, &staged).is_ok()
+        && placing::exchange(&staged, real).is_ok()
+    {
+        exchanged.rescue(&staged);
+    } else {
+        let journal = journal(true);
+        scratch.note(&journal).map_err(|error| Error::file(dir, error))?;
+        scratch.move_in(&journal).map_err(|(path, error)| relocate(Error::file(path, error), real, dir))?;
+    }
+    placing::sync_folder(real);
+    Ok(())
+}
+
+/// Links what else a folder holds into the one that takes its place. What cannot be linked, such as a folder, is an error.
+fn keep_others(journal: &Journal, staged: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(&journal.target)? {
+        let entry = entry?;
+        let is_ours = |known: &String| entry.file_name() == known.as_str();
+        if !journal.names.iter().any(is_ours) && !journal.retired.iter().any(is_ours) {
+            step();
+            fs::hard_link(entry.path(), staged.join(entry.file_name()))?;
+        }
+    }
+    placing::sync_folder(staged);
+    Ok(())
+}
+
+/// Makes a new folder like the one whose place it takes; false if it cannot be: of another owner, or with attributes of its
+/// own, such as access lists.
+#[cfg(unix)]
+fn is_like(real: &Path, staged: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let (Ok(old), Ok(new)) = (real.metadata(), staged.metadata()) else { return false };
+    is_on_one_file_system(real, staged)
+        && (old.uid(), old.gid()) == (new.uid(), new.gid())
+        && attributes(real).is_some_and(|names| Some(names) == attributes(staged))
+        && fs::set_permissions(staged, old.permissions()).is_ok()
+}
+
+#[cfg(not(unix))]
+fn is_like(_: &Path, _: &Path) -> bool {
+    false
+}
+
+/// Names of the extended attributes of a folder; none if they cannot be told.
+#[cfg(unix)]
+fn attributes(folder: &Path) -> Option<Vec<u8>> {
+    #[cfg(any(target_os = "linux", target_os = "android", target_vendor = "apple"))]
+    {
+        let mut names = vec![0_u8; 1 << 16];
+        match rustix::fs::listxattr(folder, names.as_mut_slice()) {
+            Ok(length) => names.truncate(length),
+            Err(rustix::io::Errno::NOTSUP) => names.clear(),
+            Err(_) => return None,
+        }
+        Some(names)
+    }
+    #[cfg(not(any(target_os = "linux", target_os = "android", target_vendor = "apple")))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
+/// Writes every file into `folder`; returns their names, `report.json` last, and its text.
+fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<(Vec<String>, String)> {
     let mut names = Vec::new();
     let mut files = Files::default();
     let mut pictures = Vec::new();
-    for (detector, stem) in result.detectors.iter().zip(file_stems(result)) {
+    for (detector, stem) in result
+        .detectors
+        .iter()
+        .zip(file_stems(result.detectors.iter().map(|detector| detector.name.as_str())))
+    {
         let data = format!("{stem}.npz");
+        step();
         npz::write_detector(&folder.join(&data), result, detector)?;
         files.detectors.insert(detector.name.clone(), data.clone());
         names.push(data);
@@ -132,12 +416,18 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         write_bytes(&folder.join(TALLY), bytes)?;
         names.push(TALLY.into());
     }
-    write_bytes(&folder.join(REPORT), Report::new(result, &files).to_json().as_bytes())?;
+    let hash = |name: &String| {
+        let path = folder.join(name);
+        integrity::hash_of(&path).map(|hash| (name.clone(), hash)).map_err(|error| Error::file(path, error))
+    };
+    let hashes = names.par_iter().map(hash).collect::<Result<_>>()?;
+    let report = integrity::sealed(Report::new(result, &files), hashes);
+    write_bytes(&folder.join(REPORT), report.as_bytes())?;
     names.push(REPORT.into());
     for name in &names {
         sync_file(&folder.join(name))?;
     }
-    Ok(names)
+    Ok((names, report))
 }
 
 /// Draws pictures of detectors, side by side.
@@ -146,78 +436,16 @@ fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
 }
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    step();
     let write = || -> io::Result<()> { File::create(path)?.write_all(bytes) };
     write().map_err(|error| Error::file(path, error))
 }
 
-/// Moves `names` from `staged` to `dir`; the files of the result before go to `old`, and back if something fails.
-fn install(staged: &Path, old: &Path, dir: &Path, names: &[String]) -> Result<()> {
-    fs::create_dir(old).map_err(|error| Error::file(dir, error))?;
-    if let Some(name) = names.iter().find(|name| dir.join(name).is_dir()) {
-        return Err(Error::file(dir.join(name), "is a folder"));
-    }
-    let stale: Vec<String> = files_before(dir).into_iter().filter(|name| !names.contains(name)).collect();
-    let moved = retire(dir, old, names)
-        .and_then(|()| retire(dir, old, &stale))
-        .and_then(|()| names.iter().try_for_each(|name| rename(&staged.join(name), &dir.join(name))));
-    if moved.is_err() {
-        remove_new(staged, dir, names);
-        put_back(old, dir, names.iter().chain(&stale));
-    }
-    moved
-}
-
-/// The files of the result that a folder holds, as its report names them; none where there is no such report.
-fn files_before(dir: &Path) -> Vec<String> {
-    let text = fs::read_to_string(dir.join(REPORT)).unwrap_or_default();
-    let report: Value = serde_json::from_str(&text).unwrap_or_default();
-    if report["program"] != env!("CARGO_PKG_NAME") {
-        return Vec::new();
-    }
-    let detectors = report["detectors"].as_object().into_iter().flat_map(|detectors| detectors.values());
-    let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
-    let names = of_detectors.chain([&report["ray_paths"]]).filter_map(Value::as_str).chain([TALLY]);
-    // A report that somebody has changed could name files elsewhere.
-    let is_here =
-        |name: &&str| Path::new(name).file_name() == Some(name.as_ref()) && dir.join(name).is_file();
-    names.filter(is_here).map(String::from).collect()
-}
-
-/// Takes the old files away, `report.json` first: whoever finds a report finds the files that it describes.
-fn retire(dir: &Path, old: &Path, names: &[String]) -> Result<()> {
-    let existing = names.iter().rev().filter(|name| dir.join(name).symlink_metadata().is_ok());
-    existing
-        .map(|name| (dir.join(name), old.join(name)))
-        .try_for_each(|(from, to)| fs::rename(&from, to).map_err(|error| Error::file(from, error)))
-}
-
-/// Undoes the moves of new files as far as they went.
-fn remove_new(staged: &Path, dir: &Path, names: &[String]) {
-    for name in names.iter().filter(|name| !staged.join(name).exists()) {
-        let _ = fs::remove_file(dir.join(name));
-    }
-}
-
-/// Undoes [`retire`] as far as it went. What cannot be undone has no better place to go.
-fn put_back<'a>(old: &Path, dir: &Path, names: impl Iterator<Item = &'a String>) {
-    for name in names.filter(|name| old.join(name).symlink_metadata().is_ok()) {
-        let _ = fs::rename(old.join(name), dir.join(name));
-    }
-}
-
-fn rename(from: &Path, to: &Path) -> Result<()> {
-    fs::rename(from, to).map_err(|error| Error::file(to, error))
-}
-
 fn sync_file(path: &Path) -> Result<()> {
+    step();
     // Windows syncs only what is open for writing.
     let file = OpenOptions::new().write(true).open(path);
     file.and_then(|file| file.sync_all()).map_err(|error| Error::file(path, error))
-}
-
-/// Makes the renames durable where folders can be synced; elsewhere the file system does what it does.
-fn sync_folder(folder: &Path) {
-    let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
 
 /// Names the place that the user asked for, not the one where the file was first written.
@@ -229,7 +457,7 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
 
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
 /// and lower case are the same.
-fn file_stems(result: &TraceResult) -> Vec<String> {
+fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     // Where case is no difference, neither is that of letters that only one case of has a letter of its own.
     let folded = |stem: &str| stem.to_uppercase().to_lowercase();
     let mut taken = HashSet::from(["ray_paths".to_string()]);
@@ -244,7 +472,7 @@ fn file_stems(result: &TraceResult) -> Vec<String> {
         }
         free
     };
-    result.detectors.iter().map(|detector| distinct(&detector.name)).collect()
+    names.map(&mut distinct).collect()
 }
 
 fn safe_stem(name: &str) -> String {
@@ -261,32 +489,5 @@ fn safe_stem(name: &str) -> String {
         // A leading dot hides a file, a leading dash reads as an option, and Windows keeps a few names for devices.
         stem if stem.starts_with(['.', '-']) || reserved(&stem) => format!("_{stem}"),
         stem => stem,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_move_that_fails_halfway_is_undone() {
-        let (staging, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        let staged = staging.path().join("new");
-        fs::create_dir(&staged).unwrap();
-        // The second file was never staged, so that its move fails after the first has replaced an old file.
-        fs::write(staged.join("a.npz"), "new").unwrap();
-        fs::write(staged.join(REPORT), "new").unwrap();
-        fs::write(folder.path().join("a.npz"), "old").unwrap();
-        fs::write(folder.path().join("stale.npz"), "old").unwrap();
-        let report = r#"{"program": "nsq-gpu", "detectors": {"stale": {"file": "stale.npz"}}}"#;
-        fs::write(folder.path().join(REPORT), report).unwrap();
-        assert_eq!(files_before(folder.path()), ["stale.npz"]);
-        let names = ["a.npz", "b.npz", REPORT].map(String::from);
-        let error = install(&staged, &staging.path().join("old"), folder.path(), &names).unwrap_err();
-        assert!(matches!(error, Error::File { path, .. } if path == folder.path().join("b.npz")));
-        for (name, text) in [("a.npz", "old"), ("stale.npz", "old"), (REPORT, report)] {
-            assert_eq!(fs::read_to_string(folder.path().join(name)).unwrap(), text);
-        }
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 }

@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use ndarray::{Array1, Array3, Axis, Dimension};
+use ndarray_npy::npy::header::Header;
 use ndarray_npy::{NpzReader, ReadableElement};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use zip::{CompressionMethod, ZipArchive};
 
 use crate::error::{Error, Result};
 use crate::ir::Frame;
+use crate::result::integrity::{self, Meta};
 use crate::result::output::REPORT;
 use crate::result::{
     Detector, DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, Report, RunInfo,
@@ -62,8 +65,21 @@ impl TraceResult {
     /// [`Error::File`] with the file that is missing or does not hold what it should.
     pub fn read(dir: &Path) -> Result<TraceResult> {
         let path = dir.join(REPORT);
-        let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
-        let report: Report = parse(&path, &text)?;
+        loop {
+            let text = fs::read_to_string(&path).map_err(|error| Error::file(&path, error))?;
+            match Self::read_as(dir, &path, &text) {
+                // Another run may have written there meanwhile; then its result is the one.
+                Err(_) if fs::read_to_string(&path).is_ok_and(|now| now != text) => {}
+                result => return result,
+            }
+        }
+    }
+
+    fn read_as(dir: &Path, path: &Path, text: &str) -> Result<TraceResult> {
+        let report: Report = parse(path, text)?;
+        if let Some(meta) = &report.meta {
+            integrity::check_report(path, text, meta)?;
+        }
         if report.schema != report::SCHEMA {
             let problem =
                 format!("has schema {}, this program reads schema {}", report.schema, report::SCHEMA);
@@ -72,13 +88,10 @@ impl TraceResult {
         let detectors = report
             .detectors
             .iter()
-            .map(|(name, entry)| detector(dir, name, typed(&path, entry)?))
+            .map(|(name, entry)| detector(dir, name, typed(path, entry)?, report.meta.as_ref()))
             .collect::<Result<_>>()?;
-        let surfaces = report
-            .surfaces
-            .iter()
-            .map(|entry| surface(&path, typed(&path, entry)?))
-            .collect::<Result<_>>()?;
+        let surfaces =
+            report.surfaces.iter().map(|entry| surface(path, typed(path, entry)?)).collect::<Result<_>>()?;
         Ok(assemble(report, detectors, surfaces))
     }
 }
@@ -107,6 +120,8 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
             target_error: report.target_error,
             first_ray: report.first_ray,
             of_rays: report.of_rays,
+            has_no_gpu: false,
+            is_unchecked: report.meta.is_none(),
             program: report.program,
             version: report.version,
         },
@@ -133,7 +148,7 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
 }
 
 fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T> {
-    serde_json::from_str(text).map_err(|error| Error::file(path, error))
+    serde_json::from_str(text).map_err(|error| Error::file(path, format!("is damaged: {error}")))
 }
 
 fn typed<T: DeserializeOwned>(path: &Path, value: &Value) -> Result<T> {
@@ -152,11 +167,14 @@ fn surface(path: &Path, entry: SurfaceEntry) -> Result<SurfaceResult> {
     })
 }
 
-fn detector(dir: &Path, name: &str, entry: Entry) -> Result<Detector> {
+fn detector(dir: &Path, name: &str, entry: Entry, meta: Option<&Meta>) -> Result<Detector> {
     let path = dir.join(REPORT);
     let file = entry.file.as_ref().ok_or_else(|| {
         Error::file(&path, format!("names no file of detector '{name}'; write one with `trace -o`"))
     })?;
+    if let Some(meta) = meta {
+        integrity::check_file(dir, file, meta)?;
+    }
     let file = NpzFile::open(dir.join(file))?;
     let missing = |what: &str| Error::file(&path, format!("has no {what} of detector '{name}'"));
     let size = || {
@@ -193,9 +211,41 @@ struct NpzFile {
     reader: NpzReader<BufReader<File>>,
 }
 
+/// Refuses an archive that claims to hold more than it has bytes, before anything is unpacked: this program stores arrays as
+/// they are.
+fn check_claims(file: &File) -> std::result::Result<(), String> {
+    let length = file.metadata().map_err(|error| error.to_string())?.len();
+    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| error.to_string())?;
+    for index in 0..archive.len() {
+        let mut member = archive.by_index(index).map_err(|error| error.to_string())?;
+        let (name, size) = (member.name().to_string(), member.size());
+        let claims = |what: &str, bytes: u128| {
+            Err(format!(
+                "`{name}` {what} {bytes} bytes, in a file of {length}: this program did not write it"
+            ))
+        };
+        if member.compression() != CompressionMethod::Stored || size > length {
+            return claims("would unpack to", size.into());
+        }
+        let Ok(header) = Header::from_reader(&mut member) else { continue };
+        // Each number or letter takes one byte at least.
+        let num_items =
+            header.shape.iter().try_fold(1_u128, |product, &side| product.checked_mul(side as u128));
+        let num_items = num_items.unwrap_or(u128::MAX);
+        if num_items > size.into() {
+            return claims("claims more than", num_items);
+        }
+    }
+    Ok(())
+}
+
 impl NpzFile {
     fn open(path: PathBuf) -> Result<Self> {
+        if !path.is_file() {
+            return Err(Error::file(path, "is no file"));
+        }
         let file = File::open(&path).map_err(|error| Error::file(&path, error))?;
+        check_claims(&file).map_err(|problem| Error::file(&path, problem))?;
         let reader = NpzReader::new(BufReader::new(file)).map_err(|error| Error::file(&path, error))?;
         Ok(NpzFile { path, reader })
     }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::ir::Frame;
+use crate::result::integrity::Meta;
 use crate::result::{
     DetectorData, Diagnostics, IrradianceMap, Ledger, SpectralMap, SurfaceResult, TraceResult,
 };
@@ -112,6 +113,9 @@ pub struct Report {
     pub diagnostics: Diagnostics,
     /// File of the recorded paths; null if there is none.
     pub ray_paths: Option<String>,
+    /// Hashes of the files beside the document, and of itself; missing where no file was written, and in old documents.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub meta: Option<Meta>,
 }
 
 /// Names of the files that were written beside the document.
@@ -172,6 +176,7 @@ impl Report {
             ledger: result.ledger.clone(),
             diagnostics: result.diagnostics.clone(),
             ray_paths: files.ray_paths.clone(),
+            meta: None,
         }
     }
 

@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
 use crate::ir::{SceneIr, SensorKind, ray_id};
+use crate::program::features;
 use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
 
 /// Rows in a block.
@@ -415,13 +416,14 @@ impl Recorded {
     /// [`Error::Internal`] if the tally is not one of this scene.
     pub fn of_tally(ir: &SceneIr, tally: &Tally) -> Result<Self> {
         let mut recording = Recording::in_memory(ir);
+        let splits = features::splits(ir);
         for (index, sensor) in tally.sensors.iter().enumerate() {
             let mut rows: Vec<&RayRow> = sensor.rows.iter().collect();
-            rows.sort_by_key(|row| row.order());
+            rows.sort_by_key(|row| row.order(splits));
             rows.into_iter().try_for_each(|row| recording.ray(index, *row))?;
         }
         let mut events: Vec<&PathEvent> = tally.paths.iter().collect();
-        events.sort_by_key(|event| (event.ray.order(), event.kind.rank()));
+        events.sort_by_key(|event| (event.ray.order(splits), event.kind.rank()));
         events.into_iter().try_for_each(|event| recording.event(event))?;
         Ok(recording.finish())
     }
@@ -429,8 +431,8 @@ impl Recorded {
 
 impl RayRow {
     /// What rows are ordered by: launched ray, number within its family, event.
-    pub(crate) fn order(&self) -> ((u64, u64), u32) {
-        (ray_id::order(self.ray_id), self.bounce)
+    pub(crate) fn order(&self, splits: bool) -> ((u64, u64), u32) {
+        (ray_id::order(self.ray_id, splits), self.bounce)
     }
 }
 

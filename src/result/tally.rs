@@ -5,6 +5,7 @@ use std::ops::AddAssign;
 use serde::{Deserialize, Serialize};
 
 use crate::ir::{SceneIr, Sensor};
+use crate::program::features;
 use crate::result::RaySet;
 
 /// Number of events and the quanta that they took.
@@ -245,10 +246,11 @@ impl Tally {
 }
 
 impl Tally {
-    /// Puts the rows and paths in the order in which files hold them.
-    pub fn sort_rows(&mut self) {
-        self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(RayRow::order));
-        self.paths.sort_by_key(|event| event.ray.order());
+    /// Puts the rows and paths of a scene in the order in which files hold them.
+    pub fn sort_rows(&mut self, ir: &SceneIr) {
+        let splits = features::splits(ir);
+        self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(|row| row.order(splits)));
+        self.paths.sort_by_key(|event| event.ray.order(splits));
     }
 }
 

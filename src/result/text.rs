@@ -31,8 +31,9 @@ impl TraceResult {
             reason => format!("{}: {reason}\n", run.precision),
         };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
+        let processor = if run.has_no_gpu { "no GPU was found: this is your processor\n" } else { "" };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{precision}{}",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{processor}{precision}{}",
             run.program,
             run.version,
             thousands(self.num_rays_total),

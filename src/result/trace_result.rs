@@ -9,6 +9,7 @@ use crate::result::{
 };
 use crate::stopping::StoppedBy;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 use std::sync::Arc;
 
 /// How the trace was run.
@@ -56,6 +57,10 @@ pub struct RunInfo {
     pub first_ray: u64,
     /// The rays are a part of a trace of so many, if they are.
     pub of_rays: Option<u64>,
+    /// No GPU was found, so that a processor traced.
+    pub has_no_gpu: bool,
+    /// Read from files without hashes, as older versions wrote them: damage would not be noticed.
+    pub is_unchecked: bool,
     /// Name of the program.
     pub program: String,
     /// Version of the program.
@@ -216,6 +221,8 @@ impl Default for RunInfo {
             target_error: None,
             first_ray: 0,
             of_rays: None,
+            has_no_gpu: false,
+            is_unchecked: false,
             program: env!("CARGO_PKG_NAME").into(),
             version: env!("CARGO_PKG_VERSION").into(),
         }
@@ -223,6 +230,11 @@ impl Default for RunInfo {
 }
 
 impl RunInfo {
+    /// What is to be said of results that [`RunInfo::is_unchecked`].
+    pub fn unchecked_notice(&self, dir: &Path) -> String {
+        format!("{} is of an older version, without hashes: damage would not be noticed", dir.display())
+    }
+
     /// Rays launched per second, of `launched` in all; 0 where no time was measured.
     pub fn rays_per_sec(&self, launched: u64) -> f64 {
         let own = launched.saturating_sub(self.num_rays_before);

@@ -13,6 +13,9 @@ use serde::Deserialize;
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
+    /// Where editors find the JSON Schema of the file; without effect.
+    #[serde(default, rename = "$schema")]
+    pub schema: Option<String>,
     /// Version of Optiland's schema: 1.
     #[schemars(range(min = 1, max = 1))]
     pub nsq_schema_version: u32,
@@ -448,6 +451,9 @@ pub enum SplatKind {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Block {
+    /// Where editors find the JSON Schema of the block; without effect.
+    #[serde(default, rename = "$schema")]
+    pub schema: Option<String>,
     /// Version of this block: 1.
     #[schemars(range(min = 1, max = 1))]
     pub version: u32,

@@ -319,6 +319,9 @@ impl Model {
 
     fn open_results(&mut self, dir: &Path) -> Result<()> {
         let result = TraceResult::read(dir)?;
+        if result.run.is_unchecked {
+            self.messages.push(result.run.unchecked_notice(dir));
+        }
         self.run = RunOptions {
             num_rays: result.run.num_rays,
             seed: result.run.seed,

@@ -190,7 +190,7 @@ fn parts_of_a_trace_add_up_to_it() {
             assert_eq!(sum.rays.overlap(&part.rays), None);
             sum += &part;
         }
-        sum.sort_rows();
+        sum.sort_rows(&ir);
         assert!(sum == whole, "{name}: other bits");
     }
 }

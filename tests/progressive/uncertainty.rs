@@ -442,7 +442,7 @@ fn scrambles_add_up_to_the_whole() {
             let part = TraceOptions { first_ray, num_rays: end - first_ray, ..options.clone() };
             sum += &Tracer::new(zoo::gpu(), &ir, &part).unwrap().trace(|_| true).unwrap();
         }
-        sum.sort_rows();
+        sum.sort_rows(&ir);
         assert!(sum == whole, "{name}: the parts are not the whole");
     }
 }
