@@ -105,6 +105,30 @@ fn wavelengths_beyond(detector: &Detector, wavelengths: &[f64]) -> Option<String
     })
 }
 
+// Sources
+
+/// Places of a Gaussian beam are drawn until one lies within its radius, but no more than 32 times, as in Optiland; then the
+/// ray starts on the rim. Each draw lies beyond the radius with a probability of exp(-R^2 / 2 sigma^2).
+fn rays_on_the_rim(source: &Source) -> Option<String> {
+    /// That of shaders/emitters/collimated_gaussian.wgsl.
+    const ATTEMPTS: f64 = 32.0;
+    /// Fewer are lost in the noise of a million rays and more.
+    const SHARE: f64 = 1e-6;
+    let Source::Collimated(beam) = source else { return None };
+    let sigma = beam.gaussian_sigma.unwrap_or(0.5 * beam.aperture_radius);
+    let share = (-0.5 * ATTEMPTS * (beam.aperture_radius / sigma).powi(2)).exp();
+    (beam.profile == Profile::Gaussian && share > SHARE).then(|| {
+        format!(
+            "source {} has a gaussian_sigma of {sigma} mm in a radius of {} mm: {} % of its rays start on the rim, because \
+             their places are drawn no more than {ATTEMPTS} times, as in Optiland; a tophat profile or a smaller \
+             gaussian_sigma has none there",
+            quoted(&beam.name),
+            beam.aperture_radius,
+            significant(100.0 * share, 2)
+        )
+    })
+}
+
 // Sampling
 
 /// A branch that is never drawn is missing in the result, whatever weight the other has.
