@@ -210,7 +210,7 @@ fn pairs() -> Vec<Pair> {
     vec![
         along_z("disk and rectangle", disk(7.0), rectangle),
         along_z("disk and ring", disk(7.0), ring(0.0)),
-        along_z("ring and plane", ring(0.0), Shape::Plane(Outline::Infinite)),
+        along_z("ring and plane", ring(0.0), Shape::Plane(Outline::Disk { radius: 12.0 })),
         along_z("two spherical faces", bent(7.0), bent(6.0)),
         along_z("two paraboloids", parabola(6.0), parabola(7.0)),
         Pair {
@@ -264,7 +264,7 @@ fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
             _ => mirror(place, shape, 1.0),
         };
         let first = face("first", within(&frame, &pair.first.0), pair.first.1, GLASS, VACUUM);
-        surfaces.extend(if i % 2 == 0 { [second, first] } else { [first, second] });
+        surfaces.extend(if i.is_multiple_of(2) { [second, first] } else { [first, second] });
         let cone = EmitterKind::Point { half_angle: 0.35 };
         emitters.push(lamp(within(&frame, &pair.source), cone, GLASS));
         sensors.push(rays("beyond", within(&frame, &pair.beyond), 30.0));

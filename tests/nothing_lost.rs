@@ -136,7 +136,7 @@ fn progress_tells_the_error() {
 fn windows(folder: &Path, num: usize) -> String {
     let cs = |z: usize| serde_json::json!({"x": 0, "y": 0, "z": z, "rx": 0, "ry": 0, "rz": 0, "reference_cs": null});
     let face = |face: usize| {
-        let side = if face % 2 == 0 { "material_back" } else { "material_front" };
+        let side = if face.is_multiple_of(2) { "material_back" } else { "material_front" };
         serde_json::json!({
             "name": format!("face {face}"), "shape": {"type": "plane"}, "interaction": "refractive", "cs": cs(face + 1),
             side: {"type": "medium", "name": "glass"},

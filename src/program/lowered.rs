@@ -394,8 +394,10 @@ impl FacetTable {
                 continue;
             };
             let (first, order) = triangles.of_mesh(mesh);
-            let row = table.words.len() as u32 / 2;
-            table.firsts.insert(i, row.wrapping_sub(first as u32));
+            // So that what brings a triangle's number to its row is not negative.
+            let row = (table.words.len() / 2).max(first);
+            table.words.resize(2 * row, 0);
+            table.firsts.insert(i, (row - first) as u32);
             table.words.extend(order.iter().flat_map(|&face| {
                 let contact = facets[face as usize];
                 [contact.group, contact.layer | u32::from(contact.flipped) << 5 | contact.level << 6]

@@ -76,7 +76,11 @@ pub fn edge_slack(ir: &SceneIr, centre: DVec3) -> f64 {
             let reach = ir.meshes[mesh].vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
             (surface.frame.origin - centre).abs().max_element() + reach
         }
-        _ => 0.0,
+        Shape::Conic { .. }
+        | Shape::Plane(_)
+        | Shape::Annulus { .. }
+        | Shape::Frustum { .. }
+        | Shape::Sphere { .. } => 0.0,
     };
     ROUNDINGS * 0.5 * f64::from(f32::EPSILON) * ir.surfaces.iter().map(size).fold(0.0, f64::max)
 }

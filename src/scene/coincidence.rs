@@ -37,7 +37,9 @@ fn wrong_medium(
     let outline = match kind {
         EmitterKind::Point { half_angle } if half_angle > std::f64::consts::FRAC_PI_2 => return None,
         EmitterKind::Point { .. } => Outline::Disk { radius: POINT },
-        _ => kind.births(),
+        EmitterKind::CollimatedTophat { .. }
+        | EmitterKind::CollimatedGaussian { .. }
+        | EmitterKind::Extended { .. } => kind.births(),
     };
     let flat = Flat::new(source.name(), frame_of(source.cs()), outline, 0.0);
     let refracts = |surface: &&SceneSurface| surface.interaction == Interaction::Refractive;

@@ -15,8 +15,9 @@ const ROULETTE: u32 = 9;
 
 /// What one launched ray sends to a detector: fractions of its flux by the number of the child.
 fn family(result: &TraceResult, detector: &str, launched: u64) -> BTreeMap<u32, f64> {
-    let of = |row: &Row| ray_id::order(row.ray).0 == launched;
-    let fraction = |row: Row| (ray_id::order(row.ray).1 as u32, row.flux * result.num_rays_total as f64);
+    let of = |row: &Row| ray_id::order(row.ray, true).0 == launched;
+    let fraction =
+        |row: Row| (ray_id::order(row.ray, true).1 as u32, row.flux * result.num_rays_total as f64);
     let rows: Vec<Row> = rows(result, detector).into_iter().filter(of).collect();
     let family: BTreeMap<u32, f64> = rows.iter().copied().map(fraction).collect();
     assert_eq!(family.len(), rows.len(), "ids are unique");
@@ -146,7 +147,7 @@ fn a_split_plate_shows_each_ghost_once_with_its_exact_flux() {
         exact(&tier.name("split plate, depth limit"), left, tier.pick(1e-14, 1e-7)).accepted();
         assert!(!result.diagnostics.split_budget_saturated);
         let rows = rows(&result, "transmitted");
-        assert!(rows.is_sorted_by_key(|row| ray_id::order(row.ray)), "families stand together");
+        assert!(rows.is_sorted_by_key(|row| ray_id::order(row.ray, true)), "families stand together");
         exact("planted: a ghost of another flux", [(expected[1][1].1, T * T * R)], 1e-2).rejected();
     }
 }
@@ -205,7 +206,7 @@ fn halves(max_depth: u32) -> Bench {
 }
 
 fn launched(rows: Vec<Row>) -> Vec<u64> {
-    rows.into_iter().map(|row| ray_id::order(row.ray).0).collect()
+    rows.into_iter().map(|row| ray_id::order(row.ray, true).0).collect()
 }
 
 /// The launched rays whose member of this number draws below p, or not.
@@ -242,7 +243,7 @@ fn a_budget_that_is_used_up_leaves_the_means_and_is_told() {
             assert!(result.diagnostics.warnings.iter().any(|warning| warning.contains("split_budget")));
             let mut samples = vec![0.0; RAYS as usize];
             for row in rows(&result, "transmitted") {
-                samples[ray_id::order(row.ray).0 as usize] += row.flux * RAYS as f64;
+                samples[ray_id::order(row.ray, true).0 as usize] += row.flux * RAYS as f64;
             }
             let form = tier.name(&format!("plate, split_budget {budget}"));
             mean(&form, &samples, T * T / (1.0 - R * R)).accepted();
@@ -276,7 +277,8 @@ fn a_fraction_of_a_ray_is_given_to_that_share_of_the_families() {
         let bench =
             Bench::new().pencil(DVec3::ZERO, DVec3::Z, json!({})).coat("coat", at(0.0, 0.0, 1.0), 0.5, 0.5);
         let result = between_databases(bench).split(3, 1.25).trace(&tier, RAYS);
-        let children = rows(&result, "transmitted").iter().filter(|row| ray_id::order(row.ray).1 > 0).count();
+        let children =
+            rows(&result, "transmitted").iter().filter(|row| ray_id::order(row.ray, true).1 > 0).count();
         binomial(&tier.name("families of two"), children as u64, RAYS, 0.25).accepted();
     }
 }
@@ -289,7 +291,7 @@ fn paths_of_children_begin_where_they_were_split_off() {
         let paths = result.ray_paths.as_ref().unwrap().columns().unwrap();
         let told: Vec<(u64, u64, String)> = (0..paths.ray_id.len())
             .map(|i| {
-                let (launched, number) = ray_id::order(paths.ray_id[i] as u64);
+                let (launched, number) = ray_id::order(paths.ray_id[i] as u64, true);
                 (launched, number, format!("{} {}", paths.event_type[i], paths.component_name[i]))
             })
             .collect();
@@ -327,7 +329,7 @@ fn a_ray_that_waited_on_a_mesh_leaves_the_triangle_that_it_met() {
         let bend = std::f64::consts::FRAC_PI_4 - (s / 1.5).asin();
         let children: Vec<DVec3> = rows(&result, "below")
             .iter()
-            .filter(|row| ray_id::order(row.ray).1 == 1)
+            .filter(|row| ray_id::order(row.ray, true).1 == 1)
             .map(|row| row.direction)
             .collect();
         assert_eq!(children.len(), 5);
@@ -343,7 +345,7 @@ fn unsplit_variance(tier: &Tier, bench: Bench) -> f64 {
     let result = bench.trace(tier, RAYS);
     let mut samples = vec![0.0; RAYS as usize];
     for row in rows(&result, "reflected") {
-        samples[ray_id::order(row.ray).0 as usize] += row.flux * RAYS as f64;
+        samples[ray_id::order(row.ray, true).0 as usize] += row.flux * RAYS as f64;
     }
     crate::deviation::mean_and_variance(&samples).1
 }
