@@ -109,7 +109,7 @@ fn undersampled(
     Some(format!(
         "detector '{}' is undersampled: the standard errors of its cells add up to {} % of what they hold, so that its map is \
          mostly shot noise{remedy}",
-        detector.name,
+        shown(&detector.name),
         significant(100.0 * error, 2),
     ))
 }

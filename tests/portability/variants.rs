@@ -82,6 +82,9 @@ pub enum Choice {
     AbsorbingMedium,
     Paths(PathSampling),
     Queue,
+    QueuedMesh,
+    QueuedContact,
+    QueuedFacets,
     Tree { texel_bytes: u64 },
     UniformTables,
     Rotated,
@@ -253,6 +256,9 @@ impl Choice {
             Choice::Polychromatic,
             Choice::AbsorbingMedium,
             Choice::Queue,
+            Choice::QueuedMesh,
+            Choice::QueuedContact,
+            Choice::QueuedFacets,
             Choice::Tree { texel_bytes: 0 },
             Choice::Tree { texel_bytes: 1 << 24 },
             Choice::UniformTables,
@@ -324,6 +330,20 @@ impl Choice {
             Choice::AbsorbingMedium => ir.media[1].k.fill(1e-6),
             Choice::Paths(paths) => variant.paths = paths,
             Choice::Queue => variant.queue = true,
+            Choice::QueuedMesh => {
+                variant.queue = true;
+                Choice::Shape(ShapeKind::Mesh).apply(variant);
+            }
+            // Two balls, or two meshes, in one place.
+            Choice::QueuedContact => {
+                variant.queue = true;
+                ir.surfaces.extend([(); 2].map(|()| surface(ball(), Interaction::Refractive)));
+            }
+            Choice::QueuedFacets => {
+                variant.queue = true;
+                Choice::Shape(ShapeKind::Mesh).apply(variant);
+                Choice::Shape(ShapeKind::Mesh).apply(variant);
+            }
             Choice::HostSums => variant.host_sums = true,
             Choice::Nominal { absorbs } => {
                 variant.host_sums = true;
