@@ -5,9 +5,10 @@
 // Example: two plates of glass touch. A ray in the first plate first meets the face that bounds its own glass, then, in the
 // vacuum of the gap, the face of the other plate, whatever the order of the list.
 
-// Roles of a face (program::contact::Role). The lower one is met first.
-const ROLE_HIDDEN_ABSORBER: u32 = 2u;
-const ROLE_DETECTOR: u32 = 3u;
+// Roles of a face (program::contact::Role).
+const ROLE_SURFACE: u32 = 0u;
+const ROLE_ABSORBER: u32 = 1u;
+const ROLE_DETECTOR: u32 = 2u;
 
 // In Ray.below_it: the ray has arrived on a face from afar.
 const ARRIVES: u32 = 0x80000000u;
@@ -41,7 +42,7 @@ fn stands_on(here: Standing, contact: Contact) -> bool {
 fn is_born_on(ray: Ray, o: vec3<real>, s: Quadric) -> bool {
     let slope = vec3<real>(s.radial * o.x, s.radial * o.y, s.axial * o.z + s.offset);
     let height = 0.5 * value_at(o, s);
-    return (ray.last == NONE) & (height * height <= CONTACT_TOLERANCE * CONTACT_TOLERANCE * dot(slope, slope));
+    return (ray.last == NONE) & (height * height <= BIRTH_TOLERANCE * BIRTH_TOLERANCE * dot(slope, slope));
 }
 
 // True if a direction goes along the group's normal, at a face with the normal n.
@@ -94,25 +95,40 @@ fn far_medium(contact: Contact, forward: bool) -> u32 {
     return select(contact.below, contact.above, forward);
 }
 
-// True if a face of the group in whose place the ray stands comes next: it lies ahead, and nothing hides it. A refracting
+// True if a face of the group in whose place the ray stands comes next: it lies ahead, and nothing hides it. An absorber or a
+// detector of the same level was met on arrival, or what the ray has left hides it. A refracting
 // face whose far medium the ray is in, and whose near one it is not, lies behind the ray: a second facet in the same place
 // adds no matter.
 fn comes_next(ray: Ray, here: Standing, contact: Contact) -> bool {
     let is_ahead = ((ray.below_it & contact.layer) == 0u) == ray.forward;
     let is_beyond = (near_medium(contact, ray.forward) != ray.medium) & (far_medium(contact, ray.forward) == ray.medium);
-    let hides = (contact.role >= ROLE_HIDDEN_ABSORBER) | ((contact.refracts != 0u) & is_beyond);
+    let hides = (contact.role != ROLE_SURFACE) | ((contact.refracts != 0u) & is_beyond);
     return stands_on(here, contact) & is_ahead & !((contact.level == here.level) & hides);
 }
 
-// Of faces that a ray can meet in one place, the one with the lowest number comes first, or else the first in the list:
-// by the gap where there is one, by role, and by whether the face bounds the ray's own medium. A face with that medium on
-// both sides stands before one that the ray leaves the medium by.
+// Of surfaces that a ray can meet in one place, the one with the lowest number comes first: by the gap where there is one,
+// before detectors, and by whether the face bounds the ray's own medium. A face with that medium on both sides stands before
+// one that the ray leaves the medium by.
 fn precedence(contact: Contact, forward: bool, medium: u32) -> u32 {
     let near = near_medium(contact, forward);
     let is_inner = (contact.refracts == 0u) | (far_medium(contact, forward) == near);
     let bounds = select(2u, select(1u, 0u, is_inner), near == medium);
     let level = select(LAST_LEVEL - contact.level, contact.level, forward);
-    return (level << 4u) | (contact.role << 2u) | bounds;
+    return (level << 3u) | select(0u, 4u, contact.role == ROLE_DETECTOR) | bounds;
+}
+
+// True if the ray meets one of two faces in one place before the other. Where neither number nor physics decides, as with an
+// absorber in a mirror, it meets the first in the list.
+fn precedes(
+    own: Contact, own_place: u32, other: Contact, other_place: u32, forward: bool, medium: u32,
+) -> bool {
+    let by_list = own_place < other_place;
+    let an_absorber = (own.role == ROLE_ABSORBER) | (other.role == ROLE_ABSORBER);
+    let no_detector = (own.role != ROLE_DETECTOR) & (other.role != ROLE_DETECTOR);
+    let a = precedence(own, forward, medium);
+    let b = precedence(other, forward, medium);
+    let by_physics = (a < b) | ((a == b) & by_list);
+    return select(by_physics, by_list, (own.level == other.level) & an_absorber & no_detector);
 }
 
 // `nearer` for a face of a group. `elsewhere` is the distance to where the ray meets the face away from where it stands;
@@ -135,9 +151,7 @@ fn first_of(best: Hit, triangle: u32, ray: Ray, distance: real, primitive: u32, 
         let gap = abs((distance - best.distance) * dot(ray.direction, n));
         if (rival.group == contact.group) & (gap <= CONTACT_TOLERANCE) {
             let forward = select(goes_forward(ray.direction, n, contact), ray.forward, distance == 0.0);
-            let own = precedence(contact, forward, ray.medium);
-            let others = precedence(rival, forward, ray.medium);
-            let comes_first = (own < others) | ((own == others) & (primitive < best.primitive));
+            let comes_first = precedes(contact, primitive, rival, best.primitive, forward, ray.medium);
             return Hit(select(best.distance, distance, comes_first), select(best.primitive, primitive, comes_first));
         }
     }

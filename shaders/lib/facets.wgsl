@@ -62,17 +62,30 @@ fn noted_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     return from_surface(surface, facet_normal(hit_triangle));
 }
 
-// Where the ray meets a facet, of which its line crosses the plane there; or MISS. A straight ray that leaves a plane never
+// True if the ray's line crosses a facet, wherever.
+fn is_crossed(ray: MeshRay, triangle: u32) -> bool {
+    let a = seen(ray, mesh_row(triangle).xyz);
+    let b = seen(ray, mesh_row(triangle + 1u).xyz);
+    let c = seen(ray, mesh_row(triangle + 2u).xyz);
+    let u = edge(b, c);
+    let v = edge(c, a);
+    let w = edge(a, b);
+    let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
+    return !outside && u + v + w != 0.0;
+}
+
+// Where the ray meets a facet, or MISS. A straight ray that leaves a plane never
 // comes back to it: of the facets in that plane it meets only what comes next where it stands.
-fn facet_crossing(ray: MeshRay, triangle: u32, crossing: real) -> real {
+fn facet_crossing(ray: MeshRay, triangle: u32) -> real {
     let contact = facet_contact(facet_search.mesh, triangle);
     if stands_on(facet_search.here, contact) {
-        let touches = (crossing < MISS) & comes_next(facet_search.ray, facet_search.here, contact);
+        let touches = comes_next(facet_search.ray, facet_search.here, contact) && is_crossed(ray, triangle);
         return select(MISS, ray.start, touches);
     }
+    let crossing = triangle_crossing(ray, triangle);
     if (contact.born != 0u) & (facet_search.ray.last == NONE) {
         let height = abs((crossing - ray.start) * dot(ray.direction, facet_normal(triangle)));
-        if height <= CONTACT_TOLERANCE {
+        if height <= BIRTH_TOLERANCE {
             return MISS;
         }
     }
@@ -88,9 +101,7 @@ fn facet_comes_first(ray: MeshRay, triangle: u32, t: real, found: u32, nearest: 
         let gap = abs((t - nearest) * dot(ray.direction, n));
         if (contact.group != 0u) & (rival.group == contact.group) & (gap <= CONTACT_TOLERANCE) {
             let forward = select(goes_forward(ray.direction, n, contact), facet_search.ray.forward, t == ray.start);
-            let own = precedence(contact, forward, facet_search.ray.medium);
-            let others = precedence(rival, forward, facet_search.ray.medium);
-            return (own < others) | ((own == others) & (triangle < found));
+            return precedes(contact, triangle, rival, found, forward, facet_search.ray.medium);
         }
     }
     return (t < nearest) & (t < MISS);

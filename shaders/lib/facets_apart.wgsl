@@ -1,6 +1,7 @@
 // Meshes whose facets are in no contact. Twin of facets.wgsl.
 
-fn facet_crossing(ray: MeshRay, triangle: u32, crossing: real) -> real {
+fn facet_crossing(ray: MeshRay, triangle: u32) -> real {
+    let crossing = triangle_crossing(ray, triangle);
     return select(MISS, crossing, (crossing > ray.start) & (triangle != ray.leaves));
 }
 

@@ -95,7 +95,7 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
         loop {
             if is_dispatched() & (walk.items != 0u) {
                 let triangle = TRIANGLE_ROWS * take_item(&walk);
-                let t = facet_crossing(ray, triangle, triangle_crossing(ray, triangle));
+                let t = facet_crossing(ray, triangle);
                 if facet_comes_first(ray, triangle, t, found, nearest) {
                     nearest = t;
                     found = triangle;

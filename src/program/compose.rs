@@ -214,6 +214,8 @@ impl Composition<'_> {
         if self.contacts.any() {
             let tolerance = literal(self.contacts.tolerance, o.precision)?;
             let _ = writeln!(text, "const CONTACT_TOLERANCE: real = {tolerance};");
+            let tolerance = literal(self.contacts.birth_tolerance, o.precision)?;
+            let _ = writeln!(text, "const BIRTH_TOLERANCE: real = {tolerance};");
         }
         if f.has_meshes() {
             let _ = writeln!(text, "const FACETS_TOUCH: bool = {};", self.searches_facets());

@@ -9,7 +9,8 @@ use super::lowered::{gradient, shape_constant};
 use super::{Precision, tree};
 use crate::error::{Error, Result};
 use crate::ir::{
-    Emitter, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface, area_vector, unit_normal,
+    Emitter, FAR_FIELD_RADIUS, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface,
+    area_vector, unit_normal,
 };
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
@@ -38,18 +39,16 @@ pub struct Contact {
     pub role: Role,
 }
 
-/// Which face of a level a ray meets first. The discriminants are the order, also in the shader.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+/// What decides whether a face of a level is met first. The discriminants are those of the shader.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Role {
-    /// An absorber that stands before all other surfaces in the list.
-    LeadingAbsorber = 0,
     /// A mirror or a refracting surface: sides and media decide among several.
     #[default]
-    Surface = 1,
-    /// An absorber that stands behind another surface in the list: that one alone is met.
-    HiddenAbsorber = 2,
+    Surface = 0,
+    /// An absorber: of it and another surface, the first in the list alone is met.
+    Absorber = 1,
     /// A detector: met where no surface is, and of several the first in the list alone.
-    Detector = 3,
+    Detector = 2,
 }
 
 /// The contacts of a scene.
@@ -61,8 +60,10 @@ pub struct Contacts {
     pub facets: HashMap<usize, Vec<Contact>>,
     /// True for a primitive on which some source lies.
     pub born_on: Vec<bool>,
-    /// How far apart faces in contact, or a birth and what it lies on, can be met \[mm\].
+    /// How far apart faces in contact can be met \[mm\].
     pub tolerance: f64,
+    /// How far from a face that a source lies on its rays can be born \[mm\].
+    pub birth_tolerance: f64,
 }
 
 /// Roundings of a coordinate within which faces coincide.
@@ -127,6 +128,11 @@ struct Search<'a> {
     groups: Groups,
     /// Within which what was found coincides \[mm\].
     tolerance: f64,
+    birth_tolerance: f64,
+    /// Where rays are, but for what reaches farther than all else: a far-field detector has a radius of 1e6 mm \[mm\].
+    extent: f64,
+    /// What f64 has rounded places by before they were re-centred \[mm\].
+    rounding: f64,
 }
 
 /// Something that can be in contact.
@@ -203,12 +209,29 @@ impl<'a> Search<'a> {
             let plane_of = planes.entry(mesh).or_insert_with(|| planes_of(&ir.meshes[mesh])).clone();
             Some(PlacedMesh::new(surface, &ir.meshes[mesh], &tree::relative(of.frame, centre), plane_of))
         });
-        let meshes = placed.collect();
-        Search { ir, centre, precision, faces, meshes, groups, tolerance: 0.0 }
+        let meshes: Vec<PlacedMesh<'_>> = placed.collect();
+        let is_finite = |face: &&Face| face.reach < FAR_FIELD_RADIUS;
+        let extent = faces.iter().flatten().filter(is_finite).map(|face| face.size);
+        let births = ir.emitters.iter().map(|emitter| Births::of(emitter, centre).size);
+        let extent = extent.chain(births).chain(meshes.iter().map(|mesh| mesh.size)).fold(0.0, f64::max);
+        let surfaces = ir.surfaces.iter().map(|surface| surface.frame);
+        let frames = surfaces.chain(ir.sensors.iter().map(|sensor| sensor.frame));
+        let frames = frames.chain(ir.emitters.iter().map(|emitter| emitter.frame));
+        let farthest = frames.map(|frame| frame.origin.abs().max_element()).fold(0.0, f64::max);
+        let rounding = tolerance(Precision::F64, farthest);
+        let [tolerance, birth_tolerance] = [0.0; 2];
+        Search { ir, centre, precision, faces, meshes, groups, tolerance, birth_tolerance, extent, rounding }
     }
 
+    /// Distance within which faces of this size coincide.
     fn within(&self, size: f64) -> f64 {
-        tolerance(self.precision, size)
+        let by_tier = tolerance(self.precision, size.min(self.extent));
+        by_tier.max(self.within_f64(size))
+    }
+
+    /// The same, whatever the tier.
+    fn within_f64(&self, size: f64) -> f64 {
+        tolerance(Precision::F64, size) + self.rounding
     }
 
     fn join(&mut self, a: Node, b: Node, within: f64) {
@@ -240,7 +263,7 @@ impl<'a> Search<'a> {
                 if other.from_centre - face.from_centre > 4.0 * widest {
                     break;
                 }
-                if face.overlaps(other) && face.coincides(other, self.precision) {
+                if face.overlaps(other) && self.coincide(face, other) {
                     let within = self.within(face.size.min(other.size));
                     joined.push((Node::Primitive(*i), Node::Primitive(*j), within));
                 }
@@ -249,13 +272,22 @@ impl<'a> Search<'a> {
         joined.into_iter().for_each(|(a, b, within)| self.join(a, b, within));
     }
 
+    /// Each face's points lie on the other. A point is as exact as the face that it belongs to.
+    fn coincide(&self, a: &Face, b: &Face) -> bool {
+        let lies = |on: &Face, face: &Face| {
+            let within = self.within(face.size);
+            face.points.iter().all(|&p| on.distance(p).abs() <= within)
+        };
+        lies(a, b) && lies(b, a)
+    }
+
     /// Facets in one plane of a mesh, on flat faces, and on facets of other meshes.
     fn join_meshes(&mut self) {
         let mut joined = Vec::new();
         for (k, placed) in self.meshes.iter().enumerate() {
             let in_plane = |plane: u32| Node::Plane { mesh: k, plane };
             let several = (0..).zip(&placed.planes).filter(|(_, plane)| plane.faces.len() > 1);
-            let within = tolerance(Precision::F64, placed.size);
+            let within = self.within_f64(placed.size);
             joined.extend(several.map(|(plane, _)| (in_plane(plane), in_plane(plane), within)));
             for (i, face) in self.faces.iter().enumerate() {
                 let Some(face) = face.as_ref().filter(|face| face.is_flat()) else { continue };
@@ -289,19 +321,18 @@ impl<'a> Search<'a> {
             let births = Births::of(emitter, self.centre);
             for (i, face) in self.faces.iter().enumerate() {
                 let Some(face) = face else { continue };
-                let within =
-                    tolerance(self.precision, births.size.max(face.frame.origin.abs().max_element()));
+                let within = self.within(births.size.max(face.frame.origin.abs().max_element()));
                 let is_near = births.middle.distance(face.middle) <= births.reach + face.reach + within;
                 if is_near && births.points.iter().all(|&p| face.distance(p).abs() <= within) {
                     born_on[i] = true;
-                    self.tolerance = self.tolerance.max(within);
+                    self.birth_tolerance = self.birth_tolerance.max(within);
                 }
             }
             for placed in &self.meshes {
-                let within = tolerance(self.precision, births.size.max(placed.size));
+                let within = self.within(births.size.max(placed.size));
                 if !born_on[placed.surface] && placed.has_births(&births, within) {
                     born_on[placed.surface] = true;
-                    self.tolerance = self.tolerance.max(within);
+                    self.birth_tolerance = self.birth_tolerance.max(within);
                 }
             }
         }
@@ -309,12 +340,8 @@ impl<'a> Search<'a> {
     }
 
     fn contacts(mut self, born_on: Vec<bool>) -> Result<Contacts> {
-        let role = |i: usize| match i < self.ir.surfaces.len() {
-            true => Role::Surface,
-            false => Role::Detector,
-        };
         let mut primitives: Vec<Contact> =
-            (0..self.faces.len()).map(|i| Contact { role: role(i), ..Contact::default() }).collect();
+            (0..self.faces.len()).map(|i| Contact { role: self.role(i), ..Contact::default() }).collect();
         let mut facets: HashMap<usize, Vec<Contact>> = HashMap::new();
         for (group, nodes) in (1..).zip(self.groups.members()) {
             for (face, contact) in self.ranked(group, &nodes)? {
@@ -324,12 +351,20 @@ impl<'a> Search<'a> {
                         let placed = &self.meshes[mesh];
                         let none = || vec![Contact::default(); placed.mesh.faces.len()];
                         facets.entry(placed.surface).or_insert_with(none)[facet] = contact;
-                        primitives[placed.surface].role = contact.role;
                     }
                 }
             }
         }
-        Ok(Contacts { primitives, facets, born_on, tolerance: 4.0 * self.tolerance })
+        let [tolerance, birth_tolerance] = [4.0 * self.tolerance, 4.0 * self.birth_tolerance];
+        Ok(Contacts { primitives, facets, born_on, tolerance, birth_tolerance })
+    }
+
+    fn role(&self, primitive: usize) -> Role {
+        match self.ir.surfaces.get(primitive).map(|surface| &surface.interaction) {
+            Some(Interaction::Absorbing) => Role::Absorber,
+            Some(Interaction::Refractive | Interaction::Reflective { .. }) => Role::Surface,
+            None => Role::Detector,
+        }
     }
 
     /// The contacts of a group's faces.
@@ -350,7 +385,7 @@ impl<'a> Search<'a> {
         let mut level = 0;
         for pair in heights.windows(2) {
             let [(below, _), (above, k)] = [pair[0], pair[1]];
-            level += u32::from(above - below > tolerance(Precision::F64, members[k].size));
+            level += u32::from(above - below > self.within_f64(members[k].size));
             levels[k] = level;
         }
         let mut faces: Vec<(Member, usize, bool)> = Vec::new();
@@ -405,31 +440,20 @@ impl<'a> Search<'a> {
             }
             layers.insert((primitive, flipped), layer);
         }
-        let role = |k: usize| {
-            let primitive = members[k].primitive;
-            let absorbs = |i: usize| {
-                self.ir.surfaces.get(i).is_some_and(|surface| surface.interaction == Interaction::Absorbing)
-            };
-            if primitive >= self.ir.surfaces.len() {
-                return Role::Detector;
-            }
-            if !absorbs(primitive) {
-                return Role::Surface;
-            }
-            let leads = |l: usize| {
-                members[l].primitive < primitive && !absorbs(members[l].primitive) && overlap(l, k)
-            };
-            match (0..members.len()).any(leads) {
-                true => Role::HiddenAbsorber,
-                false => Role::LeadingAbsorber,
-            }
-        };
-        let roles: Vec<Role> = (0..members.len()).map(role).collect();
         Ok(faces
             .into_iter()
             .map(|(face, k, flipped)| {
                 let layer = layers.get(&(members[k].primitive, flipped)).copied().unwrap_or_default() as u32;
-                (face, Contact { group, layer, level: levels[k], flipped, role: roles[k] })
+                (
+                    face,
+                    Contact {
+                        group,
+                        layer,
+                        level: levels[k],
+                        flipped,
+                        role: self.role(members[k].primitive),
+                    },
+                )
             })
             .collect())
     }
@@ -560,16 +584,6 @@ impl Face {
 
     fn overlaps(&self, other: &Face) -> bool {
         self.middle.distance(other.middle) <= self.reach + other.reach
-    }
-
-    /// Each face's points lie on the other. A point is as exact as the face that it belongs to: a far-field detector reaches
-    /// a million times farther than a lens.
-    fn coincides(&self, other: &Face, precision: Precision) -> bool {
-        let lies = |on: &Face, face: &Face| {
-            let within = tolerance(precision, face.size);
-            face.points.iter().all(|&p| on.distance(p).abs() <= within)
-        };
-        lies(other, self) && lies(self, other)
     }
 
     fn reaches(&self, placed: &PlacedMesh, within: f64) -> bool {
