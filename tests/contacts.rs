@@ -524,6 +524,79 @@ fn long_thin_walls_do_not_leak() {
     }
 }
 
+/// One mesh with two bodies in touch is two plates in touch.
+#[test]
+fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
+    let cuboid = |low: f64, high: f64, first: u32| {
+        let corner = |i: u32| {
+            let side = |bit: u32| if i >> bit & 1 == 0 { -10.0 } else { 10.0 };
+            DVec3::new(side(0), side(1), if i < 4 { low } else { high })
+        };
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let faces = quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
+        let vertices: Vec<DVec3> = (0..8).map(corner).collect();
+        (vertices, faces.map(|face| face.map(|i: u32| i + first)).collect::<Vec<_>>())
+    };
+    let ((mut vertices, mut faces), (more, others)) = (cuboid(-3.0, 0.0, 0), cuboid(0.0, 3.0, 8));
+    vertices.extend(more);
+    faces.extend(others);
+    let mut draws = Draws(17);
+    // Four boundaries of reflectance R = 0.04 at normal incidence: (1 - R) / (1 + 3 R) (Stokes).
+    let transmitted = 0.96 / 1.12;
+    for precision in TWO_TIERS {
+        let frame = random_frame(&mut draws);
+        let bodies = face("bodies", frame, Shape::Mesh(0), GLASS, VACUUM);
+        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
+        let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
+        let mut ir = scene(vec![bodies], emitters, sensors);
+        ir.meshes = vec![Mesh { vertices: vertices.clone(), faces: faces.clone() }];
+        let read = flux(&result(&ir, &options(20_000, precision)), "behind");
+        let sigma = (transmitted * (1.0 - transmitted) / 20_000.0_f64).sqrt();
+        assert!((read - transmitted).abs() < 4.5 * sigma, "{precision:?}: {read}");
+    }
+}
+
+/// Mirrors on a black board in their plane: each is met or hidden by its own place in the list.
+#[test]
+fn tiles_on_a_board_go_by_the_list_one_by_one() {
+    let tile = |x: f64| {
+        let frame = Frame { origin: DVec3::new(x, 0.0, 0.0), rotation: DMat3::IDENTITY };
+        mirror(frame, Shape::Plane(Outline::Rectangle { width: 8.0, height: 8.0 }), 1.0)
+    };
+    let board = absorber(at(0.0), Shape::Plane(Outline::Rectangle { width: 40.0, height: 40.0 }));
+    let surfaces = vec![tile(-5.0), board, tile(5.0)];
+    for (x, reflected) in [(-5.0, 1.0), (5.0, 0.0)] {
+        let start = Frame { origin: DVec3::new(x, 0.0, -8.0), rotation: DMat3::IDENTITY };
+        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let emitters = vec![lamp(start, beam, VACUUM)];
+        let sensors = vec![screen("back", at(-9.0), 60.0, true)];
+        let ir = scene(surfaces.clone(), emitters, sensors);
+        assert_eq!(flux(&result(&ir, &options(1_000, Precision::F64)), "back"), reflected, "at {x}");
+    }
+}
+
+/// A far-field detector has a radius of 1e6 mm: what f32 rounds there is nothing to a lamp 3 mm off a mirror.
+#[test]
+fn far_fields_blur_nothing_near() {
+    let sky = |z: f64| Sensor {
+        kind: SensorKind::FarField { num_theta: 3, num_phi: 3 },
+        ..screen("sky", at(z), 1.0, false)
+    };
+    let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);
+    let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+    let lamps =
+        vec![lamp(at(0.0), EmitterKind::Point { half_angle: 0.1 }, VACUUM), lamp(at(-3.0), beam, VACUUM)];
+    let sensors = vec![screen("back", at(-4.0), 60.0, true), sky(-50.0), sky(-50.0), sky(60.0)];
+    for precision in TWO_TIERS {
+        let traced = result(
+            &scene(vec![reflector.clone()], lamps.clone(), sensors.clone()),
+            &options(2_000, precision),
+        );
+        assert_eq!(flux(&traced, "back"), 1.0, "{precision:?}");
+    }
+}
+
 /// The planted error: without the memory of what was passed, light goes through a mirror or meets faces again.
 #[test]
 fn a_ray_that_forgets_what_it_passed_is_noticed() {
