@@ -24,6 +24,9 @@ pub const NO_MEDIUM: u32 = u32::MAX;
 /// A ray remembers in the bits of one word which faces of a group lie below it; one bit says that it arrives.
 const MOST_LAYERS: usize = 31;
 
+/// The layer of all faces that no ray crosses: a ray has always come from the side where it met them.
+const OPAQUE_LAYER: usize = MOST_LAYERS - 1;
+
 /// Where a primitive, or a facet of a mesh, stands among the faces in its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Contact {
@@ -359,6 +362,15 @@ impl<'a> Search<'a> {
         Ok(Contacts { primitives, facets, born_on, tolerance, birth_tolerance })
     }
 
+    /// True for an absorber, and for a mirror that does not scatter.
+    fn is_never_crossed(&self, primitive: usize) -> bool {
+        self.ir.surfaces.get(primitive).is_some_and(|surface| match surface.interaction {
+            Interaction::Absorbing => true,
+            Interaction::Reflective { .. } => surface.scatter.is_none(),
+            Interaction::Refractive => false,
+        })
+    }
+
     fn role(&self, primitive: usize) -> Role {
         match self.ir.surfaces.get(primitive).map(|surface| &surface.interaction) {
             Some(Interaction::Absorbing) => Role::Absorber,
@@ -417,6 +429,10 @@ impl<'a> Search<'a> {
                 || members[a].middle.distance(members[b].middle) <= members[a].reach + members[b].reach
         };
         for (place, &(primitive, flipped, k)) in keys.iter().enumerate() {
+            if self.is_never_crossed(primitive) {
+                layers.insert((primitive, flipped), OPAQUE_LAYER);
+                continue;
+            }
             let is_sensor = |i: usize| i >= self.ir.surfaces.len();
             let taken: Vec<usize> = keys[..place]
                 .iter()
@@ -427,14 +443,14 @@ impl<'a> Search<'a> {
                 .filter_map(|&(other, flipped, _)| layers.get(&(other, flipped)).copied())
                 .collect();
             let layer = (0..).find(|layer| !taken.contains(layer)).unwrap_or_default();
-            if layer >= MOST_LAYERS {
+            if layer >= OPAQUE_LAYER {
                 let name = match primitive.checked_sub(self.ir.surfaces.len()) {
                     None => &self.ir.surfaces[primitive].name,
                     Some(sensor) => &self.ir.sensors[sensor].name,
                 };
                 return Err(Error::scene(
                     name,
-                    format!("more than {MOST_LAYERS} faces lie in one place with it"),
+                    format!("more than {OPAQUE_LAYER} faces that light crosses lie in one place with it"),
                     "move some of them by a micrometre",
                 ));
             }
