@@ -137,6 +137,8 @@ impl<'a> Face<'a> {
 
     fn coincides(&self, other: &Face<'_>) -> bool {
         match (self, other) {
+            // Each may have a hole that the other fills.
+            (Face::Flat(one), Face::Flat(two)) => one.covers(two) && two.covers(one),
             (Face::Flat(flat), face) | (face, Face::Flat(flat)) => face.covers_flat(flat),
             (Face::Curved(frame, shape), Face::Curved(other_frame, other_shape)) => {
                 is_one_quadric((frame, shape), (other_frame, other_shape))
