@@ -95,6 +95,8 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/intersect.wgsl
 
+// <- shaders/lib/gradients.wgsl
+
 // <- shaders/interact.wgsl
 
 // <- shaders/splat.wgsl
