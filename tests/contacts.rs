@@ -18,6 +18,7 @@ use nsq_gpu::ir::{
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, Tally, TraceResult};
+use zoo::draws::Draws;
 
 const TIERS: [Precision; 3] = [Precision::F32, Precision::Df64, Precision::F64];
 const NUM_FRAMES: usize = 50;
@@ -33,17 +34,7 @@ const TURNED_SHEET: usize = 1;
 const DOUBLED_SHEET: usize = 2;
 const TUBE: usize = 3;
 
-/// SplitMix64.
-struct Draws(u64);
-
 impl Draws {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        low + (high - low) * ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     fn rotation(&mut self) -> DMat3 {
         let [a, b, c] = [(); 3].map(|()| self.between(-3.0, 3.0));
         DMat3::from_euler(EulerRot::XYZ, a, b, c)

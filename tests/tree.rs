@@ -19,20 +19,11 @@ use nsq_gpu::result::Tally;
 use nsq_gpu::trace::RecordPaths;
 use nsq_gpu::{TraceOptions, Tracer};
 use shapes::{bumpy_ball, cube};
+use zoo::draws::Draws;
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 
-/// SplitMix64.
-struct Draws(u64);
-
 impl Draws {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        low + (high - low) * ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     fn frame(&mut self, reach: f64) -> Frame {
         let origin = DVec3::from([(); 3].map(|()| self.between(-reach, reach)));
         let [a, b, c] = [(); 3].map(|()| self.between(-3.0, 3.0));

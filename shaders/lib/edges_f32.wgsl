@@ -43,19 +43,13 @@ fn rise_of(corner: vec3<real>) -> real {
 // Where the ray crosses a triangle, or MISS. Edges belong to the triangle.
 fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
     let rows = array<vec4<real>, 3>(mesh_row(triangle), mesh_row(triangle + 1u), mesh_row(triangle + 2u));
-    let a = seen(ray, rows[0].xyz);
-    let b = seen(ray, rows[1].xyz);
-    let c = seen(ray, rows[2].xyz);
-    let u = edge(b, c);
-    let v = edge(c, a);
-    let w = edge(a, b);
-    let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
-    let area = u + v + w;
+    let s = seen_triangle(ray, rows[0].xyz, rows[1].xyz, rows[2].xyz);
+    let area = s.u + s.v + s.w;
     let n = vec3<real>(rows[0].w, rows[1].w, rows[2].w);
     // By the plane: weights of corners are differences of large products, which move the crossing along the ray.
     let slope_of_facet = dot(n, ray.direction);
     let t = dot(n, rows[0].xyz - ray.base) / slope_of_facet;
-    let crosses = !outside && area != 0.0 && slope_of_facet != 0.0;
+    let crosses = is_crossed(s) && slope_of_facet != 0.0;
     if !left_facet.leaves {
         return select(MISS, t, crosses);
     }
@@ -66,9 +60,9 @@ fn triangle_crossing(ray: MeshRay, triangle: u32) -> real {
     if crosses && ahead > 0.0 && !is_same_wall {
         return t;
     }
-    let room = EDGE_SLACK * seen_extent(a, b, c);
-    let inner = choose(-1.0, 1.0, area > 0.0) * min(u, min(v, w));
-    let outer = choose(-1.0, 1.0, area > 0.0) * max(u, max(v, w));
+    let room = EDGE_SLACK * seen_extent(s.a, s.b, s.c);
+    let inner = choose(-1.0, 1.0, area > 0.0) * min(s.u, min(s.v, s.w));
+    let outer = choose(-1.0, 1.0, area > 0.0) * max(s.u, max(s.v, s.w));
     let is_near = min(inner, outer) >= -2.0 * room && abs(area) > 4.0 * room;
     let stands_beyond = ahead > 0.0 || ahead * slope <= EDGE_SLACK;
     let rises = max(rise_of(rows[0].xyz), max(rise_of(rows[1].xyz), rise_of(rows[2].xyz))) > EDGE_SLACK;

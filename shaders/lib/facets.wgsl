@@ -62,24 +62,13 @@ fn noted_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     return from_surface(surface, facet_normal(hit_triangle));
 }
 
-// True if the ray's line crosses a facet, wherever.
-fn is_crossed(ray: MeshRay, triangle: u32) -> bool {
-    let a = seen(ray, mesh_row(triangle).xyz);
-    let b = seen(ray, mesh_row(triangle + 1u).xyz);
-    let c = seen(ray, mesh_row(triangle + 2u).xyz);
-    let u = edge(b, c);
-    let v = edge(c, a);
-    let w = edge(a, b);
-    let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
-    return !outside && u + v + w != 0.0;
-}
-
 // Where the ray meets a facet, or MISS. A straight ray that leaves a plane never
 // comes back to it: of the facets in that plane it meets only what comes next where it stands.
 fn facet_crossing(ray: MeshRay, triangle: u32) -> real {
     let contact = facet_contact(facet_search.mesh, triangle);
     if stands_on(facet_search.here, contact) {
-        let touches = comes_next(facet_search.ray, facet_search.here, contact) && is_crossed(ray, triangle);
+        let facet = seen_triangle(ray, mesh_row(triangle).xyz, mesh_row(triangle + 1u).xyz, mesh_row(triangle + 2u).xyz);
+        let touches = comes_next(facet_search.ray, facet_search.here, contact) && is_crossed(facet);
         return select(MISS, ray.start, touches);
     }
     let crossing = triangle_crossing(ray, triangle);

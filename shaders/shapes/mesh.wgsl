@@ -79,6 +79,29 @@ fn edge(p: vec3<real>, q: vec3<real>) -> real {
     return select(area, -area, swapped);
 }
 
+// A triangle as the ray sees it: its corners, and twice the area between the ray and the edge opposite each.
+struct SeenTriangle {
+    a: vec3<real>,
+    b: vec3<real>,
+    c: vec3<real>,
+    u: real,
+    v: real,
+    w: real,
+}
+
+fn seen_triangle(ray: MeshRay, a: vec3<real>, b: vec3<real>, c: vec3<real>) -> SeenTriangle {
+    let p = seen(ray, a);
+    let q = seen(ray, b);
+    let r = seen(ray, c);
+    return SeenTriangle(p, q, r, edge(q, r), edge(r, p), edge(p, q));
+}
+
+// True if the ray's line crosses it. Edges belong to the triangle.
+fn is_crossed(s: SeenTriangle) -> bool {
+    let outside = min(s.u, min(s.v, s.w)) < 0.0 && max(s.u, max(s.v, s.w)) > 0.0;
+    return !outside && s.u + s.v + s.w != 0.0;
+}
+
 // `root` is that of the mesh's tree. Only hits nearer than `farthest` count; from a tree over primitives, so does a tie,
 // which `nearer` settles.
 fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthest: real) -> real {

@@ -7,6 +7,7 @@
 )]
 
 pub mod devices;
+pub mod draws;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
