@@ -383,15 +383,25 @@ impl<'a> Search<'a> {
     fn ranked(&self, group: u32, nodes: &[usize]) -> Result<Vec<(Member, Contact)>> {
         let members: Vec<Unit> = nodes.iter().map(|&node| self.unit(self.groups.nodes[node])).collect();
         let Some(base) = members.iter().min_by_key(|unit| unit.primitive) else { return Ok(Vec::new()) };
-        let base_normal = base.normal;
-        let mut heights: Vec<(f64, usize)> = members
-            .iter()
-            .enumerate()
-            .map(|(k, unit)| {
-                let sum: f64 = unit.points.iter().map(|&p| self.height(base, p)).sum();
-                (sum / unit.points.len() as f64, k)
-            })
-            .collect();
+        let levels = self.levels(&members, base);
+        let faces: Vec<(Member, usize, bool)> =
+            members.iter().enumerate().flat_map(|(k, unit)| self.faces_of(unit, k, base)).collect();
+        let layers = self.layers(&members, &levels, &faces)?;
+        let contacts = faces.into_iter().map(|(face, k, flipped)| {
+            let primitive = members[k].primitive;
+            let layer = layers.get(&(primitive, flipped)).copied().unwrap_or_default() as u32;
+            (face, Contact { group, layer, level: levels[k], flipped, role: self.role(primitive) })
+        });
+        Ok(contacts.collect())
+    }
+
+    /// The level of each member, by its height above one of them. What f64 cannot tell apart shares one.
+    fn levels(&self, members: &[Unit], base: &Unit) -> Vec<u32> {
+        let height = |unit: &Unit| {
+            let sum: f64 = unit.points.iter().map(|&p| self.height(base, p)).sum();
+            sum / unit.points.len() as f64
+        };
+        let mut heights: Vec<(f64, usize)> = (0..).zip(members).map(|(k, unit)| (height(unit), k)).collect();
         heights.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut levels = vec![0; members.len()];
         let mut level = 0;
@@ -400,78 +410,73 @@ impl<'a> Search<'a> {
             level += u32::from(above - below > self.within_f64(members[k].size));
             levels[k] = level;
         }
-        let mut faces: Vec<(Member, usize, bool)> = Vec::new();
-        for (k, unit) in members.iter().enumerate() {
-            match unit.node {
-                Node::Primitive(i) => {
-                    let normal =
-                        self.faces[i].as_ref().map_or(DVec3::ZERO, |face| face.slope(base.points[0]));
-                    faces.push((Member::Primitive(i), k, normal.dot(base_normal) < 0.0));
-                }
-                Node::Plane { mesh, plane } => {
-                    let placed = &self.meshes[mesh];
-                    faces.extend(placed.planes[plane as usize].faces.iter().map(|&facet| {
-                        let facet = facet as usize;
-                        let flipped = placed.normal(facet).dot(base_normal) < 0.0;
-                        (Member::Facet { mesh, facet }, k, flipped)
-                    }));
-                }
+        levels
+    }
+
+    /// The faces of a member, its number, and whether each looks the other way than the first member of the group.
+    fn faces_of(&self, unit: &Unit, number: usize, base: &Unit) -> Vec<(Member, usize, bool)> {
+        let is_flipped = |normal: DVec3| normal.dot(base.normal) < 0.0;
+        match unit.node {
+            Node::Primitive(i) => {
+                let normal = self.faces[i].as_ref().map_or(DVec3::ZERO, |face| face.slope(base.points[0]));
+                vec![(Member::Primitive(i), number, is_flipped(normal))]
+            }
+            Node::Plane { mesh, plane } => {
+                let placed = &self.meshes[mesh];
+                let facets = placed.planes[plane as usize].faces.iter().map(|&facet| facet as usize);
+                let face = |facet| (Member::Facet { mesh, facet }, number, is_flipped(placed.normal(facet)));
+                facets.map(face).collect()
             }
         }
-        // Faces of one primitive that look the same way are one: where two of its facets coincide, the second adds nothing.
-        let mut layers: HashMap<(usize, bool), usize> = HashMap::new();
+    }
+
+    /// A layer for each primitive and the way that its faces look: different ones where faces overlap. Faces of one
+    /// primitive that look the same way are one: where two of its facets coincide, the second adds nothing.
+    fn layers(
+        &self,
+        members: &[Unit],
+        levels: &[u32],
+        faces: &[(Member, usize, bool)],
+    ) -> Result<HashMap<(usize, bool), usize>> {
         let mut keys: Vec<(usize, bool, usize)> =
             faces.iter().map(|&(_, k, flipped)| (members[k].primitive, flipped, k)).collect();
         keys.sort_unstable();
         keys.dedup_by_key(|key| (key.0, key.1));
-        let overlap = |a: usize, b: usize| {
-            members[a].primitive == members[b].primitive
-                || members[a].middle.distance(members[b].middle) <= members[a].reach + members[b].reach
+        let is_sensor = |primitive: usize| primitive >= self.ir.surfaces.len();
+        let overlap = |a: &Unit, b: &Unit| {
+            a.primitive == b.primitive || a.middle.distance(b.middle) <= a.reach + b.reach
         };
+        let mut layers: HashMap<(usize, bool), usize> = HashMap::new();
         for (place, &(primitive, flipped, k)) in keys.iter().enumerate() {
             if self.is_never_crossed(primitive) {
                 layers.insert((primitive, flipped), OPAQUE_LAYER);
                 continue;
             }
-            let is_sensor = |i: usize| i >= self.ir.surfaces.len();
-            let taken: Vec<usize> = keys[..place]
-                .iter()
-                .filter(|&&(other, _, l)| {
-                    let hides = is_sensor(other) && is_sensor(primitive) && levels[l] == levels[k];
-                    overlap(l, k) && !hides
-                })
-                .filter_map(|&(other, flipped, _)| layers.get(&(other, flipped)).copied())
-                .collect();
+            let others = keys[..place].iter().filter(|&&(other, _, l)| {
+                // Of detectors of one level the first alone is met.
+                let hides = is_sensor(other) && is_sensor(primitive) && levels[l] == levels[k];
+                overlap(&members[l], &members[k]) && !hides
+            });
+            let taken: Vec<usize> =
+                others.filter_map(|&(other, flipped, _)| layers.get(&(other, flipped)).copied()).collect();
             let layer = (0..).find(|layer| !taken.contains(layer)).unwrap_or_default();
             if layer >= OPAQUE_LAYER {
-                let name = match primitive.checked_sub(self.ir.surfaces.len()) {
-                    None => &self.ir.surfaces[primitive].name,
-                    Some(sensor) => &self.ir.sensors[sensor].name,
-                };
                 return Err(Error::scene(
-                    name,
+                    self.name(primitive),
                     format!("more than {OPAQUE_LAYER} faces that light crosses lie in one place with it"),
                     "move some of them by a micrometre",
                 ));
             }
             layers.insert((primitive, flipped), layer);
         }
-        Ok(faces
-            .into_iter()
-            .map(|(face, k, flipped)| {
-                let layer = layers.get(&(members[k].primitive, flipped)).copied().unwrap_or_default() as u32;
-                (
-                    face,
-                    Contact {
-                        group,
-                        layer,
-                        level: levels[k],
-                        flipped,
-                        role: self.role(members[k].primitive),
-                    },
-                )
-            })
-            .collect())
+        Ok(layers)
+    }
+
+    fn name(&self, primitive: usize) -> &str {
+        match primitive.checked_sub(self.ir.surfaces.len()) {
+            None => &self.ir.surfaces[primitive].name,
+            Some(sensor) => &self.ir.sensors[sensor].name,
+        }
     }
 
     fn unit(&self, node: Node) -> Unit {
