@@ -968,16 +968,19 @@ fn doubled_facets_are_named_however_they_are_written() {
         mesh
     };
     let whole = two(&tetrahedron(), &tetrahedron());
-    for (mesh, doubled, all) in
-        [(again([0, 1, 2]), 1, 5), (again([2, 0, 1]), 1, 5), (again([1, 0, 2]), 1, 5), (whole, 4, 8)]
-    {
+    let (stands, faces) = ("stand where another one has", "face another one with");
+    for (mesh, doubled, all, how) in [
+        (again([0, 1, 2]), 1, 5, stands),
+        (again([2, 0, 1]), 1, 5, stands),
+        (again([1, 0, 2]), 1, 5, faces),
+        (whole, 4, 8, stands),
+    ] {
         for (interaction, more) in
             [("absorbing", ""), ("reflective", r#", "reflectance": 1"#), ("refractive", "")]
         {
             let (_, warnings) = lowered_as(interaction, &[inline(&mesh) + more], None).unwrap();
-            let told = format!(
-                "{doubled} of the {all} triangles of the mesh \"part 0\" stand where another one has"
-            );
+            let told =
+                format!("{doubled} of the {all} triangles of the mesh \"part 0\" {how} the same corners");
             assert!(warnings.iter().any(|warning| warning.contains(&told)), "{interaction}: {warnings:?}");
         }
     }

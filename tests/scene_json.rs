@@ -364,6 +364,37 @@ fn detectors_that_see_nothing_or_more_than_their_name_are_warned_of() {
 }
 
 #[test]
+fn sources_in_faces_are_warned_of_where_they_shine_to_both_sides_or_into_another_medium() {
+    let warnings = |source: &str| {
+        let text = format!(
+            r#"{{"nsq_schema_version": 1, "components": [{{"type": "lens", "name": "L1", "cs": {{"z": 10.0}}, "config":
+            {{"r1": 50.0, "r2": Infinity, "thickness": 4.0, "material": "N-BK7", "front_aperture_radius": 10.0}}}}],
+            "sources": [{{{source}, "name": "S", "total_flux": 1, "spectrum": {{"wavelengths": [0.5], "weights": [1]}}}}],
+            "detectors": [{{"type": "irradiance", "name": "A", "cs": {{"z": 90}}, "width": 9, "height": 9}}]}}"#
+        );
+        Scene::from_json(&text).unwrap().warnings
+    };
+    let point = |z: f64, rx: f64, half_angle: f64| {
+        format!(r#""type": "point", "cs": {{"z": {z}, "rx": {rx}}}, "half_angle_deg": {half_angle}"#)
+    };
+    let both = "source \"S\" lies in the face \"L1.back\" and shines to both sides of it: move it by a micrometre to the side \
+        that it belongs to";
+    for (source, told) in [
+        (point(14.0, 0.0, 180.0), Some(both)),
+        (point(14.0, 0.0, 91.0), Some(both)),
+        (point(14.0, 0.0, 90.0), None),
+        (point(14.0, 1.0, 30.0), None),
+        (point(14.0, 1.0, 40.0), Some(both)),
+        (point(14.001, 0.0, 180.0), None),
+    ] {
+        assert_eq!(warnings(&source).first().map(String::as_str), told, "{source}");
+    }
+    let inward = warnings(&point(14.0, std::f64::consts::PI, 30.0));
+    let expected = "source \"S\" lies in the face \"L1.back\" and shines away from it into \"N-BK7\", but is said to be in \"air\"";
+    assert!(inward.iter().any(|warning| warning.starts_with(expected)), "{inward:?}");
+}
+
+#[test]
 fn media_without_a_second_face_and_branches_that_are_never_drawn_are_warned_of() {
     let map = r#"{"type": "irradiance", "name": "A", "cs": {"z": 90}, "width": 9, "height": 9}"#;
     let face = |name: &str, z: f64, sides: &str| {

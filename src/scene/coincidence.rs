@@ -1,7 +1,9 @@
 //! Warnings of faces in one place for which physics has no answer: a detector in a surface, an absorber in a mirror or a
-//! refracting face, a source in a face that bounds another medium than the source is said to be in.
+//! refracting face, a source in a face whose sides differ.
 
-use glam::{DVec2, DVec3};
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat3, DVec2, DVec3};
 
 use super::frame::frame_of;
 use super::json::{SceneFile, Source};
@@ -20,36 +22,52 @@ pub(super) fn warnings(
 ) -> Vec<String> {
     let mut warnings = hidden_detectors(file, surfaces, meshes);
     warnings.extend(absorbers_in_surfaces(surfaces, meshes));
-    warnings.extend(file.sources.iter().filter_map(|source| wrong_medium(source, surfaces, meshes, media)));
+    warnings
+        .extend(file.sources.iter().filter_map(|source| births_in_faces(source, surfaces, meshes, media)));
     warnings
 }
 
-/// A source that lies in a refracting face leaves it on the side that the source's axis points to: in the medium there.
-fn wrong_medium(
+/// A source that lies in a refracting face leaves it on the side that the source shines to: in the medium there. One that
+/// shines to both sides of a face is told too: half of its light begins where it was hardly meant to.
+fn births_in_faces(
     source: &Source,
     surfaces: &[SceneSurface],
     meshes: &[Mesh],
     media: &MediaTable,
 ) -> Option<String> {
-    /// Stands for a point: an area, as far as faces are concerned \[mm\].
-    const POINT: f64 = 1e-6;
+    /// Within which a direction lies in a face \[rad\].
+    const ANGLE: f64 = 1e-9;
     let kind = emitter_kind(source);
-    let outline = match kind {
-        EmitterKind::Point { half_angle } if half_angle > std::f64::consts::FRAC_PI_2 => return None,
-        EmitterKind::Point { .. } => Outline::Disk { radius: POINT },
-        EmitterKind::CollimatedTophat { .. }
-        | EmitterKind::CollimatedGaussian { .. }
-        | EmitterKind::Extended { .. } => kind.births(),
+    let frame = frame_of(source.cs());
+    let (is_point, half_angle, outline) = match kind {
+        EmitterKind::Point { half_angle } => (true, half_angle, Outline::Disk { radius: POINT }),
+        EmitterKind::Extended { half_angle, .. } => (false, half_angle, kind.births()),
+        EmitterKind::CollimatedTophat { .. } | EmitterKind::CollimatedGaussian { .. } => {
+            (false, 0.0, kind.births())
+        }
     };
-    let flat = Flat::new(source.name(), frame_of(source.cs()), outline, 0.0);
-    let refracts = |surface: &&SceneSurface| surface.interaction == Interaction::Refractive;
-    surfaces.iter().filter(refracts).find_map(|surface| {
-        let normal = Face::of(surface, meshes).normal_under(&flat)?;
-        let ahead = match normal.dot(flat.frame.rotation.z_axis) > 0.0 {
-            true => &surface.back,
-            false => &surface.front,
+    let flat = Flat::new(source.name(), frame, outline, 0.0);
+    surfaces.iter().find_map(|surface| {
+        let divides = match surface.interaction {
+            Interaction::Refractive => media.id(&surface.front) != media.id(&surface.back),
+            Interaction::Reflective { .. } => true,
+            Interaction::Absorbing => false,
         };
-        (media.id(ahead) != media.id(source.medium())).then(|| {
+        let face = Face::of(surface, meshes);
+        let normal = if is_point { face.normal_at(frame.origin)? } else { face.normal_under(&flat)? };
+        let rise = normal.normalize().dot(frame.rotation.z_axis);
+        let crosses = half_angle > FRAC_PI_2 + ANGLE || rise.abs() < half_angle.sin() - ANGLE;
+        if divides && crosses {
+            return Some(format!(
+                "source {} lies in the face {} and shines to both sides of it: move it by a micrometre to the side that it \
+                 belongs to",
+                quoted(source.name()),
+                quoted(&surface.name)
+            ));
+        }
+        let ahead = if rise > 0.0 { &surface.back } else { &surface.front };
+        let differs = media.id(ahead) != media.id(source.medium());
+        (surface.interaction == Interaction::Refractive && differs).then(|| {
             format!(
                 "source {} lies in the face {} and shines away from it into {}, but is said to be in {}: set its medium, or \
                  move it by a micrometre to the other side",
@@ -135,6 +153,29 @@ impl<'a> Face<'a> {
         }
     }
 
+    /// The geometric normal of a flat face, or of a facet, that a point lies in.
+    fn normal_at(&self, point: DVec3) -> Option<DVec3> {
+        let dot =
+            |rotation| Flat::new("", Frame { origin: point, rotation }, Outline::Disk { radius: POINT }, 0.0);
+        match self {
+            Face::Flat(own) => self.normal_under(&dot(own.frame.rotation)),
+            Face::Curved(..) => None,
+            Face::Mesh(frame, mesh) => {
+                let size = place_size(frame, mesh).max(point.abs().max_element());
+                mesh.faces.iter().find_map(|&face| {
+                    let corners = mesh.corners(face);
+                    let normal = (frame.rotation * area_vector(corners)).try_normalize()?;
+                    let apart = normal.dot(frame.rotation * corners[0] + frame.origin - point);
+                    if apart.abs() > ROUNDINGS * size {
+                        return None;
+                    }
+                    let (x, y) = normal.any_orthonormal_pair();
+                    dot(DMat3::from_cols(x, y, normal)).facet_in_plane(frame, mesh)
+                })
+            }
+        }
+    }
+
     fn coincides(&self, other: &Face<'_>) -> bool {
         match (self, other) {
             // Each may have a hole that the other fills.
@@ -150,6 +191,9 @@ impl<'a> Face<'a> {
         }
     }
 }
+
+/// Radius of a disk that stands for a point, an area as far as faces are concerned \[mm\].
+const POINT: f64 = 1e-6;
 
 /// Roundings of a coordinate within which places coincide.
 const ROUNDINGS: f64 = 16.0 * f64::EPSILON;
@@ -227,8 +271,7 @@ impl<'a> Flat<'a> {
     /// The normal of a facet of a mesh that lies in the plane, within rounding, if the two have an area in common.
     fn facet_in_plane(&self, frame: &Frame, mesh: &Mesh) -> Option<DVec3> {
         let place = |p: DVec3| frame.rotation * p + frame.origin - self.frame.origin;
-        let size = mesh.vertices.iter().map(|p| p.abs().max_element()).fold(1.0, f64::max)
-            + frame.origin.abs().max(self.frame.origin.abs()).max_element();
+        let size = place_size(frame, mesh).max(self.frame.origin.abs().max_element());
         let normal = self.frame.rotation.z_axis;
         let mut facets = mesh.faces.iter().map(|&face| mesh.corners(face).map(place));
         let found = facets.find(|&corners| {
@@ -260,6 +303,12 @@ impl<'a> Flat<'a> {
     }
 }
 
+/// The largest coordinate that the corners of a mesh may have \[mm\], at least 1.
+fn place_size(frame: &Frame, mesh: &Mesh) -> f64 {
+    mesh.vertices.iter().map(|p| p.abs().max_element()).fold(1.0, f64::max) * 3.0_f64.sqrt()
+        + frame.origin.abs().max_element()
+}
+
 /// True if two convex polygons have an area in common: no edge of either has all of the other beyond it, within a rounding
 /// \[mm\].
 fn overlap(a: &[DVec2], b: &[DVec2], rounding: f64) -> bool {
@@ -281,7 +330,6 @@ fn pairs(corners: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DMat3;
 
     #[test]
     fn faces_in_one_plane_overlap_where_they_have_an_area_in_common() {

@@ -1,6 +1,7 @@
 //! The meshes of a scene: from files or as written, checked, each kept once.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
@@ -192,23 +193,37 @@ fn drop_degenerate(mesh: &mut Mesh, name: &str) -> Option<String> {
     })
 }
 
-/// Triangles that have the same corners as others, whichever way they run.
+/// Triangles that have the same corners as others. Two that face each other may be the wall between two bodies of one file.
 fn doubled_facets(mesh: &Mesh, name: &str) -> Option<String> {
-    let mut seen = HashSet::with_capacity(mesh.faces.len());
-    let mut is_doubled = |face: &[u32; 3]| {
-        let mut corners = mesh.corners(*face).map(bits);
-        corners.sort_unstable();
-        !seen.insert(corners)
-    };
+    let mut seen: HashMap<[[u64; 3]; 3], bool> = HashMap::with_capacity(mesh.faces.len());
+    let (mut doubled, mut facing) = (0, 0);
+    for face in &mesh.faces {
+        let corners = mesh.corners(*face).map(bits);
+        let mut sorted = corners;
+        sorted.sort_unstable();
+        // Turning the corners round their triangle keeps the way that it faces.
+        let is_even = (0..3).any(|turn| [0, 1, 2].map(|i| corners[(i + turn) % 3]) == sorted);
+        match seen.entry(sorted) {
+            Entry::Vacant(entry) => drop(entry.insert(is_even)),
+            Entry::Occupied(first) if *first.get() == is_even => doubled += 1,
+            Entry::Occupied(_) => facing += 1,
+        }
+    }
     let all = mesh.faces.len();
-    let doubled = mesh.faces.iter().filter(|face| is_doubled(face)).count();
-    (doubled > 0).then(|| {
-        format!(
-            "{doubled} of the {all} triangles of the mesh {} stand where another one has the same corners: the mesh has doubled \
-             facets, so remove them from its file",
-            quoted(name)
-        )
-    })
+    let name = quoted(name);
+    if doubled > 0 {
+        Some(format!(
+            "{doubled} of the {all} triangles of the mesh {name} stand where another one has the same corners: the mesh has \
+             doubled facets, so remove them from its file"
+        ))
+    } else {
+        (facing > 0).then(|| {
+            format!(
+                "{facing} of the {all} triangles of the mesh {name} face another one with the same corners: light passes \
+                 between bodies in touch there, as it should; where the file holds one facet twice, remove the second"
+            )
+        })
+    }
 }
 
 /// What bounds a solid, and what does not.
