@@ -7,7 +7,7 @@ use nsq_gpu::bench::peers::PeerRun;
 use nsq_gpu::bench::report::CSV_COLUMNS;
 use nsq_gpu::bench::runner::{Measurement, PeerMeasurement, PerRay};
 use nsq_gpu::bench::{CaseResult, Counts, Summary};
-use nsq_gpu::gpu::tuning::Tuning;
+use nsq_gpu::engine::tuning::Tuning;
 use nsq_gpu::result::Ledger;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -8,7 +8,7 @@
 
 mod zoo;
 
-use nsq_gpu::ir::{Bsdf, BsdfTable, SceneIr, harvey_shack_table};
+use nsq_gpu::model::{Bsdf, BsdfTable, SceneIr, harvey_shack_table};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::{Scene, TraceOptions, TraceResult};
@@ -233,7 +233,7 @@ fn a_scattered_ray_is_in_the_medium_of_its_side() {
     let window = plane(json!({ "interaction": "refractive", "bsdf": bsdf,
                                "material_back": { "type": "medium", "name": "tinted" } }));
     let mut ir = scene(pencil(0.0), &[window], &[sky(-20.0, 9), sky_behind()]);
-    ir.sampling.reflect_prob = nsq_gpu::ir::ReflectProb::Constant(0.5);
+    ir.sampling.reflect_prob = nsq_gpu::model::ReflectProb::Constant(0.5);
     let result = trace(&ir, 20_000, Precision::F64);
     let reflected = flux(&result, "sky");
     assert!((reflected / 0.04 - 1.0).abs() < 0.03, "R = 0.04 at n = 1.5: {reflected}");
@@ -443,9 +443,9 @@ fn a_coating_that_reflects_nothing_transmits_exactly_its_transmittance() {
 fn a_coated_plate_sums_its_internal_reflections() {
     let num_rays = 200_000;
     for policy in [
-        nsq_gpu::ir::ReflectProb::Fresnel,
-        nsq_gpu::ir::ReflectProb::Auto,
-        nsq_gpu::ir::ReflectProb::Constant(0.6),
+        nsq_gpu::model::ReflectProb::Fresnel,
+        nsq_gpu::model::ReflectProb::Auto,
+        nsq_gpu::model::ReflectProb::Constant(0.6),
     ] {
         for (r, t) in [(0.3, 0.6), (0.1, 0.9), (0.5, 0.2)] {
             let mut ir = coated_plate(r, t);
@@ -491,9 +491,9 @@ fn coatings_by_wavelength_are_looked_up() {
     for medium in &mut ir.media {
         (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![0.0; 2]);
     }
-    ir.emitters[0].spectrum = nsq_gpu::ir::Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    ir.emitters[0].spectrum = nsq_gpu::model::Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     for surface in &mut ir.surfaces {
-        let coating = nsq_gpu::ir::Coating { reflectance: vec![0.0, 1.0], transmittance: vec![0.5, 0.0] };
+        let coating = nsq_gpu::model::Coating { reflectance: vec![0.0, 1.0], transmittance: vec![0.5, 0.0] };
         surface.coating = Some(coating);
     }
     let result = trace(&ir, 40_000, Precision::F64);

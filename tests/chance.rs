@@ -9,7 +9,7 @@
 mod zoo;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::ir::{EmitterKind, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
+use nsq_gpu::model::{EmitterKind, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 

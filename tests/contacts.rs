@@ -12,7 +12,7 @@ mod zoo;
 
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
-use nsq_gpu::ir::{
+use nsq_gpu::model::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, Sampling, SceneIr, Sensor,
     SensorKind, Shape, Spectrum, Splat, Surface,
 };

@@ -4,8 +4,8 @@
 
 mod zoo;
 
-use nsq_gpu::ir::SceneIr;
-use nsq_gpu::program::records::{literal, put_real};
+use nsq_gpu::model::SceneIr;
+use nsq_gpu::program::layout::records::{literal, put_real};
 use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{DetectorData, Tally};
 use nsq_gpu::{Error, Scene, StandardError, TraceOptions, Tracer};

@@ -11,12 +11,12 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::Gpu;
-use nsq_gpu::ir::{
+use nsq_gpu::model::{
     Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
     Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
-use nsq_gpu::program::rng::Sampler;
+use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
 use nsq_gpu::trace::{RecordPaths, Strict};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
@@ -86,7 +86,7 @@ fn a_second_run_and_any_batch_size_give_the_same_bits() {
 fn short_submissions_give_the_same_bits() {
     let num_rays = 20_000;
     // Dispatches of 4 workgroups a processor, at the least.
-    let least = 4 * 32 * nsq_gpu::processors::count() as u64;
+    let least = 4 * 32 * nsq_gpu::gpu::processors::count() as u64;
     for (name, nominal_path) in [
         ("bench_lens", true),
         ("bench_cavity", false),
@@ -263,7 +263,7 @@ fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
 }
 
 /// Commands leave out the checks that tests run with, which are branches in every loop: without them a driver may treat
-/// lanes that have left a loop otherwise (shaders/lib/state.wgsl).
+/// lanes that have left a loop otherwise (shaders/stages/state.wgsl).
 #[test]
 fn shaders_without_run_time_checks_give_the_same_bits() {
     let assert_same = |name: &str, ir: &SceneIr, options: &TraceOptions| {

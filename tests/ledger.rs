@@ -7,7 +7,7 @@
 
 mod zoo;
 
-use nsq_gpu::ir::{Interaction, ReflectProb, Sampling, SceneIr, SensorKind, Splat};
+use nsq_gpu::model::{Interaction, ReflectProb, Sampling, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use nsq_gpu::{Error, TraceOptions, Tracer};

@@ -10,8 +10,8 @@
 mod common;
 
 use common::{Gpu, Storage, real_bytes, reals_of};
-use nsq_gpu::program::library::{self, Integers, Real};
-use nsq_gpu::program::rng::{Sampler, splitmix64};
+use nsq_gpu::program::layout::rng::{Sampler, splitmix64};
+use nsq_gpu::program::wgsl::library::{self, Integers, Real};
 use std::f64::consts::TAU;
 
 /// A function of the shader library.

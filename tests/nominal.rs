@@ -8,13 +8,15 @@
 mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
-use nsq_gpu::ir::{EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Spectrum, Surface};
+use nsq_gpu::model::{
+    EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Spectrum, Surface,
+};
 use nsq_gpu::program::Precision;
-use nsq_gpu::program::clearance::{Clearance, Sign};
-use nsq_gpu::program::nominal::{Crossing, NominalPath};
-use nsq_gpu::program::rng::Sampler;
-use nsq_gpu::program::side_paths::SidePath;
+use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::Tally;
+use nsq_gpu::software::path::clearance::{Clearance, Sign};
+use nsq_gpu::software::path::main_path::{Crossing, NominalPath};
+use nsq_gpu::software::path::side_path::SidePath;
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use proptest::prelude::*;
 

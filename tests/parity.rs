@@ -22,7 +22,7 @@ mod zoo;
 use std::collections::{BTreeMap, BTreeSet};
 
 use agreement::Agreement;
-use nsq_gpu::ir::{SceneIr, SensorKind};
+use nsq_gpu::model::{SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
 use nsq_gpu::trace::RecordPaths;
@@ -144,7 +144,7 @@ fn a_chaotic_scene_with_a_dimmer_mirror_is_told_from_the_reference() {
     let statistics = oracle::load(&name).statistics.unwrap();
     let mut ir = load_uncapped(&name);
     for surface in &mut ir.surfaces {
-        if let nsq_gpu::ir::Interaction::Reflective { reflectance } = &mut surface.interaction {
+        if let nsq_gpu::model::Interaction::Reflective { reflectance } = &mut surface.interaction {
             reflectance.iter_mut().for_each(|reflectance| *reflectance *= 0.98);
         }
     }

@@ -8,7 +8,7 @@ use std::path::Path;
 use approx::assert_relative_eq;
 use glam::{DMat3, DVec3};
 use nsq_gpu::Error;
-use nsq_gpu::ir::{
+use nsq_gpu::model::{
     Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
     Shape, Spectrum, Splat, Surface,
 };

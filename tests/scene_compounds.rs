@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use nsq_gpu::ir::{Interaction, Outline, SceneIr, Shape, Surface};
+use nsq_gpu::model::{Interaction, Outline, SceneIr, Shape, Surface};
 use nsq_gpu::scene::Scene;
 use serde::Deserialize;
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::Error;
-use nsq_gpu::ir::{Interaction, SceneIr, SensorKind, Shape};
+use nsq_gpu::model::{Interaction, SceneIr, SensorKind, Shape};
 use nsq_gpu::scene::Scene;
 use serde_json::{Value, json};
 

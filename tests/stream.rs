@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
-use nsq_gpu::ir::SceneIr;
+use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::output::write_all;
 use nsq_gpu::result::{DetectorData, Recording, RunInfo};
@@ -114,7 +114,7 @@ fn capped_databases_keep_the_same_rows_on_disk() {
     let _alone = alone();
     let mut ir = zoo::load(SCENE);
     for (sensor, cap) in ir.sensors.iter_mut().zip([100, 20_000, 100, 20_000]) {
-        if let nsq_gpu::ir::SensorKind::RayDatabase { max_rays, .. } = &mut sensor.kind {
+        if let nsq_gpu::model::SensorKind::RayDatabase { max_rays, .. } = &mut sensor.kind {
             *max_rays = Some(cap);
         }
     }

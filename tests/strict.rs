@@ -5,13 +5,12 @@
 
 mod zoo;
 
-use nsq_gpu::Error;
 use nsq_gpu::gpu::{AdapterChoice, AdapterInfo, Gpu, Ways, list_adapters};
-use nsq_gpu::ir::SceneIr;
+use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::Tally;
 use nsq_gpu::trace::{RecordPaths, Strict};
-use nsq_gpu::{TraceOptions, Tracer};
+use nsq_gpu::{Error, TraceOptions, Tracer};
 use std::collections::BTreeSet;
 use zoo::devices::Devices;
 

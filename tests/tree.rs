@@ -10,7 +10,7 @@ mod shapes;
 mod zoo;
 
 use glam::{DMat3, DVec3, EulerRot};
-use nsq_gpu::ir::{
+use nsq_gpu::model::{
     Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
     Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };

@@ -1,4 +1,4 @@
-"""Write the polynomials of the shaders' mathematics: shaders/lib/polynomials_f32.wgsl and polynomials_f64.wgsl.
+"""Write the polynomials of the shaders' mathematics: shaders/math/polynomials_f32.wgsl and polynomials_f64.wgsl.
 
 Each is the Chebyshev interpolant of lowest degree whose error, in the result that it serves, stays well below half a
 unit in the last place: within a factor of about 2 of the best polynomial of that degree (Trefethen, Approximation

@@ -1,4 +1,4 @@
-"""Writes shaders/lib/sobol_matrices.wgsl: the direction numbers of the third to the fifth Sobol dimension.
+"""Writes shaders/random/sobol_matrices.wgsl: the direction numbers of the third to the fifth Sobol dimension.
 
 The parameters are those of Joe and Kuo (new-joe-kuo-6): degree s, coefficients a and initial numbers m.
 """

@@ -1,4 +1,4 @@
-// Triangle mesh: a tree of boxes over triangles (lib/boxes.wgsl).
+// Triangle mesh: a tree of boxes over triangles (geometry/boxes.wgsl).
 //
 // A ray through an edge or a vertex hits at least one of the triangles around it (Woop, Benthin and Wald, Watertight
 // Ray/Triangle Intersection, JCGT 2013): every vertex is projected along the ray on its own, and the sign of an edge is

@@ -26,8 +26,8 @@ pub mod tuning;
 #[cfg(feature = "viewer")]
 pub mod viewer;
 
-pub use cases::{Case, Kind};
-pub use peers::Peer;
-pub use report::{BenchReport, ViewerResult};
-pub use runner::{CaseResult, Counts, Session};
-pub use statistics::Summary;
+pub use crate::bench::cases::{Case, Kind};
+pub use crate::bench::peers::Peer;
+pub use crate::bench::report::{BenchReport, ViewerResult};
+pub use crate::bench::runner::{CaseResult, Counts, Session};
+pub use crate::bench::statistics::Summary;

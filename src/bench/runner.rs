@@ -6,12 +6,12 @@ use crate::bench::peers::{Peer, PeerRun};
 use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{FluxUnit, Ledger, PathEventKind, output};
 use crate::scene::Scene;
+use crate::software::vector_width;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
-use crate::vectors;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -387,7 +387,7 @@ impl WholeCommand {
         command.args(["-n", &case.num_rays.to_string(), "--max-depth", &case.max_depth.to_string()]);
         command.args(["--precision", precision.name(), "--adapter", &session.gpu.info.name]);
         command.args(["--progress", "never"]).stdout(Stdio::null()).stderr(Stdio::piped());
-        vectors::leave_to(&mut command);
+        vector_width::leave_to(&mut command);
         if case.kind == Kind::ColdCommand {
             // Mesa's and NVIDIA's switches.
             command.env("MESA_SHADER_CACHE_DISABLE", "true").env("__GL_SHADER_DISK_CACHE", "0");

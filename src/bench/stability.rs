@@ -6,7 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{DetectorData, RunInfo, TraceResult};
 use crate::scene::Scene;

@@ -2,9 +2,9 @@
 
 use crate::bench::Summary;
 use crate::bench::cases::{self, Case};
+use crate::engine::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::gpu::tuning::{EVENTS_PER_DISPATCH, Tuning, WORKGROUP_SIZES};
 use crate::program::Precision;
 use crate::scene::Scene;
 use crate::trace::{TraceOptions, Tracer};

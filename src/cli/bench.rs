@@ -1,17 +1,20 @@
 //! `nsq-gpu bench`: how fast this machine traces, alone or against its peers.
 
-use super::{count, say};
-use crate::bench::accuracy::{self, AccuracyReport, curves::Effort};
-use crate::bench::peers::{DrJit, Mitsuba, Optiland, optiland::Backend};
+use crate::bench::accuracy::curves::Effort;
+use crate::bench::accuracy::{self, AccuracyReport};
+use crate::bench::peers::optiland::Backend;
+use crate::bench::peers::{DrJit, Mitsuba, Optiland};
 use crate::bench::runner::measure;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
+use crate::cli::say;
+use crate::count;
+use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
-use crate::gpu::tuning::Tuning;
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::result::output;
 use crate::scene::Scene;
-use crate::vectors::{self, Width};
+use crate::software::vector_width::{self, Width};
 use clap::ValueEnum;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -130,7 +133,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let widths = widths(&cases)?;
     let widest = widest(&widths);
-    super::choose_vectors(widest);
+    crate::cli::choose_vectors(widest);
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
@@ -145,7 +148,7 @@ pub fn run(args: &Args) -> Result<String> {
     // What was measured before a case failed took long, and is kept.
     let mut failure = None;
     for (case, width) in cases.iter().zip(widths) {
-        let result = if width == widest || !vectors::are_chosen() || !gpu.info.is_cpu() {
+        let result = if width == widest || !vector_width::are_chosen() || !gpu.info.is_cpu() {
             measure(case, &session, &mut peers)
         } else {
             measure_apart(case, &session, args)
@@ -180,7 +183,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let told = if args.json { report.to_json() } else { report.table() };
     let Some(error) = failure else { return Ok(told) };
-    super::print(&told)?;
+    crate::cli::print(&told)?;
     Err(error)
 }
 
@@ -219,7 +222,7 @@ fn widest(widths: &[Width]) -> Width {
 /// Measures a case in a process of its own: the width of vectors is a process's.
 fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResult> {
     let mut command = Command::new(&session.program);
-    vectors::leave_to(&mut command);
+    vector_width::leave_to(&mut command);
     command.args(["bench", "--json", "--scenes", &case.name, "--runs", &session.num_runs.to_string()]);
     command.args(["--max-rays", &case.num_rays.to_string(), "--peer-rays", &args.peer_rays.to_string()]);
     command.args(["--precision", &name_of(&args.precision.unwrap_or(PrecisionsArg::Both))]);
@@ -254,13 +257,13 @@ fn run_stability(args: &Args) -> Result<String> {
     if faults.is_empty() {
         return Ok(table);
     }
-    super::print(&table)?;
+    crate::cli::print(&table)?;
     Err(Error::Tolerance(faults.join("\n")))
 }
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    super::choose_vectors(widest(&widths(&tuning::cases())?));
+    crate::cli::choose_vectors(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);
@@ -318,7 +321,7 @@ fn run_accuracy(args: &Args) -> Result<String> {
     if args.quick || faults.is_empty() {
         return Ok(report.table());
     }
-    super::print(&report.table())?;
+    crate::cli::print(&report.table())?;
     Err(Error::Tolerance(faults.join("\n")))
 }
 

@@ -15,7 +15,7 @@ pub struct Args {
 
 /// What the scene holds, and what deserves a warning.
 pub fn run(args: &Args) -> Result<String> {
-    let scene = super::read_scene(&args.scene)?;
+    let scene = crate::cli::read_scene(&args.scene)?;
     let ir = scene.lower()?;
     let mut text = format!("{} can be traced.\n", args.scene.display());
     let mut list = |title: &str, names: Vec<String>| {

@@ -1,12 +1,12 @@
 //! `nsq-gpu merge`: the results of several traces as one.
 
-use super::trace::Printed;
-use super::{read_scene, say};
-use crate::checkpoint::{Checkpoint, Identity};
+use crate::cli::trace::Printed;
+use crate::cli::{read_scene, say};
 use crate::error::{Error, Result};
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::result::{RaySet, RunInfo, Tally, TraceResult, output};
 use crate::scene::Scene;
+use crate::trace::checkpoint::{Checkpoint, Identity};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `nsq-gpu merge`.
@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<String> {
         other => other,
     })?;
     let ir = scene.lower()?;
-    if crate::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
+    if crate::trace::checkpoint::scene_hash(&ir) != parts[0].identity.scene_hash {
         return Err(Error::Usage(format!(
             "the scene in {} is not, or no longer, the one that {} was traced of; name that one by --scene",
             path.display(),
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<String> {
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
     let printed = Printed { json: args.json, pictures: !args.no_pictures };
-    super::trace::deliver(&result, &merged, args.output.as_deref(), printed)
+    crate::cli::trace::deliver(&result, &merged, args.output.as_deref(), printed)
 }
 
 /// The sums of all parts.

@@ -7,7 +7,6 @@ mod bench;
 mod check;
 mod compare;
 mod completions;
-pub mod count;
 pub mod materials;
 mod merge;
 mod progress;
@@ -19,7 +18,7 @@ mod view;
 
 use crate::error::{Error, Result};
 use crate::scene::Scene;
-use crate::vectors::Width;
+use crate::software::vector_width::Width;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -66,7 +65,7 @@ enum Command {
 }
 
 /// Runs the command; the exit code is the error's. To be called before other threads run: it may set a variable of the
-/// environment ([`crate::vectors`]).
+/// environment ([`crate::software::vector_width`]).
 pub fn main() -> ExitCode {
     let start = Instant::now();
     quiet_drivers();
@@ -101,7 +100,7 @@ fn choose_vectors(width: Width) {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
     unsafe {
-        crate::vectors::choose(width);
+        crate::software::vector_width::choose(width);
     }
 }
 

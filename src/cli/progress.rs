@@ -1,6 +1,6 @@
 //! Progress on stderr: a bar for people, lines of JSON for programs.
 
-use super::say;
+use crate::cli::say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 

@@ -1,18 +1,19 @@
 //! `nsq-gpu trace`: a scene to maps, ledger and report.
 
-use super::progress::{Mode, Progress, Status};
-use super::{count, quantity, read_scene, say};
-use crate::checkpoint::{self, Checkpoint, Identity};
+use crate::cli::progress::{Mode, Progress, Status};
+use crate::cli::{quantity, read_scene, say};
+use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::ir::{ReflectProb, Sampling, SceneIr};
-use crate::precision::{self, Choice, Wanted};
+use crate::model::{ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
-use crate::stopping::{StoppedBy, Stopping};
+use crate::software::vector_width::Width;
+use crate::trace::auto_precision::{self, Choice, Wanted};
+use crate::trace::checkpoint::{self, Checkpoint, Identity};
+use crate::trace::stopping::{StoppedBy, Stopping};
 use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
-use crate::vectors::Width;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -191,7 +192,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let mut ir = scene.lower()?;
     // What `auto` is on lavapipe.
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    super::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
+    crate::cli::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
         #[cfg(unix)]
@@ -230,7 +231,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     match checkpointed.err().or_else(|| failure(&result)) {
         None => Ok(printed),
         Some(failure) => {
-            super::print(&printed)?;
+            crate::cli::print(&printed)?;
             Err(failure)
         }
     }
@@ -252,9 +253,9 @@ impl<'scope> Choosing<'scope> {
         wanted: Wanted,
     ) -> Result<Self> {
         if wanted != Wanted::Exactly(Precision::F32) {
-            return precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
+            return auto_precision::choose(gpu, ir, options, wanted).map(Choosing::Chosen);
         }
-        let predict = move || precision::choose(&gpu.open_again()?, ir, options, wanted);
+        let predict = move || auto_precision::choose(&gpu.open_again()?, ir, options, wanted);
         Ok(Choosing::Predicting(scope.spawn(predict)))
     }
 
@@ -353,7 +354,7 @@ pub fn deliver(
             Ok(result.report())
         }
         Err(error) => {
-            super::print(&unwritten())?;
+            crate::cli::print(&unwritten())?;
             Err(error)
         }
     }

@@ -1,6 +1,6 @@
 //! `nsq-gpu view`: the window of a trace or of results, or a picture of it.
 
-use super::count;
+use crate::count;
 use crate::error::{Error, Result};
 use crate::viewer::compare::Comparison;
 use crate::viewer::model::Subject;
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<String> {
             return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
         }
         picture.write(path)?;
-        super::say(&format!("written: {}", path.display()));
+        crate::cli::say(&format!("written: {}", path.display()));
         return Ok(String::new());
     }
     let settings = Settings::load();

@@ -1,9 +1,9 @@
 //! Adapters and devices.
 
-use super::compute::TEXEL_BYTES;
 use crate::error::{Error, Result};
-use crate::processors;
-use crate::vectors::{self, without_width};
+use crate::gpu::compute::TEXEL_BYTES;
+use crate::gpu::processors;
+use crate::software::vector_width::{self, without_width};
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// How to choose an adapter.
@@ -94,7 +94,7 @@ pub struct Gpu {
     choice: AdapterChoice,
     failure: Arc<Mutex<Option<String>>>,
     /// What the test of double-word arithmetic said, once it was asked.
-    pub(super) df64: OnceLock<Result<()>>,
+    pub(crate) df64: OnceLock<Result<()>>,
 }
 
 fn instance() -> wgpu::Instance {
@@ -275,10 +275,10 @@ impl Gpu {
     }
 
     /// True if lanes of a subgroup should store places together: where vectors have 512 bits, whose later parts the
-    /// processor reads slowly (lib/lanes_together.wgsl).
+    /// processor reads slowly (software/path/lanes_together.wgsl).
     pub fn prefers_stores_together(&self) -> bool {
         const WIDE: u32 = 16;
-        self.lanes >= WIDE && vectors::have_slow_parts()
+        self.lanes >= WIDE && vector_width::have_slow_parts()
     }
 
     /// True if two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and

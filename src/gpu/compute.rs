@@ -1,7 +1,7 @@
 //! Buffers, bind groups and pipelines of compute shaders.
 
-use super::Gpu;
 use crate::error::{Error, Result};
+use crate::gpu::Gpu;
 use wgpu::util::DeviceExt;
 
 /// One variable of a module's bind groups.

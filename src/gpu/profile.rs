@@ -1,7 +1,7 @@
 //! How long the stages of a submission keep the device, by its own timestamps.
 
-use super::Gpu;
 use crate::error::{Error, Result};
+use crate::gpu::Gpu;
 
 /// Timestamps that a query set holds in WebGPU.
 const MAX_TIMESTAMPS: u32 = wgpu::QUERY_SET_MAX_QUERIES;

@@ -5,9 +5,9 @@
 //! decoration against it, NoContraction; WGSL has none, and naga writes none. On Vulkan the module is therefore written
 //! here, decorated, and handed to the driver as it is.
 
-use super::Gpu;
-use super::compute::Binding;
 use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::gpu::compute::Binding;
 use naga::back::spv;
 use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};

@@ -1,4 +1,4 @@
-//! Codes of the rows for the host, as shaders/lib/events.wgsl and shaders/lib/state.wgsl have them.
+//! Codes of the rows for the host, as shaders/rows/events.wgsl and shaders/stages/state.wgsl have them.
 
 /// A ray on a ray database.
 pub const RECORDED: u32 = 0;

@@ -1,11 +1,11 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
-use super::bsdf::{self, BsdfKind};
-use super::df64;
-use super::lowered::{self, coating_pass, reflectance};
-use crate::ir::{
+use crate::model::{
     EmitterKind, Interaction, Medium, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface,
 };
+use crate::program::df64;
+use crate::program::layout::bsdf::{self, BsdfKind};
+use crate::program::layout::tables::{self, coating_pass, reflectance};
 
 /// Precision of the physics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -122,15 +122,15 @@ pub struct Features {
 /// Emitter functions of the shaders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum EmitterName {
-    /// shaders/emitters/point.wgsl
+    /// shaders/sources/point.wgsl
     Point,
-    /// shaders/emitters/collimated_tophat.wgsl
+    /// shaders/sources/collimated_tophat.wgsl
     CollimatedTophat,
-    /// shaders/emitters/collimated_gaussian.wgsl
+    /// shaders/sources/collimated_gaussian.wgsl
     CollimatedGaussian,
-    /// shaders/emitters/extended_rectangle.wgsl
+    /// shaders/sources/extended_rectangle.wgsl
     ExtendedRectangle,
-    /// shaders/emitters/extended_disk.wgsl
+    /// shaders/sources/extended_disk.wgsl
     ExtendedDisk,
 }
 
@@ -163,7 +163,7 @@ impl Features {
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
     pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64, max_depth: u32) -> Self {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
-        let primitives = lowered::primitives(ir);
+        let primitives = tables::primitives(ir);
         let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
         let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| EmitterName::of(&e.kind)).collect();
         emitters.sort();

@@ -1,41 +1,30 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
-pub mod bsdf;
-pub mod bvh;
-pub mod clearance;
-pub mod compose;
-pub mod contact;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod df64;
-pub mod end_log;
 pub mod events;
 pub mod features;
-pub mod library;
-pub mod lowered;
-pub mod mesh;
-pub mod nominal;
-pub mod path_log;
-pub mod records;
-pub mod rng;
-pub mod side_paths;
-pub mod splitting;
-pub mod sums;
-pub mod tree;
+pub mod geometry;
+pub mod layout;
+pub mod wgsl;
 
 use crate::error::{Error, Result};
-use crate::ir::{SceneIr, SensorKind, Surface, ray_id};
-use compose::Composition;
-use end_log::EndLog;
-pub use features::{EmitterName, Features, Precision};
+use crate::model::{SceneIr, SensorKind, Surface, ray_id};
+pub use crate::program::features::{EmitterName, Features, Precision};
+use crate::program::geometry::{bvh, contact, mesh, tree};
+use crate::program::layout::records::{Records, StructLayout, put_real};
+pub use crate::program::layout::rng::Sampler;
+pub use crate::program::layout::splitting::Splitting;
+use crate::program::layout::sums::SumBuffers;
+pub use crate::program::layout::tables::Cells;
+use crate::program::layout::{bsdf, rng, tables};
+use crate::program::wgsl::compose::Composition;
+use crate::software::log::format::EndLog;
+use crate::software::path::main_path::{NominalPath, PilotPath};
+use crate::software::path::path_log;
+use crate::software::path::path_log::{LoggedScene, PathLog};
+use crate::software::path::side_path::SidePath;
 use glam::DVec3;
-pub use lowered::Cells;
-use nominal::{NominalPath, PilotPath};
-use path_log::{LoggedScene, PathLog};
-use records::{Records, StructLayout, put_real};
-pub use rng::Sampler;
-use side_paths::SidePath;
-pub use splitting::Splitting;
-use sums::SumBuffers;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables, and a tree finds the nearest. On lavapipe
 /// (Zen 3, both ways in turns) lenses in a row, whose boxes most rays cross, are traced as fast by the tree from some 45
@@ -91,7 +80,7 @@ pub struct ProgramOptions {
     /// An invocation follows two rays of the nominal path side by side, where it can
     /// ([`ProgramOptions::goes_side_by_side`]). The results are the same bits.
     pub side_by_side: bool,
-    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/lib/lanes_together.wgsl); 1 if each
+    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes_together.wgsl); 1 if each
     /// stores its own. The results are the same bits.
     pub lanes: u32,
     /// Lanes of the driver's vectors, where their number can change: with it, shaders do. The results are the same bits.
@@ -163,7 +152,7 @@ impl ProgramOptions {
         primitives: &[u32],
         num_others: usize,
     ) -> Option<Records> {
-        let records = lowered::numbered_primitive_records(ir, centre, primitives);
+        let records = tables::numbered_primitive_records(ir, centre, primitives);
         let makes_reals = match self.precision {
             Precision::F32 => true,
             Precision::F64 => self.native,
@@ -180,7 +169,7 @@ impl ProgramOptions {
         self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/lib/rounds.wgsl): not if
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;
@@ -194,7 +183,7 @@ impl ProgramOptions {
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
-    /// remembers a ray's visits (shaders/lib/visits.wgsl).
+    /// remembers a ray's visits (shaders/sums/visits.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;
@@ -336,7 +325,7 @@ impl Program {
         let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
         let triangles = mesh::Triangles::of(meshes, &mut forest);
         let contacts = contact::Contacts::of(ir, centre, options.precision)?;
-        let facets = lowered::FacetTable::of(ir, &contacts, &triangles);
+        let facets = tables::FacetTable::of(ir, &contacts, &triangles);
         let tree = match has_tree {
             true => {
                 let boxes = tree::boxes(ir, centre, &contacts);
@@ -424,7 +413,7 @@ impl Program {
         &self,
         ir: &SceneIr,
         contacts: &contact::Contacts,
-        facets: &lowered::FacetTable,
+        facets: &tables::FacetTable,
         tree: Option<&tree::PrimitiveTree>,
     ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
@@ -449,15 +438,15 @@ impl Program {
         }
         let mut tables = Vec::new();
         if self.features.reads_media() && !self.options.bakes_media(ir) {
-            tables.push(lowered::medium_records(ir));
+            tables.push(tables::medium_records(ir));
         }
         if !self.options.baked {
-            let surfaces = lowered::surface_records(ir, self.centre, &self.features);
-            let sensors = lowered::sensor_records(ir, self.centre, &self.cells);
+            let surfaces = tables::surface_records(ir, self.centre, &self.features);
+            let sensors = tables::sensor_records(ir, self.centre, &self.cells);
             let has_records = tree.is_some_and(|tree| tree.records.is_some());
             let num = self.options.num_in_table(ir);
-            let primitives = (!has_records).then(|| lowered::primitive_records(ir, self.centre, num));
-            let contacts = contacts.any().then(|| lowered::contact_records(ir, contacts, facets));
+            let primitives = (!has_records).then(|| tables::primitive_records(ir, self.centre, num));
+            let contacts = contacts.any().then(|| tables::contact_records(ir, contacts, facets));
             tables.extend([surfaces, sensors].into_iter().chain(primitives).chain(contacts));
         }
         for records in tables {
@@ -499,7 +488,7 @@ impl Program {
         if ir.emitters.len() == 1 {
             return Ok(Vec::new());
         }
-        let records = lowered::emitter_records(ir, self.centre, &self.options.weights);
+        let records = tables::emitter_records(ir, self.centre, &self.options.weights);
         records.bytes_by_row(&self.module, self.options.precision)
     }
 
@@ -544,10 +533,10 @@ impl Program {
                 .iter()
                 .flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
         };
-        self.reals(table(lowered::reflectance).chain(table(lowered::coating_pass)))
+        self.reals(table(tables::reflectance).chain(table(tables::coating_pass)))
     }
 
-    /// The uniform of one dispatch (shaders/lib/state.wgsl, `Range`).
+    /// The uniform of one dispatch (shaders/stages/state.wgsl, `Range`).
     pub fn range_bytes(&self, range: &RayRange) -> Result<Vec<u8>> {
         let layout = StructLayout::of(&self.module, "Range")?;
         let mut bytes = vec![0; layout.stride];
@@ -612,7 +601,7 @@ fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
 
 /// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
 pub fn centre_of(ir: &SceneIr) -> DVec3 {
-    let frames = lowered::primitives(ir).into_iter().map(|(frame, _)| frame);
+    let frames = tables::primitives(ir).into_iter().map(|(frame, _)| frame);
     let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
     let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
         None => Some((origin, origin)),

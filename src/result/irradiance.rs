@@ -3,7 +3,7 @@
 use ndarray::{Array, Array1, Array2, Dimension, StrideShape};
 
 use crate::error::{Error, Result};
-use crate::ir::PixelGrid;
+use crate::model::PixelGrid;
 use crate::result::npz::NpzFile;
 use crate::result::tally::map_lit;
 use crate::result::{FluxUnit, SensorTally, Uncertainty};

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::ir::{Interaction, SceneIr};
+use crate::model::{Interaction, SceneIr};
 use crate::result::{Booking, FluxUnit, Tally};
 
 /// One line of the ledger.

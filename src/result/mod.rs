@@ -30,20 +30,24 @@ mod text;
 mod trace_result;
 pub mod uncertainty;
 
-pub use diagnostics::{DetectorDiagnostic, Diagnostics};
-pub use far_field::FarFieldPattern;
-pub use irradiance::IrradianceMap;
-pub use ledger::{Entry, Ledger};
-pub use ray_database::{RayColumns, RayDatabase};
-pub use ray_paths::{PathColumns, RayPaths};
-pub use ray_set::{RaySet, RaySpan};
-pub use report::Report;
-pub use rows::{Recorded, Recording, RowWriter, Rows};
-pub use spectral::SpectralMap;
-pub use tally::{Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally};
-pub(crate) use trace_result::check_shape;
-pub use trace_result::{Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult};
-pub(crate) use uncertainty::Uncertainty;
+pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
+pub use crate::result::far_field::FarFieldPattern;
+pub use crate::result::irradiance::IrradianceMap;
+pub use crate::result::ledger::{Entry, Ledger};
+pub use crate::result::ray_database::{RayColumns, RayDatabase};
+pub use crate::result::ray_paths::{PathColumns, RayPaths};
+pub use crate::result::ray_set::{RaySet, RaySpan};
+pub use crate::result::report::Report;
+pub use crate::result::rows::{Recorded, Recording, RowWriter, Rows};
+pub use crate::result::spectral::SpectralMap;
+pub use crate::result::tally::{
+    Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally,
+};
+pub(crate) use crate::result::trace_result::check_shape;
+pub use crate::result::trace_result::{
+    Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult,
+};
+pub(crate) use crate::result::uncertainty::Uncertainty;
 
 /// Quanta in one unit of weight: 2^52, so that an f64 weight of order one is counted to its last bits.
 pub const QUANTA_PER_WEIGHT: f64 = (1u64 << 52) as f64;

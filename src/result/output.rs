@@ -11,12 +11,12 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
 
-use crate::checkpoint;
 use crate::error::{Error, Result};
 use crate::placing::{self, Journal, Lock, Scratch, step};
 use crate::result::integrity::{self, FileHash, Meta};
 use crate::result::report::Files;
 use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
+use crate::trace::checkpoint;
 use rayon::prelude::*;
 use serde_json::Value;
 

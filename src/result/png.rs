@@ -8,7 +8,7 @@ mod figures;
 mod raster;
 
 #[cfg(feature = "viewer")]
-pub(crate) use canvas::ticks;
+pub(crate) use crate::result::png::canvas::ticks;
 use std::path::Path;
 
 use crate::error::{Error, Result};

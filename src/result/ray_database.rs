@@ -6,12 +6,12 @@ use glam::DVec3;
 use ndarray::Array1;
 
 use crate::error::Result;
-use crate::ir::Frame;
+use crate::model::Frame;
 use crate::result::npz::{Column, NpzFile};
 use crate::result::rows::{self, Rows};
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow};
 
-/// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`crate::ir::ray_id::order`]): an order
+/// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`crate::model::ray_id::order`]): an order
 /// that no batch size changes. The rows may lie on disk; [`RayDatabase::columns`] brings them into memory.
 #[derive(Debug, Clone)]
 pub struct RayDatabase {

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use ndarray::Array1;
 
 use crate::error::Result;
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::result::npz::{Column, NpzFile};
 use crate::result::rows::{self, Rows};
 use crate::result::{FluxUnit, PathEventKind};
 
-/// Events of recorded rays, by launched ray and id ([`crate::ir::ray_id::order`]), then in the order in which they happened.
+/// Events of recorded rays, by launched ray and id ([`crate::model::ray_id::order`]), then in the order in which they happened.
 /// A child begins with the hit at which it was split off. The rows may lie on disk; [`RayPaths::columns`] brings them into
 /// memory.
 #[derive(Debug, Clone, PartialEq)]

@@ -14,12 +14,13 @@ use serde_json::Value;
 use zip::{CompressionMethod, ZipArchive};
 
 use crate::error::{Error, Result};
-use crate::ir::Frame;
+use crate::model::Frame;
 use crate::result::integrity::{self, Meta};
 use crate::result::output::REPORT;
+use crate::result::ray_database::RecordedRays;
 use crate::result::{
     Detector, DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, Report, RunInfo,
-    SpectralMap, SurfaceResult, TraceResult, ray_database::RecordedRays, report,
+    SpectralMap, SurfaceResult, TraceResult, report,
 };
 
 /// What the report says of one detector.

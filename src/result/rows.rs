@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
-use crate::ir::{SceneIr, SensorKind, ray_id};
+use crate::model::{SceneIr, SensorKind, ray_id};
 use crate::program::features;
 use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
 

@@ -3,7 +3,7 @@
 use ndarray::{Array1, Array2, Array3, Axis};
 
 use crate::error::Result;
-use crate::ir::PixelGrid;
+use crate::model::PixelGrid;
 use crate::result::irradiance::{bin_centres, centres, pixel_area, shaped};
 use crate::result::npz::NpzFile;
 use crate::result::tally::map_lit;

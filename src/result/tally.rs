@@ -4,7 +4,7 @@ use std::ops::AddAssign;
 
 use serde::{Deserialize, Serialize};
 
-use crate::ir::{SceneIr, Sensor};
+use crate::model::{SceneIr, Sensor};
 use crate::program::features;
 use crate::result::RaySet;
 
@@ -64,7 +64,7 @@ pub struct Tally {
 /// The sums of one detector.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorTally {
-    /// Quanta per cell; the order of [`crate::ir::Sensor::num_cells`]. Empty for a ray database.
+    /// Quanta per cell; the order of [`crate::model::Sensor::num_cells`]. Empty for a ray database.
     pub quanta: Vec<u128>,
     /// Rays per cell: the cell that was hit, whatever the splat.
     pub hits: Vec<u64>,

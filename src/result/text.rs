@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::result::format::{shown, significant, thousands};
 use crate::result::{Entry, TraceResult};
-use crate::stopping::StoppedBy;
+use crate::trace::stopping::StoppedBy;
 
 impl TraceResult {
     /// The report: how the trace was run, where the flux went, what the detectors read, whether the ledger closes, and

@@ -1,13 +1,13 @@
 //! From exact sums to what users read, with Optiland's names and meanings.
 
 use crate::error::{Error, Result};
-use crate::ir::{Interaction, SceneIr, Sensor, SensorKind};
+use crate::model::{Interaction, SceneIr, Sensor, SensorKind};
+use crate::result::uncertainty::{relative_error_of_map, worst_relative_error};
 use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
     Recorded, Rows, SensorTally, SpectralMap, Tally, Uncertainty,
-    uncertainty::{relative_error_of_map, worst_relative_error},
 };
-use crate::stopping::StoppedBy;
+use crate::trace::stopping::StoppedBy;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;

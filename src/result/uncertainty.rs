@@ -15,8 +15,8 @@
 //! few hits is on average smaller than the root of the hits expected: by 23 % at one hit a cell, 3 % at five. So the error
 //! of a map is at most about 100 %, and too small where most of its light falls on cells of few hits.
 
-use crate::ir::SceneIr;
-use crate::ir::ray_id::NUM_REPLICATES;
+use crate::model::SceneIr;
+use crate::model::ray_id::NUM_REPLICATES;
 use crate::result::{FluxUnit, Moments, QUANTA_PER_WEIGHT, SensorTally, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.

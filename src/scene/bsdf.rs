@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use super::files;
-use super::json::{Bsdf, Coating};
-use super::place::{key_of, quoted};
-use crate::ir::{self, BsdfTable, HARVEY_SHACK_STEP, harvey_shack_table};
+use crate::model::{self, BsdfTable, HARVEY_SHACK_STEP, harvey_shack_table};
+use crate::scene::files;
+use crate::scene::json::{Bsdf, Coating};
+use crate::scene::place::{key_of, quoted};
 use crate::{Error, Result};
 
 /// Largest file of a table \[bytes\].
@@ -31,19 +31,19 @@ pub(super) fn scatter(
     bsdf: &Bsdf,
     fraction: f64,
     reading: &mut Reading<'_>,
-) -> Result<ir::Scatter> {
-    Ok(ir::Scatter { fraction, bsdf: lowered(name, place, bsdf, reading)? })
+) -> Result<model::Scatter> {
+    Ok(model::Scatter { fraction, bsdf: lowered(name, place, bsdf, reading)? })
 }
 
-fn lowered(name: &str, place: &str, bsdf: &Bsdf, reading: &mut Reading<'_>) -> Result<ir::Bsdf> {
+fn lowered(name: &str, place: &str, bsdf: &Bsdf, reading: &mut Reading<'_>) -> Result<model::Bsdf> {
     Ok(match bsdf {
-        Bsdf::Specular {} => ir::Bsdf::Specular,
+        Bsdf::Specular {} => model::Bsdf::Specular,
         &Bsdf::Lambertian { reflectance_value, transmissive_fraction } => {
-            ir::Bsdf::Lambertian { reflectance_value, transmissive_fraction }
+            model::Bsdf::Lambertian { reflectance_value, transmissive_fraction }
         }
         &Bsdf::HarveyShack { b0, l0, s, transmissive_fraction } => {
             check_lobe(name, place, [b0, l0, s], reading.warnings)?;
-            ir::Bsdf::HarveyShack { b0, l0, s, transmissive_fraction }
+            model::Bsdf::HarveyShack { b0, l0, s, transmissive_fraction }
         }
         Bsdf::Tabulated { path, theta_i, theta_s, bsdf, transmissive_fraction } => {
             let table = match (path, theta_i, theta_s, bsdf) {
@@ -58,7 +58,7 @@ fn lowered(name: &str, place: &str, bsdf: &Bsdf, reading: &mut Reading<'_>) -> R
                 }
             };
             reading.warnings.extend(doubts(name, &table));
-            ir::Bsdf::Tabulated { table, transmissive_fraction: *transmissive_fraction }
+            model::Bsdf::Tabulated { table, transmissive_fraction: *transmissive_fraction }
         }
     })
 }
@@ -92,7 +92,7 @@ fn check_lobe(name: &str, place: &str, [b0, l0, s]: [f64; 3], warnings: &mut Vec
 }
 
 /// Coatings of refractive surfaces at the wavelengths of the scene \[um\].
-pub(super) fn coating(place: &str, coating: &Coating, wavelengths: &[f64]) -> Result<ir::Coating> {
+pub(super) fn coating(place: &str, coating: &Coating, wavelengths: &[f64]) -> Result<model::Coating> {
     /// R + T may exceed 1 by the rounding of decimal fractions.
     const ROUNDING: f64 = 1e-12;
     let Coating::Simple { reflectance, transmittance } = coating;
@@ -110,7 +110,7 @@ pub(super) fn coating(place: &str, coating: &Coating, wavelengths: &[f64]) -> Re
             "give R + T <= 1; what is left of 1 is absorbed",
         ));
     }
-    Ok(ir::Coating { reflectance, transmittance })
+    Ok(model::Coating { reflectance, transmittance })
 }
 
 // Tables

@@ -5,13 +5,13 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::frame::frame_of;
-use super::json::{SceneFile, Source};
-use super::media::MediaTable;
-use super::place::quoted;
-use super::surfaces::SceneSurface;
-use crate::ir::lower::{emitter_kind, sensor};
-use crate::ir::{EmitterKind, Frame, Interaction, Mesh, Outline, Shape, area_vector};
+use crate::model::{EmitterKind, Frame, Interaction, Mesh, Outline, Shape, area_vector};
+use crate::scene::frame::frame_of;
+use crate::scene::json::{SceneFile, Source};
+use crate::scene::lower::{emitter_kind, sensor};
+use crate::scene::media::MediaTable;
+use crate::scene::place::quoted;
+use crate::scene::surfaces::SceneSurface;
 
 /// What `check` and `trace` say of them. The tracer meets what is named here first (program::contact).
 pub(super) fn warnings(
@@ -265,7 +265,7 @@ impl<'a> Flat<'a> {
                 return None;
             }
         };
-        Some(Flat::new(&surface.name, super::frame::shifted(&surface.frame, z), outline, hole))
+        Some(Flat::new(&surface.name, crate::scene::frame::shifted(&surface.frame, z), outline, hole))
     }
 
     /// The normal of a facet of a mesh that lies in the plane, within rounding, if the two have an area in common.

@@ -1,12 +1,12 @@
 //! Compound components -> surfaces, as Optiland builds them: names, order, media, frames.
 
-use super::frame::{frame_of, shifted};
-use super::json::{
+use crate::model::{Frame, Shape};
+use crate::scene::frame::{frame_of, shifted};
+use crate::scene::json::{
     Component, Compound, CoordinateSystem, Doublet, Interaction, Lens, Material, Mirror, Override,
 };
-use super::place::key_of;
-use super::volume::{self, Face, Leak, sag_at_rim};
-use crate::ir::{Frame, Shape};
+use crate::scene::place::key_of;
+use crate::scene::volume::{self, Face, Leak, sag_at_rim};
 use crate::{Error, Result};
 
 /// A surface of a compound before its interaction is settled.

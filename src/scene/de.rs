@@ -2,7 +2,7 @@
 //!
 //! Two things differ from serde_json's own deserializer. An enum is read from an object by its `type` key without
 //! buffering, so that paths stay whole; and an enum can take other JSON kinds by variants named `$null`, `$number`,
-//! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`super::text`] writes for the
+//! `$string` and `$object` (an object without `type`). Numbers accept the strings that [`crate::scene::text`] writes for the
 //! non-finite ones.
 
 use indexmap::IndexMap;
@@ -14,8 +14,8 @@ use serde::forward_to_deserialize_any;
 use serde_json::Number;
 use serde_path_to_error::Segment;
 
-use super::place::{did_you_mean, key_of, quoted, ticked};
-use super::tree::{Array, Value, View};
+use crate::scene::place::{did_you_mean, key_of, quoted, ticked};
+use crate::scene::tree::{Array, Value, View};
 use crate::{Error, Result};
 
 /// The key that names the kind of an object.

@@ -44,7 +44,7 @@ pub(super) const MARK: char = '\u{feff}';
 
 #[cfg(test)]
 mod tests {
-    use super::text;
+    use crate::scene::files::text;
 
     #[test]
     fn encodings() {

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use super::json::CoordinateSystem;
-use crate::ir::Frame;
+use crate::model::Frame;
+use crate::scene::json::CoordinateSystem;
 
 /// The frame of a coordinate system in global coordinates: `R = Rz Ry Rx`, chained through `reference_cs`.
 pub(crate) fn frame_of(cs: &CoordinateSystem) -> Frame {

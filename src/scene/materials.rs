@@ -13,7 +13,7 @@ mod packed;
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, OnceLock};
 
-pub use dispersion::{Dispersion, Table};
+pub use crate::scene::materials::dispersion::{Dispersion, Table};
 
 /// The version of Optiland whose catalog is embedded.
 pub const OPTILAND_VERSION: &str = "0.6.3";

@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::json::{Block, Component, Material, Medium as Described, SceneFile, Source};
-use super::materials;
-use super::place::{did_you_mean, key_of, quoted};
-use super::surfaces::look_up;
-use crate::ir::{Medium, MediumId};
+use crate::model::{Medium, MediumId};
+use crate::scene::json::{Block, Component, Material, Medium as Described, SceneFile, Source};
+use crate::scene::materials;
+use crate::scene::place::{did_you_mean, key_of, quoted};
+use crate::scene::surfaces::look_up;
 use crate::{Error, Result};
 
 /// Every medium that a scene uses, vacuum first, and which one each of the user's words means.

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::json::{Interaction, Material, RawSurface, SceneFile, Shape};
-use super::mesh_files::{self, MeshFile};
-use super::place::{key_of, quoted};
-use super::validate::MAX_LENGTH;
-use crate::ir::{Mesh, area_vector};
+use crate::model::{Mesh, area_vector};
+use crate::scene::json::{Interaction, Material, RawSurface, SceneFile, Shape};
+use crate::scene::mesh_files::{self, MeshFile};
+use crate::scene::place::{key_of, quoted};
+use crate::scene::validate::MAX_LENGTH;
 use crate::{Error, Result};
 
 /// Most triangles of all meshes: 3 rows each and 2 for each of less than twice as many nodes, numbered below 2^24, which

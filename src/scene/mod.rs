@@ -8,10 +8,10 @@ mod coincidence;
 mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
-mod doubts;
 mod files;
 mod frame;
 pub mod json;
+pub(crate) mod lower;
 pub mod materials;
 mod media;
 mod mesh_files;
@@ -23,18 +23,19 @@ mod text;
 mod tree;
 mod validate;
 mod volume;
+mod warnings;
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::ir::{Mesh, SceneIr};
+use crate::model::{Mesh, SceneIr};
+pub(crate) use crate::scene::frame::frame_of;
+use crate::scene::json::SceneFile;
+pub(crate) use crate::scene::media::MediaTable;
+pub(crate) use crate::scene::surfaces::SceneSurface;
 use crate::{Error, Result};
-pub(crate) use frame::frame_of;
-use json::SceneFile;
-pub(crate) use media::MediaTable;
-pub(crate) use surfaces::SceneSurface;
 
 /// The version of Optiland's schema that is read.
 pub const NSQ_SCHEMA_VERSION: u64 = 1;
@@ -90,7 +91,7 @@ impl Scene {
         let surfaces = surfaces::build(&file, &wavelengths, &meshes, folder, &mut warnings)?;
         let media = media::resolve(&file, &wavelengths, &mut warnings)?;
         let meshes = meshes.meshes;
-        warnings.extend(doubts::of(&file, &surfaces, &meshes, &media, &wavelengths));
+        warnings.extend(warnings::of(&file, &surfaces, &meshes, &media, &wavelengths));
         Ok(Scene { file, warnings, folder: folder.to_owned(), wavelengths, surfaces, meshes, media })
     }
 
@@ -104,7 +105,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Internal`] if the scene names something that reading it did not resolve.
     pub fn lower(&self) -> Result<SceneIr> {
-        crate::ir::lower::lower(self)
+        crate::scene::lower::lower(self)
     }
 }
 

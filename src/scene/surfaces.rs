@@ -5,15 +5,15 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::bsdf::{self, Reading};
-use super::compounds::{Part, curvature};
-use super::frame::{frame_of, moved};
-use super::json::{
+use crate::model::{self, Frame, Outline};
+use crate::scene::bsdf::{self, Reading};
+use crate::scene::compounds::{Part, curvature};
+use crate::scene::frame::{frame_of, moved};
+use crate::scene::json::{
     Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
 };
-use super::meshes::{Meshes, Placed};
-use super::place::{did_you_mean, key_of, quoted};
-use crate::ir::{self, Frame, Outline};
+use crate::scene::meshes::{Meshes, Placed};
+use crate::scene::place::{did_you_mean, key_of, quoted};
 use crate::{Error, Result};
 
 /// A surface whose materials are still the user's words.
@@ -21,10 +21,10 @@ use crate::{Error, Result};
 pub(crate) struct SceneSurface {
     pub name: String,
     pub frame: Frame,
-    pub shape: ir::Shape,
-    pub interaction: ir::Interaction,
-    pub coating: Option<ir::Coating>,
-    pub scatter: Option<ir::Scatter>,
+    pub shape: model::Shape,
+    pub interaction: model::Interaction,
+    pub coating: Option<model::Coating>,
+    pub scatter: Option<model::Scatter>,
     pub front: Material,
     pub back: Material,
 }
@@ -139,17 +139,17 @@ fn single(
     })
 }
 
-fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<ir::Shape> {
+fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<model::Shape> {
     Ok(match *shape {
         Shape::Conic { radius, conic, aperture_radius } => {
-            ir::Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
+            model::Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
         }
         // A disk wins over a rectangle, as in Optiland.
-        Shape::Plane { aperture_radius: Some(radius), .. } => ir::Shape::Plane(Outline::Disk { radius }),
+        Shape::Plane { aperture_radius: Some(radius), .. } => model::Shape::Plane(Outline::Disk { radius }),
         Shape::Plane { width: Some(width), height: Some(height), .. } => {
-            ir::Shape::Plane(Outline::Rectangle { width, height })
+            model::Shape::Plane(Outline::Rectangle { width, height })
         }
-        Shape::Plane { width: None, height: None, .. } => ir::Shape::Plane(Outline::Infinite),
+        Shape::Plane { width: None, height: None, .. } => model::Shape::Plane(Outline::Infinite),
         Shape::Plane { .. } => {
             return Err(Error::scene(
                 place,
@@ -158,15 +158,15 @@ fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<ir::Shape> 
             ));
         }
         Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            ir::Shape::Annulus { inner_radius, outer_radius, z_offset }
+            model::Shape::Annulus { inner_radius, outer_radius, z_offset }
         }
         Shape::Frustum { r_front, r_back, z_front, z_back } => {
-            ir::Shape::Frustum { r_front, r_back, z_front, z_back }
+            model::Shape::Frustum { r_front, r_back, z_front, z_back }
         }
-        Shape::Sphere { radius, aperture_radius } => ir::Shape::Sphere { radius, aperture_radius },
+        Shape::Sphere { radius, aperture_radius } => model::Shape::Sphere { radius, aperture_radius },
         Shape::Mesh { .. } => {
             let placed = mesh.ok_or_else(|| Error::Internal(format!("the mesh at {place} was not read")))?;
-            ir::Shape::Mesh(placed.mesh)
+            model::Shape::Mesh(placed.mesh)
         }
     })
 }
@@ -183,12 +183,12 @@ struct Finish<'a> {
 }
 
 impl Finish<'_> {
-    fn interaction(&self, place: &str, wavelengths: &[f64]) -> Result<ir::Interaction> {
+    fn interaction(&self, place: &str, wavelengths: &[f64]) -> Result<model::Interaction> {
         Ok(match self.kind {
-            Interaction::Refractive => ir::Interaction::Refractive,
-            Interaction::Absorbing => ir::Interaction::Absorbing,
+            Interaction::Refractive => model::Interaction::Refractive,
+            Interaction::Absorbing => model::Interaction::Absorbing,
             Interaction::Reflective => {
-                ir::Interaction::Reflective { reflectance: self.mirror_reflectance(place, wavelengths)? }
+                model::Interaction::Reflective { reflectance: self.mirror_reflectance(place, wavelengths)? }
             }
         })
     }
@@ -217,7 +217,7 @@ impl Finish<'_> {
         }
     }
 
-    fn coating(&self, place: &str, wavelengths: &[f64]) -> Result<Option<ir::Coating>> {
+    fn coating(&self, place: &str, wavelengths: &[f64]) -> Result<Option<model::Coating>> {
         match (self.kind, self.coating) {
             (Interaction::Refractive, Some(coating)) => {
                 bsdf::coating(&key_of(place, "coating"), coating, wavelengths).map(Some)
@@ -227,7 +227,7 @@ impl Finish<'_> {
     }
 
     /// An absorbing surface scatters nothing, as in Optiland.
-    fn scatter(&self, name: &str, place: &str, reading: &mut Reading<'_>) -> Result<Option<ir::Scatter>> {
+    fn scatter(&self, name: &str, place: &str, reading: &mut Reading<'_>) -> Result<Option<model::Scatter>> {
         let absorbs = self.kind == Interaction::Absorbing;
         for (what, given) in [("BSDF", self.bsdf.is_some()), ("coating", self.coating.is_some())] {
             if absorbs && given {
@@ -295,7 +295,7 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
 
 /// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
 fn overreach(surface: &SceneSurface) -> Option<String> {
-    let ir::Shape::Conic { curvature, conic, aperture_radius } = surface.shape else { return None };
+    let model::Shape::Conic { curvature, conic, aperture_radius } = surface.shape else { return None };
     let widest = 1.0 / (curvature.abs() * (1.0 + conic).max(0.0).sqrt());
     let name = quoted(&surface.name);
     (aperture_radius > widest)
@@ -309,7 +309,7 @@ fn warn_of_idle_reflectance(file: &SceneFile, groups: &[Group<'_>], warnings: &m
     let changed = block.overrides.iter().filter(|(_, change)| change.reflectance.is_some());
     let given: HashSet<&str> = raw.chain(changed.map(|(name, _)| name.as_str())).collect();
     for surface in groups.iter().flat_map(|(_, surfaces)| surfaces) {
-        let reflects = matches!(surface.interaction, ir::Interaction::Reflective { .. });
+        let reflects = matches!(surface.interaction, model::Interaction::Reflective { .. });
         if !reflects && given.contains(surface.name.as_str()) {
             let name = quoted(&surface.name);
             warnings.push(format!(
@@ -331,7 +331,7 @@ fn check_override_names(file: &SceneFile, overrides: &BTreeMap<String, Override>
             let advice = did_you_mean(name, parts.iter().map(|part| part.name.as_str()));
             return Err(Error::scene(place, "no component has a surface of this name", advice));
         };
-        if change.aperture_radius.is_some() && !matches!(part.shape, ir::Shape::Conic { .. }) {
+        if change.aperture_radius.is_some() && !matches!(part.shape, model::Shape::Conic { .. }) {
             return Err(Error::scene(
                 key_of(&place, "aperture_radius"),
                 "this surface has no aperture of its own",

@@ -9,8 +9,8 @@ use indexmap::IndexMap;
 use serde::de::{self, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::Number;
 
-use super::place::Place;
-use super::tree::{Array, Value};
+use crate::scene::place::Place;
+use crate::scene::tree::{Array, Value};
 use crate::{Error, Result};
 
 /// Longest scene text that is read \[bytes\]; numbers in rows take at most four times as much memory, and twice that while they

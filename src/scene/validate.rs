@@ -3,13 +3,13 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::json::{
+use crate::model::Sampling;
+use crate::scene::json::{
     Block, Bsdf, Coating, CollimatedSource, Component, CoordinateSystem, Detector, Doublet, ExtendedSource,
     Lens, Medium, Mirror, Override, RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Shape,
     Source, SpectralDetector, Spectrum, SplatKind,
 };
-use super::place::{did_you_mean, key_of, quoted};
-use crate::ir::Sampling;
+use crate::scene::place::{did_you_mean, key_of, quoted};
 use crate::{Error, Result};
 
 /// Longest coordinate or size \[mm\]: a million km.

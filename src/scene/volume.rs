@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use crate::ir::Shape;
+use crate::model::Shape;
 
 /// Largest gap between a rim point and its nearest neighbour \[mm\].
 const GAP_TOLERANCE: f64 = 1e-6;

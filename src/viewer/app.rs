@@ -1,13 +1,12 @@
 //! The window: panels around the plot of the detector that is shown.
 
-use super::field::Cell;
-use super::model::{Analysis, Model, Picture, Subject};
-use super::plot::{Frame, View};
-use super::raster;
-use super::region::Region;
-use super::settings::Tool;
-use super::spots::Spot;
-use super::views;
+use crate::viewer::field::Cell;
+use crate::viewer::model::{Analysis, Model, Picture, Subject};
+use crate::viewer::plot::{Frame, View};
+use crate::viewer::region::Region;
+use crate::viewer::settings::Tool;
+use crate::viewer::spots::Spot;
+use crate::viewer::{raster, views};
 use eframe::egui::{self, CentralPanel, Key, Modifiers, Panel, TextureHandle, Ui};
 use std::collections::HashMap;
 use std::sync::Arc;

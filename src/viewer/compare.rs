@@ -1,6 +1,6 @@
 //! Two results of one detector: A, B, their difference, and how significant it is.
 
-use super::field::{Field, Labels};
+use crate::viewer::field::{Field, Labels};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! What is shown, as text; and names of files that no other file has.
 
-use super::field::Field;
-use super::spots::Spots;
+use crate::viewer::field::Field;
+use crate::viewer::spots::Spots;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 

@@ -27,8 +27,8 @@ pub mod spots;
 pub mod tracing;
 mod views;
 
-pub use app::App;
-pub use model::Model;
+pub use crate::viewer::app::App;
+pub use crate::viewer::model::Model;
 
 use crate::error::{Error, Result};
 use eframe::egui;

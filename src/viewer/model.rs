@@ -1,20 +1,20 @@
 //! What the window shows, without the window: results, traces and choices.
 
-use super::compare::{Comparison, Scores, difference};
-use super::field::{Field, Geometry};
-use super::photometry;
-use super::profile::Line;
-use super::pyramid::Pyramid;
-use super::region::{EncircledEnergy, Region, Statistics};
-use super::scale::{Scale, ScaleKind};
-use super::settings::Settings;
-use super::spots::{Figures, Spots};
-use super::tracing::{
-    Background, Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State, record_paths,
-};
 use crate::error::{Error, Result};
 use crate::result::output::REPORT;
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
+use crate::viewer::compare::{Comparison, Scores, difference};
+use crate::viewer::field::{Field, Geometry};
+use crate::viewer::photometry;
+use crate::viewer::profile::Line;
+use crate::viewer::pyramid::Pyramid;
+use crate::viewer::region::{EncircledEnergy, Region, Statistics};
+use crate::viewer::scale::{Scale, ScaleKind};
+use crate::viewer::settings::Settings;
+use crate::viewer::spots::{Figures, Spots};
+use crate::viewer::tracing::{
+    Background, Device, Job, LoadedScene, Notify, PathsJob, RunOptions, State, record_paths,
+};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;

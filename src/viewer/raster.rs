@@ -1,10 +1,10 @@
 //! Pictures of values and rays at the resolution of the screen: their cost follows the window, not the detector.
 
-use super::field::{Field, Geometry};
-use super::plot::View;
-use super::pyramid::{Level, Pyramid};
-use super::scale::{Scale, Shade};
-use super::spots::Spots;
+use crate::viewer::field::{Field, Geometry};
+use crate::viewer::plot::View;
+use crate::viewer::pyramid::{Level, Pyramid};
+use crate::viewer::scale::{Scale, Shade};
+use crate::viewer::spots::Spots;
 use eframe::egui::{Color32, ColorImage};
 use std::ops::Range;
 

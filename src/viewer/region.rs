@@ -1,6 +1,6 @@
 //! Figures of a region of a map, or of rays.
 
-use super::field::{Cell, Field, Geometry};
+use crate::viewer::field::{Cell, Field, Geometry};
 use serde::{Deserialize, Serialize};
 
 /// A region of a plot: cells belong to it by their middles.

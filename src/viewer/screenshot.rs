@@ -1,8 +1,8 @@
 //! The window's frame without a window: drawn on a device into a texture, and from there into a file.
 
-use super::app::App;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
+use crate::viewer::app::App;
 use eframe::egui::{self, Pos2, Rect, ViewportId, vec2};
 use eframe::egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
 use std::path::Path;

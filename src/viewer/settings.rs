@@ -1,8 +1,8 @@
 //! What the viewer remembers between starts.
 
-use super::compare::Comparison;
-use super::scale::{ColorMap, ScaleKind};
 use crate::folders::Folder;
+use crate::viewer::compare::Comparison;
+use crate::viewer::scale::{ColorMap, ScaleKind};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

@@ -1,10 +1,10 @@
 //! The rays of a database as points: by place or by direction.
 
-use super::field::Labels;
-use super::photometry;
-use super::region::{EncircledEnergy, Moments, Region, encircled_energy};
 use crate::error::Result;
 use crate::result::RayDatabase;
+use crate::viewer::field::Labels;
+use crate::viewer::photometry;
+use crate::viewer::region::{EncircledEnergy, Moments, Region, encircled_energy};
 use glam::DVec3;
 use ndarray::Array1;
 
@@ -150,8 +150,9 @@ fn bounds(spots: &[Spot]) -> ((f64, f64), (f64, f64)) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ir::Frame;
-    use crate::result::{RayColumns, ray_database::RecordedRays};
+    use crate::model::Frame;
+    use crate::result::RayColumns;
+    use crate::result::ray_database::RecordedRays;
     use crate::viewer::region::Outline;
     use glam::DMat3;
     use ndarray::array;

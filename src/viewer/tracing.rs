@@ -12,12 +12,12 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::ir::SceneIr;
-use crate::precision::{self, Choice, Wanted};
+use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
 use crate::scene::Scene;
-use crate::stopping::Stopping;
+use crate::trace::auto_precision::{self, Choice, Wanted};
+use crate::trace::stopping::Stopping;
 use crate::trace::{Progress, RecordPaths, StandardError, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -245,7 +245,7 @@ fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(Trace
         ..TraceOptions::default().tuned(&gpu.info)
     };
     let wanted = options.precision.map_or(Wanted::Auto, Wanted::Exactly);
-    let choice = precision::choose(gpu, ir, &traced, wanted)?;
+    let choice = auto_precision::choose(gpu, ir, &traced, wanted)?;
     Ok((TraceOptions { precision: choice.precision, ..traced }, choice))
 }
 

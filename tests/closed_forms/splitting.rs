@@ -4,8 +4,8 @@ use crate::bench::{Bench, Row, SEED, Tier, at, disk, plane, rows, tiers, tilted}
 use crate::deviation::{binomial, exact, mean};
 use glam::DVec3;
 use nsq_gpu::TraceResult;
-use nsq_gpu::ir::ray_id;
-use nsq_gpu::program::rng;
+use nsq_gpu::model::ray_id;
+use nsq_gpu::program::layout::rng;
 use serde_json::json;
 use std::collections::BTreeMap;
 

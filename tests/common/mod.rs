@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test binary compiles the harness and uses its part of it")]
 
 use nsq_gpu::program::df64;
-use nsq_gpu::program::library::{Integers, Real};
+use nsq_gpu::program::wgsl::library::{Integers, Real};
 use std::io::Write;
 use wgpu::util::DeviceExt;
 

@@ -1,7 +1,7 @@
 //! Meshes to test with; faces are counter-clockwise seen from outside.
 
 use glam::DVec3;
-use nsq_gpu::ir::Mesh;
+use nsq_gpu::model::Mesh;
 use std::collections::HashMap;
 
 /// A sphere about the origin: an icosahedron whose triangles are cut in four so many times.

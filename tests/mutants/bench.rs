@@ -3,7 +3,7 @@
 use crate::table::Mutant;
 use crate::zoo;
 use nsq_gpu::gpu::{Gpu, list_adapters};
-use nsq_gpu::ir::{SceneIr, SensorKind};
+use nsq_gpu::model::{SceneIr, SensorKind};
 use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};

@@ -5,7 +5,7 @@ use crate::closed_forms;
 use crate::oracle::Oracle;
 use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
-use nsq_gpu::ir::{SceneIr, Sensor, SensorKind, Splat};
+use nsq_gpu::model::{SceneIr, Sensor, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEventKind, SensorTally, Tally};
 use nsq_gpu::trace::RecordPaths;

@@ -3,12 +3,13 @@
 use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
-use nsq_gpu::ir::ray_id::NUM_REPLICATES;
-use nsq_gpu::ir::{
+use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
+use nsq_gpu::model::{
     Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
-    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface, ray_id,
+    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
-use nsq_gpu::program::{Precision, Sampler, rng};
+use nsq_gpu::program::layout::rng;
+use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
 use nsq_gpu::{StandardError, TraceResult};
 

@@ -1,6 +1,6 @@
 //! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
 
-use nsq_gpu::ir::{Bsdf, Emitter, EmitterKind, Outline, Sensor, SensorKind, Shape, Splat, Surface};
+use nsq_gpu::model::{Bsdf, Emitter, EmitterKind, Outline, Sensor, SensorKind, Shape, Splat, Surface};
 
 /// Every kind of source.
 pub const SOURCES: [&str; 6] = [

@@ -4,12 +4,13 @@ use crate::twins::constant;
 use crate::variants::{Choice, Tier, Variant, everything, everything_in_buffers};
 use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
-use nsq_gpu::ir::{SceneIr, Shape};
+use nsq_gpu::model::{SceneIr, Shape};
 use nsq_gpu::program::features::ShapeKind;
-use nsq_gpu::program::records::StructLayout;
-use nsq_gpu::program::{
-    PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler, end_log, lowered, nominal,
-};
+use nsq_gpu::program::layout::records::StructLayout;
+use nsq_gpu::program::layout::tables;
+use nsq_gpu::program::{PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler};
+use nsq_gpu::software::log::format;
+use nsq_gpu::software::path::main_path;
 
 /// A field of a struct of a module.
 #[derive(Debug, PartialEq)]
@@ -101,7 +102,7 @@ fn words(program: &Program, variable: &str) -> Vec<u32> {
     bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
 }
 
-/// A node of a tree as lib/boxes.wgsl reads it: the boxes of its children, and the children.
+/// A node of a tree as geometry/boxes.wgsl reads it: the boxes of its children, and the children.
 struct Node {
     boxes: Vec<[[f64; 3]; 2]>,
     inner: Vec<usize>,
@@ -185,7 +186,7 @@ fn a_queued_ray_is_small() {
 
 #[test]
 fn both_shaders_have_the_same_queue_counts() {
-    let advance = naga::front::wgsl::parse_str(nsq_gpu::program::compose::ADVANCE).unwrap();
+    let advance = naga::front::wgsl::parse_str(nsq_gpu::program::wgsl::compose::ADVANCE).unwrap();
     let trace = everything().program(tiers_in_tables()[0]).module;
     assert_eq!(fields(&advance, "QueueCounts"), fields(&trace, "QueueCounts"));
     // The host reads the number of rows from byte 8 on, whether loops were cut from byte 12 on.
@@ -243,7 +244,7 @@ fn range_scene(tier: Tier) -> (SceneIr, Program) {
 }
 
 fn expected_range(emitter: usize) -> Vec<(String, f64)> {
-    let [seed_lo, seed_hi, ..] = nsq_gpu::program::rng::step_table(Sampler::Pcg, SEED, 1)[0];
+    let [seed_lo, seed_hi, ..] = nsq_gpu::program::layout::rng::step_table(Sampler::Pcg, SEED, 1)[0];
     let expected = [
         ("first_lo", 5.0),
         ("first_hi", 7.0),
@@ -325,7 +326,7 @@ fn tables_hold_the_scene_where_the_shaders_look() {
         assert_eq!(of("SensorRow", "sensor_table", "cell"), cells, "{tier:?}");
         let absorb: Vec<f64> = ir.sensors.iter().map(|s| f64::from(u8::from(s.absorb))).collect();
         assert_eq!(of("SensorRow", "sensor_table", "absorb"), absorb, "{tier:?}");
-        let shapes: Vec<f64> = lowered::primitives(ir).iter().map(|(_, shape)| code_of(shape)).collect();
+        let shapes: Vec<f64> = tables::primitives(ir).iter().map(|(_, shape)| code_of(shape)).collect();
         assert_eq!(of("PrimitiveRow", "primitive_table", "shape"), shapes, "{tier:?}");
     }
 }
@@ -388,7 +389,7 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
         let fields = names(&program.module, "Primitive");
         assert_eq!(values.len(), fields.len(), "{values:?}");
         let expression = |name: &str| values[fields.iter().position(|field| field == name).unwrap()];
-        let primitives = lowered::primitives(&variant.ir);
+        let primitives = tables::primitives(&variant.ir);
         let mut numbers = Vec::new();
         for place in 0..num {
             let texels = &rows[4 * (first + each * place)..][..4 * each];
@@ -409,7 +410,7 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
     // Of the trace, not of the program: range, draws, rows, emitter, the log of ends, the rays that strayed; and the sums.
-    let traced = [0, RNG_TABLE, 12, lowered::EMITTER, end_log::LOG, nominal::STRAYS];
+    let traced = [0, RNG_TABLE, 12, tables::EMITTER, format::LOG, main_path::STRAYS];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

@@ -5,10 +5,11 @@ use crate::variants::{
     Tier, Variant, bsdf_of, bsdfs, emitters, everything_in_buffers, interactions, sensors, shapes, splats,
 };
 use naga::{Expression, Literal, Module};
-use nsq_gpu::gpu::sums;
-use nsq_gpu::ir::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
-use nsq_gpu::program::lowered::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, sensor_code};
-use nsq_gpu::program::{Precision, Program, events, rng};
+use nsq_gpu::engine::sums;
+use nsq_gpu::model::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
+use nsq_gpu::program::layout::rng;
+use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, sensor_code};
+use nsq_gpu::program::{Precision, Program, events};
 
 fn tables() -> (Variant, Program) {
     let variant = everything_in_buffers();
@@ -136,7 +137,7 @@ fn shapes_take_the_numbers_of_the_host() {
             program.module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(kind.name().0));
         let expected = kind.num_arguments() + 3 + usize::from(kind.is_searched());
         assert_eq!(function.unwrap().1.arguments.len(), expected, "{kind:?}");
-        let arguments = nsq_gpu::program::lowered::shape_arguments(&crate::variants::shape_of(kind));
+        let arguments = nsq_gpu::program::layout::tables::shape_arguments(&crate::variants::shape_of(kind));
         assert_eq!(arguments.len(), kind.num_arguments(), "{kind:?}");
     }
 }
@@ -153,7 +154,7 @@ fn emitters_have_the_codes_of_the_dispatch() {
         assert!(program.wgsl.contains(&call), "no `{call}`");
         let kind = crate::variants::emitter_of(name);
         let emitter = variant.ir.emitters.iter().position(|emitter| emitter.kind == kind).unwrap();
-        let layout = nsq_gpu::program::records::StructLayout::of(&program.module, "Emitter").unwrap();
+        let layout = nsq_gpu::program::layout::records::StructLayout::of(&program.module, "Emitter").unwrap();
         let offset = layout.offset("kind").unwrap();
         let bytes = &program.emitters[emitter];
         assert_eq!(bytes[offset..offset + 4], (name as u32).to_le_bytes(), "{name:?}");

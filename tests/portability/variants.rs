@@ -1,16 +1,16 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::ir::{
+use nsq_gpu::model::{
     Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
     ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
-use nsq_gpu::program::bsdf::BsdfKind;
 use nsq_gpu::program::features::ShapeKind;
-use nsq_gpu::program::nominal::{PilotPath, Way};
+use nsq_gpu::program::layout::bsdf::BsdfKind;
 use nsq_gpu::program::{
     EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
 };
+use nsq_gpu::software::path::main_path::{PilotPath, Way};
 
 /// How a scene is compiled.
 #[derive(Debug, Clone, Copy, PartialEq)]

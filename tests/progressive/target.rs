@@ -1,13 +1,12 @@
 //! A target for the error stops where the error is what was asked, and what it promises comes true.
 
 use crate::zoo;
-use nsq_gpu::TraceOptions;
-use nsq_gpu::ir::{SceneIr, SensorKind, Splat};
+use nsq_gpu::model::{SceneIr, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use nsq_gpu::result::uncertainty::worst_relative_error;
-use nsq_gpu::stopping::{StoppedBy, Stopping};
-use nsq_gpu::{StandardError, Tracer};
+use nsq_gpu::trace::stopping::{StoppedBy, Stopping};
+use nsq_gpu::{StandardError, TraceOptions, Tracer};
 
 /// A trace that was stopped by its target.
 struct Stopped {

@@ -1,8 +1,8 @@
 //! Standard errors mean what they say: intervals hold what they should hold, as often as they should.
 
 use crate::zoo;
-use nsq_gpu::ir::ray_id::NUM_REPLICATES;
-use nsq_gpu::ir::{Bsdf, Sampling, SceneIr, SensorKind, Splat};
+use nsq_gpu::model::ray_id::NUM_REPLICATES;
+use nsq_gpu::model::{Bsdf, Sampling, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, SensorTally, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};

@@ -1,13 +1,13 @@
 alias real = f32;
-// <- shaders/lib/real_f32.wgsl
-// <- shaders/lib/math_f32.wgsl
-// <- shaders/lib/polynomials_f32.wgsl
-// <- shaders/lib/quanta_f32.wgsl
-// <- shaders/lib/rng_slots.wgsl
-// <- shaders/lib/math.wgsl
-// <- shaders/lib/sums.wgsl
-// <- shaders/lib/rng_portable.wgsl
-// <- shaders/lib/sums_portable.wgsl
+// <- shaders/math/real_f32.wgsl
+// <- shaders/math/math_f32.wgsl
+// <- shaders/math/polynomials_f32.wgsl
+// <- shaders/sums/quanta_f32.wgsl
+// <- shaders/random/rng_slots.wgsl
+// <- shaders/math/math.wgsl
+// <- shaders/sums/sums.wgsl
+// <- shaders/random/rng_portable.wgsl
+// <- shaders/sums/sums_portable.wgsl
 const NO_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
@@ -45,79 +45,79 @@ const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
 const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
-// <- shaders/lib/state.wgsl
+// <- shaders/stages/state.wgsl
 
-// <- shaders/lib/ids_range.wgsl
+// <- shaders/stages/ids_range.wgsl
 
-// <- shaders/lib/replicates_none.wgsl
+// <- shaders/sums/replicates_none.wgsl
 
-// <- shaders/lib/transforms.wgsl
+// <- shaders/geometry/transforms.wgsl
 
-// <- shaders/lib/quadric.wgsl
+// <- shaders/geometry/quadric.wgsl
 
-// <- shaders/lib/bookkeeping.wgsl
+// <- shaders/sums/ledger.wgsl
 
-// <- shaders/lib/counts.wgsl
+// <- shaders/stages/counts.wgsl
 
-// <- shaders/lib/reached_mask.wgsl
+// <- shaders/sums/reached_mask.wgsl
 
-// <- shaders/lib/weights_vary.wgsl
+// <- shaders/sums/weights_vary.wgsl
 
-// <- shaders/lib/ends_booked.wgsl
+// <- shaders/sums/ends_booked.wgsl
 
-// <- shaders/lib/passes_booked.wgsl
+// <- shaders/sums/passes_booked.wgsl
 
-// <- shaders/lib/spectrum_single.wgsl
+// <- shaders/optics/spectrum_single.wgsl
 
-// <- shaders/lib/bulk_none.wgsl
+// <- shaders/optics/bulk_none.wgsl
 
-// <- shaders/lib/roulette_none.wgsl
+// <- shaders/optics/roulette_none.wgsl
 
-// <- shaders/lib/rounds_none.wgsl
+// <- shaders/stages/rounds_none.wgsl
 
-// <- shaders/lib/rays_one.wgsl
+// <- shaders/stages/rays_one.wgsl
 
-// <- shaders/lib/branch_fresnel.wgsl
+// <- shaders/optics/branch_fresnel.wgsl
 
-// <- shaders/lib/coating_none.wgsl
+// <- shaders/optics/coating_none.wgsl
 
-// <- shaders/lib/scatter_none.wgsl
+// <- shaders/stages/scatter_none.wgsl
 
-// <- shaders/lib/paths_none.wgsl
+// <- shaders/rows/paths_none.wgsl
 
-// <- shaders/lib/mesh_none.wgsl
+// <- shaders/geometry/mesh_none.wgsl
 
-// <- shaders/lib/contact_none.wgsl
+// <- shaders/geometry/contact_none.wgsl
 
 // <- shaders/shapes/plane.wgsl
 
-// <- shaders/generate.wgsl
+// <- shaders/stages/generate.wgsl
 
-// <- shaders/intersect.wgsl
+// <- shaders/stages/intersect.wgsl
 
-// <- shaders/lib/gradients.wgsl
+// <- shaders/geometry/gradients.wgsl
 
-// <- shaders/interact.wgsl
+// <- shaders/stages/interact.wgsl
 
-// <- shaders/splat.wgsl
+// <- shaders/stages/splat.wgsl
 
-// <- shaders/trace.wgsl
+// <- shaders/stages/trace.wgsl
 
 // <- shaders/shapes/conic.wgsl
 
 // <- shaders/shapes/frustum.wgsl
 
-// <- shaders/emitters/collimated_tophat.wgsl
+// <- shaders/sources/collimated_tophat.wgsl
 
-// <- shaders/lib/indices.wgsl
+// <- shaders/optics/indices.wgsl
 
-// <- shaders/lib/reflectance_none.wgsl
+// <- shaders/optics/reflectance_none.wgsl
 
-// <- shaders/lib/queue_none.wgsl
+// <- shaders/stages/queue_none.wgsl
 
-// <- shaders/lib/moments_none.wgsl
+// <- shaders/sums/moments_none.wgsl
 
-// <- shaders/sensors/irradiance.wgsl
+// <- shaders/detectors/irradiance.wgsl
 
 struct Surface {
     interaction: u32,

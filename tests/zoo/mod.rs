@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use devices::Devices;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
-use nsq_gpu::ir::SceneIr;
+use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally};
 use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};

@@ -1,11 +1,11 @@
 //! How many random numbers a Sobol point is worth: the ratio of the mean squared errors at the same number of rays, which
 //! is the ratio of the numbers of rays at the same error, since that of random numbers falls with their number.
 
-use super::scenes::{AccuracyScene, scene};
-use super::variances::{FluxVariance, GROUP, Quantity, Ratio, Variances};
+use crate::bench::accuracy::scenes::{AccuracyScene, scene};
+use crate::bench::accuracy::variances::{FluxVariance, GROUP, Quantity, Ratio, Variances};
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::ir::{ReflectProb, SceneIr};
+use crate::model::{ReflectProb, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::scene::Scene;
 use crate::trace::{StandardError, TraceOptions, Tracer};

@@ -1,13 +1,13 @@
 //! Error and time of a method while its rays grow.
 
-use super::estimate::{Errors, Estimate};
-use super::methods::{Method, best, methods};
-use super::scenes::AccuracyScene;
+use crate::bench::accuracy::estimate::{Errors, Estimate};
+use crate::bench::accuracy::methods::{Method, best, methods};
+use crate::bench::accuracy::scenes::AccuracyScene;
 use crate::bench::peers::optiland::{MapRequest, Optiland};
 use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::trace::{StandardError, TraceOptions, Tracer};
 

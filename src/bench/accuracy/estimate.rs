@@ -1,6 +1,6 @@
 //! What a trace says of one detector, and how far that is from another answer.
 
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::result::uncertainty::Uncertainty;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, Tally};
 

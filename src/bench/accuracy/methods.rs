@@ -1,7 +1,7 @@
 //! Ways to trace a scene: the plain one, and each setting that changes the error for the same time.
 
-use super::scenes::{is_refractive, set_splat};
-use crate::ir::{ReflectProb, SceneIr, Splat};
+use crate::bench::accuracy::scenes::{is_refractive, set_splat};
+use crate::model::{ReflectProb, SceneIr, Splat};
 use crate::program::{Precision, Sampler};
 
 /// One way to trace.

@@ -20,9 +20,9 @@ pub mod report;
 pub mod scenes;
 pub mod variances;
 
-pub use claims::{CLAIMS, Claim, Verdict};
-pub use curves::{Curve, Point, SceneCurves};
-pub use estimate::{Errors, Estimate};
-pub use numerical::Numerical;
-pub use report::AccuracyReport;
-pub use scenes::{AccuracyScene, SCENES};
+pub use crate::bench::accuracy::claims::{CLAIMS, Claim, Verdict};
+pub use crate::bench::accuracy::curves::{Curve, Point, SceneCurves};
+pub use crate::bench::accuracy::estimate::{Errors, Estimate};
+pub use crate::bench::accuracy::numerical::Numerical;
+pub use crate::bench::accuracy::report::AccuracyReport;
+pub use crate::bench::accuracy::scenes::{AccuracyScene, SCENES};

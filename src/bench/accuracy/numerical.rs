@@ -1,10 +1,10 @@
 //! The error of arithmetic alone: two tiers trace the same draws, and where a ray takes the same path in both, they are
 //! apart by rounding.
 
-use super::scenes::AccuracyScene;
+use crate::bench::accuracy::scenes::AccuracyScene;
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{PathEvent, PathEventKind};
 use crate::trace::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};

@@ -1,9 +1,9 @@
 //! The files of `nsq-gpu bench --accuracy`.
 
-use super::claims::{Verdict, at_least};
-use super::curves::{Curve, FIRST_RAYS, Point, SceneCurves};
-use super::numerical::Numerical;
-use super::variances::Ratio;
+use crate::bench::accuracy::claims::{Verdict, at_least};
+use crate::bench::accuracy::curves::{Curve, FIRST_RAYS, Point, SceneCurves};
+use crate::bench::accuracy::numerical::Numerical;
+use crate::bench::accuracy::variances::Ratio;
 use crate::bench::machine;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;

@@ -1,7 +1,7 @@
 //! The scenes of the chart, each with the detector that is looked at.
 
 use crate::error::{Error, Result};
-use crate::ir::{Interaction, Sampling, SceneIr, SensorKind, Splat};
+use crate::model::{Interaction, Sampling, SceneIr, SensorKind, Splat};
 use crate::scene::Scene;
 
 /// A scene and one of its detectors.

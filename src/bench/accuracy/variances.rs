@@ -4,9 +4,9 @@
 //! contributions are independent. Whatever else is estimated is the variance within groups of traces with seeds of their
 //! own. Either way a group gives an estimate without bias, and how far the groups lie apart tells the error of their mean.
 
-use super::estimate::{Deviations, Estimate};
+use crate::bench::accuracy::estimate::{Deviations, Estimate};
 use crate::error::{Error, Result};
-use crate::ir::SceneIr;
+use crate::model::SceneIr;
 use crate::trace::Tracer;
 
 /// Traces of a group: each has a seed of its own, so that scrambles are independent.
@@ -174,7 +174,7 @@ fn students_t(freedom: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::program::rng::splitmix64;
+    use crate::program::layout::rng::splitmix64;
     use approx::assert_relative_eq;
 
     fn variances(values: impl IntoIterator<Item = f64>) -> Variances {

@@ -1,8 +1,8 @@
 //! Mitsuba 3 with Embree.
 
-use super::child::{Files, PythonChild, Script};
-use super::{Peer, PeerRun};
 use crate::bench::cases::Case;
+use crate::bench::peers::child::{Files, PythonChild, Script};
+use crate::bench::peers::{Peer, PeerRun};
 use crate::error::Result;
 use serde_json::json;
 use std::collections::BTreeMap;

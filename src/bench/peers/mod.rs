@@ -12,9 +12,9 @@ pub mod drjit;
 pub mod mitsuba;
 pub mod optiland;
 
-pub use drjit::DrJit;
-pub use mitsuba::Mitsuba;
-pub use optiland::Optiland;
+pub use crate::bench::peers::drjit::DrJit;
+pub use crate::bench::peers::mitsuba::Mitsuba;
+pub use crate::bench::peers::optiland::Optiland;
 
 use crate::bench::cases::Case;
 use crate::error::Result;

@@ -1,9 +1,9 @@
 //! Optiland's NumPy and Torch backends.
 
-use super::child::{Files, PythonChild, Script};
-use super::{Peer, PeerRun};
 use crate::bench::accuracy::Estimate;
 use crate::bench::cases::{Case, Kind};
+use crate::bench::peers::child::{Files, PythonChild, Script};
+use crate::bench::peers::{Peer, PeerRun};
 use crate::error::Result;
 use serde_json::json;
 use std::collections::BTreeMap;

@@ -1,22 +1,22 @@
 //! The df64 tier: the f64 module with every real as the unevaluated sum of two f32, for devices without f64.
 //!
 //! The physics is composed as for f64, parsed, and rewritten in naga's representation: an f64 becomes a `vec2<f32>`
-//! (high, low), a `vecN<f64>` a matrix of N such columns, and every operation a call of `shaders/lib/df64.wgsl`. What
+//! (high, low), a `vecN<f64>` a matrix of N such columns, and every operation a call of `shaders/math/df64.wgsl`. What
 //! comes out is WGSL again, without any f64.
 
 mod function;
 
 use crate::error::{Error, Result};
-use function::rewrite_function;
+use crate::program::df64::function::rewrite_function;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{Expression, Handle, Literal, Module, Scalar, Span, Type, TypeInner, VectorSize};
 use std::collections::HashMap;
 
-/// Binding in group 0 of the word that compilers must not know to be zero (`shaders/lib/df64.wgsl`).
+/// Binding in group 0 of the word that compilers must not know to be zero (`shaders/math/df64.wgsl`).
 pub const ZERO: u32 = 30;
 
 /// Double-word arithmetic.
-pub const LIBRARY: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/lib/df64.wgsl"));
+pub const LIBRARY: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/math/df64.wgsl"));
 
 /// Names of the library's functions begin with this.
 const PREFIX: &str = "df64_";
@@ -38,7 +38,7 @@ pub fn rounded(value: f64) -> f64 {
     join(split(value))
 }
 
-/// The module with pairs in place of f64, and its WGSL. `source` must hold `shaders/lib/df64.wgsl`.
+/// The module with pairs in place of f64, and its WGSL. `source` must hold `shaders/math/df64.wgsl`.
 ///
 /// # Errors
 /// [`Error::Internal`] if the shader uses f64 in a way that has no counterpart.
@@ -294,7 +294,7 @@ impl<'a> Rewriting<'a> {
         self.library
             .get(&format!("{PREFIX}{name}"))
             .copied()
-            .ok_or_else(|| Error::Internal(format!("shaders/lib/df64.wgsl has no {PREFIX}{name}")))
+            .ok_or_else(|| Error::Internal(format!("shaders/math/df64.wgsl has no {PREFIX}{name}")))
     }
 }
 

@@ -4,8 +4,8 @@
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
 
-use super::dispersion::{Dispersion, Table};
-use super::{Catalog, Entry, Name, Omission, Omitted, Optics};
+use crate::scene::materials::dispersion::{Dispersion, Table};
+use crate::scene::materials::{Catalog, Entry, Name, Omission, Omitted, Optics};
 
 /// Far above what the catalog inflates to, so that damaged data cannot ask for all memory \[bytes\].
 const MAX_INFLATED: usize = 1 << 24;

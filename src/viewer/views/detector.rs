@@ -1,6 +1,5 @@
 //! The plot of a detector: a map or a spot diagram, with what the user marks in it.
 
-use super::{controls, value};
 use crate::result::format::si_prefix;
 use crate::viewer::app::{App, Cursor, Grab, Painted};
 use crate::viewer::field::{Field, Geometry};
@@ -11,6 +10,7 @@ use crate::viewer::region::{Outline, Region};
 use crate::viewer::scale::{ColorMap, Scale, ScaleKind};
 use crate::viewer::settings::Tool;
 use crate::viewer::spots::Spots;
+use crate::viewer::views::{controls, value};
 use eframe::egui::{
     self, Align2, Color32, FontId, Painter, PointerButton, Pos2, Rect, Shape, Stroke, TextureOptions, Ui,
     pos2, vec2,

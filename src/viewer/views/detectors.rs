@@ -1,12 +1,12 @@
 //! What there is to see, what it is compared with, and how the next trace is run.
 
-use super::{quiet, title, value};
 use crate::program::Precision;
 use crate::result::Detector;
 use crate::result::format::with_prefix;
 use crate::viewer::app::App;
 use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};
+use crate::viewer::views::{quiet, title, value};
 use eframe::egui::{self, DragValue, ScrollArea, TextEdit, Ui};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -106,7 +106,7 @@ fn options(app: &mut App, ui: &mut Ui) {
         egui::Grid::new("options").num_columns(2).spacing([10.0, 4.0]).show(ui, |ui| {
             let label = ui.label("Rays");
             let edit = ui.add(TextEdit::singleline(num_rays).desired_width(96.0)).labelled_by(label.id);
-            match crate::cli::count::parse(num_rays) {
+            match crate::count::parse(num_rays) {
                 Ok(rays) if rays > 0 && edit.changed() => model.run.num_rays = rays,
                 Ok(rays) if rays == model.run.num_rays => {}
                 // What is no count is only kept while it is typed.

@@ -1,11 +1,11 @@
 //! The trace: how far it is, and what to do with it.
 
-use super::export;
 use crate::result::format::{significant, thousands};
-use crate::stopping::StoppedBy;
+use crate::trace::stopping::StoppedBy;
 use crate::viewer::app::App;
 use crate::viewer::model::Model;
 use crate::viewer::tracing::State;
+use crate::viewer::views::export;
 use eframe::egui::{self, ProgressBar, RichText, Ui};
 
 /// Makes the trace wait, or go on.

@@ -1,6 +1,6 @@
 //! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
 
-use crate::ir::{Frame as LocalFrame, Interaction, Outline, SceneIr, SensorKind, Shape as Surface};
+use crate::model::{Frame as LocalFrame, Interaction, Outline, SceneIr, SensorKind, Shape as Surface};
 use crate::result::PathColumns;
 use crate::viewer::app::App;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
@@ -106,12 +106,12 @@ impl Drawing {
         }
         for emitter in &ir.emitters {
             let curves = match emitter.kind {
-                crate::ir::EmitterKind::CollimatedTophat { aperture_radius: radius }
-                | crate::ir::EmitterKind::CollimatedGaussian { aperture_radius: radius, .. } => {
+                crate::model::EmitterKind::CollimatedTophat { aperture_radius: radius }
+                | crate::model::EmitterKind::CollimatedGaussian { aperture_radius: radius, .. } => {
                     outline(&emitter.frame, &Outline::Disk { radius })
                 }
-                crate::ir::EmitterKind::Extended { area, .. } => outline(&emitter.frame, &area),
-                crate::ir::EmitterKind::Point { .. } => vec![vec![emitter.frame.origin]],
+                crate::model::EmitterKind::Extended { area, .. } => outline(&emitter.frame, &area),
+                crate::model::EmitterKind::Point { .. } => vec![vec![emitter.frame.origin]],
             };
             drawing.add(&curves, Kind::Source, plane);
             drawing.name(&curves, &emitter.name, plane);

@@ -1,0 +1,51 @@
+//! Numbers of rays as people write them: `1e7`, `10M`, `250000`.
+
+/// Parses a count.
+pub fn parse(text: &str) -> Result<u64, String> {
+    let expected = || format!("`{text}` is not a number of rays; write 250000, 1e7 or 10M");
+    let trimmed = text.trim().replace('_', "");
+    let (digits, scale) = match trimmed.char_indices().last() {
+        Some((end, 'k' | 'K')) => (&trimmed[..end], 1e3),
+        Some((end, 'M')) => (&trimmed[..end], 1e6),
+        Some((end, 'G' | 'B')) => (&trimmed[..end], 1e9),
+        _ => (trimmed.as_str(), 1.0),
+    };
+    if let (Ok(count), true) = (digits.parse::<u64>(), scale == 1.0) {
+        return Ok(count);
+    }
+    let count = digits.parse::<f64>().map_err(|_| expected())? * scale;
+    if count.fract() != 0.0 || count < 0.0 {
+        return Err(expected());
+    }
+    // Beyond, a float no longer says which integer was meant.
+    if count > 9007199254740992.0 {
+        return Err(format!(
+            "`{text}` is too many: beyond 2^53, about 9e15, numbers are read in digits alone, up to {}",
+            u64::MAX
+        ));
+    }
+    Ok(count as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::count::parse;
+
+    #[test]
+    fn counts_read_as_people_write_them() {
+        for (text, count) in
+            [("1e7", 10_000_000), ("10M", 10_000_000), ("2.5k", 2_500), ("7", 7), ("1_000", 1_000)]
+        {
+            assert_eq!(parse(text), Ok(count), "{text}");
+        }
+        assert_eq!(parse("18446744073709551615"), Ok(u64::MAX));
+    }
+
+    #[test]
+    fn what_is_no_count_is_refused() {
+        for text in ["", "M", "-1", "1.5", "1e30", "nan", "inf", "ten"] {
+            assert!(parse(text).is_err(), "{text}");
+        }
+        assert!(parse("1e18").unwrap_err().contains("2^53"));
+    }
+}

@@ -1,0 +1,109 @@
+//! How many rays a dispatch traces, and in how many submissions, so that each keeps the device for a moment only: a desktop
+//! stays usable, and no watchdog ends it.
+
+use crate::trace::DEFAULT_BATCH;
+use std::time::Duration;
+
+/// Events that a first dispatch may make, before any has told how long they take: those of the largest batch at the default
+/// depth, with where its rays end.
+const FIRST_EVENTS: u64 = DEFAULT_BATCH as u64 * 17;
+/// A dispatch has at most so many times the rays of the one before: rays of one scene do not take alike.
+const GROWTH: f64 = 4.0;
+
+/// Rays of a dispatch, by what those before it took.
+#[derive(Debug)]
+pub(crate) struct DispatchSize {
+    rays: u32,
+    least: u32,
+    most: u32,
+    submissions: usize,
+}
+
+impl DispatchSize {
+    /// Before the first dispatch of at most so many rays; of less than `least` the device would be mostly idle.
+    pub(crate) fn new(most: u32, least: u32, events_per_ray: u64) -> Self {
+        let least = least.min(most);
+        let first = (FIRST_EVENTS / events_per_ray.max(1)).min(most.into()) as u32;
+        let rays = first.max(least);
+        let submissions = (u64::from(rays) * events_per_ray).div_ceil(FIRST_EVENTS).max(1) as usize;
+        DispatchSize { rays, least, most, submissions }
+    }
+
+    /// Most rays of the next dispatch.
+    pub(crate) fn rays(&self) -> u32 {
+        self.rays
+    }
+
+    /// Submissions that its stages should be spread over, as far as they can be: several where already the fewest rays take
+    /// long.
+    pub(crate) fn submissions(&self) -> usize {
+        self.submissions
+    }
+
+    /// Takes note of what a dispatch took that should not take longer than `target`. One of few rays, as those of a source
+    /// among many often are, tells only whether that was too long.
+    pub(crate) fn note(&mut self, rays: u32, time: Duration, target: Duration) {
+        if time <= target && rays < self.rays.div_ceil(2) {
+            return;
+        }
+        let ratio = target.as_secs_f64() / time.as_secs_f64().max(1e-6);
+        let wanted = f64::from(rays) * ratio.min(GROWTH);
+        self.rays = (wanted as u32).clamp(self.least, self.most);
+        self.submissions = (f64::from(self.least) / wanted).ceil() as usize;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TARGET: Duration = Duration::from_millis(40);
+
+    fn note(size: &mut DispatchSize, rays: u32, millis: u64) -> u32 {
+        size.note(rays, Duration::from_millis(millis), TARGET);
+        size.rays()
+    }
+
+    #[test]
+    fn a_first_dispatch_is_small_where_rays_can_have_many_events() {
+        let first = |most, events| {
+            let size = DispatchSize::new(most, 1024, events);
+            (size.rays(), size.submissions())
+        };
+        assert_eq!(first(DEFAULT_BATCH, 17), (DEFAULT_BATCH, 1));
+        assert_eq!(first(DEFAULT_BATCH, 2 * 17), (DEFAULT_BATCH / 2, 1));
+        assert_eq!(first(DEFAULT_BATCH, 1001), (4451, 1));
+        assert_eq!(first(DEFAULT_BATCH, 17 << 10), (1024, 4), "so few keep the device from idling");
+        assert_eq!(first(100, 1), (100, 1), "no more than there is room for");
+    }
+
+    #[test]
+    fn a_dispatch_takes_as_long_as_it_may() {
+        let mut size = DispatchSize::new(100_000, 1000, 17);
+        assert_eq!(note(&mut size, 100_000, 20), 100_000);
+        assert_eq!(note(&mut size, 100_000, 400), 10_000);
+        assert_eq!(note(&mut size, 10_000, 40_000), 1000);
+        assert_eq!(note(&mut size, 1000, 1), 4000, "it grows step by step");
+        assert_eq!(note(&mut size, 4000, 40), 4000);
+        assert_eq!(note(&mut size, 4000, 0), 16_000);
+    }
+
+    #[test]
+    fn the_fewest_rays_are_submitted_bit_by_bit_where_they_take_long() {
+        let mut size = DispatchSize::new(100_000, 1000, 17);
+        for (rays, millis, submissions) in
+            [(100_000, 400, 1), (10_000, 390, 1), (1000, 390, 10), (1000, 41, 2), (1000, 40, 1)]
+        {
+            note(&mut size, rays, millis);
+            assert_eq!(size.submissions(), submissions, "{rays} rays in {millis} ms");
+        }
+    }
+
+    #[test]
+    fn few_rays_tell_what_is_too_long_and_no_more() {
+        let mut size = DispatchSize::new(100_000, 1000, 17);
+        assert_eq!(note(&mut size, 30_000, 120), 10_000);
+        assert_eq!(note(&mut size, 4999, 1), 10_000);
+        assert_eq!(note(&mut size, 5000, 1), 20_000);
+    }
+}

@@ -1,0 +1,325 @@
+//! From the device's counters and sums to the places in a tally where they belong, number by number: a large map of which
+//! few cells are lit takes time and memory for these alone.
+
+use crate::program::Cells;
+use crate::program::layout::tables::{MomentCells, ReachedMarks};
+use crate::result::{Booking, Moments, Tally};
+
+/// From here on some cell of squares may have overflowed (shaders/sums/moments.wgsl).
+const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
+
+/// What counts tell beside themselves.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Counted {
+    /// The quanta of each event, where all rays keep the weight that they are born with.
+    pub quanta: Option<u128>,
+    /// The square of what each hit leaves, where second moments follow from hits.
+    pub square: Option<u128>,
+}
+
+/// Adds counters and sums to a tally; each may come several times, in parts that add up.
+pub(crate) struct Intake<'a> {
+    layout: Layout<'a>,
+    counted: Counted,
+    tally: &'a mut Tally,
+    /// Those of no detector's cell ([`Place::Other`]).
+    counters: Vec<u64>,
+    sums: Vec<u128>,
+}
+
+/// What a counter or a sum is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// A cell of a detector, in one of the copies.
+    Cell { sensor: usize, cell: usize, copy: usize },
+    /// Anything else, numbered as if detectors had no cells.
+    Other(usize),
+}
+
+/// How the cells of detectors lie: copies of all of them, one behind the other.
+#[derive(Debug, Clone, Copy)]
+struct Layout<'a> {
+    cells: &'a Cells,
+    first: usize,
+    /// From a cell to its next copy.
+    stride: usize,
+    /// Copies that hold quanta; of sums, one with the squares follows if there is any.
+    copies: usize,
+}
+
+impl<'a> Layout<'a> {
+    fn of(cells: &'a Cells) -> Self {
+        let first = cells.sensors.first().copied().unwrap_or(cells.num_cells);
+        let (stride, copies) = cells.replicates.map_or((cells.num_cells - first, 1), |r| (r.stride, r.num));
+        Layout { cells, first: first as usize, stride: stride as usize, copies: copies as usize }
+    }
+
+    fn copies_of_sums(&self) -> usize {
+        self.copies + usize::from(self.cells.moments.is_some())
+    }
+
+    fn place(&self, index: usize, copies: usize) -> Place {
+        let Some(behind) = index.checked_sub(self.first) else { return Place::Other(index) };
+        if behind >= copies * self.stride {
+            return Place::Other(index - copies * self.stride);
+        }
+        let (copy, within) = (behind / self.stride, behind % self.stride);
+        let starts_before = |&start: &u32| start as usize <= self.first + within;
+        let sensor = self.cells.sensors.partition_point(starts_before) - 1;
+        Place::Cell { sensor, cell: self.first + within - self.cells.sensors[sensor] as usize, copy }
+    }
+
+    /// The number of a counter that is of no detector's cell.
+    fn other_counter(&self, index: u32) -> usize {
+        index as usize - self.copies * self.stride
+    }
+
+    fn other_sum(&self, index: u32) -> usize {
+        index as usize - self.copies_of_sums() * self.stride
+    }
+}
+
+impl<'a> Intake<'a> {
+    /// For a tally in the scene's shape; moments may be missing in it.
+    pub fn new(cells: &'a Cells, counted: Counted, num_emitters: usize, tally: &'a mut Tally) -> Self {
+        let layout = Layout::of(cells);
+        for sensor in &mut tally.sensors {
+            let num_cells = sensor.quanta.len();
+            if counted.square.is_some() || cells.moments.is_some() {
+                grow(&mut sensor.squares, num_cells);
+                let by_source = cells.moments.is_some_and(|moments| moments.totals.is_some());
+                grow(&mut sensor.totals, if by_source { num_emitters } else { 1 });
+            }
+            if cells.replicates.is_some() {
+                grow(&mut sensor.replicates, layout.copies * num_cells.max(1));
+            }
+        }
+        let counters = vec![0; layout.other_counter(cells.num_counters)];
+        let sums = vec![0; layout.other_sum(cells.num_sums)];
+        Intake { layout, counted, tally, counters, sums }
+    }
+
+    /// Adds to a counter.
+    pub fn count(&mut self, counter: usize, count: u64) {
+        match self.layout.place(counter, self.layout.copies) {
+            Place::Cell { sensor, cell, .. } => {
+                let sensor = &mut self.tally.sensors[sensor];
+                *sensor.hits.get_mut(cell).unwrap_or(&mut sensor.recorded.count) += count;
+                if let Some(square) = self.counted.square {
+                    let squares = u128::from(count) * square;
+                    sensor.squares.get_mut(cell).into_iter().for_each(|sum| *sum += squares);
+                    sensor.totals[0].squares += squares;
+                }
+            }
+            Place::Other(number) => self.counters[number] += count,
+        }
+        if let Some(quanta) = self.counted.quanta.filter(|_| counter < self.layout.cells.num_cells as usize) {
+            self.sum(counter, u128::from(count) * quanta);
+        }
+    }
+
+    /// Adds to a sum.
+    pub fn sum(&mut self, index: usize, value: u128) {
+        let holds_total = self.cells_hold_totals();
+        match self.layout.place(index, self.layout.copies_of_sums()) {
+            Place::Cell { sensor, cell, copy } if copy == self.layout.copies => {
+                let sensor = &mut self.tally.sensors[sensor];
+                sensor.squares.get_mut(cell).into_iter().for_each(|sum| *sum += value);
+                if holds_total {
+                    sensor.totals[0].squares += value;
+                }
+            }
+            Place::Cell { sensor, cell, copy } => {
+                let sensor = &mut self.tally.sensors[sensor];
+                let num_cells = sensor.quanta.len().max(1);
+                *sensor.quanta.get_mut(cell).unwrap_or(&mut sensor.recorded.quanta) += value;
+                if holds_total {
+                    sensor.totals[0].quanta += value;
+                }
+                if self.layout.cells.replicates.is_some() {
+                    sensor.replicates[copy * num_cells + cell] += value;
+                }
+            }
+            Place::Other(number) => self.sums[number] += value,
+        }
+    }
+
+    /// True if moments of a detector are the sums of its cells'.
+    fn cells_hold_totals(&self) -> bool {
+        match self.layout.cells.moments {
+            Some(MomentCells { totals, .. }) => totals.is_none(),
+            None => self.counted.square.is_some(),
+        }
+    }
+
+    /// Adds what is of no detector's cell.
+    pub fn finish(self, marks: ReachedMarks) {
+        let Intake { layout, tally, counters, sums, .. } = self;
+        let booking = |cell: usize| Booking { count: counters[cell], quanta: sums[cell] };
+        tally.invalid_deposits += counters[0];
+        tally.medium_stack_underflows += counters[1];
+        tally.roulette_gain += booking(2);
+        tally.bulk += booking(3);
+        tally.importance_loss += booking(4);
+        tally.importance_gain += booking(5);
+        tally.escaped += booking(6);
+        tally.depth_killed += booking(7);
+        tally.roulette_loss += booking(8);
+        tally.coating += booking(9);
+        tally.bsdf_loss += booking(10);
+        tally.bsdf_gain += booking(11);
+        let reached = layout.other_counter(layout.cells.reached);
+        for (i, surface) in tally.surfaces.iter_mut().enumerate() {
+            let absorbed = booking(layout.cells.surfaces as usize + i);
+            surface.reached |= match marks {
+                ReachedMarks::None => absorbed.count != 0,
+                ReachedMarks::Bits => counters[reached] >> i & 1 != 0,
+                ReachedMarks::Counters => counters[reached + i] != 0,
+            };
+            surface.absorbed += absorbed;
+        }
+        let saturated = layout.cells.saturated.map(|counter| layout.other_counter(counter));
+        tally.split_budget_saturated |= saturated.is_some_and(|counter| counters[counter] != 0);
+        let Some(moments) = layout.cells.moments else { return };
+        tally.moments_overflowed |= sums[layout.other_sum(moments.large_squares)] >= LARGE_SQUARES_LIMIT;
+        let Some(totals) = moments.totals else { return };
+        let pairs = sums[layout.other_sum(totals)..].chunks_exact(2);
+        let by_source = tally.sensors.iter_mut().flat_map(|sensor| &mut sensor.totals);
+        by_source.zip(pairs).for_each(|(sum, pair)| *sum += Moments { quanta: pair[0], squares: pair[1] });
+    }
+}
+
+/// Lengthens a table with zeros.
+fn grow<T: Clone + Default>(table: &mut Vec<T>, length: usize) {
+    if table.is_empty() {
+        // Memory that is zero from the start is not written to.
+        *table = vec![T::default(); length];
+    }
+    table.resize(length.max(table.len()), T::default());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::result::SensorTally;
+
+    /// A ledger of twelve bins, one surface, a map of three cells and a ray database.
+    fn cells() -> Cells {
+        Cells {
+            surfaces: 12,
+            sensors: vec![13, 16],
+            num_cells: 17,
+            reached: 17,
+            saturated: Some(20),
+            num_counters: 21,
+            moments: None,
+            replicates: None,
+            num_sums: 17,
+        }
+    }
+
+    fn tally() -> Tally {
+        let map = SensorTally { quanta: vec![0; 3], hits: vec![0; 3], ..SensorTally::default() };
+        Tally {
+            sensors: vec![map, SensorTally::default()],
+            surfaces: vec![Default::default()],
+            ..Tally::default()
+        }
+    }
+
+    const NOTHING: Counted = Counted { quanta: None, square: None };
+
+    #[test]
+    fn every_number_finds_its_place() {
+        let (cells, mut tally) = (cells(), tally());
+        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+        (0..21).for_each(|i| intake.count(i, 100 + i as u64));
+        (0..17).for_each(|i| intake.sum(i, 1000 + i as u128));
+        intake.finish(ReachedMarks::Counters);
+        assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (100, 101));
+        assert_eq!(tally.bsdf_gain, Booking { count: 111, quanta: 1011 });
+        assert_eq!(tally.surfaces[0].absorbed, Booking { count: 112, quanta: 1012 });
+        assert!(tally.surfaces[0].reached && tally.split_budget_saturated);
+        assert_eq!(tally.sensors[0].hits, [113, 114, 115]);
+        assert_eq!(tally.sensors[0].quanta, [1013, 1014, 1015]);
+        assert_eq!(tally.sensors[1].recorded, Booking { count: 116, quanta: 1016 });
+    }
+
+    #[test]
+    fn where_all_surfaces_absorb_their_ends_tell_that_they_were_reached() {
+        let cells = Cells {
+            sensors: vec![14, 17],
+            num_cells: 18,
+            reached: 18,
+            saturated: None,
+            num_counters: 22,
+            num_sums: 18,
+            ..cells()
+        };
+        let mut tally = tally();
+        tally.surfaces.push(Default::default());
+        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+        intake.count(13, 3);
+        intake.finish(ReachedMarks::None);
+        let reached: Vec<bool> = tally.surfaces.iter().map(|surface| surface.reached).collect();
+        assert_eq!(reached, [false, true]);
+    }
+
+    #[test]
+    fn squares_and_totals_lie_behind_the_cells() {
+        let moments = Some(MomentCells { squares_offset: 4, totals: Some(21), large_squares: 25 });
+        let (cells, mut tally) = (Cells { moments, num_sums: 26, ..cells() }, tally());
+        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+        (13..26).for_each(|i| intake.sum(i, i as u128));
+        intake.finish(ReachedMarks::Counters);
+        assert_eq!(
+            (&tally.sensors[0].quanta[..], &tally.sensors[0].squares[..]),
+            (&[13, 14, 15][..], &[17, 18, 19][..])
+        );
+        assert_eq!(tally.sensors[0].totals, [Moments { quanta: 21, squares: 22 }]);
+        assert_eq!(tally.sensors[1].totals, [Moments { quanta: 23, squares: 24 }]);
+        assert!(!tally.moments_overflowed);
+    }
+
+    #[test]
+    fn moments_follow_from_hits() {
+        let (cells, mut tally) = (cells(), tally());
+        let counted = Counted { quanta: Some(10), square: Some(7) };
+        let mut intake = Intake::new(&cells, counted, 1, &mut tally);
+        [(6, 5), (14, 2), (16, 3), (17, 1)].into_iter().for_each(|(i, count)| intake.count(i, count));
+        intake.finish(ReachedMarks::Bits);
+        assert_eq!(tally.escaped, Booking { count: 5, quanta: 50 });
+        assert_eq!(
+            (&tally.sensors[0].quanta[..], &tally.sensors[0].squares[..]),
+            (&[0, 20, 0][..], &[0, 14, 0][..])
+        );
+        assert_eq!(tally.sensors[0].totals, [Moments { quanta: 20, squares: 14 }]);
+        assert_eq!(tally.sensors[1].totals, [Moments { quanta: 30, squares: 21 }]);
+    }
+
+    #[test]
+    fn each_scramble_has_its_copy() {
+        let replicates = Some(crate::program::layout::tables::ReplicateCells { stride: 4, num: 2 });
+        let (cells, mut tally) = (
+            Cells {
+                replicates,
+                num_cells: 21,
+                reached: 21,
+                saturated: None,
+                num_counters: 24,
+                num_sums: 21,
+                ..cells()
+            },
+            tally(),
+        );
+        let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+        (13..21).for_each(|i| intake.sum(i, i as u128));
+        (13..22).for_each(|i| intake.count(i, i as u64));
+        intake.finish(ReachedMarks::Counters);
+        assert_eq!(tally.sensors[0].replicates, [13, 14, 15, 17, 18, 19]);
+        assert_eq!(tally.sensors[0].quanta, [30, 32, 34]);
+        assert_eq!(tally.sensors[1].replicates, [16, 20]);
+        assert_eq!(tally.sensors[1].recorded, Booking { count: 36, quanta: 36 });
+        assert!(tally.surfaces[0].reached);
+    }
+}

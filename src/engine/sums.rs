@@ -1,0 +1,146 @@
+//! The exact sums of a trace on the device (`shaders/sums/sums*.wgsl`): their buffers, and how they are read back.
+//!
+//! Few cells of a large map are lit: those that are zero are passed over, so that memory for them is never touched.
+
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::program::layout::sums::SumBuffer;
+
+/// One unit of weight \[quanta\].
+pub const QUANTA_PER_UNIT: u128 = 1 << 52;
+
+/// Index of the counter of deposits that no sum can hold: `INVALID_DEPOSITS` in `sums.wgsl`.
+pub const INVALID_DEPOSITS: usize = 0;
+
+/// What the elements of a buffer are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Words {
+    /// The lower 64 bits of a cell: `sums` on 64-bit atomics.
+    Low,
+    /// The 32 bits above them: `tops`.
+    Top,
+    /// The three words of a cell, the lowest first: `sums` on 32-bit atomics.
+    All,
+    /// Counters of 32 bits.
+    Counter,
+}
+
+impl Words {
+    /// Bytes of an element.
+    pub fn element_bytes(self) -> u64 {
+        match self {
+            Words::Low => 8,
+            Words::Top | Words::All | Words::Counter => 4,
+        }
+    }
+
+    /// Elements of a cell.
+    pub fn per_cell(self) -> u64 {
+        match self {
+            Words::All => 3,
+            Words::Low | Words::Top | Words::Counter => 1,
+        }
+    }
+
+    /// What the elements from `first` on add to their cells: (cell, value); zeros are left out.
+    pub fn values(self, first: u64, bytes: &[u8]) -> impl Iterator<Item = (usize, u128)> {
+        /// Passed over at once where nothing is in them.
+        const BLOCK: usize = 512;
+        let blocks = (0..).step_by(BLOCK).zip(bytes.chunks(BLOCK));
+        let lit = blocks.filter(|(_, block)| block.iter().fold(0, |all, byte| all | byte) != 0);
+        lit.flat_map(move |(at, block)| self.values_of_block(first + at / self.element_bytes(), block))
+    }
+
+    fn values_of_block(self, first: u64, bytes: &[u8]) -> impl Iterator<Item = (usize, u128)> {
+        let lowest_bit = if self == Words::Top { 64 } else { 0 };
+        let elements = (first..).zip(bytes.chunks_exact(self.element_bytes() as usize));
+        elements.filter(|(_, element)| element.iter().any(|&byte| byte != 0)).map(move |(at, element)| {
+            let value = element.iter().rev().fold(0, |value, &byte| (value << 8) | u128::from(byte));
+            let (cell, word) = (at / self.per_cell(), at % self.per_cell());
+            (cell as usize, value << (lowest_bit + 32 * word))
+        })
+    }
+}
+
+/// A buffer of sums on the device, in its parts.
+#[derive(Debug)]
+pub struct DeviceSums {
+    shape: SumBuffer,
+    parts: Vec<wgpu::Buffer>,
+}
+
+impl DeviceSums {
+    /// The buffer, all zeros.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the adapter cannot bind a part.
+    pub fn new(gpu: &Gpu, shape: &SumBuffer) -> Result<Self> {
+        let parts = shape.part_bytes().map(|bytes| gpu.buffer(shape.name, bytes)).collect::<Result<_>>()?;
+        Ok(DeviceSums { shape: shape.clone(), parts })
+    }
+
+    /// The parts by binding.
+    pub fn bindings(&self) -> impl Iterator<Item = (u32, &wgpu::Buffer)> {
+        self.shape.bindings.iter().copied().zip(&self.parts)
+    }
+
+    /// Sets all to zero.
+    pub fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
+        self.parts.iter().for_each(|part| encoder.clear_buffer(part, 0, None));
+    }
+
+    /// Hands over what the buffer adds to its cells: (cell, value); zeros are left out.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device fails.
+    pub fn read(&self, gpu: &Gpu, mut add: impl FnMut(usize, u128)) -> Result<()> {
+        let element_bytes = self.shape.words.element_bytes();
+        for (part, bytes) in (0..).zip(self.shape.part_bytes()) {
+            gpu.read_blocks(&self.parts[part], 0, bytes, |offset, bytes| {
+                let first = ((part as u64) << self.shape.part_bits) + offset / element_bytes;
+                self.shape.words.values(first, bytes).for_each(|(cell, value)| add(cell, value));
+            })?;
+        }
+        Ok(())
+    }
+
+    /// One element of 32 bits.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device fails.
+    pub fn read_word(&self, gpu: &Gpu, index: u32) -> Result<u32> {
+        let (part, within) = (index >> self.shape.part_bits, index & ((1 << self.shape.part_bits) - 1));
+        let bytes = gpu.read_at(&self.parts[part as usize], u64::from(within) * 4, 4)?;
+        Ok(bytemuck::pod_read_unaligned(&bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_layouts_give_the_same_cells() {
+        let expected = [1_u128, 0, (0x99AA_BBCC << 64) | 0x1122_3344_5566_7788];
+        let bytes = |shift: u32, num: usize| -> Vec<u8> {
+            expected.iter().flat_map(|cell| (cell >> shift).to_le_bytes()[..num].to_vec()).collect()
+        };
+        let cells = |buffers: &[(Words, u64, &[u8])]| {
+            let mut cells = [0; 3];
+            for (words, first, bytes) in buffers {
+                words.values(*first, bytes).for_each(|(cell, value)| cells[cell] += value);
+            }
+            cells
+        };
+        assert_eq!(cells(&[(Words::Low, 0, &bytes(0, 8)), (Words::Top, 0, &bytes(64, 4))]), expected);
+        // Parts end where they end, also within a cell.
+        let words = bytes(0, 12);
+        assert_eq!(cells(&[(Words::All, 0, &words[..28]), (Words::All, 7, &words[28..])]), expected);
+    }
+
+    #[test]
+    fn zeros_are_passed_over() {
+        let bytes = [0, 5, 0, 0, 7_u32].map(u32::to_le_bytes).concat();
+        assert_eq!(Words::Counter.values(10, &bytes).collect::<Vec<_>>(), [(11, 5), (14, 7)]);
+    }
+}

@@ -1,0 +1,93 @@
+//! What suits an adapter: found out by `nsq-gpu bench --tune`, and kept in the user's cache. It never changes a result.
+
+use crate::error::{Error, Result};
+use crate::folders::Folder;
+use crate::gpu::AdapterInfo;
+use crate::software::vector_width::without_width;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// How work is cut for an adapter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tuning {
+    /// Invocations a workgroup.
+    pub workgroup_size: u32,
+    /// Events a ray goes through in registers before the survivors are compacted.
+    pub events_per_dispatch: u32,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Tuning { workgroup_size: 64, events_per_dispatch: 16 }
+    }
+}
+
+/// The choices that are measured; every adapter that computes can do them.
+pub const WORKGROUP_SIZES: [u32; 3] = [32, 64, 128];
+/// See [`WORKGROUP_SIZES`].
+pub const EVENTS_PER_DISPATCH: [u32; 3] = [4, 16, 64];
+
+/// What was found out about one adapter with one driver.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Found {
+    adapter: String,
+    driver: String,
+    tuning: Tuning,
+}
+
+impl Tuning {
+    /// What is taken for an adapter about which nothing was found out. Lavapipe allocates memory for each workgroup, so
+    /// processors do better with fewer of them; and it writes survivors down lane by lane, so with more events as well.
+    pub fn untuned(adapter: &AdapterInfo) -> Self {
+        if adapter.is_cpu() {
+            Tuning { workgroup_size: 128, events_per_dispatch: 64 }
+        } else {
+            Self::default()
+        }
+    }
+
+    /// What was found out about an adapter; [`Tuning::untuned`] if nothing was, or the file cannot be read.
+    pub fn of(adapter: &AdapterInfo) -> Self {
+        let found = known().into_iter().find(|found| found.is_of(adapter)).map(|found| found.tuning);
+        // A file may have been edited.
+        let is_offered = |tuning: &Tuning| {
+            WORKGROUP_SIZES.contains(&tuning.workgroup_size)
+                && EVENTS_PER_DISPATCH.contains(&tuning.events_per_dispatch)
+        };
+        found.filter(is_offered).unwrap_or_else(|| Self::untuned(adapter))
+    }
+
+    /// Keeps it for an adapter, and tells where.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the file cannot be written, [`Error::Usage`] if the user has no folder for caches.
+    pub fn keep(self, adapter: &AdapterInfo) -> Result<PathBuf> {
+        let path = path().ok_or_else(|| {
+            Error::Usage("there is no folder for caches: set XDG_CACHE_HOME or HOME".to_string())
+        })?;
+        let mut found: Vec<Found> = known().into_iter().filter(|found| !found.is_of(adapter)).collect();
+        let (name, driver) = (adapter.name.clone(), adapter.driver.clone());
+        found.push(Found { adapter: name, driver, tuning: self });
+        let text = serde_json::to_string_pretty(&found).map_err(|e| Error::Internal(e.to_string()))?;
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(|error| Error::file(folder, error))?;
+        }
+        std::fs::write(&path, text).map_err(|error| Error::file(&path, error))?;
+        Ok(path)
+    }
+}
+
+impl Found {
+    fn is_of(&self, adapter: &AdapterInfo) -> bool {
+        without_width(&self.adapter) == adapter.name && self.driver == adapter.driver
+    }
+}
+
+fn known() -> Vec<Found> {
+    let text = path().and_then(|path| std::fs::read_to_string(path).ok());
+    text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
+}
+
+fn path() -> Option<PathBuf> {
+    Folder::Cache.path().map(|folder| folder.join("tuning.json"))
+}

@@ -1,0 +1,424 @@
+//! The scene as the tracer sees it: flat surfaces, media, emitters and sensors, with Optiland's names for each kind.
+//!
+//! Lengths are in mm, wavelengths in um, flux in W, angles in rad. A [`Frame`] maps local to global coordinates;
+//! the origin of the global frame is where the user put it (the program re-centres the scene later, in f64).
+//! Everything that depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum
+//! is a list of discrete wavelengths.
+
+mod bsdf;
+pub(crate) mod mesh;
+pub mod ray_id;
+
+pub use crate::model::bsdf::{
+    Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
+};
+pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
+use glam::{DMat3, DVec3};
+
+/// Index into [`SceneIr::media`].
+pub type MediumId = usize;
+
+/// A proven-valid scene, lowered to what a ray can meet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneIr {
+    /// Every wavelength that some source emits, ascending and distinct \[um\].
+    pub wavelengths: Vec<f64>,
+    /// Media; index 0 is vacuum.
+    pub media: Vec<Medium>,
+    /// Surfaces in list order: of two hit at the same distance, the first wins.
+    pub surfaces: Vec<Surface>,
+    /// Triangle meshes, each once, however often it is placed.
+    pub meshes: Vec<Mesh>,
+    /// Sources in list order: rays are numbered across them in this order.
+    pub emitters: Vec<Emitter>,
+    /// Detectors in list order; a surface at the same distance wins over a detector.
+    pub sensors: Vec<Sensor>,
+    /// How rare branches are sampled.
+    pub sampling: Sampling,
+}
+
+/// A local coordinate system: `global = rotation * local + origin`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Origin in global coordinates \[mm\].
+    pub origin: DVec3,
+    /// Rotation whose columns are the local axes in global coordinates.
+    pub rotation: DMat3,
+}
+
+/// A homogeneous medium.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Medium {
+    /// What messages call it.
+    pub name: String,
+    /// True for vacuum only: a ray that enters it has left every solid.
+    pub ambient: bool,
+    /// Refractive index per wavelength of the scene.
+    pub n: Vec<f64>,
+    /// Extinction coefficient per wavelength of the scene.
+    pub k: Vec<f64>,
+}
+
+impl Medium {
+    /// True if it takes from rays of some wavelength.
+    pub fn absorbs(&self) -> bool {
+        self.k.iter().any(|&k| k != 0.0)
+    }
+}
+
+/// One surface that a ray can meet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    /// Optiland's label, such as `L1.front`.
+    pub name: String,
+    /// Vertex frame (conic, plane, annulus, frustum) or the frame at the centre (sphere).
+    pub frame: Frame,
+    /// Its shape, in its frame.
+    pub shape: Shape,
+    /// What it does to a ray.
+    pub interaction: Interaction,
+    /// Its coating, if it is refractive.
+    pub coating: Option<Coating>,
+    /// How it scatters, if it does and is not absorbing.
+    pub scatter: Option<Scatter>,
+    /// Medium on the side that the geometric normal points away from.
+    pub front: MediumId,
+    /// Medium on the side that the geometric normal points to.
+    pub back: MediumId,
+}
+
+/// Shapes, all of revolution about local z except the rectangle and the mesh. The geometric normal points local +z for
+/// conic, plane, and annulus, inward for the sphere, outward for the frustum; on a mesh, to the side from which the
+/// corners of a face run counter-clockwise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) for r <= aperture_radius.
+    Conic {
+        /// Vertex curvature c = 1/R; 0 for a flat surface \[1/mm\].
+        curvature: f64,
+        /// Conic constant K.
+        conic: f64,
+        /// Semi-diameter \[mm\].
+        aperture_radius: f64,
+    },
+    /// The plane z = 0 within its outline.
+    Plane(Outline),
+    /// The ring inner_radius <= r <= outer_radius at z = z_offset.
+    Annulus {
+        /// Radius of the hole \[mm\].
+        inner_radius: f64,
+        /// Radius of the rim \[mm\].
+        outer_radius: f64,
+        /// Position of the ring along local z \[mm\].
+        z_offset: f64,
+    },
+    /// The cone or cylinder of radius r_front at z_front and r_back at z_back.
+    Frustum {
+        /// Radius at z_front \[mm\].
+        r_front: f64,
+        /// Radius at z_back \[mm\].
+        r_back: f64,
+        /// Lower end along local z \[mm\].
+        z_front: f64,
+        /// Upper end along local z \[mm\].
+        z_back: f64,
+    },
+    /// The sphere about the local origin, where r <= aperture_radius if one is given.
+    Sphere {
+        /// Radius \[mm\].
+        radius: f64,
+        /// Limit of the distance from local z \[mm\].
+        aperture_radius: Option<f64>,
+    },
+    /// A triangle mesh of [`SceneIr::meshes`].
+    Mesh(usize),
+}
+
+/// The outline of a plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outline {
+    /// No limit.
+    Infinite,
+    /// |x| <= width/2 and |y| <= height/2.
+    Rectangle {
+        /// Full width along local x \[mm\].
+        width: f64,
+        /// Full height along local y \[mm\].
+        height: f64,
+    },
+    /// r <= radius.
+    Disk {
+        /// Radius \[mm\].
+        radius: f64,
+    },
+}
+
+/// What a surface does to a ray.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Interaction {
+    /// Fresnel reflection or refraction between the media of its two sides.
+    Refractive,
+    /// Specular reflection.
+    Reflective {
+        /// Reflectance per wavelength of the scene, in \[0, 1\].
+        reflectance: Vec<f64>,
+    },
+    /// The ray ends here.
+    Absorbing,
+}
+
+/// A source of rays.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Emitter {
+    /// The user's name for it.
+    pub name: String,
+    /// Position and orientation; local +z is the axis.
+    pub frame: Frame,
+    /// How rays are born.
+    pub kind: EmitterKind,
+    /// Emitted flux \[W\].
+    pub total_flux: f64,
+    /// Discrete spectrum.
+    pub spectrum: Spectrum,
+    /// Medium that the rays are born in.
+    pub medium: MediumId,
+}
+
+/// Kinds of sources.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum EmitterKind {
+    /// Rays from one point, uniform in solid angle within a cap about local +z.
+    Point {
+        /// Half-angle of the cap \[rad\], up to pi.
+        half_angle: f64,
+    },
+    /// Parallel rays along local +z from a disk, uniform.
+    CollimatedTophat {
+        /// Disk radius \[mm\].
+        aperture_radius: f64,
+    },
+    /// Parallel rays along local +z from a disk, Gaussian and truncated at the rim.
+    CollimatedGaussian {
+        /// Disk radius \[mm\].
+        aperture_radius: f64,
+        /// Standard deviation of x and of y before truncation \[mm\].
+        sigma: f64,
+    },
+    /// Rays from an area at local z = 0; uniform in a cap below 90 degrees of half-angle, else Lambertian.
+    Extended {
+        /// The emitting area: a rectangle or a disk.
+        area: Outline,
+        /// Half-angle of the cap \[rad\].
+        half_angle: f64,
+    },
+}
+
+impl EmitterKind {
+    /// Where rays are born, in the plane local z = 0; of a point source, a disk without an extent.
+    pub fn births(&self) -> Outline {
+        match *self {
+            EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
+            EmitterKind::CollimatedTophat { aperture_radius }
+            | EmitterKind::CollimatedGaussian { aperture_radius, .. } => {
+                Outline::Disk { radius: aperture_radius }
+            }
+            EmitterKind::Extended { area, .. } => area,
+        }
+    }
+}
+
+/// A discrete spectrum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spectrum {
+    /// Indices into [`SceneIr::wavelengths`], in the user's order.
+    pub wavelengths: Vec<usize>,
+    /// Cumulative weights, normalised: the last is 1. Wavelength i is drawn when cdf\[i-1\] < u <= cdf\[i\].
+    pub cdf: Vec<f64>,
+}
+
+/// A detector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// The user's name for it.
+    pub name: String,
+    /// Position and orientation; the detector is the plane local z = 0.
+    pub frame: Frame,
+    /// What it records.
+    pub kind: SensorKind,
+    /// True if it ends the rays that it records.
+    pub absorb: bool,
+}
+
+/// Kinds of detectors.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SensorKind {
+    /// Flux over a rectangle of pixels.
+    Irradiance(PixelGrid),
+    /// Flux over pixels and wavelength bins.
+    Spectral {
+        /// The pixels.
+        grid: PixelGrid,
+        /// Bin edges, ascending \[um\]; wavelengths outside are counted in the end bins.
+        wavelength_edges: Vec<f64>,
+    },
+    /// Flux over directions: polar angle 0 to 90 degrees from local z (both hemispheres folded), azimuth -180 to 180.
+    /// The detector is a disk of radius [`FAR_FIELD_RADIUS`].
+    FarField {
+        /// Bins of the polar angle.
+        num_theta: u32,
+        /// Bins of the azimuth.
+        num_phi: u32,
+    },
+    /// Every ray that crosses a rectangle, in global coordinates.
+    RayDatabase {
+        /// Full width along local x \[mm\].
+        width: f64,
+        /// Full height along local y \[mm\].
+        height: f64,
+        /// Keep only the last so many rows.
+        max_rays: Option<u64>,
+    },
+}
+
+/// Radius of the disk that stands for a far-field detector \[mm\].
+pub const FAR_FIELD_RADIUS: f64 = 1e6;
+
+/// A rectangle of pixels, centred on the local origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelGrid {
+    /// Full width along local x \[mm\].
+    pub width: f64,
+    /// Full height along local y \[mm\].
+    pub height: f64,
+    /// Pixels along local x.
+    pub num_pixels_x: u32,
+    /// Pixels along local y.
+    pub num_pixels_y: u32,
+    /// How a ray's flux is spread over pixels.
+    pub splat: Splat,
+}
+
+/// How a ray's flux is spread over pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Splat {
+    /// All in the pixel that was hit.
+    Hard,
+    /// Over the four nearest pixels.
+    Bilinear,
+    /// Over a Gaussian of this standard deviation \[pixels\], truncated at ceil(3 sigma) (at least 1) and renormalised.
+    Gaussian {
+        /// Standard deviation \[pixels\], above 0.
+        sigma: f64,
+    },
+}
+
+/// How rare branches are sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampling {
+    /// Probability of drawing reflection at a refractive surface.
+    pub reflect_prob: ReflectProb,
+    /// Russian roulette starts below this fraction of the mean flux of a new ray.
+    pub rr_start_flux: f64,
+    /// A ray of fewer events than this is split at a refractive surface: both branches are followed. 0: never.
+    pub split_depth: u32,
+    /// Most rays of one launched ray's family that are alive at a time, where the reflected branch is followed to its end
+    /// before the transmitted one; of a fraction, so large a share of the families may have one more.
+    pub split_budget: f64,
+}
+
+impl Default for Sampling {
+    /// Optiland's.
+    fn default() -> Self {
+        Sampling {
+            reflect_prob: ReflectProb::Fresnel,
+            rr_start_flux: 1e-3,
+            split_depth: 0,
+            split_budget: 4.0,
+        }
+    }
+}
+
+impl Sampling {
+    /// Largest `split_depth`: each event has its bit in a ray's id.
+    pub const MAX_SPLIT_DEPTH: u32 = ray_id::NUMBER_BITS;
+}
+
+/// Probability of drawing reflection at a refractive surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ReflectProb {
+    /// The Fresnel reflectance R itself.
+    Fresnel,
+    /// R clipped to \[0.25, 0.75\].
+    Auto,
+    /// A constant.
+    Constant(f64),
+}
+
+impl SceneIr {
+    /// The medium that is vacuum.
+    pub const VACUUM: MediumId = 0;
+}
+
+impl Sensor {
+    /// The outline of the detector's plane.
+    pub fn outline(&self) -> Outline {
+        match &self.kind {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+                Outline::Rectangle { width: grid.width, height: grid.height }
+            }
+            SensorKind::FarField { .. } => Outline::Disk { radius: FAR_FIELD_RADIUS },
+            SensorKind::RayDatabase { width, height, .. } => {
+                Outline::Rectangle { width: *width, height: *height }
+            }
+        }
+    }
+
+    /// How many sums the detector keeps: pixels times wavelength bins, or directions; none for a ray database.
+    /// The order is C order of `(ny, nx)`, `(ny, nx, n_lambda)` or `(n_theta, n_phi)`.
+    pub fn num_cells(&self) -> usize {
+        match &self.kind {
+            SensorKind::Irradiance(grid) => grid.num_pixels(),
+            SensorKind::Spectral { grid, wavelength_edges } => {
+                grid.num_pixels() * (wavelength_edges.len() - 1)
+            }
+            SensorKind::FarField { num_theta, num_phi } => *num_theta as usize * *num_phi as usize,
+            SensorKind::RayDatabase { .. } => 0,
+        }
+    }
+}
+
+impl SceneIr {
+    /// The scene with detectors of one cell: a pilot trace, whose paths are all that is looked at, has the same ones.
+    pub fn with_single_cells(&self) -> Self {
+        let mut ir = self.clone();
+        ir.sensors.iter_mut().for_each(|sensor| sensor.kind.keep_one_cell());
+        ir
+    }
+}
+
+impl SensorKind {
+    fn keep_one_cell(&mut self) {
+        match self {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+                (grid.num_pixels_x, grid.num_pixels_y, grid.splat) = (1, 1, Splat::Hard);
+            }
+            SensorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (1, 1),
+            SensorKind::RayDatabase { .. } => {}
+        }
+    }
+
+    /// The pixels of a detector that has pixels.
+    pub fn grid(&self) -> Option<&PixelGrid> {
+        match self {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => Some(grid),
+            SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => None,
+        }
+    }
+}
+
+impl PixelGrid {
+    /// Number of pixels.
+    pub fn num_pixels(&self) -> usize {
+        self.num_pixels_x as usize * self.num_pixels_y as usize
+    }
+}

@@ -1,0 +1,97 @@
+//! Meshes as shaders/shapes/mesh.wgsl reads them: one list of triangles, in the order of the trees over them.
+
+use crate::model::{Mesh, SceneIr, Shape, unit_normal};
+use crate::program::geometry::bvh::Forest;
+use glam::DVec3;
+use obvhs::aabb::Aabb;
+
+/// Binding of the triangles in group 0.
+pub const ROWS: u32 = 17;
+/// Rows of a triangle: three times a corner and a component of the normal.
+const TRIANGLE_ROWS: usize = 3;
+
+/// A box is larger than what it holds by this share of the mesh's size, which covers all rounding in f32: of the box
+/// itself, of the ray's base and direction (2 units of 2^-24 of the size each), of the slabs (two differences and three
+/// products, over a box and its grid, with an inverse good to 2.5 ulp: 16) and of the corners that the ray sees.
+const PADDING: f64 = 1.0 / (1 << 18) as f64;
+
+/// The triangles of all meshes.
+#[derive(Debug, Default)]
+pub struct Triangles {
+    corners: Vec<[DVec3; 3]>,
+    /// Of each, the face of its mesh.
+    faces: Vec<u32>,
+    /// The first triangle of each mesh.
+    firsts: Vec<usize>,
+}
+
+impl Triangles {
+    /// Builds a tree over each mesh.
+    pub fn of(meshes: &[Mesh], forest: &mut Forest) -> Self {
+        let mut triangles = Triangles::default();
+        for (i, mesh) in meshes.iter().enumerate() {
+            let order = forest.plant(root(i) as usize, &boxes(mesh), triangles.corners.len() as u32);
+            let corners = |&face: &u32| mesh.corners(mesh.faces[face as usize]);
+            triangles.firsts.push(triangles.corners.len());
+            triangles.faces.extend(&order);
+            triangles.corners.extend(order.iter().map(corners));
+        }
+        triangles
+    }
+
+    /// The number of the first triangle of a mesh, and the faces that its triangles are.
+    pub fn of_mesh(&self, mesh: usize) -> (usize, &[u32]) {
+        let first = self.firsts[mesh];
+        let end = self.firsts.get(mesh + 1).copied().unwrap_or(self.faces.len());
+        (first, &self.faces[first..end])
+    }
+
+    /// Rows of all triangles: they stand among the trees in f32, and in a buffer of their own in the other tiers.
+    pub fn num_rows(&self) -> usize {
+        TRIANGLE_ROWS * self.corners.len()
+    }
+
+    /// The contents of all rows, four numbers each. A triangle's normal stands there because corners that are rounded
+    /// would tilt it.
+    pub fn reals(&self) -> impl Iterator<Item = f64> + '_ {
+        let rows = self.corners.iter().flat_map(|&corners| {
+            let normal = unit_normal(corners);
+            [0, 1, 2].map(|i| [corners[i].x, corners[i].y, corners[i].z, normal[i]])
+        });
+        rows.flatten()
+    }
+}
+
+/// The root of a mesh's tree: those of meshes come first.
+pub fn root(mesh: usize) -> u32 {
+    mesh as u32
+}
+
+/// How far from the facet that it leaves a ray may stand in f32 \[mm\]: so many units of 2^-24 of the largest coordinate
+/// of a mesh in the scene.
+pub fn edge_slack(ir: &SceneIr, centre: DVec3) -> f64 {
+    const ROUNDINGS: f64 = 16.0;
+    let size = |surface: &crate::model::Surface| match surface.shape {
+        Shape::Mesh(mesh) => {
+            let reach = ir.meshes[mesh].vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
+            (surface.frame.origin - centre).abs().max_element() + reach
+        }
+        Shape::Conic { .. }
+        | Shape::Plane(_)
+        | Shape::Annulus { .. }
+        | Shape::Frustum { .. }
+        | Shape::Sphere { .. } => 0.0,
+    };
+    ROUNDINGS * 0.5 * f64::from(f32::EPSILON) * ir.surfaces.iter().map(size).fold(0.0, f64::max)
+}
+
+fn boxes(mesh: &Mesh) -> Vec<Aabb> {
+    let size = mesh.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
+    let padding = DVec3::splat(PADDING * size);
+    let bounds = |face: &[u32; 3]| {
+        let [a, b, c] = mesh.corners(*face);
+        let (low, high) = (a.min(b).min(c) - padding, a.max(b).max(c) + padding);
+        Aabb::new(low.as_vec3a(), high.as_vec3a())
+    };
+    mesh.faces.iter().map(bounds).collect()
+}

@@ -1,0 +1,389 @@
+//! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
+
+use crate::error::{Error, Result};
+use crate::program::{Precision, df64};
+use std::collections::HashMap;
+use std::fmt::Write;
+use std::sync::LazyLock;
+
+/// A table with one row per surface, sensor, primitive, or medium and wavelength.
+#[derive(Debug, Clone)]
+pub struct Records {
+    /// Name of the struct in the shader.
+    pub name: &'static str,
+    /// Name of the variable and, with `_of`, of the function that gives a row.
+    pub rows: &'static str,
+    /// Binding in group 0 where the table lies in a buffer.
+    pub binding: u32,
+    columns: Vec<Column>,
+}
+
+#[derive(Debug, Clone)]
+struct Column {
+    name: String,
+    values: Values,
+}
+
+#[derive(Debug, Clone)]
+enum Values {
+    Real(Vec<f64>),
+    Uint(Vec<u32>),
+}
+
+impl Records {
+    /// An empty table.
+    pub fn new(name: &'static str, rows: &'static str, binding: u32) -> Self {
+        Records { name, rows, binding, columns: Vec::new() }
+    }
+
+    /// Adds a column of reals.
+    pub fn real(&mut self, name: &str, values: impl IntoIterator<Item = f64>) {
+        self.columns.push(Column { name: name.into(), values: Values::Real(values.into_iter().collect()) });
+    }
+
+    /// Adds a column of unsigned integers.
+    pub fn uint(&mut self, name: &str, values: impl IntoIterator<Item = u32>) {
+        self.columns.push(Column { name: name.into(), values: Values::Uint(values.into_iter().collect()) });
+    }
+
+    /// The struct, and the function that gives row `i` from constants: what all rows share is a constant, the rest is
+    /// chosen by selects.
+    pub fn baked(&self, precision: Precision) -> Result<String> {
+        let mut text = declaration(self.name, self.columns.iter());
+        let fields: Result<Vec<String>> = self.columns.iter().map(|c| c.chosen(precision)).collect();
+        let _ = write!(
+            text,
+            "fn {}_of(i: u32) -> {} {{\n    return {}(\n        {},\n    );\n}}\n",
+            self.rows,
+            self.name,
+            self.name,
+            fields?.join(",\n        ")
+        );
+        Ok(text)
+    }
+
+    /// One row, as a value.
+    pub fn row(&self, precision: Precision, row: usize) -> Result<String> {
+        let value = |column: &Column| match &column.values {
+            Values::Real(values) => literal(values[row], precision),
+            Values::Uint(values) => Ok(format!("{}u", values[row])),
+        };
+        let values: Result<Vec<String>> = self.columns.iter().map(value).collect();
+        Ok(format!("{}({})", self.name, values?.join(", ")))
+    }
+
+    /// The struct, a buffer of what differs between rows, and the function that gives row `i` from it: what all rows
+    /// share is a constant. A table of at most `uniform_bytes` lies in a uniform buffer.
+    pub fn table(&self, precision: Precision, uniform_bytes: u32) -> Result<String> {
+        let (name, rows) = (self.name, self.rows);
+        let varying = self.varying();
+        let mut text = declaration(name, self.columns.iter());
+        let mut row = "";
+        if !varying.is_empty() {
+            let count = varying[0].len();
+            let (stride, padding) = uniform_stride(&varying, precision);
+            let memory = if stride * count <= uniform_bytes as usize {
+                text.push_str(&declaration(
+                    &format!("{name}Row"),
+                    varying.iter().copied().chain(&PADDING[..padding]),
+                ));
+                format!("var<uniform> {rows}_table: array<{name}Row, {count}>")
+            } else {
+                text.push_str(&declaration(&format!("{name}Row"), varying.iter().copied()));
+                format!("var<storage, read> {rows}_table: array<{name}Row>")
+            };
+            let _ = writeln!(text, "@group(0) @binding({}) {memory};", self.binding);
+            row = "let row = {rows}_table[i];\n    ";
+        }
+        let field = |column: &Column| -> Result<String> {
+            if column.varies() { Ok(format!("row.{}", column.name)) } else { column.chosen(precision) }
+        };
+        let fields = self.columns.iter().map(field).collect::<Result<Vec<String>>>()?.join(",\n        ");
+        let row = row.replace("{rows}", rows);
+        let _ = writeln!(
+            text,
+            "fn {rows}_of(i: u32) -> {name} {{\n    {row}return {name}(\n        {fields},\n    );\n}}"
+        );
+        Ok(text)
+    }
+
+    /// Some of the rows, in this order.
+    pub fn picked(&self, rows: &[u32]) -> Self {
+        let pick = |column: &Column| Column { name: column.name.clone(), values: column.values.picked(rows) };
+        Records { columns: self.columns.iter().map(pick).collect(), ..self.clone() }
+    }
+
+    /// True if rows differ in a column.
+    pub fn has_varying(&self, name: &str) -> bool {
+        self.varying().into_iter().any(|column| column.name == name)
+    }
+
+    /// Texels, of four words each, that a row takes in an image.
+    pub fn num_texels(&self, precision: Precision) -> usize {
+        let words = self.varying().into_iter().map(|column| column.num_words(precision));
+        words.sum::<usize>().div_ceil(TEXEL_WORDS)
+    }
+
+    /// The struct, and the function that gives the row whose texels begin with the one numbered `first` (`tree_row`):
+    /// what differs between rows, in turn. What all rows share is a constant. In f32, and in f64 where the device has 64-bit
+    /// integers.
+    pub fn texels(&self, precision: Precision) -> Result<String> {
+        let (name, rows) = (self.name, self.rows);
+        let mut text = declaration(name, self.columns.iter());
+        let _ = writeln!(text, "fn {rows}_at(first: u32) -> {name} {{");
+        for texel in 0..self.num_texels(precision) {
+            let _ = writeln!(text, "    let texel_{texel} = tree_row(first + {texel}u);");
+        }
+        let mut next = 0;
+        let mut field = |column: &Column| -> Result<String> {
+            if !column.varies() {
+                return column.chosen(precision);
+            }
+            let word = next;
+            next += column.num_words(precision);
+            Ok(column.of_words(word, precision))
+        };
+        let fields =
+            self.columns.iter().map(&mut field).collect::<Result<Vec<String>>>()?.join(",\n        ");
+        let _ = writeln!(text, "    return {name}(\n        {fields},\n    );\n}}");
+        Ok(text)
+    }
+
+    /// The words of all rows' texels.
+    pub fn texel_words(&self, precision: Precision) -> Result<Vec<u32>> {
+        let row_words = TEXEL_WORDS * self.num_texels(precision);
+        let varying = self.varying();
+        let num_rows = varying.first().map_or(0, |column| column.len());
+        let mut words = Vec::with_capacity(row_words * num_rows);
+        for row in 0..num_rows {
+            for column in &varying {
+                words.extend(column.words(row, precision)?);
+            }
+            words.resize(row_words * (row + 1), 0);
+        }
+        Ok(words)
+    }
+
+    fn varying(&self) -> Vec<&Column> {
+        self.columns.iter().filter(|column| column.varies()).collect()
+    }
+
+    /// The struct, and a uniform that holds one row.
+    pub fn uniform(&self) -> String {
+        format!(
+            "{}@group(0) @binding({}) var<uniform> {}_uniform: {};\n",
+            declaration(self.name, self.columns.iter()),
+            self.binding,
+            self.rows,
+            self.name
+        )
+    }
+
+    /// The bytes of each row, for a uniform that holds one at a time.
+    pub fn bytes_by_row(&self, module: &naga::Module, precision: Precision) -> Result<Vec<Vec<u8>>> {
+        let columns: Vec<&Column> = self.columns.iter().collect();
+        let layout = StructLayout::of(module, self.name)?;
+        let bytes = packed(&columns, &layout, precision)?;
+        Ok(bytes.chunks_exact(layout.stride).map(<[u8]>::to_vec).collect())
+    }
+
+    /// The bytes of a table's buffer, with each field where the composed module has it; none if all rows are the same.
+    pub fn bytes(&self, module: &naga::Module, precision: Precision) -> Result<Option<Vec<u8>>> {
+        match self.varying() {
+            columns if columns.is_empty() => Ok(None),
+            columns => {
+                let layout = StructLayout::of(module, &format!("{}Row", self.name))?;
+                Ok(Some(packed(&columns, &layout, precision)?))
+            }
+        }
+    }
+}
+
+const TEXEL_WORDS: usize = 4;
+
+/// Fills a row of a uniform up to a multiple of 16 bytes.
+static PADDING: LazyLock<[Column; 3]> = LazyLock::new(|| {
+    ["padding_0", "padding_1", "padding_2"]
+        .map(|name| Column { name: name.into(), values: Values::Uint(vec![]) })
+});
+
+/// Bytes of a row in a uniform, and how many columns of [`PADDING`] it takes.
+fn uniform_stride(columns: &[&Column], precision: Precision) -> (usize, usize) {
+    let size = |column: &Column| 4 * column.num_words(precision);
+    let end = columns.iter().fold(0_usize, |end, column| end.next_multiple_of(size(column)) + size(column));
+    let stride = end.next_multiple_of(16);
+    (stride, (stride - end) / 4)
+}
+
+fn declaration<'a>(name: &str, columns: impl Iterator<Item = &'a Column>) -> String {
+    let mut text = format!("struct {name} {{\n");
+    for column in columns {
+        let kind = match column.values {
+            Values::Real(_) => "real",
+            Values::Uint(_) => "u32",
+        };
+        let _ = writeln!(text, "    {}: {kind},", column.name);
+    }
+    text.push_str("}\n");
+    text
+}
+
+fn packed(columns: &[&Column], layout: &StructLayout, precision: Precision) -> Result<Vec<u8>> {
+    let num_rows = columns.first().map_or(0, |column| column.len());
+    let mut bytes = vec![0; layout.stride * num_rows];
+    for column in columns {
+        let offset = layout.offset(&column.name)?;
+        for row in 0..num_rows {
+            let place = &mut bytes[row * layout.stride + offset..];
+            match &column.values {
+                Values::Real(values) => put_real(place, values[row], precision)?,
+                Values::Uint(values) => place[..4].copy_from_slice(&values[row].to_le_bytes()),
+            }
+        }
+    }
+    Ok(bytes)
+}
+
+impl Values {
+    fn picked(&self, rows: &[u32]) -> Values {
+        match self {
+            Values::Real(values) => Values::Real(rows.iter().map(|&row| values[row as usize]).collect()),
+            Values::Uint(values) => Values::Uint(rows.iter().map(|&row| values[row as usize]).collect()),
+        }
+    }
+}
+
+impl Column {
+    fn varies(&self) -> bool {
+        match &self.values {
+            Values::Real(values) => values.iter().any(|value| value.to_bits() != values[0].to_bits()),
+            Values::Uint(values) => values.iter().any(|value| value != &values[0]),
+        }
+    }
+
+    fn len(&self) -> usize {
+        match &self.values {
+            Values::Real(values) => values.len(),
+            Values::Uint(values) => values.len(),
+        }
+    }
+
+    /// Words of a value.
+    fn num_words(&self, precision: Precision) -> usize {
+        match (&self.values, precision) {
+            (Values::Real(_), Precision::Df64 | Precision::F64) => 2,
+            _ => 1,
+        }
+    }
+
+    fn words(&self, row: usize, precision: Precision) -> Result<Vec<u32>> {
+        let mut bytes = [0; 8];
+        match &self.values {
+            Values::Real(values) => put_real(&mut bytes, values[row], precision)?,
+            Values::Uint(values) => bytes[..4].copy_from_slice(&values[row].to_le_bytes()),
+        }
+        let words: [u32; 2] = bytemuck::cast(bytes);
+        Ok(words[..self.num_words(precision)].to_vec())
+    }
+
+    /// The value in the shader, from texels in which its words begin at `first`.
+    fn of_words(&self, first: usize, precision: Precision) -> String {
+        let word = |i: usize| format!("texel_{}.{}", i / TEXEL_WORDS, ["x", "y", "z", "w"][i % TEXEL_WORDS]);
+        match (&self.values, precision) {
+            (Values::Uint(_), _) => word(first),
+            (Values::Real(_), Precision::F32) => format!("bitcast<f32>({})", word(first)),
+            (Values::Real(_), Precision::Df64 | Precision::F64) => {
+                format!("bitcast<f64>(u64({}) | (u64({}) << 32u))", word(first), word(first + 1))
+            }
+        }
+    }
+
+    fn chosen(&self, precision: Precision) -> Result<String> {
+        let literals: Vec<String> = match &self.values {
+            Values::Real(values) => values.iter().map(|&v| literal(v, precision)).collect::<Result<_>>()?,
+            Values::Uint(values) => values.iter().map(|v| format!("{v}u")).collect(),
+        };
+        Ok(choose(&literals))
+    }
+}
+
+/// A select over the rows `i`; the most frequent value needs none.
+fn choose(literals: &[String]) -> String {
+    let mut rows: HashMap<&str, Vec<usize>> = HashMap::new();
+    for (row, literal) in literals.iter().enumerate() {
+        rows.entry(literal).or_default().push(row);
+    }
+    let mut values: Vec<(&str, Vec<usize>)> = rows.into_iter().collect();
+    values.sort_by_key(|(_, rows)| (std::cmp::Reverse(rows.len()), rows[0]));
+    let mut values = values.into_iter();
+    let first = values.next().map_or("0", |(literal, _)| literal).to_string();
+    values.fold(first, |chosen, (literal, rows)| {
+        let conditions: Vec<String> = rows.iter().map(|row| format!("(i == {row}u)")).collect();
+        format!("select({chosen}, {literal}, {})", conditions.join(" | "))
+    })
+}
+
+/// A WGSL literal of a real. Refused where the precision cannot hold it.
+pub fn literal(value: f64, precision: Precision) -> Result<String> {
+    let rounded = round_to(value, precision)?;
+    // `real(...)` keeps selects of abstract literals in the tier's own type.
+    Ok(format!("real({rounded:?})"))
+}
+
+fn round_to(value: f64, precision: Precision) -> Result<f64> {
+    let rounded = precision.nearest(value);
+    if rounded.is_finite() {
+        Ok(rounded)
+    } else {
+        let advice = match precision {
+            Precision::F64 => "some number of the scene is too large or too small to compute with",
+            Precision::F32 | Precision::Df64 => "use --precision f64",
+        };
+        Err(Error::Usage(format!("{value:e} does not fit {}; {advice}", precision.name())))
+    }
+}
+
+/// Writes a real in the tier's precision.
+pub fn put_real(place: &mut [u8], value: f64, precision: Precision) -> Result<()> {
+    let rounded = round_to(value, precision)?;
+    match precision {
+        Precision::F32 => place[..4].copy_from_slice(&(rounded as f32).to_le_bytes()),
+        Precision::Df64 => place[..8].copy_from_slice(bytemuck::bytes_of(&df64::split(value))),
+        Precision::F64 => place[..8].copy_from_slice(&rounded.to_le_bytes()),
+    }
+    Ok(())
+}
+
+/// Where a struct's fields lie in memory, as naga lays them out.
+pub struct StructLayout {
+    /// Distance from one element of an array to the next \[bytes\].
+    pub stride: usize,
+    offsets: HashMap<String, usize>,
+    name: String,
+}
+
+impl StructLayout {
+    /// The layout of a struct of a composed module.
+    pub fn of(module: &naga::Module, name: &str) -> Result<Self> {
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).map_err(|e| Error::Internal(format!("layout of {name}: {e}")))?;
+        let (handle, kind) = module
+            .types
+            .iter()
+            .find(|(_, kind)| kind.name.as_deref() == Some(name))
+            .ok_or_else(|| Error::Internal(format!("the composed module has no struct {name}")))?;
+        let naga::TypeInner::Struct { members, .. } = &kind.inner else {
+            return Err(Error::Internal(format!("{name} is not a struct")));
+        };
+        let offsets =
+            members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+        Ok(StructLayout { stride: layouter[handle].to_stride() as usize, offsets, name: name.into() })
+    }
+
+    /// Offset of a field \[bytes\].
+    pub fn offset(&self, field: &str) -> Result<usize> {
+        self.offsets.get(field).copied().ok_or_else(|| {
+            Error::Internal(format!("struct {} of the composed module has no field {field}", self.name))
+        })
+    }
+}

@@ -1,0 +1,634 @@
+//! What the shaders need of surfaces, sensors, primitives and media, as records. Origins are relative to the scene's centre.
+
+use crate::error::{Error, Result};
+use crate::model::{
+    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, SceneIr, Sensor, SensorKind, Shape, Splat,
+    Surface,
+};
+use crate::program::features::{self, EmitterName, Features, ShapeKind};
+use crate::program::geometry::contact::{self, Contacts};
+use crate::program::layout::bsdf;
+use crate::program::layout::records::Records;
+use glam::{DMat3, DVec3};
+
+/// Binding numbers in group 0 that the records take.
+const MEDIA: u32 = 5;
+const SURFACES: u32 = 9;
+const SENSORS: u32 = 10;
+const PRIMITIVES: u32 = 11;
+const CONTACTS: u32 = 16;
+/// Binding of the emitter of a dispatch.
+pub const EMITTER: u32 = 13;
+
+/// A value beyond any distance of a scene that both tiers hold: "no limit".
+const UNLIMITED: f64 = 1e38;
+
+/// The sums that a trace keeps, as indices of cells.
+#[derive(Debug, Clone)]
+pub struct Cells {
+    /// First cell of the surfaces; before it lie the ledger's bins.
+    pub surfaces: u32,
+    /// First cell of each sensor.
+    pub sensors: Vec<u32>,
+    /// Number of cells.
+    pub num_cells: u32,
+    /// First of the counters that tell whether a primitive was reached, where [`ReachedMarks`] are made.
+    pub reached: u32,
+    /// The counter that tells whether splitting wanted more rays than the budget; behind the primitives'.
+    pub saturated: Option<u32>,
+    /// Number of counters: one a cell, one a primitive, and that of splitting.
+    pub num_counters: u32,
+    /// Where the second moments lie, if they are summed on the device.
+    pub moments: Option<MomentCells>,
+    /// Copies of the detectors' cells, one behind the other, if each scramble of the points has its own.
+    pub replicates: Option<ReplicateCells>,
+    /// Number of sums: the cells, and those of the second moments.
+    pub num_sums: u32,
+}
+
+/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.wgsl).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReplicateCells {
+    /// From a cell of a detector to its cell in the next copy.
+    pub stride: u32,
+    /// Number of copies.
+    pub num: u32,
+}
+
+/// Cells of second moments (shaders/sums/moments.wgsl), behind all others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MomentCells {
+    /// From a cell of a detector to the cell of its squares.
+    pub squares_offset: u32,
+    /// First of the cells of sum and square per detector and emitter; none where the cells of the one emitter's rays add
+    /// up to them.
+    pub totals: Option<u32>,
+    /// The sum of large squares.
+    pub large_squares: u32,
+}
+
+/// Bins of the ledger, by their names in the shaders; the order of fates follows shaders/stages/state.wgsl.
+pub const LEDGER_CELLS: [&str; 12] = [
+    "CELL_INVALID",
+    "CELL_UNDERFLOWS",
+    "CELL_ROULETTE_GAIN",
+    "CELL_BULK",
+    "CELL_IMPORTANCE_LOSS",
+    "CELL_IMPORTANCE_GAIN",
+    "CELL_ESCAPED",
+    "CELL_DEPTH_KILLED",
+    "CELL_ROULETTE_KILLED",
+    "CELL_COATING",
+    "CELL_BSDF",
+    "CELL_BSDF_GAIN",
+];
+
+/// The place of `CELL_BULK` among them.
+pub const CELL_BULK: u32 = 3;
+/// The place of `CELL_ESCAPED` among them.
+pub const CELL_ESCAPED: u32 = 6;
+/// The place of `CELL_DEPTH_KILLED` among them.
+pub const CELL_DEPTH_KILLED: u32 = 7;
+
+impl Cells {
+    /// The cells of a scene.
+    pub fn of(ir: &SceneIr) -> Self {
+        let surfaces = LEDGER_CELLS.len() as u32;
+        let mut next = surfaces + ir.surfaces.len() as u32;
+        let sensors = ir
+            .sensors
+            .iter()
+            .map(|sensor| {
+                let first = next;
+                // A ray database has one cell, for its total.
+                next += sensor.num_cells().max(1) as u32;
+                first
+            })
+            .collect();
+        let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
+        let saturated = features::splits(ir).then_some(next + primitives);
+        let num_counters = next + primitives + u32::from(saturated.is_some());
+        Cells {
+            surfaces,
+            sensors,
+            num_cells: next,
+            reached: next,
+            saturated,
+            num_counters,
+            moments: None,
+            replicates: None,
+            num_sums: next,
+        }
+    }
+}
+
+impl Cells {
+    /// With the detectors' cells `num` times.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are too many to number.
+    pub fn with_replicates(self, num: u32) -> Result<Self> {
+        let stride = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
+        let more = stride.checked_mul(num - 1).filter(|more| more.checked_add(self.num_counters).is_some());
+        let more = more.ok_or_else(|| {
+            Error::Usage(format!(
+                "{num} sums for each of {stride} cells of the detectors, as standard errors of Sobol points need, are too \
+                 many; use fewer pixels, --sampler pcg or --standard-error off"
+            ))
+        })?;
+        Ok(Cells {
+            num_cells: self.num_cells + more,
+            reached: self.reached + more,
+            saturated: self.saturated.map(|counter| counter + more),
+            num_counters: self.num_counters + more,
+            replicates: Some(ReplicateCells { stride, num }),
+            num_sums: self.num_sums + more,
+            ..self
+        })
+    }
+
+    /// With cells for the second moments.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are too many to number.
+    pub fn with_moments(self, ir: &SceneIr) -> Result<Self> {
+        let squares_offset = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
+        let has_totals = !cells_hold_totals(ir);
+        let num_totals = if has_totals { 2 * ir.sensors.len() as u64 * ir.emitters.len() as u64 } else { 0 };
+        let totals = u64::from(self.num_cells) + u64::from(squares_offset);
+        let large_squares = totals + num_totals;
+        let num_sums = u32::try_from(large_squares + 1).map_err(|_| {
+            Error::Usage(format!(
+                "a square for each of {squares_offset} cells of the detectors, as standard errors need, are too many sums; use \
+                 fewer pixels or --standard-error off"
+            ))
+        })?;
+        let moments = Some(MomentCells {
+            squares_offset,
+            totals: has_totals.then_some(totals as u32),
+            large_squares: large_squares as u32,
+        });
+        Ok(Cells { moments, num_sums, ..self })
+    }
+}
+
+/// True if a detector's squares add up to the square of what each ray left on it: all rays are of one source, and each
+/// meets one cell of one detector, unsplit.
+pub fn cells_hold_totals(ir: &SceneIr) -> bool {
+    ir.emitters.len() == 1 && !features::splits(ir) && ir.sensors.iter().all(takes_rays_whole)
+}
+
+/// True if a ray ends on the detector, in a single cell.
+pub fn takes_rays_whole(sensor: &Sensor) -> bool {
+    sensor.absorb && sensor.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
+}
+
+/// How shaders tell which surfaces were reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReachedMarks {
+    /// Not at all: every surface absorbs, and where rays have ended tells it.
+    None,
+    /// As bits of one counter: few primitives, compiled in.
+    Bits,
+    /// By a counter each.
+    Counters,
+}
+
+impl Cells {
+    /// How surfaces are marked that were reached.
+    pub fn reached_marks(&self, features: &Features, baked: bool) -> ReachedMarks {
+        let num_primitives = self.saturated.unwrap_or(self.num_counters) - self.reached;
+        match (features.refractive || features.reflective, baked && num_primitives <= u32::BITS) {
+            (false, _) => ReachedMarks::None,
+            (true, true) => ReachedMarks::Bits,
+            (true, false) => ReachedMarks::Counters,
+        }
+    }
+}
+
+/// True if some frame is rotated.
+pub fn any_rotated<'a>(mut frames: impl Iterator<Item = &'a Frame>) -> bool {
+    frames.any(|frame| is_rotated(frame.rotation))
+}
+
+/// True unless the local axes are the global ones, exactly.
+pub fn is_rotated(rotation: DMat3) -> bool {
+    rotation != DMat3::IDENTITY
+}
+
+/// The surfaces' records.
+pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Records {
+    let mut records = Records::new("Surface", "surface", SURFACES);
+    records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
+    put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
+    let gradients: Vec<[f64; 3]> = ir.surfaces.iter().map(|s| gradient(&s.shape)).collect();
+    records.real("radial", gradients.iter().map(|g| g[0]));
+    records.real("axial", gradients.iter().map(|g| g[1]));
+    records.real("offset", gradients.iter().map(|g| g[2]));
+    if features.tips {
+        let is_in_front =
+            |shape: &Shape| matches!(shape, Shape::Frustum { r_front, r_back, .. } if r_front < r_back);
+        let outward = |shape: &Shape| if is_in_front(shape) { -1.0 } else { 1.0 };
+        records.real("tip", ir.surfaces.iter().map(|s| outward(&s.shape)));
+    }
+    if features.has_meshes() {
+        let is_mesh = |shape: &Shape| u32::from(matches!(shape, Shape::Mesh(_)));
+        records.uint("mesh", ir.surfaces.iter().map(|s| is_mesh(&s.shape)));
+    }
+    records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
+    records.uint("back", ir.surfaces.iter().map(|s| s.back as u32));
+    if features.refractive && !features.polychromatic {
+        records.real("n_front", ir.surfaces.iter().map(|s| ir.media[s.front].n[0]));
+        records.real("n_back", ir.surfaces.iter().map(|s| ir.media[s.back].n[0]));
+    }
+    if (features.reflective || features.coated) && !features.spectral_reflectance {
+        records.real("reflectance", ir.surfaces.iter().map(|s| reflectance(s, 0)));
+    }
+    if features.coated {
+        records.uint("coated", ir.surfaces.iter().map(|s| u32::from(s.coating.is_some())));
+    }
+    if features.coated && !features.spectral_reflectance {
+        records.real("coating_pass", ir.surfaces.iter().map(|s| coating_pass(s, 0)));
+    }
+    bsdf::put_columns(&mut records, ir, &features.bsdfs);
+    records
+}
+
+/// Media as the shaders read them, a row per medium and wavelength: n, and 4 pi k / lambda \[1/mm\].
+pub fn medium_records(ir: &SceneIr) -> Records {
+    const UM_PER_MM: f64 = 1e3;
+    let absorption =
+        |medium: &Medium, w: usize| 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM;
+    let wavelengths = 0..ir.wavelengths.len();
+    let rows = || ir.media.iter().flat_map(|medium| wavelengths.clone().map(move |w| (medium, w)));
+    let mut records = Records::new("Medium", "medium", MEDIA);
+    records.real("n", rows().map(|(medium, w)| medium.n[w]));
+    records.real("absorption", rows().map(|(medium, w)| absorption(medium, w)));
+    records
+}
+
+/// The reflectance of a mirror or a coating at a wavelength of the scene; 1 elsewhere.
+pub fn reflectance(surface: &Surface, wavelength: usize) -> f64 {
+    match (&surface.interaction, &surface.coating) {
+        (Interaction::Reflective { reflectance }, _) => reflectance[wavelength],
+        (Interaction::Refractive, Some(coating)) => coating.reflectance[wavelength],
+        (Interaction::Refractive | Interaction::Absorbing, _) => 1.0,
+    }
+}
+
+/// T / (1 - R) of a coating at a wavelength of the scene: the share of what it does not reflect that it lets pass.
+pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
+    match &surface.coating {
+        None => 1.0,
+        Some(coating) if coating.reflectance[wavelength] >= 1.0 => 0.0,
+        // R + T may exceed 1 by the rounding of what the user wrote.
+        Some(coating) => {
+            (coating.transmittance[wavelength] / (1.0 - coating.reflectance[wavelength])).min(1.0)
+        }
+    }
+}
+
+/// Codes of shaders/stages/interact.wgsl.
+fn interaction_code(interaction: &Interaction) -> u32 {
+    match interaction {
+        Interaction::Absorbing => 0,
+        Interaction::Reflective { .. } => 1,
+        Interaction::Refractive => 2,
+    }
+}
+
+/// Origin relative to the centre, and the rotation's columns if any frame of the table is rotated.
+fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame> + Clone, centre: DVec3) {
+    records.real("origin_x", frames.clone().map(|f| f.origin.x - centre.x));
+    records.real("origin_y", frames.clone().map(|f| f.origin.y - centre.y));
+    records.real("origin_z", frames.clone().map(|f| f.origin.z - centre.z));
+    if any_rotated(frames.clone()) {
+        for (c, column) in ["x", "y", "z"].into_iter().enumerate() {
+            for (r, row) in ["x", "y", "z"].into_iter().enumerate() {
+                records.real(&format!("{column}{row}"), frames.clone().map(|f| f.rotation.col(c)[r]));
+            }
+        }
+    }
+}
+
+/// Surfaces that take a part of the rays they reflect.
+pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
+    let lossy = |interaction: &Interaction| match interaction {
+        Interaction::Reflective { reflectance } => reflectance.iter().any(|&r| r != 1.0),
+        Interaction::Refractive | Interaction::Absorbing => false,
+    };
+    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
+}
+
+/// (radial, axial, offset) of shaders/geometry/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
+pub fn gradient(shape: &Shape) -> [f64; 3] {
+    match *shape {
+        Shape::Conic { curvature, conic, .. } => [-curvature, -(1.0 + conic) * curvature, 1.0],
+        // Of a mesh it is not read.
+        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Mesh(_) => [0.0, 0.0, 1.0],
+        Shape::Sphere { radius, .. } => [-1.0 / radius, -1.0 / radius, 0.0],
+        Shape::Frustum { .. } => {
+            let [r0, slope, ..] = frustum_arguments(shape);
+            [1.0, -slope * slope, -slope * r0]
+        }
+    }
+}
+
+/// The constant of the shape's quadric.
+pub fn shape_constant(shape: &Shape) -> f64 {
+    match *shape {
+        Shape::Conic { .. } | Shape::Plane(_) | Shape::Mesh(_) => 0.0,
+        Shape::Annulus { z_offset, .. } => -2.0 * z_offset,
+        Shape::Sphere { radius, .. } => radius,
+        Shape::Frustum { .. } => {
+            let [r0, ..] = frustum_arguments(shape);
+            -r0 * r0
+        }
+    }
+}
+
+/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.wgsl.
+pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
+    let mut records = Records::new("Contact", "contact", CONTACTS);
+    let primitives = &contacts.primitives;
+    records.uint("group", primitives.iter().map(|c| c.group));
+    records.uint("layer", primitives.iter().map(|c| 1 << c.layer));
+    records.uint("level", primitives.iter().map(|c| c.level));
+    records.uint("role", primitives.iter().map(|c| c.role as u32));
+    records.uint("flipped", primitives.iter().map(|c| u32::from(c.flipped)));
+    let surfaces = &ir.surfaces;
+    let side = |i: usize, flipped: bool| match surfaces.get(i) {
+        Some(surface) if surface.interaction == Interaction::Absorbing => contact::NO_MEDIUM,
+        Some(surface) if flipped => surface.back as u32,
+        Some(surface) => surface.front as u32,
+        None => contact::NO_MEDIUM,
+    };
+    records.uint("below", primitives.iter().enumerate().map(|(i, c)| side(i, c.flipped)));
+    records.uint("above", primitives.iter().enumerate().map(|(i, c)| side(i, !c.flipped)));
+    let refracts = |i: usize| surfaces.get(i).is_some_and(|s| s.interaction == Interaction::Refractive);
+    records.uint("refracts", (0..primitives.len()).map(|i| u32::from(refracts(i))));
+    records.uint("born", contacts.born_on.iter().map(|&born| u32::from(born)));
+    records.uint("facets", (0..primitives.len()).map(|i| facets.first_of(ir, i)));
+    records
+}
+
+/// The contacts of facets, two words each, in the order of the triangles of each mesh.
+#[derive(Debug, Default)]
+pub struct FacetTable {
+    /// The contents of the buffer.
+    pub words: Vec<u32>,
+    /// For each surface in the table, what brings the number of one of its triangles to its row.
+    firsts: std::collections::HashMap<usize, u32>,
+}
+
+impl FacetTable {
+    /// What `facets` says of a primitive that is no mesh, and of a mesh without facets in contact.
+    const NO_MESH: u32 = u32::MAX;
+    const NO_FACETS: u32 = u32::MAX - 1;
+
+    /// The table of a scene's contacts.
+    pub fn of(
+        ir: &SceneIr,
+        contacts: &Contacts,
+        triangles: &crate::program::geometry::mesh::Triangles,
+    ) -> Self {
+        let mut table = FacetTable::default();
+        for (i, surface) in ir.surfaces.iter().enumerate() {
+            let (Shape::Mesh(mesh), Some(facets)) = (surface.shape, contacts.facets.get(&i)) else {
+                continue;
+            };
+            let (first, order) = triangles.of_mesh(mesh);
+            // So that what brings a triangle's number to its row is not negative.
+            let row = (table.words.len() / 2).max(first);
+            table.words.resize(2 * row, 0);
+            table.firsts.insert(i, (row - first) as u32);
+            table.words.extend(order.iter().flat_map(|&face| {
+                let contact = facets[face as usize];
+                [contact.group, contact.layer | u32::from(contact.flipped) << 5 | contact.level << 6]
+            }));
+        }
+        table
+    }
+
+    fn first_of(&self, ir: &SceneIr, primitive: usize) -> u32 {
+        match ir.surfaces.get(primitive).map(|surface| surface.shape) {
+            Some(Shape::Mesh(_)) => self.firsts.get(&primitive).copied().unwrap_or(Self::NO_FACETS),
+            _ => Self::NO_MESH,
+        }
+    }
+}
+
+/// What the shape's distance function takes between the direction and `leaving`.
+pub fn shape_arguments(shape: &Shape) -> Vec<f64> {
+    match *shape {
+        Shape::Conic { curvature: 0.0, aperture_radius, .. } => vec![aperture_radius * aperture_radius],
+        Shape::Conic { curvature, conic, aperture_radius } => {
+            vec![curvature, (1.0 + conic) * curvature, aperture_radius * aperture_radius]
+        }
+        Shape::Plane(Outline::Infinite) => vec![],
+        Shape::Plane(Outline::Rectangle { width, height }) => vec![width / 2.0, height / 2.0],
+        Shape::Plane(Outline::Disk { radius }) => vec![radius * radius],
+        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
+            vec![inner_radius * inner_radius, outer_radius * outer_radius, z_offset]
+        }
+        Shape::Frustum { .. } => frustum_arguments(shape).to_vec(),
+        Shape::Sphere { radius, aperture_radius } => {
+            vec![radius, aperture_radius.map_or(UNLIMITED, |a| a * a)]
+        }
+        Shape::Mesh(mesh) => vec![f64::from(crate::program::geometry::mesh::root(mesh))],
+    }
+}
+
+/// Radius at z = 0, slope, z_front, z_back. Without height nothing can be hit: an empty range of z.
+fn frustum_arguments(shape: &Shape) -> [f64; 4] {
+    let Shape::Frustum { r_front, r_back, z_front, z_back } = *shape else {
+        return [0.0; 4];
+    };
+    let height = z_back - z_front;
+    if height.abs() < 1e-15 {
+        return [r_front, 0.0, 1.0, -1.0];
+    }
+    let slope = (r_back - r_front) / height;
+    [r_front - slope * z_front, slope, z_front, z_back]
+}
+
+/// The emitters' records; `weights` are those that their rays are born with.
+pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
+    let mut records = Records::new("Emitter", "emitter", EMITTER);
+    let emitters = &ir.emitters;
+    records.uint("kind", emitters.iter().map(|e| EmitterName::of(&e.kind) as u32));
+    records.uint("medium", emitters.iter().map(|e| e.medium as u32));
+    let firsts = emitters.iter().scan(0, |next, e| {
+        let first = *next;
+        *next += e.spectrum.cdf.len() as u32;
+        Some(first)
+    });
+    records.uint("spectrum_first", firsts);
+    records.uint("spectrum_count", emitters.iter().map(|e| e.spectrum.cdf.len() as u32));
+    records.real("weight", weights.iter().copied());
+    put_frames(&mut records, emitters.iter().map(|e| &e.frame), centre);
+    let arguments: Vec<[f64; 3]> = emitters.iter().map(emitter_arguments).collect();
+    for (i, name) in ["p0", "p1", "p2"].into_iter().enumerate() {
+        records.real(name, arguments.iter().map(|a| a[i]));
+    }
+    records
+}
+
+/// Every primitive: surfaces, then sensors.
+pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
+    let surfaces = ir.surfaces.iter().map(|s| (s.frame, s.shape));
+    surfaces.chain(ir.sensors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
+}
+
+/// The records of the first primitives, which are looked up in a table.
+pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
+    let mut primitives = primitives(ir);
+    primitives.truncate(num);
+    let mut records = Records::new("Primitive", "primitive", PRIMITIVES);
+    records.uint("shape", primitives.iter().map(|(_, shape)| ShapeKind::of(shape) as u32));
+    put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
+    for (i, name) in ["a0", "a1", "a2", "a3"].into_iter().enumerate() {
+        records.real(name, primitives.iter().map(|(_, s)| shape_arguments(s).get(i).copied().unwrap_or(0.0)));
+    }
+    records
+}
+
+/// The records of a tree's primitives, a permutation of the first ones, each with its number.
+pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32]) -> Records {
+    let mut records = primitive_records(ir, centre, primitives.len()).picked(primitives);
+    records.uint("number", primitives.iter().copied());
+    records
+}
+
+/// The sensors' records.
+pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
+    let mut records = Records::new("Sensor", "sensor", SENSORS);
+    let sensors = &ir.sensors;
+    records.uint("kind", sensors.iter().map(|s| sensor_code(&s.kind)));
+    records.uint("absorb", sensors.iter().map(|s| u32::from(s.absorb)));
+    records.uint("cell", cells.sensors.iter().copied());
+    put_frames(&mut records, sensors.iter().map(|s| &s.frame), centre);
+    let grids: Vec<Grid> = sensors.iter().map(|s| Grid::of(&s.kind)).collect();
+    records.real("half_width", grids.iter().map(|g| g.half_width));
+    records.real("half_height", grids.iter().map(|g| g.half_height));
+    records.real("pitch_x", grids.iter().map(|g| g.pitch_x));
+    records.real("pitch_y", grids.iter().map(|g| g.pitch_y));
+    records.uint("num_x", grids.iter().map(|g| g.num_x));
+    records.uint("num_y", grids.iter().map(|g| g.num_y));
+    records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
+    records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
+    records
+        .real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
+    let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
+    let num_wavelengths = ir.wavelengths.len() as u32;
+    records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));
+    records.uint("num_bins", bins);
+    records
+}
+
+/// Codes of [`crate::program::wgsl::compose`]'s dispatch over kinds of sensors.
+pub fn sensor_code(kind: &SensorKind) -> u32 {
+    match kind {
+        SensorKind::Irradiance(_) => 0,
+        SensorKind::Spectral { .. } => 1,
+        SensorKind::FarField { .. } => 2,
+        SensorKind::RayDatabase { .. } => 3,
+    }
+}
+
+/// Codes of shaders/stages/splat.wgsl.
+fn splat_code(splat: Splat) -> u32 {
+    match splat {
+        Splat::Hard => 0,
+        Splat::Bilinear => 1,
+        Splat::Gaussian { .. } => 2,
+    }
+}
+
+fn splat_radius(splat: Splat) -> u32 {
+    match splat {
+        Splat::Gaussian { sigma } => (3.0 * sigma).ceil().max(1.0) as u32,
+        Splat::Hard | Splat::Bilinear => 0,
+    }
+}
+
+fn splat_falloff(splat: Splat) -> f64 {
+    match splat {
+        Splat::Gaussian { sigma } => 0.5 / (sigma * sigma),
+        Splat::Hard | Splat::Bilinear => 0.0,
+    }
+}
+
+/// Wavelength bins of a detector's pixel.
+pub fn num_bins(kind: &SensorKind) -> u32 {
+    match kind {
+        SensorKind::Spectral { wavelength_edges, .. } => wavelength_edges.len() as u32 - 1,
+        SensorKind::Irradiance(_) | SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => 1,
+    }
+}
+
+/// A grid of pixels, or of directions: x is the azimuth from -pi, y the polar angle from 0.
+struct Grid {
+    half_width: f64,
+    half_height: f64,
+    pitch_x: f64,
+    pitch_y: f64,
+    num_x: u32,
+    num_y: u32,
+}
+
+impl Grid {
+    fn of(kind: &SensorKind) -> Self {
+        match *kind {
+            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => Grid {
+                half_width: grid.width / 2.0,
+                half_height: grid.height / 2.0,
+                pitch_x: grid.width / f64::from(grid.num_pixels_x),
+                pitch_y: grid.height / f64::from(grid.num_pixels_y),
+                num_x: grid.num_pixels_x,
+                num_y: grid.num_pixels_y,
+            },
+            SensorKind::FarField { num_theta, num_phi } => Grid {
+                half_width: std::f64::consts::PI,
+                half_height: 0.0,
+                pitch_x: std::f64::consts::TAU / f64::from(num_phi),
+                pitch_y: std::f64::consts::FRAC_PI_2 / f64::from(num_theta),
+                num_x: num_phi,
+                num_y: num_theta,
+            },
+            SensorKind::RayDatabase { width, height, .. } => Grid {
+                half_width: width / 2.0,
+                half_height: height / 2.0,
+                pitch_x: width,
+                pitch_y: height,
+                num_x: 1,
+                num_y: 1,
+            },
+        }
+    }
+}
+
+/// p0, p1, p2 of shaders/emitters/.
+fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
+    match emitter.kind {
+        EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
+        EmitterKind::CollimatedTophat { aperture_radius } => [aperture_radius, 0.0, 0.0],
+        EmitterKind::CollimatedGaussian { aperture_radius, sigma } => [aperture_radius, sigma, 0.0],
+        EmitterKind::Extended { area, half_angle } => {
+            const LAMBERTIAN: f64 = -1.0;
+            let height =
+                if half_angle >= std::f64::consts::FRAC_PI_2 { LAMBERTIAN } else { cap_height(half_angle) };
+            match area {
+                Outline::Rectangle { width, height: area_height } => [width, area_height, height],
+                Outline::Disk { radius } => [radius, 0.0, height],
+                Outline::Infinite => [0.0, 0.0, height],
+            }
+        }
+    }
+}
+
+/// 1 - cos(half angle), without cancellation.
+fn cap_height(half_angle: f64) -> f64 {
+    let s = (half_angle / 2.0).sin();
+    2.0 * s * s
+}

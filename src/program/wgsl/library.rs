@@ -1,0 +1,62 @@
+//! The WGSL files that every shader shares, chosen by precision and by integers.
+
+use crate::program::layout::rng::Sampler;
+
+/// Precision of `real` in the shaders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Real {
+    /// 32-bit floats: every adapter.
+    F32,
+    /// f64 in the text, for [`crate::program::df64::rewrite`] to make pairs of 32-bit floats of.
+    Df64,
+    /// 64-bit floats: adapters with `SHADER_F64`.
+    F64,
+}
+
+/// How the shaders count in 64 bits and more. Both give the same bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Integers {
+    /// 64-bit integers and atomics: `SHADER_INT64` and `SHADER_INT64_ATOMIC_ALL_OPS`.
+    Native,
+    /// Pairs of 32-bit integers: every adapter.
+    Portable,
+}
+
+/// The shared functions as one WGSL source: `alias real`, draws, mathematics and sums. The order of declarations means
+/// nothing to WGSL.
+pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
+    let shared = [shader!("random/rng_slots.wgsl"), shader!("math/math.wgsl"), shader!("sums/sums.wgsl")];
+    let by_real = match real {
+        Real::F32 => [
+            "alias real = f32;\n",
+            shader!("math/real_f32.wgsl"),
+            shader!("math/math_f32.wgsl"),
+            shader!("math/polynomials_f32.wgsl"),
+            shader!("sums/quanta_f32.wgsl"),
+        ],
+        Real::Df64 => [
+            "alias real = f64;\n",
+            shader!("math/real_df64.wgsl"),
+            shader!("math/math_df64.wgsl"),
+            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials_f64.wgsl")),
+            concat!(shader!("sums/quanta_f32.wgsl"), shader!("math/df64.wgsl")),
+        ],
+        Real::F64 => [
+            "alias real = f64;\n",
+            shader!("math/real_f64.wgsl"),
+            shader!("math/math_f64.wgsl"),
+            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials_f64.wgsl")),
+            "",
+        ],
+    };
+    let sums = match integers {
+        Integers::Native => shader!("sums/sums_native.wgsl"),
+        Integers::Portable => shader!("sums/sums_portable.wgsl"),
+    };
+    let draws = match (sampler, integers) {
+        (Sampler::Pcg, Integers::Native) => [shader!("random/rng_native.wgsl"), ""],
+        (Sampler::Pcg, Integers::Portable) => [shader!("random/rng_portable.wgsl"), ""],
+        (Sampler::Sobol, _) => [shader!("random/rng_sobol.wgsl"), shader!("random/sobol_matrices.wgsl")],
+    };
+    [by_real.concat(), shared.concat(), draws.concat(), sums.into()].concat()
+}

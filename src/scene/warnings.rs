@@ -1,0 +1,146 @@
+//! What a scene may say without its user meaning it: it is traced as it is written, and told.
+
+use std::collections::{HashMap, HashSet};
+
+use crate::model::{Bsdf, Interaction, MediumId, Mesh, Shape};
+use crate::result::format::significant;
+use crate::scene::coincidence;
+use crate::scene::json::{Detector, Material, Profile, ReflectProb, SceneFile, Source};
+use crate::scene::materials::listed;
+use crate::scene::media::MediaTable;
+use crate::scene::place::quoted;
+use crate::scene::surfaces::SceneSurface;
+
+/// Everything that deserves a warning once all surfaces are known.
+pub(super) fn of(
+    file: &SceneFile,
+    surfaces: &[SceneSurface],
+    meshes: &[Mesh],
+    media: &MediaTable,
+    wavelengths: &[f64],
+) -> Vec<String> {
+    let mut doubts: Vec<String> = surfaces.iter().filter_map(swapped_lobe).collect();
+    doubts.extend(open_media(file, surfaces, media));
+    doubts.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
+    doubts.extend(coincidence::warnings(file, surfaces, meshes, media));
+    doubts.extend(one_branch(file, surfaces));
+    doubts.extend(file.sources.iter().filter_map(rays_on_the_rim));
+    doubts
+}
+
+// Scattering
+
+/// On a refractive surface a Harvey-Shack lobe is about the ray that Fresnel's branch sends on, or about its mirror image,
+/// on the other side.
+fn swapped_lobe(surface: &SceneSurface) -> Option<String> {
+    let Bsdf::HarveyShack { transmissive_fraction, .. } = surface.scatter.as_ref()?.bsdf else { return None };
+    let is_swapped = surface.interaction == Interaction::Refractive && transmissive_fraction < 1.0;
+    is_swapped.then(|| {
+        format!(
+            "of what {} scatters, {:.1} % goes to the other side than Fresnel's branch, as in Optiland: a \
+             transmissive_fraction of 1 blurs both branches where they are",
+            quoted(&surface.name),
+            100.0 * (1.0 - transmissive_fraction)
+        )
+    })
+}
+
+// Media
+
+/// Media that one open face alone borders on: a solid of it has no other face, most often because that one's medium was
+/// forgotten.
+fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -> Vec<String> {
+    let mut num_faces: HashMap<Option<MediumId>, usize> = HashMap::new();
+    for surface in surfaces {
+        let sides = HashSet::from([media.id(&surface.front), media.id(&surface.back)]);
+        sides.into_iter().for_each(|medium| *num_faces.entry(medium).or_default() += 1);
+    }
+    let of_sources: HashSet<_> = file.sources.iter().map(|source| media.id(source.medium())).collect();
+    let is_lone = |medium: &Material| {
+        let id = media.id(medium);
+        *medium != Material::Vacuum && num_faces.get(&id) == Some(&1) && !of_sources.contains(&id)
+    };
+    let bounds = |surface: &&SceneSurface| {
+        surface.interaction == Interaction::Refractive && surface.front != surface.back
+    };
+    let open = surfaces.iter().filter(bounds).filter(|surface| !is_closed(&surface.shape));
+    open.flat_map(|surface| [(surface, &surface.front), (surface, &surface.back)])
+        .filter(|(_, medium)| is_lone(medium))
+        .map(|(surface, medium)| {
+            format!(
+                "{} alone borders on {}: if that is a solid, the face where light leaves it has lost its medium",
+                quoted(&surface.name),
+                quoted(medium.name())
+            )
+        })
+        .collect()
+}
+
+fn is_closed(shape: &Shape) -> bool {
+    match shape {
+        Shape::Sphere { aperture_radius, .. } => aperture_radius.is_none(),
+        Shape::Mesh(_) => true,
+        Shape::Conic { .. } | Shape::Plane(_) | Shape::Annulus { .. } | Shape::Frustum { .. } => false,
+    }
+}
+
+// Detectors
+
+fn wavelengths_beyond(detector: &Detector, wavelengths: &[f64]) -> Option<String> {
+    let Detector::Spectral(spectral) = detector else { return None };
+    let beyond: Vec<String> = wavelengths
+        .iter()
+        .filter(|wavelength| !(spectral.wl_min..=spectral.wl_max).contains(wavelength))
+        .map(f64::to_string)
+        .collect();
+    (!beyond.is_empty()).then(|| {
+        format!(
+            "detector {} counts light of {} um in its first or last bin, though its bins reach from {} to {} um, as in \
+             Optiland",
+            quoted(&spectral.name),
+            listed(&beyond),
+            spectral.wl_min,
+            spectral.wl_max
+        )
+    })
+}
+
+// Sources
+
+/// Places of a Gaussian beam are drawn until one lies within its radius, but no more than 32 times, as in Optiland; then the
+/// ray starts on the rim. Each draw lies beyond the radius with a probability of exp(-R^2 / 2 sigma^2).
+fn rays_on_the_rim(source: &Source) -> Option<String> {
+    /// That of shaders/sources/collimated_gaussian.wgsl.
+    const ATTEMPTS: f64 = 32.0;
+    /// Fewer are lost in the noise of a million rays and more.
+    const SHARE: f64 = 1e-6;
+    let Source::Collimated(beam) = source else { return None };
+    let sigma = beam.gaussian_sigma.unwrap_or(0.5 * beam.aperture_radius);
+    let share = (-0.5 * ATTEMPTS * (beam.aperture_radius / sigma).powi(2)).exp();
+    (beam.profile == Profile::Gaussian && share > SHARE).then(|| {
+        format!(
+            "source {} has a gaussian_sigma of {sigma} mm in a radius of {} mm: {} % of its rays start on the rim, because \
+             their places are drawn no more than {ATTEMPTS} times, as in Optiland; a tophat profile or a smaller \
+             gaussian_sigma has none there",
+            quoted(&beam.name),
+            beam.aperture_radius,
+            significant(100.0 * share, 2)
+        )
+    })
+}
+
+// Sampling
+
+/// A branch that is never drawn is missing in the result, whatever weight the other has.
+fn one_branch(file: &SceneFile, surfaces: &[SceneSurface]) -> Option<String> {
+    surfaces.iter().find(|surface| surface.interaction == Interaction::Refractive)?;
+    let missing = match file.nsq_gpu.as_ref()?.sampling.reflect_prob {
+        ReflectProb::Constant(0.0) => "reflection",
+        ReflectProb::Constant(1.0) => "transmission",
+        ReflectProb::Constant(_) | ReflectProb::Fresnel | ReflectProb::Auto => return None,
+    };
+    Some(format!(
+        "with this reflect_prob no ray takes the {missing} of a refractive surface, beyond its first split_depth events: that \
+         light is missing, and booked as importance loss"
+    ))
+}

@@ -1,0 +1,68 @@
+//! Side paths: what most rays do that stray from the nominal path at one of its events, such as those that a lens reflects back.
+//! Each has a stage of its own, which traces them from their birth as `trace_nominal` does the others; one that strays from
+//! its side path, too, follows the next one from the same event, or is traced by `trace_new`.
+
+use crate::program::geometry::contact::Contacts;
+use crate::software::path::main_path::{NominalPath, PilotPath};
+use crate::software::path::path_log::{LoggedScene, PathLog, media_absorb_weakly};
+use glam::DVec3;
+
+/// More would make the shaders' text long, each of whose paths is another one to read.
+pub const MOST_SIDE_PATHS: usize = 12;
+
+/// One of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SidePath {
+    /// The event of the nominal path, by its number, at which its rays have strayed.
+    pub strayed_at: usize,
+    /// The way from their birth on.
+    pub path: NominalPath,
+    /// What they log; none where they log entries, as those of the nominal path then do.
+    pub log: Option<PathLog>,
+    /// Of all rays, as far as a pilot tells.
+    pub share: f64,
+    /// See [`media_absorb_weakly`].
+    pub media_absorb_weakly: bool,
+}
+
+/// The stage of a side path, by its number. Writers of WGSL change names that end in digits.
+pub fn entry_point(number: usize) -> String {
+    format!("trace_side_{}", char::from(b'a' + number as u8))
+}
+
+impl SidePath {
+    /// Those of a pilot, the most frequent first, which log as the nominal path does: places, or entries.
+    pub fn of(
+        scene: &LoggedScene,
+        centre: DVec3,
+        contacts: &Contacts,
+        nominal: &NominalPath,
+        nominal_log: Option<&PathLog>,
+    ) -> Vec<SidePath> {
+        let side_path = |pilot: &PilotPath| {
+            let path = NominalPath::of(scene.ir, centre, contacts, scene.options, pilot)?;
+            let log = match nominal_log {
+                Some(nominal_log) => Some(PathLog::beside(nominal_log, scene, &path, pilot)?),
+                None => None,
+            };
+            Some(SidePath {
+                strayed_at: strayed_at(nominal, &path),
+                path,
+                log,
+                share: pilot.share,
+                media_absorb_weakly: media_absorb_weakly(pilot),
+            })
+        };
+        scene.options.side_paths.iter().filter_map(side_path).take(MOST_SIDE_PATHS).collect()
+    }
+}
+
+/// The event at which rays of a side path stray from the nominal one: where they meet something else, or the one before, if
+/// they go on from it to another side. It may be another one where a pilot's rays did not tell how they go on; then these
+/// stray from the side path, too.
+fn strayed_at(nominal: &NominalPath, side: &NominalPath) -> usize {
+    let pairs = || nominal.events.iter().zip(&side.events);
+    let num_alike = pairs().take_while(|(event, own)| event.primitive == own.primitive).count();
+    let turned = pairs().take(num_alike).position(|(event, own)| event.crossing != own.crossing);
+    turned.unwrap_or(num_alike)
+}

@@ -1,0 +1,445 @@
+//! The raw sums of a trace in a file: to take a trace up again, and to add up traces of several machines.
+//!
+//! A file is, little-endian: the eight bytes `NSQTALLY`; the version of the format, u32; the length of the rest, u64; its
+//! CRC-32, u32; then, in [postcard](https://docs.rs/postcard)'s encoding, an [`Identity`] and a [`Tally`]. It holds no time,
+//! so that equal sums are equal files. It is written to a hidden file beside its place, which is renamed: whatever happens meanwhile, a whole file
+//! is there, the new one or the one before.
+
+use crate::error::{Error, Result};
+use crate::gpu::AdapterInfo;
+use crate::model::SceneIr;
+use crate::placing;
+use crate::result::output::{REPORT, TALLY};
+use crate::result::{SensorTally, Tally, integrity};
+use crate::trace::{RecordPaths, TraceOptions};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+/// Version of the format.
+pub const FORMAT: u32 = 3;
+
+const MAGIC: &[u8; 8] = b"NSQTALLY";
+const HEADER_BYTES: usize = 24;
+
+/// Which trace some sums are of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Version of the program.
+    pub version: String,
+    /// Path of the scene file, as it was given.
+    pub scene: Option<String>,
+    /// Hash of what the scene is lowered to, but for its sampling policy.
+    pub scene_hash: u128,
+    /// The sampling policy.
+    pub sampling: String,
+    /// Rays that the trace was planned with.
+    pub num_rays: u64,
+    /// Number of the first ray.
+    pub first_ray: u64,
+    /// The rays are a part of a trace of so many, if they are.
+    pub of_rays: Option<u64>,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Largest number of events of a ray.
+    pub max_depth: u32,
+    /// Roulette threshold that was asked for.
+    pub min_flux_fraction: f64,
+    /// Arithmetic: `f32` or `f64`.
+    pub precision: String,
+    /// What the draws are: `pcg` or `sobol`.
+    pub sampler: String,
+    /// Which paths are recorded.
+    pub paths: String,
+    /// Whether second moments are summed.
+    pub standard_error: String,
+    /// Name of the adapter.
+    pub adapter: String,
+    /// Its driver, and whether arithmetic was strict.
+    pub driver: String,
+}
+
+/// The sums of a trace, and which trace it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    /// The trace.
+    pub identity: Identity,
+    /// Its sums so far.
+    pub tally: Tally,
+}
+
+/// What is said of paths whose rows stand in a file of their own.
+const PATHS_APART: &str = ", in ray_paths.npz alone";
+
+impl Identity {
+    /// That of a trace of `ir` on an adapter.
+    pub fn new(ir: &SceneIr, scene: Option<String>, options: &TraceOptions, adapter: &AdapterInfo) -> Self {
+        Identity {
+            version: env!("CARGO_PKG_VERSION").into(),
+            scene,
+            scene_hash: scene_hash(ir),
+            sampling: format!("{:?}", ir.sampling),
+            num_rays: options.num_rays,
+            first_ray: options.first_ray,
+            of_rays: options.of_rays,
+            seed: options.seed,
+            max_depth: options.max_depth,
+            min_flux_fraction: options.min_flux_fraction,
+            precision: options.precision.name().into(),
+            sampler: options.sampler.name().into(),
+            paths: format!("{:?}", options.paths),
+            standard_error: format!("{:?}", options.standard_error).to_lowercase(),
+            adapter: adapter.name.clone(),
+            driver: options.driver(adapter),
+        }
+    }
+
+    /// What the sums of two traces must share to be added, one line each that differs: `what: theirs there, ours here`.
+    pub fn differences(&self, theirs: &Identity) -> Vec<String> {
+        let scene = |identity: &Identity| {
+            let path = identity.scene.as_deref().unwrap_or("a scene");
+            format!("{path} ({:032x})", identity.scene_hash)
+        };
+        let mut lines = Vec::new();
+        if self.scene_hash != theirs.scene_hash {
+            lines.push(format!("scene: {} there, {} here", scene(theirs), scene(self)));
+        }
+        let mut compare = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
+            let (theirs, ours) = (theirs.to_string(), ours.to_string());
+            if theirs != ours {
+                lines.push(format!("{what}: {theirs} there, {ours} here"));
+            }
+        };
+        compare("version of the program", &theirs.version, &self.version);
+        compare("seed", &theirs.seed, &self.seed);
+        compare("precision", &theirs.precision, &self.precision);
+        compare("sampler", &theirs.sampler, &self.sampler);
+        compare("max_depth", &theirs.max_depth, &self.max_depth);
+        compare("min_flux_fraction", &theirs.min_flux_fraction, &self.min_flux_fraction);
+        compare("sampling", &theirs.sampling, &self.sampling);
+        compare("standard errors", &theirs.standard_error, &self.standard_error);
+        compare("recorded paths", &theirs.paths, &self.paths);
+        lines
+    }
+
+    /// The same with the rows of recorded paths in a file of their own, not among the sums.
+    #[must_use]
+    pub fn with_paths_apart(mut self) -> Self {
+        if self.paths != format!("{:?}", RecordPaths::None) {
+            self.paths += PATHS_APART;
+        }
+        self
+    }
+
+    fn has_paths_apart(&self) -> bool {
+        self.paths.ends_with(PATHS_APART)
+    }
+
+    /// [`Identity::differences`], and what the parts of a trace may differ in but not a trace and its own beginning.
+    pub fn differences_from_beginning(&self, theirs: &Identity) -> Vec<String> {
+        let mut lines = self.differences(theirs);
+        let whole =
+            |rays: Option<u64>| rays.map_or("a trace of its own".into(), |rays| format!("part of {rays}"));
+        for (what, theirs, ours) in [
+            ("rays", theirs.num_rays.to_string(), self.num_rays.to_string()),
+            ("first ray", theirs.first_ray.to_string(), self.first_ray.to_string()),
+            ("rays are", whole(theirs.of_rays), whole(self.of_rays)),
+        ] {
+            if theirs != ours {
+                lines.push(format!("{what}: {theirs} there, {ours} here"));
+            }
+        }
+        lines
+    }
+
+    /// True if the same shaders were compiled by the same compiler: equal rays have equal bits.
+    pub fn same_device(&self, other: &Identity) -> bool {
+        (&self.adapter, &self.driver) == (&other.adapter, &other.driver)
+    }
+}
+
+impl Checkpoint {
+    /// Refuses sums without the rows of ray databases and paths that belong to them; `option` would have kept them.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] with the path and the option.
+    pub fn check_rows(&self, path: &Path, option: &str) -> Result<()> {
+        let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
+        if !self.tally.sensors.iter().any(recorded) && !self.identity.has_paths_apart() {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "{} holds the sums of its rays, but not the rows of ray databases or paths; trace it with {option}, which keeps \
+             them together",
+            path.display()
+        )))
+    }
+
+    /// The contents of a file.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if the sums cannot be encoded.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        encode(&self.identity, &self.tally)
+    }
+
+    /// Reads a file; of a folder, the one that a trace wrote there.
+    ///
+    /// # Errors
+    /// [`Error::File`] if it cannot be read, is damaged, or of another format.
+    pub fn read(path: &Path) -> Result<Self> {
+        let is_folder = path.is_dir();
+        if is_folder && path.join(REPORT).is_file() {
+            integrity::check_folder(path)?;
+        }
+        let path = if is_folder { path.join(TALLY) } else { PathBuf::from(path) };
+        if path.exists() && !path.is_file() {
+            return Err(Error::file(path, "is no file"));
+        }
+        let bytes = fs::read(&path).map_err(|error| Error::file(&path, error))?;
+        decode(&bytes).map_err(|problem| Error::file(&path, problem))
+    }
+}
+
+/// Writes the sums of a trace so far; a file that is there is replaced in one step.
+///
+/// # Errors
+/// [`Error::File`] if the file cannot be written; the one that is there then stays.
+pub fn write(path: &Path, identity: &Identity, tally: &Tally) -> Result<()> {
+    let bytes = encode(identity, tally)?;
+    check_is_own(path)?;
+    placing::replace_file(path, &bytes).map_err(|error| Error::file(path, placing::own_word(error)))
+}
+
+/// Finds out before a long trace whether [`write`] could write a file.
+///
+/// # Errors
+/// [`Error::File`] if it could not, or if something else than a file of sums would be lost.
+pub fn check_writable(path: &Path) -> Result<()> {
+    check_is_own(path)?;
+    placing::check_folder_of(path).map_err(|error| Error::file(path, placing::own_word(error)))
+}
+
+/// Refuses to replace anything but a file of sums. An empty file holds nothing that could be lost.
+fn check_is_own(path: &Path) -> Result<()> {
+    let refused = |what: &str| {
+        Err(Error::file(
+            path,
+            format!("{what}; sums replace only a file of sums: name another one, or move this one away"),
+        ))
+    };
+    match path.symlink_metadata() {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => match path.file_name() {
+            Some(_) => Ok(()),
+            None => refused("is no name of a file"),
+        },
+        Err(error) => Err(Error::file(path, error)),
+        Ok(found) if found.is_dir() => refused("is a folder"),
+        Ok(found) if found.is_symlink() => refused("is a link"),
+        Ok(found) if found.is_file() && (found.len() == 0 || is_one(path)) => Ok(()),
+        Ok(_) => refused("is no file of sums of this program"),
+    }
+}
+
+/// True of a file that begins as files of sums do.
+pub fn is_one(path: &Path) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok()
+        && magic == *MAGIC
+}
+
+fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
+    let mut bytes = vec![0; HEADER_BYTES];
+    bytes = postcard::to_extend(&(identity, tally), bytes)
+        .map_err(|error| Error::Internal(format!("encoding the sums: {error}")))?;
+    let (length, sum) = (bytes.len() - HEADER_BYTES, crc32fast::hash(&bytes[HEADER_BYTES..]));
+    bytes[..8].copy_from_slice(MAGIC);
+    bytes[8..12].copy_from_slice(&FORMAT.to_le_bytes());
+    bytes[12..20].copy_from_slice(&(length as u64).to_le_bytes());
+    bytes[20..24].copy_from_slice(&sum.to_le_bytes());
+    Ok(bytes)
+}
+
+fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
+    let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES).filter(|_| bytes.starts_with(MAGIC))
+    else {
+        return Err("is no file of sums of this program".into());
+    };
+    let word = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    if word(8) != FORMAT {
+        return Err(format!("is of format {}; this program reads format {FORMAT}", word(8)));
+    }
+    let length = u64::from(word(12)) | (u64::from(word(16)) << 32);
+    if length != body.len() as u64 {
+        return Err(format!("is damaged: {} bytes where {length} should be", body.len()));
+    }
+    if word(20) != crc32fast::hash(body) {
+        return Err("is damaged: its checksum is wrong".into());
+    }
+    postcard::from_bytes(body).map_err(|error| format!("is damaged: {error}"))
+}
+
+/// FNV-1a, 128 bits: stable between versions of Rust, and no secret.
+struct Fnv(u128);
+
+impl std::fmt::Write for Fnv {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        for byte in text.bytes() {
+            self.0 = (self.0 ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013B);
+        }
+        Ok(())
+    }
+}
+
+/// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.
+pub fn scene_hash(ir: &SceneIr) -> u128 {
+    let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
+    let SceneIr { wavelengths, media, surfaces, meshes, emitters, sensors, sampling: _ } = ir;
+    // Fnv never refuses a text.
+    let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{emitters:?}{sensors:?}");
+    hash.0
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::result::{Booking, Moments, SensorTally};
+
+    fn checkpoint() -> Checkpoint {
+        let sensor = SensorTally {
+            quanta: vec![0, u128::MAX, 1 << 52],
+            hits: vec![0, u64::MAX, 1],
+            squares: vec![0, 3, 1 << 100],
+            totals: vec![Moments { quanta: 5, squares: u128::MAX }],
+            replicates: vec![1, u128::MAX],
+            ..SensorTally::default()
+        };
+        let launched = Booking { count: 7, quanta: 7 << 52 };
+        let tally = Tally { launched, sensors: vec![sensor], ..Tally::default() };
+        let identity = Identity {
+            version: "0.1.0".into(),
+            scene: Some("scene.json".into()),
+            scene_hash: 1 << 127,
+            sampling: "fresnel".into(),
+            num_rays: 100,
+            first_ray: 1 << 40,
+            of_rays: Some(u64::MAX),
+            seed: 3,
+            max_depth: 16,
+            min_flux_fraction: 1e-6,
+            precision: "f64".into(),
+            sampler: "pcg".into(),
+            paths: "None".into(),
+            standard_error: "auto".into(),
+            adapter: "adapter".into(),
+            driver: "driver".into(),
+        };
+        Checkpoint { identity, tally }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tally");
+        let checkpoint = checkpoint();
+        for _ in 0..2 {
+            write(&path, &checkpoint.identity, &checkpoint.tally).unwrap();
+            assert_eq!(Checkpoint::read(&path).unwrap(), checkpoint);
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert_eq!(fs::read(&path).unwrap(), checkpoint.to_bytes().unwrap());
+    }
+
+    #[test]
+    fn damage_is_found_wherever_it_is() {
+        let bytes = checkpoint().to_bytes().unwrap();
+        assert!(decode(&bytes).is_ok());
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                let mut damaged = bytes.clone();
+                damaged[place] ^= 1 << bit;
+                assert!(decode(&damaged).is_err(), "bit {bit} of byte {place}");
+            }
+            assert!(decode(&bytes[..place]).is_err(), "cut off at {place}");
+        }
+        assert!(decode(&[bytes, vec![0]].concat()).is_err());
+    }
+
+    #[test]
+    fn another_format_is_named() {
+        let mut bytes = checkpoint().to_bytes().unwrap();
+        bytes[8] = 99;
+        assert_eq!(decode(&bytes).unwrap_err(), "is of format 99; this program reads format 3");
+        assert!(decode(b"PK and more than twenty-four bytes").unwrap_err().contains("no file of sums"));
+    }
+
+    #[test]
+    fn only_sums_are_replaced_and_no_link_is_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let Checkpoint { identity, tally } = checkpoint();
+        let path = |name: &str| folder.path().join(name);
+        let refused = |path: &Path| {
+            let before = fs::read(path).ok();
+            let told = [check_writable(path), write(path, &identity, &tally)];
+            assert!(
+                told.iter().all(|told| matches!(told, Err(Error::File { path: named, .. }) if named == path))
+            );
+            assert_eq!(fs::read(path).ok(), before);
+        };
+        fs::write(path("scene.json"), "{}").unwrap();
+        fs::create_dir(path("folder")).unwrap();
+        [path("scene.json"), path("folder"), path("missing/c.tally")].iter().for_each(|path| refused(path));
+        // An empty file, as `mktemp` makes one, holds nothing.
+        fs::write(path("empty"), "").unwrap();
+        for name in ["empty", "new", "new"] {
+            check_writable(&path(name)).unwrap();
+            write(&path(name), &identity, &tally).unwrap();
+            assert_eq!(Checkpoint::read(&path(name)).unwrap().tally, tally);
+        }
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::symlink;
+            refused(Path::new("/dev/null"));
+            symlink(path("new"), path("link")).unwrap();
+            refused(&path("link"));
+            // What lay in the way of versions whose temporary name was known.
+            symlink(path("scene.json"), path("new.new")).unwrap();
+            write(&path("new"), &identity, &Tally::default()).unwrap();
+            assert_eq!(fs::read_to_string(path("scene.json")).unwrap(), "{}");
+        }
+        let hidden = fs::read_dir(folder.path())
+            .unwrap()
+            .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().starts_with('.'));
+        assert_eq!(hidden.count(), 0);
+    }
+
+    #[test]
+    fn every_difference_is_named() {
+        let ours = checkpoint().identity;
+        assert_eq!(ours.differences_from_beginning(&ours), Vec::<String>::new());
+        let other = Identity {
+            scene_hash: 5,
+            seed: 4,
+            precision: "f32".into(),
+            sampler: "pcg".into(),
+            version: "9.9.9".into(),
+            num_rays: 1000,
+            ..ours.clone()
+        };
+        let lines = ours.differences_from_beginning(&other).join("; ");
+        for words in [
+            "scene: ",
+            "seed: 4 there, 3 here",
+            "precision: f32",
+            "program: 9.9.9",
+            "rays: 1000 there, 100 here",
+        ] {
+            assert!(lines.contains(words), "{lines}");
+        }
+        assert_eq!(ours.differences(&other).len(), 4, "parts may have their own numbers of rays");
+    }
+}
