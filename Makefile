@@ -55,7 +55,7 @@ accuracy: fast-binary .venv/installed
 # Links, so that an edited page is the page that is built. Every link then means the same on the site as in the repository.
 docs: .venv-docs/installed
 	rm -rf .docs && mkdir -p .docs/pages/scenes
-	ln -s $(abspath README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md docs benches) .docs/pages/
+	ln -s $(abspath README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md docs benches examples) .docs/pages/
 	ln -s $(abspath scenes/README.md) .docs/pages/scenes/
 	.venv-docs/bin/mkdocs build --strict -f docs/mkdocs.yml
 	@echo "written: .docs/site/index.html"
