@@ -18,6 +18,7 @@ use nsq_gpu::model::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
+use nsq_gpu::software::profile::Profile;
 use nsq_gpu::trace::{RecordPaths, Strict};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use std::time::Duration;
@@ -164,7 +165,7 @@ fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
 
 #[test]
 fn the_host_and_the_device_add_up_the_same_bits() {
-    assert!(zoo::gpu().prefers_host_sums(), "lavapipe is a processor");
+    assert!(Profile::of(zoo::gpu()).host_sums, "lavapipe is a processor");
     let booked = |options: &mut TraceOptions| options.host_sums = Some(false);
     assert_same_bits(3000, &[booked]);
     let base = TraceOptions { num_rays: 3000, standard_error: StandardError::On, ..TraceOptions::default() };

@@ -465,7 +465,7 @@ fn dispatches(tracer: &mut Tracer) -> [u64; 2] {
 fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
     let of = |side: &SidePath| {
         let primitives = side.path.events.iter().map(|event| event.primitive).collect();
-        (side.strayed_at, primitives, side.path.missed.is_some())
+        (side.rejected_at, primitives, side.path.missed.is_some())
     };
     tracer.program().side_paths.iter().map(of).collect()
 }
@@ -558,7 +558,7 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
             let with = with_nominal_path(&options);
             let mut tracer = Tracer::new(zoo::gpu(), &ir, &with).unwrap();
             let sides = &tracer.program().side_paths;
-            let reflected = sides.iter().find(|side| side.strayed_at == 0 && side.path.events.len() == 1);
+            let reflected = sides.iter().find(|side| side.rejected_at == 0 && side.path.events.len() == 1);
             let missed = reflected.and_then(|side| side.path.missed.as_ref()).unwrap();
             let passed = missed.passed.iter().find(|(i, _)| *i == 3).map(|(_, passed)| kind(passed));
             assert_eq!((passed, missed.candidates.contains(&3)), (spared, spared.is_none()), "{missed:?}");

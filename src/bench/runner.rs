@@ -10,6 +10,7 @@ use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{FluxUnit, Ledger, PathEventKind, output};
 use crate::scene::Scene;
+use crate::software::profile::Profile;
 use crate::software::vector_width;
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use serde::{Deserialize, Serialize};
@@ -270,7 +271,7 @@ impl<'a> Subject<'a> {
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
                 // As in the midst of a long trace, where the case stands for such.
-                let is_long = case.num_rays >= LONG_TRACE && session.gpu.prefers_two_devices();
+                let is_long = case.num_rays >= LONG_TRACE && Profile::of(session.gpu).two_devices;
                 let in_midst = is_long.then_some(true);
                 let options = TraceOptions {
                     second_device: in_midst,

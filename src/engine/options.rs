@@ -269,15 +269,6 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     if options.batch_size == Some(0) {
         return usage("the batch size is 0; at least one ray is needed".into());
     }
-    if options.host_sums == Some(true) && !gpu.has_shared_memory() {
-        return usage(format!(
-            "the adapter `{}` shares no memory with the host, which cannot add up",
-            gpu.info.name
-        ));
-    }
-    if options.stores_together == Some(true) && gpu.lanes == 1 {
-        return usage(format!("the adapter `{}` has no subgroups of one size", gpu.info.name));
-    }
     if options.precision == Precision::F64 && !gpu.f64 {
         return usage(format!(
             "the adapter `{}` has no 64-bit floats; use --precision df64 or f32",
