@@ -1,7 +1,6 @@
 //! A program on a device: its pipelines, its buffers, and the groups that bind them.
 
 use crate::engine::intake::Intake;
-use crate::engine::strategy::{AddedStage, Additions};
 use crate::engine::sums::DeviceSums;
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};
@@ -33,6 +32,31 @@ pub(crate) struct DeviceState {
     pub(super) counters: DeviceSums,
     /// Rows for the host, where the scene or the user asks for some.
     pub(super) events: Option<wgpu::Buffer>,
+}
+
+/// What a strategy adds to a device.
+#[derive(Debug)]
+pub(crate) struct Additions {
+    /// Bindings of group 0 beside the program's. There is one group for each of these lists; the plain one is empty.
+    pub(crate) groups: Vec<Vec<(u32, wgpu::Buffer)>>,
+    /// Entry points that the engine does not know.
+    pub(crate) stages: Vec<AddedStage>,
+}
+
+/// An entry point that follows rays from their birth to their end, in place of the plain stages.
+#[derive(Debug, Clone)]
+pub(crate) struct AddedStage {
+    /// What it is called where stages are timed.
+    pub(crate) name: &'static str,
+    pub(crate) entry_point: String,
+    /// It is compiled with the plain stages, or else when it is first needed.
+    pub(crate) at_once: bool,
+}
+
+impl Default for Additions {
+    fn default() -> Self {
+        Additions { groups: vec![Vec::new()], stages: Vec::new() }
+    }
 }
 
 /// A stage that follows rays from their birth.

@@ -2,66 +2,17 @@
 
 use crate::engine::Engine;
 use crate::engine::intake::Intake;
-use crate::engine::limits::counts_per_ray;
-use crate::engine::plan::Plan;
 use crate::engine::strategy::Strategy;
+use crate::engine::undrained::{Undrained, empty_tally};
 use crate::error::{Error, Result};
-use crate::model::SceneIr;
-use crate::program::RayRange;
 use crate::program::layout::tables::ReachedMarks;
-use crate::result::{Booking, RaySet, RaySpan, SensorTally, SurfaceTally, Tally};
-
-/// Counters are 32 bits wide: they are drained before they can overflow.
-pub(crate) const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
-
-/// What was launched since the sums were drained.
-#[derive(Debug, Default)]
-pub(crate) struct Undrained {
-    launched: Booking,
-    rays: RaySet,
-    /// So much at most any counter has counted.
-    pub(crate) counts: u64,
-    num_passes: u64,
-    /// Primitives that rays have reached, a bit each, as far as the devices were asked.
-    pub(crate) reached: u32,
-}
-
-impl Undrained {
-    /// Takes note of a range.
-    pub(crate) fn launch(&mut self, plan: &Plan, range: &RayRange) {
-        let (count, emitter) = (u64::from(range.count), range.emitter as u32);
-        self.launched += plan.births(range);
-        self.rays += RaySpan { first: range.first, count, emitter };
-        self.counts += count * counts_per_ray(&plan.program);
-    }
-
-    /// Takes note of a pass; true if the devices should be asked now. To ask waits for a device, which a strategy may keep
-    /// busy from one pass to the next.
-    pub(crate) fn end_pass(&mut self) -> bool {
-        self.num_passes += 1;
-        self.num_passes.is_power_of_two()
-    }
-}
-
-/// A tally of no rays, in the scene's shape.
-pub(crate) fn empty_tally(ir: &SceneIr) -> Tally {
-    let sensors = ir.sensors.iter().map(|sensor| SensorTally {
-        quanta: vec![0; sensor.num_cells()],
-        hits: vec![0; sensor.num_cells()],
-        ..Default::default()
-    });
-    Tally {
-        sensors: sensors.collect(),
-        surfaces: vec![SurfaceTally::default(); ir.surfaces.len()],
-        ..Default::default()
-    }
-}
+use crate::result::Tally;
 
 /// Adds what was summed up since the last drain to a tally, and clears it.
 pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mut Tally) -> Result<()> {
     strategy.settle(engine)?;
     engine.check_loops(strategy)?;
-    for device in engine.devices(strategy) {
+    for device in engine.devices(strategy.devices()) {
         // One for each device: bits of what was reached do not add up, and each device tells of its own overflow.
         let mut intake = engine.intake(tally);
         device.drain(&mut intake)?;
@@ -100,7 +51,7 @@ impl Engine<'_> {
         {
             return Ok(());
         }
-        for device in self.devices(strategy) {
+        for device in self.devices(strategy.devices()) {
             reached |= device.counters.read_word(&device.gpu, cells.reached)?;
         }
         self.undrained.reached = reached;
@@ -114,7 +65,7 @@ impl Engine<'_> {
             return Ok(());
         }
         let mut were_cut = false;
-        for device in self.devices(strategy) {
+        for device in self.devices(strategy.devices()) {
             were_cut |= device.take_cut_loops()?;
         }
         if !were_cut {

@@ -1,15 +1,11 @@
 //! How many rays a dispatch and a pass may have: what buffers, counters and ids have room for, and what keeps a device busy.
 
-use crate::engine::Engine;
 use crate::engine::device::stride_of;
-use crate::engine::drain::MAX_COUNTS_UNDRAINED;
 use crate::engine::options::TraceOptions;
-use crate::engine::plan::Plan;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::ray_id;
 use crate::program::Program;
-use std::time::{Duration, Instant};
 
 /// Rays in one dispatch of a trace with no limit of its own.
 pub(crate) const DEFAULT_BATCH: u32 = 1 << 18;
@@ -21,7 +17,9 @@ pub(crate) const WORKGROUPS_PER_PROCESSOR: u32 = 4;
 const PROCESSORS: u32 = 16;
 /// Rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
-const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
+/// Counters are 32 bits wide: they are drained before they can overflow.
+pub(crate) const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
+pub(crate) const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
 
 /// How large dispatches should be.
 #[derive(Debug, Clone, Copy)]
@@ -103,46 +101,4 @@ pub(crate) fn grid(workgroups: u32, gpu: &Gpu) -> [u32; 3] {
     let limit = gpu.device.limits().max_compute_workgroups_per_dimension;
     let y = workgroups.div_ceil(limit).max(1);
     [workgroups.div_ceil(y), y, 1]
-}
-
-impl Engine<'_> {
-    /// Where a pass of so many rays ends that begins at a position.
-    pub(crate) fn end_of_pass(&self, at: u64, pass_rays: u64) -> u64 {
-        let end = self.plan.num_rays.min(at + pass_rays);
-        self.pause.filter(|pause| *pause > at).map_or(end, |pause| end.min(pause))
-    }
-
-    /// So many rays that the next pass takes about as long as passes should, in ranges of at most `range_rays`, after a pass
-    /// of so many rays that took so long.
-    pub(crate) fn next_pass_rays(&self, range_rays: u32, rays: u64, elapsed: Duration) -> u64 {
-        let ratio = self.pass_time.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
-        let dispatch = u64::from(range_rays);
-        let wanted = (rays as f64 * ratio.min(4.0)) as u64;
-        let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.plan.program);
-        // Rows for the host are fetched once a pass, and there is room for those of one dispatch.
-        let limit = if self.device.keeps_rows() { dispatch } else { most.max(dispatch) };
-        wanted.clamp(1, limit).next_multiple_of(dispatch).min(limit.max(dispatch))
-    }
-
-    /// True if a pass of so many rays could make a counter overflow that is not drained before it.
-    pub(crate) fn may_overflow(&self, pass_rays: u64) -> bool {
-        let Plan { program, .. } = &self.plan;
-        self.undrained.counts > MAX_COUNTS_UNDRAINED.saturating_sub(pass_rays * counts_per_ray(program))
-    }
-
-    /// Waits for a pass of so many rays in so many ranges, which began then, and learns from its time how large dispatches
-    /// should be.
-    pub(crate) fn wait_for_pass(&mut self, rays: u64, num_ranges: usize, start: Instant) -> Result<()> {
-        self.gpu.wait()?;
-        self.first_end.get_or_insert_with(Instant::now);
-        if !self.is_compiling {
-            let num_ranges = num_ranges.max(1) as u32;
-            self.size.note(
-                (rays / u64::from(num_ranges)) as u32,
-                start.elapsed() / num_ranges,
-                self.pass_time,
-            );
-        }
-        Ok(())
-    }
 }

@@ -1,8 +1,8 @@
 //! The engine traces a scene on a device, and sums up what its rays leave. A trace is a fold:
 //! `Tally += pass(range of ray ids)`.
 //!
-//! [`wavefront`] is the whole loop on one page. [`plan`] says what is traced, [`limits`] how much at once, [`submit`] lists
-//! the stages that a range goes through, [`rows`] fetches rows for the host, and [`drain`] fetches the sums.
+//! [`wavefront`] is the whole loop on one page. [`plan`] says what is traced, [`limits`] and [`passes`] how much at once,
+//! [`submit`] lists the stages that a range goes through, [`rows`] fetches rows for the host, and [`drain`] fetches the sums.
 //!
 //! Each part of the loop that may be done otherwise is a method of a [`strategy`]. The engine is complete without any: it
 //! then runs with [`strategy::Plain`].
@@ -17,23 +17,23 @@ pub mod limits;
 pub mod moments;
 pub mod options;
 pub mod pace;
+pub mod passes;
 pub mod plan;
+pub mod prepare;
 pub mod rates;
 pub mod rows;
 pub mod strategy;
 pub mod submit;
 pub mod sums;
 pub mod tuning;
+pub mod undrained;
 pub mod wavefront;
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
-use crate::engine::drain::Undrained;
-use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
 use crate::engine::rows::Rows;
-use crate::engine::strategy::Strategy;
-use crate::error::Result;
+use crate::engine::undrained::Undrained;
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
 use crate::model::SceneIr;
@@ -69,18 +69,9 @@ pub(crate) struct Engine<'a> {
 }
 
 impl<'a> Engine<'a> {
-    /// Prepares a scene: composes, compiles and packs. `edit` changes the composed text.
-    pub(crate) fn new(
-        gpu: &'a Gpu,
-        ir: &'a SceneIr,
-        options: &TraceOptions,
-        strategy: &mut dyn Strategy,
-        edit: impl FnOnce(String) -> String,
-    ) -> Result<Self> {
-        let plan = Plan::new(gpu, ir, options, strategy, edit)?;
-        let additions = strategy.open(gpu, &plan)?;
-        let device = plan.open(gpu, &additions)?;
-        Ok(Engine {
+    /// A plan on a device, before its first ray.
+    fn new(gpu: &'a Gpu, ir: &'a SceneIr, plan: Plan, device: DeviceState) -> Self {
+        Engine {
             gpu,
             ir,
             device,
@@ -94,18 +85,18 @@ impl<'a> Engine<'a> {
             is_compiling: false,
             num_submissions: 0,
             first_end: None,
-        })
+        }
     }
 
-    /// Other draws from now on, on all devices, with what was compiled for the ones before.
-    pub(crate) fn set_seed(&mut self, strategy: &dyn Strategy, seed: u64) {
+    /// Other draws from now on, on this device and others, with what was compiled for the ones before.
+    pub(crate) fn set_seed(&mut self, others: &[DeviceState], seed: u64) {
         self.plan.options.seed = seed;
         self.plan.program.set_seed(seed);
-        self.devices(strategy).for_each(|device| device.set_draws(&self.plan.program.rng_table));
+        self.devices(others).for_each(|device| device.set_draws(&self.plan.program.rng_table));
     }
 
-    /// All devices that trace.
-    fn devices<'d>(&'d self, strategy: &'d dyn Strategy) -> impl Iterator<Item = &'d DeviceState> {
-        std::iter::once(&self.device).chain(strategy.devices())
+    /// The engine's device, and others.
+    fn devices<'d>(&'d self, others: &'d [DeviceState]) -> impl Iterator<Item = &'d DeviceState> {
+        std::iter::once(&self.device).chain(others)
     }
 }

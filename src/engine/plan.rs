@@ -4,13 +4,12 @@
 //! of the scene. A position counts the rays of all sources, from 0 to their number.
 
 use crate::engine::budget::{EmitterRays, distribute, part};
-use crate::engine::device::DeviceState;
+use crate::engine::device::{Additions, DeviceState};
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::intake::Counted;
 use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::{TraceOptions, check_options};
-use crate::engine::strategy::{Additions, Strategy};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -46,8 +45,52 @@ fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
     options.min_flux_fraction.max(ir.sampling.rr_start_flux)
 }
 
+/// A plan whose program is not composed yet.
+pub(crate) struct Draft {
+    options: TraceOptions,
+    rays: Vec<EmitterRays>,
+    moments: MomentSource,
+    /// How the program is to be composed: in the plain way, unless a strategy changes it.
+    pub(crate) program: ProgramOptions,
+}
+
+impl Draft {
+    /// Shares out the rays.
+    pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
+        check_options(gpu, options)?;
+        let rays = rays(ir, options)?;
+        let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
+        let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
+        let program = plain(gpu, ir, options, weights, moments);
+        Ok(Draft { options: options.clone(), rays, moments, program })
+    }
+
+    /// Composes the program. `edit` changes the composed text, and `limits` says how large its dispatches should be.
+    pub(crate) fn compose(
+        self,
+        gpu: &Gpu,
+        ir: &SceneIr,
+        edit: impl FnOnce(String) -> String,
+        limits: impl FnOnce(&Program) -> DispatchLimits,
+    ) -> Result<Plan> {
+        let Draft { options, rays, moments, program } = self;
+        let program = Program::with_wgsl_edit(ir, program, options.seed, edit)?;
+        check_families(&program, &options)?;
+        let limits = limits(&program);
+        Ok(Plan {
+            num_rays: rays.iter().map(|rays| rays.count).sum(),
+            rays,
+            moments,
+            batch: limits.batch(gpu, &program, &options),
+            options,
+            limits,
+            program,
+        })
+    }
+}
+
 /// How the program is composed in the plain way.
-fn draft(
+fn plain(
     gpu: &Gpu,
     ir: &SceneIr,
     options: &TraceOptions,
@@ -87,34 +130,6 @@ fn draft(
 }
 
 impl Plan {
-    /// Shares out the rays and composes the program, as the strategy wants it. `edit` changes the composed text.
-    pub(crate) fn new(
-        gpu: &Gpu,
-        ir: &SceneIr,
-        options: &TraceOptions,
-        strategy: &mut dyn Strategy,
-        edit: impl FnOnce(String) -> String,
-    ) -> Result<Self> {
-        check_options(gpu, options)?;
-        let rays = rays(ir, options)?;
-        let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
-        let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
-        let mut program_options = draft(gpu, ir, options, weights, moments);
-        strategy.specialise(gpu, ir, options, &mut program_options)?;
-        let program = Program::with_wgsl_edit(ir, program_options, options.seed, edit)?;
-        check_families(&program, options)?;
-        let limits = strategy.limits(&program);
-        Ok(Plan {
-            options: options.clone(),
-            num_rays: rays.iter().map(|rays| rays.count).sum(),
-            rays,
-            moments,
-            batch: limits.batch(gpu, &program, options),
-            limits,
-            program,
-        })
-    }
-
     /// The program on a device.
     pub(crate) fn open(&self, gpu: &Gpu, additions: &Additions) -> Result<DeviceState> {
         let is_strict = self.options.strict.holds(&gpu.info);

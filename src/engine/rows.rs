@@ -1,6 +1,6 @@
 //! Rows for the host: rays of a database, and events of recorded paths.
 
-use crate::engine::Engine;
+use crate::engine::device::DeviceState;
 use crate::engine::plan::Plan;
 use crate::error::{Error, Result};
 use crate::model::ray_id;
@@ -37,6 +37,30 @@ impl Rows {
         Ok(Some(all.finish()))
     }
 
+    /// Takes the rows of a range that a device has traced, if it keeps some.
+    pub(crate) fn fetch(&mut self, device: &DeviceState, plan: &Plan, range: &RayRange) -> Result<()> {
+        let Some(buffer) = &device.events else { return Ok(()) };
+        let (gpu, device_counts) = (&device.gpu, &device.counts);
+        let counts = gpu.read(device_counts, 12)?;
+        let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
+        let layout = StructLayout::of(&plan.program.module, "Event")?;
+        let size = u64::from(num_events) * layout.stride as u64;
+        if size > buffer.size() {
+            return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
+        }
+        let bytes = gpu.read(buffer, size)?;
+        let decode = decoder(plan, &layout, range.first)?;
+        let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
+        gpu.queue.write_buffer(device_counts, 0, &[0; 12]);
+        let splits = plan.program.splitting.is_some();
+        events.sort_unstable_by_key(|event| (event.row.order(splits), event.kind));
+        match self.recordings.get_mut(range.emitter) {
+            Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
+            None => self.events.append(&mut events),
+        }
+        Ok(())
+    }
+
     /// Moves all to a tally.
     pub(crate) fn drain(&mut self, tally: &mut Tally) {
         for event in self.events.drain(..) {
@@ -45,32 +69,6 @@ impl Rows {
                 None => tally.sensors[event.subject as usize].rows.push(event.row),
             }
         }
-    }
-}
-
-impl Engine<'_> {
-    /// Takes the rows of a range, if there are any.
-    pub(crate) fn fetch_rows(&mut self, range: &RayRange) -> Result<()> {
-        let Some(buffer) = &self.device.events else { return Ok(()) };
-        let (gpu, device_counts) = (&self.device.gpu, &self.device.counts);
-        let counts = gpu.read(device_counts, 12)?;
-        let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
-        let layout = StructLayout::of(&self.plan.program.module, "Event")?;
-        let size = u64::from(num_events) * layout.stride as u64;
-        if size > buffer.size() {
-            return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
-        }
-        let bytes = gpu.read(buffer, size)?;
-        let decode = decoder(&self.plan, &layout, range.first)?;
-        let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
-        gpu.queue.write_buffer(device_counts, 0, &[0; 12]);
-        let splits = self.plan.program.splitting.is_some();
-        events.sort_unstable_by_key(|event| (event.row.order(splits), event.kind));
-        match self.rows.recordings.get_mut(range.emitter) {
-            Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
-            None => self.rows.events.append(&mut events),
-        }
-        Ok(())
     }
 }
 

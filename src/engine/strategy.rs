@@ -4,7 +4,7 @@
 //! override is done in the plain way. No strategy changes a bit of a result.
 
 use crate::engine::Engine;
-use crate::engine::device::DeviceState;
+use crate::engine::device::{Additions, DeviceState};
 use crate::engine::limits::DispatchLimits;
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
@@ -90,31 +90,6 @@ pub(crate) trait Strategy {
     /// Of each stage of a path, how many rays of this trace were to keep to the path, and how many of these did not.
     fn num_along_paths(&self) -> Vec<[u64; 2]> {
         Vec::new()
-    }
-}
-
-/// What a strategy adds to a device.
-#[derive(Debug)]
-pub(crate) struct Additions {
-    /// Bindings of group 0 beside the program's. There is one group for each of these lists; the plain one is empty.
-    pub(crate) groups: Vec<Vec<(u32, wgpu::Buffer)>>,
-    /// Entry points that the engine does not know.
-    pub(crate) stages: Vec<AddedStage>,
-}
-
-/// An entry point that follows rays from their birth to their end, in place of the plain stages.
-#[derive(Debug, Clone)]
-pub(crate) struct AddedStage {
-    /// What it is called where stages are timed.
-    pub(crate) name: &'static str,
-    pub(crate) entry_point: String,
-    /// It is compiled with the plain stages, or else when it is first needed.
-    pub(crate) at_once: bool,
-}
-
-impl Default for Additions {
-    fn default() -> Self {
-        Additions { groups: vec![Vec::new()], stages: Vec::new() }
     }
 }
 

@@ -61,7 +61,7 @@ fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end:
     for range in &ranges {
         strategy.trace(engine, range)?;
         engine.undrained.launch(&engine.plan, range);
-        engine.fetch_rows(range)?;
+        engine.rows.fetch(&engine.device, &engine.plan, range)?;
     }
     if !strategy.keeps_busy() {
         engine.wait_for_pass(end - first, ranges.len(), start)?;

@@ -1,7 +1,6 @@
 //! What the software wing does, and when. A trace chooses by what pays; tests choose otherwise. No choice changes a bit of a
 //! result.
 
-use crate::engine::options::TraceOptions;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 
@@ -61,21 +60,6 @@ pub struct Choices {
 }
 
 impl Choices {
-    /// Those that the options of a trace name.
-    pub(crate) fn of(options: &TraceOptions) -> Self {
-        let when = |forced: Option<bool>| forced.map_or(When::ItPays, When::forced);
-        Choices {
-            host_sums: when(options.host_sums),
-            main_path: when(options.nominal_path),
-            side_paths: when(options.side_paths),
-            second_device: when(options.second_device),
-            side_by_side: when(options.side_by_side),
-            stores_together: when(options.stores_together),
-            rays_per_invocation: options.rays_per_invocation,
-            texel_bytes: options.texel_bytes,
-        }
-    }
-
     /// Refuses what an adapter cannot do.
     pub(crate) fn check(&self, gpu: &Gpu) -> Result<()> {
         let name = &gpu.info.name;

@@ -16,11 +16,11 @@ pub mod vector_width;
 pub use crate::software::choices::{Choices, When};
 
 use crate::engine::Engine;
-use crate::engine::device::DeviceState;
+use crate::engine::device::{AddedStage, Additions, DeviceState};
 use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
-use crate::engine::strategy::{AddedStage, Additions, Strategy};
+use crate::engine::strategy::Strategy;
 use crate::engine::submit::Way;
 use crate::error::Result;
 use crate::gpu::Gpu;

@@ -2,9 +2,10 @@
 //!
 //! [`Tracer`] picks how it is traced: in the plain way, or by a strategy that suits the adapter. The same bits come out.
 
-use crate::engine::drain::empty_tally;
 use crate::engine::plan::features;
+use crate::engine::prepare::prepare;
 use crate::engine::strategy::{Plain, Strategy};
+use crate::engine::undrained::empty_tally;
 use crate::engine::{Engine, wavefront};
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -41,19 +42,21 @@ impl<'a> Tracer<'a> {
     /// [`crate::Error::Usage`] for options that make no sense or that the device cannot do, [`crate::Error::Device`] if the
     /// scene does not fit it.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
-        Self::with_wgsl_edit(gpu, ir, options, |wgsl| wgsl)
+        Self::with_choices(gpu, ir, options, &Choices::default(), |wgsl| wgsl)
     }
 
-    /// As [`Tracer::new`], with a change of the composed text: for tests that must notice a wrong shader.
+    /// As [`Tracer::new`], with a change of the composed text, for tests that must notice a wrong shader; and with what the
+    /// software wing is to do, for tests that want it where it does not pay.
     #[doc(hidden)]
-    pub fn with_wgsl_edit(
+    pub fn with_choices(
         gpu: &'a Gpu,
         ir: &'a SceneIr,
         options: &TraceOptions,
+        choices: &Choices,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let mut strategy = strategy(gpu, ir, options, &Choices::of(options))?;
-        let engine = Engine::new(gpu, ir, options, strategy.as_mut(), edit)?;
+        let mut strategy = strategy(gpu, ir, options, choices)?;
+        let engine = prepare(gpu, ir, options, strategy.as_mut(), edit)?;
         Ok(Tracer { engine, strategy })
     }
 
@@ -83,7 +86,7 @@ impl<'a> Tracer<'a> {
 
     /// Other draws from now on, with what was compiled for the ones before.
     pub fn set_seed(&mut self, seed: u64) {
-        self.engine.set_seed(self.strategy.as_ref(), seed);
+        self.engine.set_seed(self.strategy.devices(), seed);
     }
 
     /// Passes should take about so long from now on, but a dispatch at least, whose rays then take no longer, unless they are

@@ -1,10 +1,11 @@
 //! Which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
 //! (shaders/software/path/path.wgsl).
 
-use crate::engine::drain::empty_tally;
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
+use crate::engine::prepare::prepare;
 use crate::engine::strategy::Plain;
-use crate::engine::{Engine, wavefront};
+use crate::engine::undrained::empty_tally;
+use crate::engine::wavefront;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -69,7 +70,7 @@ pub(crate) fn find(
 
 /// Traces the pilot's rays, in the plain way.
 fn fly(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
-    let mut engine = Engine::new(gpu, ir, options, &mut Plain, |wgsl| wgsl)?;
+    let mut engine = prepare(gpu, ir, options, &mut Plain, |wgsl| wgsl)?;
     wavefront::trace(&mut engine, &mut Plain, empty_tally(ir), |_| Ok(true))
 }
 
