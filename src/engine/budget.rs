@@ -2,9 +2,9 @@
 
 use crate::engine::options::TraceOptions;
 use crate::error::{Error, Result};
+use crate::format::shown;
 use crate::model::SceneIr;
 use crate::result::QUANTA_PER_WEIGHT;
-use crate::result::format::shown;
 
 /// Rays of one emitter, numbered from `first`.
 #[derive(Debug, Clone, Copy, PartialEq)]

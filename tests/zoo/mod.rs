@@ -117,6 +117,17 @@ pub fn trace(ir: &SceneIr, options: &impl Asked) -> Tally {
     trace_on(gpu(), ir, options)
 }
 
+/// Traces the scene once with each of these seeds, by one program.
+#[allow(dead_code, reason = "not every test program compares seeds")]
+pub fn trace_seeds(ir: &SceneIr, options: &TraceOptions, seeds: std::ops::Range<u64>) -> Vec<Tally> {
+    let mut tracer = Tracer::new(gpu(), ir, options).unwrap();
+    let trace = |seed| {
+        tracer.set_seed(seed);
+        tracer.trace(|_| true).unwrap()
+    };
+    seeds.map(trace).collect()
+}
+
 /// What users read of a tally.
 pub fn result_of(ir: &SceneIr, options: &TraceOptions, tally: &Tally) -> TraceResult {
     let run = RunInfo {
