@@ -6,3 +6,4 @@ pub mod rng;
 pub mod splitting;
 pub mod sums;
 pub mod tables;
+pub mod words;

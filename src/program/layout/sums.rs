@@ -4,8 +4,8 @@
 //! the high bits of an index choose the part and the low bits the element in it. The composed text is rewritten for it, so
 //! that shaders/ knows nothing of parts, and a scene whose sums fit has the text of the files.
 
-use crate::engine::sums::Words;
 use crate::error::{Error, Result};
+use crate::program::layout::words::Words;
 use std::fmt::Write;
 
 /// Binding of the second of all parts; the first of each buffer has the buffer's own.
