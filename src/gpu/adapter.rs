@@ -275,7 +275,7 @@ impl Gpu {
     }
 
     /// True if lanes of a subgroup should store places together: where vectors have 512 bits, whose later parts the
-    /// processor reads slowly (software/path/lanes_together.wgsl).
+    /// processor reads slowly (software/path/lanes.together.wgsl).
     pub fn prefers_stores_together(&self) -> bool {
         const WIDE: u32 = 16;
         self.lanes >= WIDE && vector_width::have_slow_parts()

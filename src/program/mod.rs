@@ -80,7 +80,7 @@ pub struct ProgramOptions {
     /// An invocation follows two rays of the nominal path side by side, where it can
     /// ([`ProgramOptions::goes_side_by_side`]). The results are the same bits.
     pub side_by_side: bool,
-    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes_together.wgsl); 1 if each
+    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes.together.wgsl); 1 if each
     /// stores its own. The results are the same bits.
     pub lanes: u32,
     /// Lanes of the driver's vectors, where their number can change: with it, shaders do. The results are the same bits.
@@ -169,7 +169,7 @@ impl ProgramOptions {
         self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.wgsl): not if
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.many.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;
@@ -183,7 +183,7 @@ impl ProgramOptions {
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
-    /// remembers a ray's visits (shaders/sums/visits.wgsl).
+    /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;

@@ -868,7 +868,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Fails if the driver has left loops before their end (shaders/software/rounds.wgsl).
+    /// Fails if the driver has left loops before their end (shaders/software/rounds.many.wgsl).
     fn check_loops(&self) -> Result<()> {
         if !self.program.options.has_many_rounds(&self.program.features) {
             return Ok(());

@@ -1,13 +1,13 @@
 alias real = f32;
-// <- shaders/math/real_f32.wgsl
-// <- shaders/math/math_f32.wgsl
-// <- shaders/math/polynomials_f32.wgsl
+// <- shaders/math/real.f32.wgsl
+// <- shaders/math/math.f32.wgsl
+// <- shaders/math/polynomials.f32.wgsl
 // <- shaders/sums/quanta_f32.wgsl
 // <- shaders/random/rng_slots.wgsl
 // <- shaders/math/math.wgsl
 // <- shaders/sums/sums.wgsl
-// <- shaders/random/rng_portable.wgsl
-// <- shaders/sums/sums_portable.wgsl
+// <- shaders/random/rng.portable.wgsl
+// <- shaders/sums/sums.portable.wgsl
 const NO_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
@@ -47,9 +47,9 @@ const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/state.wgsl
 
-// <- shaders/stages/ids_range.wgsl
+// <- shaders/stages/ids.range.wgsl
 
-// <- shaders/sums/replicates_none.wgsl
+// <- shaders/sums/replicates.none.wgsl
 
 // <- shaders/geometry/transforms.wgsl
 
@@ -59,35 +59,35 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/stages/counts.wgsl
 
-// <- shaders/sums/reached_mask.wgsl
+// <- shaders/sums/reached.bits.wgsl
 
-// <- shaders/sums/weights_vary.wgsl
+// <- shaders/sums/weights.vary.wgsl
 
-// <- shaders/sums/ends_booked.wgsl
+// <- shaders/sums/ends.deposited.wgsl
 
-// <- shaders/sums/passes_booked.wgsl
+// <- shaders/sums/passes.deposited.wgsl
 
-// <- shaders/optics/spectrum_single.wgsl
+// <- shaders/optics/spectrum.single.wgsl
 
-// <- shaders/optics/bulk_none.wgsl
+// <- shaders/optics/bulk.none.wgsl
 
-// <- shaders/optics/roulette_none.wgsl
+// <- shaders/optics/roulette.none.wgsl
 
-// <- shaders/stages/rounds_none.wgsl
+// <- shaders/stages/rounds.few.wgsl
 
-// <- shaders/stages/rays_one.wgsl
+// <- shaders/stages/rays.one.wgsl
 
-// <- shaders/optics/branch_fresnel.wgsl
+// <- shaders/optics/branch.fresnel.wgsl
 
-// <- shaders/optics/coating_none.wgsl
+// <- shaders/optics/coating.none.wgsl
 
-// <- shaders/stages/scatter_none.wgsl
+// <- shaders/stages/scatter.none.wgsl
 
-// <- shaders/rows/paths_none.wgsl
+// <- shaders/rows/paths.none.wgsl
 
-// <- shaders/geometry/mesh_none.wgsl
+// <- shaders/geometry/mesh.none.wgsl
 
-// <- shaders/geometry/contact_none.wgsl
+// <- shaders/geometry/contact.none.wgsl
 
 // <- shaders/shapes/plane.wgsl
 
@@ -95,7 +95,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/stages/intersect.wgsl
 
-// <- shaders/geometry/gradients.wgsl
+// <- shaders/geometry/gradients.smooth.wgsl
 
 // <- shaders/stages/interact.wgsl
 
@@ -109,13 +109,13 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/sources/collimated_tophat.wgsl
 
-// <- shaders/optics/indices.wgsl
+// <- shaders/optics/indices.constant.wgsl
 
-// <- shaders/optics/reflectance_none.wgsl
+// <- shaders/optics/reflectance.none.wgsl
 
-// <- shaders/stages/queue_none.wgsl
+// <- shaders/stages/compact.none.wgsl
 
-// <- shaders/sums/moments_none.wgsl
+// <- shaders/sums/moments.none.wgsl
 
 // <- shaders/detectors/irradiance.wgsl
 

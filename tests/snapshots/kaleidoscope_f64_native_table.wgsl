@@ -1,13 +1,13 @@
 alias real = f64;
-// <- shaders/math/real_f64.wgsl
-// <- shaders/math/math_f64.wgsl
+// <- shaders/math/real.f64.wgsl
+// <- shaders/math/math.f64.wgsl
 // <- shaders/math/reduction_f64.wgsl
-// <- shaders/math/polynomials_f64.wgsl
+// <- shaders/math/polynomials.f64.wgsl
 // <- shaders/random/rng_slots.wgsl
 // <- shaders/math/math.wgsl
 // <- shaders/sums/sums.wgsl
-// <- shaders/random/rng_native.wgsl
-// <- shaders/sums/sums_native.wgsl
+// <- shaders/random/rng.native.wgsl
+// <- shaders/sums/sums.native.wgsl
 const NO_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
@@ -47,9 +47,9 @@ const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
 // <- shaders/stages/state.wgsl
 
-// <- shaders/stages/ids_range.wgsl
+// <- shaders/stages/ids.range.wgsl
 
-// <- shaders/sums/replicates_none.wgsl
+// <- shaders/sums/replicates.none.wgsl
 
 // <- shaders/geometry/transforms.wgsl
 
@@ -59,35 +59,35 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/stages/counts.wgsl
 
-// <- shaders/sums/reached_table.wgsl
+// <- shaders/sums/reached.counters.wgsl
 
-// <- shaders/sums/weights_vary.wgsl
+// <- shaders/sums/weights.vary.wgsl
 
-// <- shaders/sums/ends_booked.wgsl
+// <- shaders/sums/ends.deposited.wgsl
 
-// <- shaders/sums/passes_booked.wgsl
+// <- shaders/sums/passes.deposited.wgsl
 
-// <- shaders/optics/spectrum_discrete.wgsl
+// <- shaders/optics/spectrum.discrete.wgsl
 
-// <- shaders/optics/bulk_none.wgsl
+// <- shaders/optics/bulk.none.wgsl
 
-// <- shaders/optics/roulette_none.wgsl
+// <- shaders/optics/roulette.none.wgsl
 
-// <- shaders/software/rounds.wgsl
+// <- shaders/software/rounds.many.wgsl
 
-// <- shaders/stages/rays_one.wgsl
+// <- shaders/stages/rays.one.wgsl
 
-// <- shaders/optics/branch_fresnel.wgsl
+// <- shaders/optics/branch.fresnel.wgsl
 
-// <- shaders/optics/coating_none.wgsl
+// <- shaders/optics/coating.none.wgsl
 
-// <- shaders/stages/scatter_none.wgsl
+// <- shaders/stages/scatter.none.wgsl
 
-// <- shaders/rows/paths_none.wgsl
+// <- shaders/rows/paths.none.wgsl
 
-// <- shaders/geometry/mesh_none.wgsl
+// <- shaders/geometry/mesh.none.wgsl
 
-// <- shaders/geometry/contact_none.wgsl
+// <- shaders/geometry/contact.none.wgsl
 
 // <- shaders/shapes/plane.wgsl
 
@@ -95,7 +95,7 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/stages/intersect.wgsl
 
-// <- shaders/geometry/gradients.wgsl
+// <- shaders/geometry/gradients.smooth.wgsl
 
 // <- shaders/stages/interact.wgsl
 
@@ -107,17 +107,17 @@ const ROULETTE_THRESHOLD: real = real(0.0);
 
 // <- shaders/sources/extended_disk.wgsl
 
-// <- shaders/optics/indices_none.wgsl
+// <- shaders/optics/indices.none.wgsl
 
-// <- shaders/optics/reflectance_table.wgsl
+// <- shaders/optics/reflectance.table.wgsl
 
-// <- shaders/geometry/primitives_table.wgsl
+// <- shaders/geometry/primitives.table.wgsl
 
-// <- shaders/geometry/try_primitive.wgsl
+// <- shaders/geometry/try_primitive.alone.wgsl
 
-// <- shaders/stages/queue_none.wgsl
+// <- shaders/stages/compact.none.wgsl
 
-// <- shaders/sums/moments_none.wgsl
+// <- shaders/sums/moments.none.wgsl
 
 // <- shaders/detectors/irradiance.wgsl
 

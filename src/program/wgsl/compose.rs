@@ -22,7 +22,7 @@ use crate::software::path::side_path::SidePath;
 use glam::DVec3;
 use std::fmt::Write;
 
-/// Up to so many detectors have a sum each of the visits that were forgotten (shaders/sums/visits.wgsl): an invocation keeps
+/// Up to so many detectors have a sum each of the visits that were forgotten (shaders/sums/visits.on.wgsl): an invocation keeps
 /// them in its own memory.
 const MAX_FORGOTTEN_PLACES: usize = 32;
 
@@ -232,76 +232,80 @@ impl Composition<'_> {
         let pick = |condition: bool, yes: &'static str, no: &'static str| if condition { yes } else { no };
         let split_triangle = pick(
             f.has_meshes(),
-            shader!("geometry/split_triangle.wgsl"),
-            shader!("geometry/split_triangle_none.wgsl"),
+            shader!("geometry/split_triangle.mesh.wgsl"),
+            shader!("geometry/split_triangle.none.wgsl"),
         );
         let mut files = vec![
             shader!("stages/state.wgsl"),
             pick(
                 self.nominal.is_some(),
-                shader!("software/path/ids_listed.wgsl"),
-                shader!("stages/ids_range.wgsl"),
+                shader!("software/path/ids.listed.wgsl"),
+                shader!("stages/ids.range.wgsl"),
             ),
             pick(
                 o.moments == SecondMoments::Replicates,
-                shader!("sums/replicates.wgsl"),
-                shader!("sums/replicates_none.wgsl"),
+                shader!("sums/replicates.on.wgsl"),
+                shader!("sums/replicates.none.wgsl"),
             ),
             shader!("geometry/transforms.wgsl"),
             shader!("geometry/quadric.wgsl"),
             shader!("sums/ledger.wgsl"),
             shader!("stages/counts.wgsl"),
             match self.cells.reached_marks(f, o.baked) {
-                ReachedMarks::None => shader!("sums/reached_none.wgsl"),
-                ReachedMarks::Bits => shader!("sums/reached_mask.wgsl"),
-                ReachedMarks::Counters => shader!("sums/reached_table.wgsl"),
+                ReachedMarks::None => shader!("sums/reached.none.wgsl"),
+                ReachedMarks::Bits => shader!("sums/reached.bits.wgsl"),
+                ReachedMarks::Counters => shader!("sums/reached.counters.wgsl"),
             },
             pick(
                 self.constant_weights,
-                shader!("sums/weights_constant.wgsl"),
-                shader!("sums/weights_vary.wgsl"),
+                shader!("sums/weights.constant.wgsl"),
+                shader!("sums/weights.vary.wgsl"),
             ),
             pick(
                 self.end_log.is_some(),
-                shader!("software/log/ends_logged.wgsl"),
-                shader!("sums/ends_booked.wgsl"),
+                shader!("software/log/ends.logged.wgsl"),
+                shader!("sums/ends.deposited.wgsl"),
             ),
             pick(
                 self.logs_passes(),
-                shader!("software/log/passes_logged.wgsl"),
-                shader!("sums/passes_booked.wgsl"),
+                shader!("software/log/passes.logged.wgsl"),
+                shader!("sums/passes.deposited.wgsl"),
             ),
             pick(
                 f.polychromatic,
-                shader!("optics/spectrum_discrete.wgsl"),
-                shader!("optics/spectrum_single.wgsl"),
+                shader!("optics/spectrum.discrete.wgsl"),
+                shader!("optics/spectrum.single.wgsl"),
             ),
-            pick(f.bulk_absorption, shader!("optics/bulk.wgsl"), shader!("optics/bulk_none.wgsl")),
-            pick(f.roulette, shader!("optics/roulette.wgsl"), shader!("optics/roulette_none.wgsl")),
-            pick(o.has_many_rounds(f), shader!("software/rounds.wgsl"), shader!("stages/rounds_none.wgsl")),
+            pick(f.bulk_absorption, shader!("optics/bulk.on.wgsl"), shader!("optics/bulk.none.wgsl")),
+            pick(f.roulette, shader!("optics/roulette.on.wgsl"), shader!("optics/roulette.none.wgsl")),
+            pick(
+                o.has_many_rounds(f),
+                shader!("software/rounds.many.wgsl"),
+                shader!("stages/rounds.few.wgsl"),
+            ),
             pick(
                 o.rays_per_invocation(f) == 1,
-                shader!("stages/rays_one.wgsl"),
-                shader!("software/rays_several.wgsl"),
+                shader!("stages/rays.one.wgsl"),
+                shader!("software/rays.several.wgsl"),
             ),
             pick(f.splits, shader!("stages/split.wgsl"), self.branch_file()),
-            pick(f.coated, shader!("optics/coating.wgsl"), shader!("optics/coating_none.wgsl")),
-            pick(f.bsdfs.is_empty(), shader!("stages/scatter_none.wgsl"), shader!("stages/scatter.wgsl")),
+            pick(f.coated, shader!("optics/coating.on.wgsl"), shader!("optics/coating.none.wgsl")),
+            pick(f.bsdfs.is_empty(), shader!("stages/scatter.none.wgsl"), shader!("stages/scatter.on.wgsl")),
             pick(
                 self.options.paths == PathSampling::None,
-                shader!("rows/paths_none.wgsl"),
-                shader!("rows/paths_recorded.wgsl"),
+                shader!("rows/paths.none.wgsl"),
+                shader!("rows/paths.recorded.wgsl"),
             ),
-            pick(f.has_meshes(), shader!("shapes/mesh.wgsl"), shader!("geometry/mesh_none.wgsl")),
+            pick(f.has_meshes(), shader!("shapes/mesh.wgsl"), shader!("geometry/mesh.none.wgsl")),
             pick(
                 self.contacts.any(),
-                shader!("geometry/contact.wgsl"),
-                shader!("geometry/contact_none.wgsl"),
+                shader!("geometry/contact.on.wgsl"),
+                shader!("geometry/contact.none.wgsl"),
             ),
             shader!("shapes/plane.wgsl"),
             shader!("stages/generate.wgsl"),
             pick(f.splits, split_triangle, shader!("stages/intersect.wgsl")),
-            pick(f.tips, shader!("geometry/gradients_tip.wgsl"), shader!("geometry/gradients.wgsl")),
+            pick(f.tips, shader!("geometry/gradients.tip.wgsl"), shader!("geometry/gradients.smooth.wgsl")),
             shader!("stages/interact.wgsl"),
             shader!("stages/splat.wgsl"),
             shader!("stages/trace.wgsl"),
@@ -319,38 +323,42 @@ impl Composition<'_> {
         files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
-            (self.searches_facets(), shader!("geometry/facets.wgsl")),
-            (f.has_meshes() && !self.searches_facets(), shader!("geometry/facets_apart.wgsl")),
+            (self.searches_facets(), shader!("geometry/facets.touching.wgsl")),
+            (f.has_meshes() && !self.searches_facets(), shader!("geometry/facets.apart.wgsl")),
             (
                 f.has_meshes(),
                 pick(
                     o.precision == Precision::F32,
-                    shader!("geometry/edges_f32.wgsl"),
-                    shader!("geometry/edges_exact.wgsl"),
+                    shader!("geometry/edges.f32.wgsl"),
+                    shader!("geometry/edges.exact.wgsl"),
                 ),
             ),
-            (self.contacts.any() && !self.searches_facets(), shader!("geometry/facets_none.wgsl")),
+            (self.contacts.any() && !self.searches_facets(), shader!("geometry/facet_contacts.none.wgsl")),
             (f.reads_media(), shader!("optics/media.wgsl")),
             (
                 f.refractive,
-                pick(f.polychromatic, shader!("optics/indices_table.wgsl"), shader!("optics/indices.wgsl")),
+                pick(
+                    f.polychromatic,
+                    shader!("optics/indices.table.wgsl"),
+                    shader!("optics/indices.constant.wgsl"),
+                ),
             ),
-            (!f.refractive, shader!("optics/indices_none.wgsl")),
+            (!f.refractive, shader!("optics/indices.none.wgsl")),
             (
                 f.reflective || f.coated,
                 pick(
                     f.spectral_reflectance,
-                    shader!("optics/reflectance_table.wgsl"),
-                    shader!("optics/reflectance.wgsl"),
+                    shader!("optics/reflectance.table.wgsl"),
+                    shader!("optics/reflectance.constant.wgsl"),
                 ),
             ),
-            (!f.reflective && !f.coated, shader!("optics/reflectance_none.wgsl")),
+            (!f.reflective && !f.coated, shader!("optics/reflectance.none.wgsl")),
             (
                 f.coated,
                 pick(
                     f.spectral_reflectance,
-                    shader!("optics/coating_pass_table.wgsl"),
-                    shader!("optics/coating_pass.wgsl"),
+                    shader!("optics/coating_pass.table.wgsl"),
+                    shader!("optics/coating_pass.constant.wgsl"),
                 ),
             ),
             (f.has_bsdf_table(), shader!("optics/bsdf_table.wgsl")),
@@ -359,78 +367,78 @@ impl Composition<'_> {
                 f.has_meshes(),
                 pick(
                     self.has_triangles_among_trees(),
-                    shader!("geometry/mesh_rows_f32.wgsl"),
-                    shader!("geometry/mesh_rows_f64.wgsl"),
+                    shader!("geometry/mesh_rows.f32.wgsl"),
+                    shader!("geometry/mesh_rows.f64.wgsl"),
                 ),
             ),
             (
                 self.has_trees(),
                 pick(
                     self.has_texels(),
-                    shader!("software/tree_texels.wgsl"),
-                    shader!("geometry/tree_storage.wgsl"),
+                    shader!("software/tree.texels.wgsl"),
+                    shader!("geometry/tree.storage.wgsl"),
                 ),
             ),
-            (self.has_trees() && !self.chooses_what_waits(), shader!("geometry/waiting_indexed.wgsl")),
-            (self.tree.is_some(), shader!("geometry/primitives_tree.wgsl")),
+            (self.has_trees() && !self.chooses_what_waits(), shader!("geometry/waiting.indexed.wgsl")),
+            (self.tree.is_some(), shader!("geometry/primitives.tree.wgsl")),
             (
                 self.tree.is_some(),
                 pick(
                     self.tree_records().is_some(),
-                    shader!("software/placed_texels.wgsl"),
-                    shader!("geometry/placed_table.wgsl"),
+                    shader!("software/placed.texels.wgsl"),
+                    shader!("geometry/placed.table.wgsl"),
                 ),
             ),
-            (!o.baked && self.tree.is_none(), shader!("geometry/primitives_table.wgsl")),
+            (!o.baked && self.tree.is_none(), shader!("geometry/primitives.table.wgsl")),
             (
                 !o.baked,
                 match (self.searches_facets(), self.contacts.any()) {
-                    (true, _) => shader!("geometry/try_primitive_facets.wgsl"),
-                    (false, true) => shader!("geometry/try_primitive_contact.wgsl"),
-                    (false, false) => shader!("geometry/try_primitive.wgsl"),
+                    (true, _) => shader!("geometry/try_primitive.facets.wgsl"),
+                    (false, true) => shader!("geometry/try_primitive.contact.wgsl"),
+                    (false, false) => shader!("geometry/try_primitive.alone.wgsl"),
                 },
             ),
             (self.options.has_events(f), shader!("rows/events.wgsl")),
-            (self.options.has_queue(), shader!("stages/compact.wgsl")),
+            (self.options.has_queue(), shader!("stages/compact.on.wgsl")),
             (
                 self.options.has_queue(),
                 match (f.has_meshes(), self.contacts.any()) {
-                    (false, false) => shader!("stages/queued_ray.wgsl"),
-                    (true, false) => shader!("stages/queued_ray_mesh.wgsl"),
-                    (false, true) => shader!("stages/queued_ray_contact.wgsl"),
-                    (true, true) => shader!("stages/queued_ray_mesh_contact.wgsl"),
+                    (false, false) => shader!("stages/queued_ray.alone.wgsl"),
+                    (true, false) => shader!("stages/queued_ray.mesh.wgsl"),
+                    (false, true) => shader!("stages/queued_ray.contact.wgsl"),
+                    (true, true) => shader!("stages/queued_ray.mesh_contact.wgsl"),
                 },
             ),
-            (!self.options.has_queue(), shader!("stages/queue_none.wgsl")),
-            (!has_squares, shader!("sums/moments_none.wgsl")),
-            (has_squares, shader!("sums/moments.wgsl")),
+            (!self.options.has_queue(), shader!("stages/compact.none.wgsl")),
+            (!has_squares, shader!("sums/moments.none.wgsl")),
+            (has_squares, shader!("sums/moments.on.wgsl")),
             (
                 has_squares,
                 pick(
                     f.transmissive || f.splits,
-                    shader!("sums/visits.wgsl"),
-                    shader!("sums/visits_none.wgsl"),
+                    shader!("sums/visits.on.wgsl"),
+                    shader!("sums/visits.none.wgsl"),
                 ),
             ),
             (f.irradiance, shader!("detectors/irradiance.wgsl")),
             (f.spectral, shader!("detectors/spectral.wgsl")),
             (f.far_field, shader!("detectors/far_field.wgsl")),
             (f.ray_database, shader!("detectors/ray_database.wgsl")),
-            (self.nominal.is_some(), shader!("software/path/path.wgsl")),
+            (self.nominal.is_some(), shader!("software/path/main_path.wgsl")),
             (
                 self.nominal.is_some(),
                 pick(
                     self.path_log.is_some(),
-                    shader!("software/path/path_places.wgsl"),
-                    shader!("software/path/path_entries.wgsl"),
+                    shader!("software/path/path_log.arrivals.wgsl"),
+                    shader!("software/path/path_log.entries.wgsl"),
                 ),
             ),
             (
                 self.nominal.is_some(),
                 pick(
                     self.stores_together(),
-                    shader!("software/path/lanes_together.wgsl"),
-                    shader!("software/path/lanes_alone.wgsl"),
+                    shader!("software/path/lanes.together.wgsl"),
+                    shader!("software/path/lanes.alone.wgsl"),
                 ),
             ),
             (self.path_log.is_some(), self.places_file()),
@@ -438,16 +446,16 @@ impl Composition<'_> {
                 self.nominal.is_some(),
                 pick(
                     self.logs_weights(),
-                    shader!("software/path/path_losses_told.wgsl"),
-                    shader!("software/path/path_losses_booked.wgsl"),
+                    shader!("software/path/path_losses.reported.wgsl"),
+                    shader!("software/path/path_losses.deposited.wgsl"),
                 ),
             ),
             (self.nominal.is_some(), shader!("software/path/clearances.wgsl")),
             (
                 self.nominal.is_some() && self.path_rays_per_invocation() > 1,
-                shader!("software/path/path_rays_several.wgsl"),
+                shader!("software/path/path_rays.wgsl"),
             ),
-            (self.goes_side_by_side(), shader!("software/path/nominal_pair.wgsl")),
+            (self.goes_side_by_side(), shader!("software/path/ray_pair.wgsl")),
         ];
         files.extend(optional.into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         files
@@ -467,16 +475,16 @@ impl Composition<'_> {
         let reals = self.precision() == Precision::F64;
         if self.logs_weights() {
             return match self.stores_together() {
-                true => shader!("software/log/places_weighed_together.wgsl"),
-                false => shader!("software/log/places_weighed.wgsl"),
+                true => shader!("software/log/arrivals.weighted_together.wgsl"),
+                false => shader!("software/log/arrivals.weighted.wgsl"),
             };
         }
         match (self.stores_together(), reals, self.options.native) {
-            (true, true, _) => shader!("software/log/places_reals_together.wgsl"),
-            (true, false, _) => shader!("software/log/places_words_together.wgsl"),
-            (false, true, _) => shader!("software/log/places_reals.wgsl"),
-            (false, false, true) => shader!("software/log/places_packed.wgsl"),
-            (false, false, false) => shader!("software/log/places_words.wgsl"),
+            (true, true, _) => shader!("software/log/arrivals.reals_together.wgsl"),
+            (true, false, _) => shader!("software/log/arrivals.words_together.wgsl"),
+            (false, true, _) => shader!("software/log/arrivals.reals.wgsl"),
+            (false, false, true) => shader!("software/log/arrivals.packed.wgsl"),
+            (false, false, false) => shader!("software/log/arrivals.words.wgsl"),
         }
     }
 
@@ -495,7 +503,7 @@ impl Composition<'_> {
         self.has_texels() && self.forest.depth <= MOST_LEVELS
     }
 
-    /// The twin of geometry/waiting_indexed.wgsl.
+    /// The twin of geometry/waiting.indexed.wgsl.
     fn waiting(&self) -> String {
         let levels = 1..self.forest.depth;
         let at = levels
@@ -550,9 +558,9 @@ impl Composition<'_> {
 
     fn branch_file(&self) -> &'static str {
         if self.features.importance {
-            shader!("optics/branch_importance.wgsl")
+            shader!("optics/branch.importance.wgsl")
         } else {
-            shader!("optics/branch_fresnel.wgsl")
+            shader!("optics/branch.fresnel.wgsl")
         }
     }
 
@@ -904,10 +912,10 @@ fn emitter_file(kind: crate::program::features::EmitterName) -> &'static str {
 
 fn log_file(form: Form) -> &'static str {
     match form {
-        Form::Counts => shader!("software/log/log_counts.wgsl"),
-        Form::Packed => shader!("software/log/log_packed.wgsl"),
-        Form::Words => shader!("software/log/log_words.wgsl"),
-        Form::Reals => shader!("software/log/log_reals.wgsl"),
+        Form::Counts => shader!("software/log/entries.counts.wgsl"),
+        Form::Packed => shader!("software/log/entries.packed.wgsl"),
+        Form::Words => shader!("software/log/entries.words.wgsl"),
+        Form::Reals => shader!("software/log/entries.reals.wgsl"),
     }
 }
 

@@ -29,34 +29,34 @@ pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
     let by_real = match real {
         Real::F32 => [
             "alias real = f32;\n",
-            shader!("math/real_f32.wgsl"),
-            shader!("math/math_f32.wgsl"),
-            shader!("math/polynomials_f32.wgsl"),
+            shader!("math/real.f32.wgsl"),
+            shader!("math/math.f32.wgsl"),
+            shader!("math/polynomials.f32.wgsl"),
             shader!("sums/quanta_f32.wgsl"),
         ],
         Real::Df64 => [
             "alias real = f64;\n",
-            shader!("math/real_df64.wgsl"),
-            shader!("math/math_df64.wgsl"),
-            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials_f64.wgsl")),
+            shader!("math/real.df64.wgsl"),
+            shader!("math/math.df64.wgsl"),
+            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials.f64.wgsl")),
             concat!(shader!("sums/quanta_f32.wgsl"), shader!("math/df64.wgsl")),
         ],
         Real::F64 => [
             "alias real = f64;\n",
-            shader!("math/real_f64.wgsl"),
-            shader!("math/math_f64.wgsl"),
-            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials_f64.wgsl")),
+            shader!("math/real.f64.wgsl"),
+            shader!("math/math.f64.wgsl"),
+            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials.f64.wgsl")),
             "",
         ],
     };
     let sums = match integers {
-        Integers::Native => shader!("sums/sums_native.wgsl"),
-        Integers::Portable => shader!("sums/sums_portable.wgsl"),
+        Integers::Native => shader!("sums/sums.native.wgsl"),
+        Integers::Portable => shader!("sums/sums.portable.wgsl"),
     };
     let draws = match (sampler, integers) {
-        (Sampler::Pcg, Integers::Native) => [shader!("random/rng_native.wgsl"), ""],
-        (Sampler::Pcg, Integers::Portable) => [shader!("random/rng_portable.wgsl"), ""],
-        (Sampler::Sobol, _) => [shader!("random/rng_sobol.wgsl"), shader!("random/sobol_matrices.wgsl")],
+        (Sampler::Pcg, Integers::Native) => [shader!("random/rng.native.wgsl"), ""],
+        (Sampler::Pcg, Integers::Portable) => [shader!("random/rng.portable.wgsl"), ""],
+        (Sampler::Sobol, _) => [shader!("random/rng.sobol.wgsl"), shader!("random/sobol_matrices.wgsl")],
     };
     [by_real.concat(), shared.concat(), draws.concat(), sums.into()].concat()
 }

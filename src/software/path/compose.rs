@@ -121,9 +121,10 @@ impl Composition<'_> {
 
     /// The variables that each ray of a pair has for itself, and what brings them to where the functions of the path look.
     fn states_of_pair(&self) -> String {
-        let mut files = vec![shader!("software/path/path.wgsl"), shader!("software/path/path_places.wgsl")];
+        let mut files =
+            vec![shader!("software/path/main_path.wgsl"), shader!("software/path/path_log.arrivals.wgsl")];
         if self.logs_weights() {
-            files.push(shader!("software/path/path_losses_told.wgsl"));
+            files.push(shader!("software/path/path_losses.reported.wgsl"));
         }
         let states: Vec<State> = files.into_iter().flat_map(State::declared_in).collect();
         let mut text = String::new();
