@@ -19,6 +19,7 @@ use crate::program::layout::sums::SumBuffers;
 pub use crate::program::layout::tables::Cells;
 use crate::program::layout::{bsdf, rng, tables};
 use crate::program::wgsl::compose::Composition;
+use crate::software::extension::SoftwareExtension;
 use crate::software::log::format::EndLog;
 use crate::software::path::main_path::{NominalPath, PilotPath};
 use crate::software::path::path_log;
@@ -352,6 +353,9 @@ impl Program {
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
+        let media_absorb_weakly = pilot.is_some_and(path_log::media_absorb_weakly)
+            && side_paths.iter().all(|side| side.media_absorb_weakly);
+        let extension = SoftwareExtension { end_log, nominal, path_log, side_paths, media_absorb_weakly };
         let composition = Composition {
             ir,
             features: &features,
@@ -364,12 +368,7 @@ impl Program {
             facets: &facets,
             tree: tree.as_ref(),
             constant_weights,
-            end_log: end_log.as_ref(),
-            nominal: nominal.as_ref(),
-            path_log: path_log.as_ref(),
-            side_paths: &side_paths,
-            media_absorb_weakly: pilot.is_some_and(path_log::media_absorb_weakly)
-                && side_paths.iter().all(|side| side.media_absorb_weakly),
+            extension: &extension,
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -380,6 +379,7 @@ impl Program {
             Precision::F32 | Precision::F64 => (module, None),
         };
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
+        let SoftwareExtension { end_log, nominal, path_log, side_paths, .. } = extension;
         let mut program = Program {
             wgsl,
             rewritten,
