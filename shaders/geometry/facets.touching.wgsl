@@ -2,7 +2,7 @@
 // other meshes, or where a source lies on a mesh. The host tells for each facet its place in its group
 // (program::layout::tables::FacetTable). Twin of facets.apart.wgsl.
 
-@group(0) @binding(21) var<storage, read> facet_contacts: array<vec2<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_FACETS) var<storage, read> facet_contacts: array<vec2<u32>>;
 
 // In Contact.facets: of a primitive that is no mesh, and of a mesh without facets in contact.
 const NO_MESH: u32 = 0xffffffffu;

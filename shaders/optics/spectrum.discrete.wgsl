@@ -1,7 +1,7 @@
 // A discrete spectrum per emitter: entries (threshold, wavelength), where the first entry with
 // bits <= threshold = floor(cdf 2^32) is drawn: the same decision as u <= cdf, in integers.
 
-@group(0) @binding(6) var<storage, read> spectra: array<vec2<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_SPECTRA) var<storage, read> spectra: array<vec2<u32>>;
 
 fn draw_wavelength(key: RayKey, e: Emitter) -> u32 {
     // Optiland draws nothing for a spectrum of one line; nor does it matter, since draws are keyed by their slot.

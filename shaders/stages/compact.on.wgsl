@@ -16,8 +16,8 @@ struct PackedRay {
     state: u32,
 }
 
-@group(1) @binding(1) var<storage, read> queue_in: array<QueuedRay>;
-@group(1) @binding(2) var<storage, read_write> queue_out: array<QueuedRay>;
+@group(GROUP_QUEUES) @binding(BINDING_QUEUE_IN) var<storage, read> queue_in: array<QueuedRay>;
+@group(GROUP_QUEUES) @binding(BINDING_QUEUE_OUT) var<storage, read_write> queue_out: array<QueuedRay>;
 
 var<workgroup> survivors: atomic<u32>;
 var<workgroup> queue_base: u32;

@@ -7,4 +7,4 @@ struct QueueCounts {
     cut: atomic<u32>,
 }
 
-@group(1) @binding(0) var<storage, read_write> queue_counts: QueueCounts;
+@group(GROUP_QUEUES) @binding(BINDING_QUEUE_COUNTS) var<storage, read_write> queue_counts: QueueCounts;

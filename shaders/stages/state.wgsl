@@ -81,7 +81,7 @@ struct Range {
 
 // Uniform, because every invocation reads the same values. Every entry point copies it before its first branch (`begin`):
 // behind one, lavapipe reads even these lane by lane.
-@group(0) @binding(0) var<uniform> range_uniform: Range;
+@group(GROUP_SCENE) @binding(BINDING_RANGE) var<uniform> range_uniform: Range;
 
 var<private> range: Range;
 

@@ -1,6 +1,6 @@
 // Cells on 64-bit atomics: 64 bits in sums, the carry out of them in tops. Twin of sums.portable.wgsl.
-@group(0) @binding(2) var<storage, read_write> sums: array<atomic<u64>>;
-@group(0) @binding(3) var<storage, read_write> tops: array<atomic<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_SUMS) var<storage, read_write> sums: array<atomic<u64>>;
+@group(GROUP_SCENE) @binding(BINDING_TOPS) var<storage, read_write> tops: array<atomic<u32>>;
 
 // Adds to a cell. Each carry is taken by the one deposit that wrapped the word, so the total is exact once the dispatch
 // has ended.

@@ -1,5 +1,5 @@
 // Cells of three words (lo, hi, top) on 32-bit atomics. Twin of sums.native.wgsl.
-@group(0) @binding(2) var<storage, read_write> sums: array<atomic<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_SUMS) var<storage, read_write> sums: array<atomic<u32>>;
 
 // Adds to a cell. Each carry is taken by the one deposit that wrapped the word, so the total is exact once the dispatch
 // has ended.

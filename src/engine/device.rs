@@ -4,6 +4,7 @@ use crate::engine::intake::Intake;
 use crate::engine::sums::DeviceSums;
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};
+use crate::program::layout::bindings;
 use crate::program::{self, Program, SecondMoments};
 use crate::software::logs::{DeviceLogs, Rays};
 use crate::software::path::side_path;
@@ -88,7 +89,7 @@ impl Compiler {
     fn new(gpu: &Gpu, program: &Program, strict: bool) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
         check_bindings(gpu, program, &bindings)?;
-        let layouts = [("scene", 0), ("queues", 1)];
+        let layouts = [("scene", bindings::SCENE), ("queues", bindings::QUEUES)];
         let layouts = layouts.map(|(label, group)| gpu.bind_group_layout(label, &bindings, group));
         let shader = (!strict).then(|| gpu.shader("trace", program.source()));
         Ok(Compiler { gpu: gpu.clone(), bindings, layouts, shader })
@@ -141,7 +142,9 @@ impl DeviceState {
             false => None,
         };
         let is_image = |number: u32| {
-            let is_it = |binding: &gpu::compute::Binding| (binding.group, binding.number) == (0, number);
+            let is_it = |binding: &gpu::compute::Binding| {
+                (binding.group, binding.number) == (bindings::SCENE, number)
+            };
             compiler
                 .bindings
                 .iter()
@@ -159,7 +162,8 @@ impl DeviceState {
             None => None,
         };
         let rng_table = gpu.constant_buffer("draws", &program.rng_table);
-        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (program::RNG_TABLE, &rng_table)];
+        let mut scene: Vec<(u32, &wgpu::Buffer)> =
+            vec![(bindings::RANGE, &range), (bindings::RNG_TABLE, &rng_table)];
         scene.extend(
             [Some(&sums), tops.as_ref(), Some(&counters)]
                 .into_iter()
@@ -167,10 +171,10 @@ impl DeviceState {
                 .flat_map(DeviceSums::bindings),
         );
         if !program.emitters.is_empty() {
-            scene.push((crate::program::layout::tables::EMITTER, &emitter));
+            scene.push((bindings::EMITTER, &emitter));
         }
-        scene.extend(events.as_ref().map(|events| (12, events)));
-        scene.extend(strays.as_ref().map(|strays| (crate::software::path::main_path::STRAYS, strays)));
+        scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
+        scene.extend(strays.as_ref().map(|strays| (bindings::REJECTED, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let logs = logs.map_or(vec![None], |logs| logs.bindings().map(Some).into());
         let log_bytes: u64 = logs.iter().flatten().map(|(_, log)| log.size()).sum();
@@ -181,9 +185,9 @@ impl DeviceState {
         let queue =
             [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
         let direction = |from: usize, to: usize| {
-            let mut buffers = vec![(0, &counts)];
+            let mut buffers = vec![(bindings::QUEUE_COUNTS, &counts)];
             if has_queue {
-                buffers.extend([(1, &queue[from]), (2, &queue[to])]);
+                buffers.extend([(bindings::QUEUE_IN, &queue[from]), (bindings::QUEUE_OUT, &queue[to])]);
             }
             gpu.bind_group("queues", queue_layout, buffers, &[])
         };
@@ -324,16 +328,21 @@ impl Rounds {
         trace_queued: wgpu::ComputePipeline,
     ) -> Result<Self> {
         let workgroups = gpu.buffer("workgroups", 12)?;
-        let bindings = [0, 1].map(|number| gpu::compute::Binding {
-            group: 0,
+        let bindings = [bindings::COUNTS, bindings::WORKGROUPS].map(|number| gpu::compute::Binding {
+            group: bindings::BETWEEN,
             number,
             access: gpu::compute::Access::ReadWrite,
         });
-        let layout = gpu.bind_group_layout("advance", &bindings, 0);
-        let shader = gpu.shader("advance", crate::program::wgsl::compose::ADVANCE);
+        let layout = gpu.bind_group_layout("advance", &bindings, bindings::BETWEEN);
+        let shader = gpu.shader("advance", &crate::program::wgsl::compose::advance());
         let size = f64::from(program.options.workgroup_size);
         let advance = gpu.pipeline("advance", &shader, &[&layout], &[("workgroup_size", size)]);
-        let advancing = gpu.bind_group("advance", &layout, [(0, counts), (1, &workgroups)], &[]);
+        let advancing = gpu.bind_group(
+            "advance",
+            &layout,
+            [(bindings::COUNTS, counts), (bindings::WORKGROUPS, &workgroups)],
+            &[],
+        );
         Ok(Rounds { advance, advancing, trace_queued, workgroups })
     }
 }

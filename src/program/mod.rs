@@ -17,7 +17,7 @@ pub use crate::program::layout::rng::Sampler;
 pub use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 pub use crate::program::layout::tables::Cells;
-use crate::program::layout::{bsdf, rng, tables};
+use crate::program::layout::{bindings, bsdf, rng, tables};
 use crate::program::wgsl::compose::Composition;
 use crate::software::extension::SoftwareExtension;
 use crate::software::log::format::EndLog;
@@ -246,7 +246,7 @@ pub struct Program {
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
     pub rng_table: Vec<u8>,
-    /// Contents of the other read-only buffers and images of group 0, by binding.
+    /// Contents of the other read-only buffers and images of the scene, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Every ray has at all times the weight that all are born with: sums are counts of it.
     pub constant_weights: bool,
@@ -260,13 +260,6 @@ pub struct Program {
 
 /// Texels of an image from one line to the next.
 pub const TEXELS_PER_LINE: u32 = 4096;
-
-/// Binding of the random generator's table.
-pub const RNG_TABLE: u32 = 1;
-const SPECTRA: u32 = 6;
-const REFLECTANCES: u32 = 7;
-const SPECTRAL_BINS: u32 = 8;
-const BSDF_TABLE: u32 = 14;
 
 /// Steps that a source may draw beyond the events of a ray: Gaussian beams attempt 32 times and then fall back.
 const SOURCE_STEPS: u32 = 33;
@@ -418,23 +411,23 @@ impl Program {
     ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
         if self.options.precision == Precision::Df64 {
-            buffers.push((df64::ZERO, vec![0; 16]));
+            buffers.push((bindings::DF64_ZERO, vec![0; 16]));
         }
         if self.features.polychromatic {
-            buffers.push((SPECTRA, spectra(ir)));
+            buffers.push((bindings::SPECTRA, spectra(ir)));
         }
         if self.features.spectral_reflectance {
-            buffers.push((REFLECTANCES, self.reflectances(ir)?));
+            buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
         if self.features.has_bsdf_table() {
-            buffers.push((BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
+            buffers.push((bindings::BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
         }
         if self.features.spectral {
-            buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
+            buffers.push((bindings::SPECTRAL_BINS, spectral_bins(ir)));
         }
         if !facets.words.is_empty() {
             buffers
-                .push((contact::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
+                .push((bindings::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
         }
         let mut tables = Vec::new();
         if self.features.reads_media() && !self.options.bakes_media(ir) {
@@ -471,7 +464,7 @@ impl Program {
         if let Some(tree) = tree {
             rows.extend(tree.words(self.options.precision)?.into_iter().flat_map(u32::to_le_bytes));
         }
-        let buffers = [(mesh::ROWS, of_triangles), (bvh::ROWS, rows)];
+        let buffers = [(bindings::MESH_ROWS, of_triangles), (bindings::TREE_ROWS, rows)];
         Ok(buffers.into_iter().filter(|(_, bytes)| !bytes.is_empty()).collect())
     }
 

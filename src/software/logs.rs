@@ -2,9 +2,10 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::{Gpu, processors};
+use crate::program::layout::bindings;
 use crate::program::{Cells, RayRange};
 use crate::software::log::adder::{EndSums, LoggedRays, Stray};
-use crate::software::log::format::{self, EndLog};
+use crate::software::log::format::EndLog;
 use crate::software::path::path_log::PathLog;
 use crate::software::path::rejected::Strays;
 use crate::software::path::side_path::SidePath;
@@ -329,7 +330,7 @@ impl DeviceLogs {
 
     /// The buffers, by binding.
     pub fn bindings(&self) -> [(u32, &wgpu::Buffer); LOGS_PER_DEVICE] {
-        self.buffers.each_ref().map(|buffer| (format::LOG, buffer))
+        self.buffers.each_ref().map(|buffer| (bindings::LOG, buffer))
     }
 }
 

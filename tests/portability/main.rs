@@ -148,7 +148,7 @@ fn the_shader_between_dispatches_is_valid_everywhere() {
 /// No file of shaders/ is dead: each is part of some variant as it is.
 #[test]
 fn every_shader_file_is_composed_by_some_variant() {
-    let mut texts = vec![nsq_gpu::program::wgsl::compose::ADVANCE.to_string()];
+    let mut texts = vec![nsq_gpu::program::wgsl::compose::advance()];
     for tier in Tier::all() {
         let whole = [everything(), everything_split()].map(|variant| (String::new(), variant));
         for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {

@@ -1,3 +1,12 @@
+// ==== composed by program::layout::bindings
+const GROUP_SCENE: u32 = 0u;
+const GROUP_QUEUES: u32 = 1u;
+const BINDING_RANGE: u32 = 0u;
+const BINDING_RNG_TABLE: u32 = 1u;
+const BINDING_SUMS: u32 = 2u;
+const BINDING_COUNTERS: u32 = 4u;
+const BINDING_QUEUE_COUNTS: u32 = 0u;
+
 // ==== composed by program::wgsl::library
 alias real = f32;
 

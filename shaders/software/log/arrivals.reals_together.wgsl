@@ -1,6 +1,6 @@
 // The arrivals of four lanes in two stores, in f64. The lanes in the first quarter of a subgroup store them
 // (software/path/lanes.together.wgsl). Twin of arrivals.reals.wgsl.
-@group(0) @binding(20) var<storage, read_write> place_log: array<vec4<real>>;
+@group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> place_log: array<vec4<real>>;
 
 fn write_place(number: u32, place: vec2<real>, weight: real) {
     let second = place_of(lane ^ (LANES / 4u), place);

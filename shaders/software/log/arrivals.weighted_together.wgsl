@@ -1,6 +1,6 @@
 // The arrivals and weights of LANES_TOGETHER lanes: two in f32, four in f64. The first lanes of a subgroup store them
 // (software/path/lanes.together.wgsl). Twin of arrivals.weighted.wgsl.
-@group(0) @binding(20) var<storage, read_write> place_log: array<vec4<real>>;
+@group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> place_log: array<vec4<real>>;
 
 const NUM_STORING: u32 = LANES / LANES_TOGETHER;
 

@@ -1,6 +1,6 @@
 // An entry of the log in f64: what it is, as a number; the weight; the fractions of the taps. Where positions are logged:
 // the position, and the weight, unless rays keep theirs.
-@group(0) @binding(20) var<storage, read_write> end_log: array<real>;
+@group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> end_log: array<real>;
 
 fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
     let word = number * LOG_WORDS;

@@ -16,9 +16,6 @@ use crate::program::layout::tables::{gradient, shape_constant};
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
-/// Binding of the facets' contacts in group 0.
-pub const FACETS: u32 = 21;
-
 /// The medium of a side that bounds none.
 pub const NO_MEDIUM: u32 = u32::MAX;
 

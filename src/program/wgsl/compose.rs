@@ -9,6 +9,7 @@ use crate::program::geometry::bvh::Forest;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::mesh::Triangles;
 use crate::program::geometry::tree::PrimitiveTree;
+use crate::program::layout::bindings;
 use crate::program::layout::records::literal;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::{Cells, FacetTable};
@@ -18,7 +19,9 @@ use crate::program::wgsl::text::{Text, shader};
 use glam::DVec3;
 
 /// The shader that prepares the next dispatch of a pass.
-pub const ADVANCE: &str = shader!("stages/advance.wgsl").text;
+pub fn advance() -> String {
+    bindings::declared(shader!("stages/advance.wgsl").text)
+}
 
 /// What a composition is made from.
 pub struct Composition<'a> {
@@ -51,7 +54,7 @@ pub struct Composition<'a> {
 }
 
 impl Composition<'_> {
-    /// The whole module: the library, the constants, the files that the scene needs (`variants`), and then what is written
+    /// The whole module: the bindings, the library, the constants, the files that the scene needs (`variants`), and then what is written
     /// for the scene itself. Each part stands below a comment that names the file, or the module that composes it.
     pub fn compose(&self) -> Result<String> {
         let mut text = Text::default();
@@ -65,7 +68,7 @@ impl Composition<'_> {
         self.extension.add(self, &mut text)?;
         text.composed("program::wgsl::bins", &self.bins());
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
-        self.sums.cut(text.into_string())
+        self.sums.cut(bindings::declared(&text.into_string()))
     }
 
     fn real_type(&self) -> Real {

@@ -1,5 +1,6 @@
 //! The WGSL files that every shader shares, chosen by precision and by integers.
 
+use crate::program::layout::bindings;
 use crate::program::layout::rng::Sampler;
 use crate::program::wgsl::text::{ShaderFile, Text, shader};
 
@@ -49,11 +50,11 @@ const F64: &[ShaderFile] = &[
 const SHARED: &[ShaderFile] =
     &[shader!("random/rng_slots.wgsl"), shader!("math/math.wgsl"), shader!("sums/sums.wgsl")];
 
-/// The shared functions as one WGSL source: `alias real`, draws, mathematics and sums.
+/// The shared functions as one WGSL source: `alias real`, bindings, draws, mathematics and sums.
 pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
     let mut text = Text::default();
     add(&mut text, real, integers, sampler);
-    text.into_string()
+    bindings::declared(&text.into_string())
 }
 
 /// Adds them to a module.

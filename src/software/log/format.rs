@@ -6,9 +6,6 @@ use crate::program::layout::tables::{self, Cells};
 use crate::program::{Precision, ProgramOptions, SecondMoments};
 use crate::software::path::path_log::PathLog;
 
-/// Binding of the log.
-pub const LOG: u32 = 20;
-
 /// The bits of an entry that name its cell.
 pub const CELL_BITS: u32 = 22;
 

@@ -15,9 +15,6 @@ use crate::software::path::clearance::{self, Clearance, Pilot};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
-/// Binding of the rays that strayed.
-pub const STRAYS: u32 = 22;
-
 /// A longer path is not followed: its code would grow with it.
 pub const MAX_EVENTS: u32 = 32;
 
