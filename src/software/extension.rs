@@ -3,6 +3,7 @@
 
 use crate::error::Result;
 use crate::program::Precision;
+use crate::program::prepared::Prepared;
 use crate::program::wgsl::compose::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::extension::Extension;
@@ -10,7 +11,7 @@ use crate::program::wgsl::text::{ShaderFile, Text, shader};
 use crate::software::log::format::{EndLog, Form};
 use crate::software::path::compose::Stages;
 use crate::software::path::main_path::NominalPath;
-use crate::software::path::path_log::PathLog;
+use crate::software::path::path_log::{self, LoggedScene, PathLog};
 use crate::software::path::side_path::SidePath;
 
 /// What is added for a scene. Paths are there only where there is a log.
@@ -29,6 +30,28 @@ pub struct SoftwareExtension {
 }
 
 impl SoftwareExtension {
+    /// What is added for a scene that asks for it in its options.
+    pub fn of(scene: &Prepared) -> Self {
+        let Prepared { ir, options, features, cells, contacts, .. } = scene;
+        let Some(log) = EndLog::of(ir, features, cells, options, scene.constant_weights) else {
+            return SoftwareExtension::default();
+        };
+        let pilot = options.nominal.as_ref();
+        let is_weak = pilot.is_some_and(path_log::media_absorb_weakly);
+        let alone = SoftwareExtension {
+            end_log: Some(log.clone()),
+            media_absorb_weakly: is_weak,
+            ..Default::default()
+        };
+        let Some(pilot) = pilot else { return alone };
+        let Some(nominal) = NominalPath::of(ir, scene.centre, contacts, options, pilot) else { return alone };
+        let logged = LoggedScene { ir, cells, log: &log, options, features };
+        let path_log = PathLog::of(&logged, &nominal, pilot);
+        let side_paths = SidePath::of(&logged, scene.centre, contacts, &nominal, path_log.as_ref());
+        let media_absorb_weakly = is_weak && side_paths.iter().all(|side| side.media_absorb_weakly);
+        SoftwareExtension { nominal: Some(nominal), path_log, side_paths, media_absorb_weakly, ..alone }
+    }
+
     /// Lanes of a subgroup store their arrivals together.
     fn stores_together(&self, composition: &Composition) -> bool {
         self.path_log.is_some() && composition.options.lanes > 1

@@ -13,6 +13,7 @@ use crate::program::layout::bindings;
 use crate::program::layout::records::literal;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::{Cells, FacetTable};
+use crate::program::prepared::Prepared;
 use crate::program::wgsl::extension::Extension;
 use crate::program::wgsl::library::{self, Integers, Real};
 use crate::program::wgsl::text::{Text, shader};
@@ -53,7 +54,26 @@ pub struct Composition<'a> {
     pub options: &'a ProgramOptions,
 }
 
-impl Composition<'_> {
+impl<'a> Composition<'a> {
+    /// The composition of a scene whose sums lie in these buffers.
+    pub fn of(scene: &'a Prepared<'a>, sums: &'a SumBuffers, extension: &'a dyn Extension) -> Self {
+        Composition {
+            ir: scene.ir,
+            features: &scene.features,
+            centre: scene.centre,
+            cells: &scene.cells,
+            sums,
+            forest: &scene.forest,
+            triangles: &scene.triangles,
+            contacts: &scene.contacts,
+            facets: &scene.facets,
+            tree: scene.tree.as_ref(),
+            constant_weights: scene.constant_weights,
+            extension,
+            options: &scene.options,
+        }
+    }
+
     /// The whole module: the bindings, the library, the constants, the files that the scene needs (`variants`), and then what is written
     /// for the scene itself. Each part stands below a comment that names the file, or the module that composes it.
     pub fn compose(&self) -> Result<String> {
