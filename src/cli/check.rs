@@ -1,8 +1,7 @@
 //! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
 
 use crate::error::Result;
-use crate::result::format::shown;
-use crate::trace::TraceOptions;
+use crate::format::shown;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -15,7 +14,7 @@ pub struct Args {
 
 /// What the scene holds, and what deserves a warning.
 pub fn run(args: &Args) -> Result<String> {
-    let scene = crate::cli::read_scene(&args.scene)?;
+    let scene = crate::cli::console::read_scene(&args.scene)?;
     let ir = scene.lower()?;
     let mut text = format!("{} can be traced.\n", args.scene.display());
     let mut list = |title: &str, names: Vec<String>| {
@@ -27,7 +26,7 @@ pub fn run(args: &Args) -> Result<String> {
     list("media", ir.media.iter().map(|m| shown(&m.name)).collect());
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
-    let _ = writeln!(text, "  max_depth: {}, unless given", TraceOptions::depth_of(&ir));
+    let _ = writeln!(text, "  max_depth: {}, unless given", crate::model::depth::of_scene(&ir));
     for warning in &scene.warnings {
         let _ = writeln!(text, "  warning: {warning}");
     }

@@ -1,18 +1,20 @@
 //! `nsq-gpu trace`: a scene to maps, ledger and report.
 
+use crate::cli::console::{read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
-use crate::cli::{quantity, read_scene, say};
+use crate::cli::quantity;
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::model::{ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
+use crate::result::StoppedBy;
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::software::vector_width::Width;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
-use crate::trace::stopping::{StoppedBy, Stopping};
+use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -192,7 +194,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let mut ir = scene.lower()?;
     // What `auto` is on lavapipe.
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    crate::cli::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
+    crate::cli::console::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
         #[cfg(unix)]
@@ -213,7 +215,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
     let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
-    let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| TraceOptions::depth_of(&ir));
+    let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| crate::model::depth::of_scene(&ir));
     let options = TraceOptions { max_depth, ..options(args)? }.tuned(&gpu.info);
     let (result, tally, identity, checkpointed) = std::thread::scope(|scope| {
         let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
@@ -231,7 +233,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     match checkpointed.err().or_else(|| failure(&result)) {
         None => Ok(printed),
         Some(failure) => {
-            crate::cli::print(&printed)?;
+            crate::cli::console::print(&printed)?;
             Err(failure)
         }
     }
@@ -354,7 +356,7 @@ pub fn deliver(
             Ok(result.report())
         }
         Err(error) => {
-            crate::cli::print(&unwritten())?;
+            crate::cli::console::print(&unwritten())?;
             Err(error)
         }
     }

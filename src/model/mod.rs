@@ -6,6 +6,7 @@
 //! is a list of discrete wavelengths.
 
 mod bsdf;
+pub mod depth;
 pub(crate) mod mesh;
 pub mod ray_id;
 

@@ -7,3 +7,4 @@ pub mod rng;
 pub mod splitting;
 pub mod sums;
 pub mod tables;
+pub mod words;

@@ -4,9 +4,9 @@
 //! the high bits of an index choose the part and the low bits the element in it. The composed text is rewritten for it, so
 //! that shaders/ knows nothing of parts, and a scene whose sums fit has the text of the files.
 
-use crate::engine::sums::Words;
 use crate::error::{Error, Result};
 use crate::program::layout::bindings;
+use crate::program::layout::words::Words;
 use std::fmt::{Display, Write};
 
 /// The buffers of a program's sums.

@@ -2,9 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::result::{TraceResult, npz, output, png};
-use crate::viewer::app::App;
 use crate::viewer::export::{fields_csv, free_path, spots_csv};
 use crate::viewer::model::{Picture, Subject};
+use crate::viewer::state::App;
 use eframe::egui::{TextEdit, Ui};
 use std::path::{Path, PathBuf};
 

@@ -1,9 +1,9 @@
 //! The trace: how far it is, and what to do with it.
 
-use crate::result::format::{significant, thousands};
-use crate::trace::stopping::StoppedBy;
-use crate::viewer::app::App;
+use crate::format::{significant, thousands};
+use crate::result::StoppedBy;
 use crate::viewer::model::Model;
+use crate::viewer::state::App;
 use crate::viewer::tracing::State;
 use crate::viewer::views::export;
 use eframe::egui::{self, ProgressBar, RichText, Ui};

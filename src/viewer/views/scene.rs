@@ -2,9 +2,9 @@
 
 use crate::model::{Frame as LocalFrame, Interaction, Outline, SceneIr, SensorKind, Shape as Surface};
 use crate::result::PathColumns;
-use crate::viewer::app::App;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
+use crate::viewer::state::App;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
