@@ -387,7 +387,8 @@ fn adapter_choice(args: &Args) -> AdapterChoice {
     AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() }
 }
 
-fn wanted(precision: PrecisionArg) -> Wanted {
+/// The precision that the argument asks for.
+pub fn wanted(precision: PrecisionArg) -> Wanted {
     match precision {
         PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
         PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),

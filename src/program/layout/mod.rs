@@ -1,5 +1,6 @@
 //! What the device reads and sums: records, tables, cells, and the buffers that they lie in.
 
+pub mod bindings;
 pub mod bsdf;
 pub mod records;
 pub mod rng;

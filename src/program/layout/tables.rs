@@ -7,18 +7,10 @@ use crate::model::{
 };
 use crate::program::features::{self, EmitterName, Features, ShapeKind};
 use crate::program::geometry::contact::{self, Contacts};
+use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::records::Records;
 use glam::{DMat3, DVec3};
-
-/// Binding numbers in group 0 that the records take.
-const MEDIA: u32 = 5;
-const SURFACES: u32 = 9;
-const SENSORS: u32 = 10;
-const PRIMITIVES: u32 = 11;
-const CONTACTS: u32 = 16;
-/// Binding of the emitter of a dispatch.
-pub const EMITTER: u32 = 13;
 
 /// A value beyond any distance of a scene that both tiers hold: "no limit".
 const UNLIMITED: f64 = 1e38;
@@ -46,7 +38,7 @@ pub struct Cells {
     pub num_sums: u32,
 }
 
-/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.wgsl).
+/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.on.wgsl).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReplicateCells {
     /// From a cell of a detector to its cell in the next copy.
@@ -55,7 +47,7 @@ pub struct ReplicateCells {
     pub num: u32,
 }
 
-/// Cells of second moments (shaders/sums/moments.wgsl), behind all others.
+/// Cells of second moments (shaders/sums/moments.on.wgsl), behind all others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MomentCells {
     /// From a cell of a detector to the cell of its squares.
@@ -218,7 +210,7 @@ pub fn is_rotated(rotation: DMat3) -> bool {
 
 /// The surfaces' records.
 pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Records {
-    let mut records = Records::new("Surface", "surface", SURFACES);
+    let mut records = Records::new("Surface", "surface", bindings::SURFACES);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
     let gradients: Vec<[f64; 3]> = ir.surfaces.iter().map(|s| gradient(&s.shape)).collect();
@@ -261,7 +253,7 @@ pub fn medium_records(ir: &SceneIr) -> Records {
         |medium: &Medium, w: usize| 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM;
     let wavelengths = 0..ir.wavelengths.len();
     let rows = || ir.media.iter().flat_map(|medium| wavelengths.clone().map(move |w| (medium, w)));
-    let mut records = Records::new("Medium", "medium", MEDIA);
+    let mut records = Records::new("Medium", "medium", bindings::MEDIA);
     records.real("n", rows().map(|(medium, w)| medium.n[w]));
     records.real("absorption", rows().map(|(medium, w)| absorption(medium, w)));
     records
@@ -347,9 +339,9 @@ pub fn shape_constant(shape: &Shape) -> f64 {
     }
 }
 
-/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.wgsl.
+/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.touching.wgsl.
 pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
-    let mut records = Records::new("Contact", "contact", CONTACTS);
+    let mut records = Records::new("Contact", "contact", bindings::CONTACTS);
     let primitives = &contacts.primitives;
     records.uint("group", primitives.iter().map(|c| c.group));
     records.uint("layer", primitives.iter().map(|c| 1 << c.layer));
@@ -454,7 +446,7 @@ fn frustum_arguments(shape: &Shape) -> [f64; 4] {
 
 /// The emitters' records; `weights` are those that their rays are born with.
 pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
-    let mut records = Records::new("Emitter", "emitter", EMITTER);
+    let mut records = Records::new("Emitter", "emitter", bindings::EMITTER);
     let emitters = &ir.emitters;
     records.uint("kind", emitters.iter().map(|e| EmitterName::of(&e.kind) as u32));
     records.uint("medium", emitters.iter().map(|e| e.medium as u32));
@@ -484,7 +476,7 @@ pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
 pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     let mut primitives = primitives(ir);
     primitives.truncate(num);
-    let mut records = Records::new("Primitive", "primitive", PRIMITIVES);
+    let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| ShapeKind::of(shape) as u32));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
     for (i, name) in ["a0", "a1", "a2", "a3"].into_iter().enumerate() {
@@ -502,7 +494,7 @@ pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32
 
 /// The sensors' records.
 pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
-    let mut records = Records::new("Sensor", "sensor", SENSORS);
+    let mut records = Records::new("Sensor", "sensor", bindings::SENSORS);
     let sensors = &ir.sensors;
     records.uint("kind", sensors.iter().map(|s| sensor_code(&s.kind)));
     records.uint("absorb", sensors.iter().map(|s| u32::from(s.absorb)));
@@ -608,7 +600,7 @@ impl Grid {
     }
 }
 
-/// p0, p1, p2 of shaders/emitters/.
+/// p0, p1, p2 of shaders/sources/.
 fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
     match emitter.kind {
         EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
