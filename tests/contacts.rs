@@ -13,8 +13,8 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Annulus, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, Mesh, MeshId, Outline,
+    PixelGrid, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, Tally, TraceResult};
@@ -168,11 +168,12 @@ struct Pair {
 }
 
 fn pairs() -> Vec<Pair> {
-    let disk = |radius: f64| Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius };
-    let bent = |radius: f64| Shape::Conic { curvature: 0.05, conic: 0.0, aperture_radius: radius };
-    let parabola = |radius: f64| Shape::Conic { curvature: -0.04, conic: -1.0, aperture_radius: radius };
+    let disk = |radius: f64| Shape::Conic(Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius });
+    let bent = |radius: f64| Shape::Conic(Conic { curvature: 0.05, conic: 0.0, aperture_radius: radius });
+    let parabola =
+        |radius: f64| Shape::Conic(Conic { curvature: -0.04, conic: -1.0, aperture_radius: radius });
     let rectangle = Shape::Plane(Outline::Rectangle { width: 13.0, height: 12.0 });
-    let ring = |z_offset: f64| Shape::Annulus { inner_radius: 1.0, outer_radius: 9.0, z_offset };
+    let ring = |z_offset: f64| Shape::Annulus(Annulus { inner_radius: 1.0, outer_radius: 9.0, z_offset });
     let along_z = |name: &'static str, first: Shape, second: Shape| Pair {
         name,
         first: (at(0.0), first),
@@ -183,7 +184,7 @@ fn pairs() -> Vec<Pair> {
         behind: at(-9.0),
         turned: false,
     };
-    let ball = Shape::Sphere { radius: 20.0, aperture_radius: Some(6.0) };
+    let ball = Shape::Sphere(Sphere { radius: 20.0, aperture_radius: Some(6.0) });
     let sideways = |x: f64| Frame {
         origin: DVec3::new(x, 0.0, 0.0),
         rotation: DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2),
@@ -211,25 +212,31 @@ fn pairs() -> Vec<Pair> {
         },
         around(
             "two cylinders",
-            |radius| Shape::Frustum { r_front: radius, r_back: radius, z_front: -8.0, z_back: 8.0 },
+            |radius| Shape::Frustum(Frustum { r_front: radius, r_back: radius, z_front: -8.0, z_back: 8.0 }),
             GAP,
         ),
         around(
             "two cones",
-            |radius| Shape::Frustum {
-                r_front: radius - 1.6,
-                r_back: radius + 1.6,
-                z_front: -8.0,
-                z_back: 8.0,
+            |radius| {
+                Shape::Frustum(Frustum {
+                    r_front: radius - 1.6,
+                    r_back: radius + 1.6,
+                    z_front: -8.0,
+                    z_back: 8.0,
+                })
             },
             GAP,
         ),
-        along_z("a mesh on a disk", Shape::Mesh(SHEET), disk(7.0)),
-        along_z("a rectangle on a mesh", rectangle, Shape::Mesh(SHEET)),
-        along_z("two meshes", Shape::Mesh(SHEET), Shape::Mesh(SHEET)),
+        along_z("a mesh on a disk", Shape::Mesh(MeshId(SHEET)), disk(7.0)),
+        along_z("a rectangle on a mesh", rectangle, Shape::Mesh(MeshId(SHEET))),
+        along_z("two meshes", Shape::Mesh(MeshId(SHEET)), Shape::Mesh(MeshId(SHEET))),
         Pair {
             turned: true,
-            ..along_z("two meshes face to face", Shape::Mesh(SHEET), Shape::Mesh(TURNED_SHEET))
+            ..along_z(
+                "two meshes face to face",
+                Shape::Mesh(MeshId(SHEET)),
+                Shape::Mesh(MeshId(TURNED_SHEET)),
+            )
         },
     ]
 }
@@ -344,12 +351,12 @@ pairs! {
 /// Flat faces in which detectors and sources lie.
 fn flat_shapes() -> Vec<Shape> {
     vec![
-        Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: 7.0 },
+        Shape::Conic(Conic { curvature: 0.0, conic: 0.0, aperture_radius: 7.0 }),
         Shape::Plane(Outline::Rectangle { width: 13.0, height: 12.0 }),
         Shape::Plane(Outline::Infinite),
-        Shape::Mesh(SHEET),
-        Shape::Mesh(TURNED_SHEET),
-        Shape::Mesh(DOUBLED_SHEET),
+        Shape::Mesh(MeshId(SHEET)),
+        Shape::Mesh(MeshId(TURNED_SHEET)),
+        Shape::Mesh(MeshId(DOUBLED_SHEET)),
     ]
 }
 
@@ -448,8 +455,8 @@ fn a_source_on_a_surface_leaves_it() {
     let mut draws = Draws(14);
     let mut shapes: Vec<(Frame, Shape)> = flat_shapes().into_iter().map(|shape| (at(0.0), shape)).collect();
     // A point on the top of a ball, and on a bent mirror's vertex.
-    shapes.push((at(-5.0), Shape::Sphere { radius: 5.0, aperture_radius: None }));
-    shapes.push((at(0.0), Shape::Conic { curvature: -0.05, conic: 0.0, aperture_radius: 6.0 }));
+    shapes.push((at(-5.0), Shape::Sphere(Sphere { radius: 5.0, aperture_radius: None })));
+    shapes.push((at(0.0), Shape::Conic(Conic { curvature: -0.05, conic: 0.0, aperture_radius: 6.0 })));
     for (i, (place, shape)) in shapes.into_iter().enumerate() {
         for precision in TWO_TIERS {
             let in_tables = (i % 2 == 0) == (precision == Precision::F32);
@@ -485,8 +492,8 @@ fn doubled_facets_are_as_one() {
         let read = [SHEET, DOUBLED_SHEET].map(|mesh| {
             let place = within(&frame, &at(2.0));
             let surfaces = vec![
-                face("front", frame, Shape::Mesh(mesh), VACUUM, GLASS),
-                face("back", place, Shape::Mesh(mesh), GLASS, VACUUM),
+                face("front", frame, Shape::Mesh(MeshId(mesh)), VACUUM, GLASS),
+                face("back", place, Shape::Mesh(MeshId(mesh)), GLASS, VACUUM),
             ];
             let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
             let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
@@ -503,7 +510,7 @@ fn long_thin_walls_do_not_leak() {
     let mut draws = Draws(16);
     for (i, precision) in [Precision::F32, Precision::F32, Precision::F64].into_iter().enumerate() {
         let frame = if i == 0 { at(0.0) } else { random_frame(&mut draws) };
-        let tube = mirror(frame, Shape::Mesh(TUBE), 1.0);
+        let tube = mirror(frame, Shape::Mesh(MeshId(TUBE)), 1.0);
         let cone = EmitterKind::Point { half_angle: 0.5 };
         let emitters = vec![lamp(within(&frame, &at(-499.5)), cone, VACUUM)];
         let ends = [("near", -500.0), ("far", 500.0)]
@@ -536,7 +543,7 @@ fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
     let transmitted = 0.96 / 1.12;
     for precision in TWO_TIERS {
         let frame = random_frame(&mut draws);
-        let bodies = face("bodies", frame, Shape::Mesh(0), GLASS, VACUUM);
+        let bodies = face("bodies", frame, Shape::Mesh(MeshId(0)), GLASS, VACUUM);
         let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
         let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];

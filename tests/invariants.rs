@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
-    Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor,
+    SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -804,7 +804,7 @@ fn lamp_in_a_ball() -> SceneIr {
         surfaces: vec![Surface {
             name: "ball".into(),
             frame: at(0.0),
-            shape: Shape::Sphere { radius: 10.0, aperture_radius: None },
+            shape: Shape::Sphere(Sphere { radius: 10.0, aperture_radius: None }),
             interaction: Interaction::Refractive,
             coating: None,
             scatter: None,
@@ -926,7 +926,7 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
     for outward in [1.0, -1.0] {
         let mut ir = lamp_in_a_ball();
         let (r_front, r_back) = if outward > 0.0 { (5.0, 0.0) } else { (0.0, 5.0) };
-        ir.surfaces[0].shape = Shape::Frustum { r_front, r_back, z_front: 0.0, z_back: 10.0 };
+        ir.surfaces[0].shape = Shape::Frustum(Frustum { r_front, r_back, z_front: 0.0, z_back: 10.0 });
         (ir.surfaces[0].front, ir.surfaces[0].back) = (1, 0);
         let z = DVec3::new(0.0, 0.0, -outward);
         let rotation = DMat3::from_cols(DVec3::X, z.cross(DVec3::X), z);

@@ -8,11 +8,13 @@
 mod bsdf;
 pub(crate) mod mesh;
 pub mod ray_id;
+pub mod shapes;
 
 pub use crate::model::bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
+pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].
@@ -71,7 +73,7 @@ impl Medium {
 pub struct Surface {
     /// Optiland's label, such as `L1.front`.
     pub name: String,
-    /// Vertex frame (conic, plane, annulus, frustum) or the frame at the centre (sphere).
+    /// The frame of its shape.
     pub frame: Frame,
     /// Its shape, in its frame.
     pub shape: Shape,
@@ -85,72 +87,6 @@ pub struct Surface {
     pub front: MediumId,
     /// Medium on the side that the geometric normal points to.
     pub back: MediumId,
-}
-
-/// Shapes, all of revolution about local z except the rectangle and the mesh. The geometric normal points local +z for
-/// conic, plane, and annulus, inward for the sphere, outward for the frustum; on a mesh, to the side from which the
-/// corners of a face run counter-clockwise.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shape {
-    /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) for r <= aperture_radius.
-    Conic {
-        /// Vertex curvature c = 1/R; 0 for a flat surface \[1/mm\].
-        curvature: f64,
-        /// Conic constant K.
-        conic: f64,
-        /// Semi-diameter \[mm\].
-        aperture_radius: f64,
-    },
-    /// The plane z = 0 within its outline.
-    Plane(Outline),
-    /// The ring inner_radius <= r <= outer_radius at z = z_offset.
-    Annulus {
-        /// Radius of the hole \[mm\].
-        inner_radius: f64,
-        /// Radius of the rim \[mm\].
-        outer_radius: f64,
-        /// Position of the ring along local z \[mm\].
-        z_offset: f64,
-    },
-    /// The cone or cylinder of radius r_front at z_front and r_back at z_back.
-    Frustum {
-        /// Radius at z_front \[mm\].
-        r_front: f64,
-        /// Radius at z_back \[mm\].
-        r_back: f64,
-        /// Lower end along local z \[mm\].
-        z_front: f64,
-        /// Upper end along local z \[mm\].
-        z_back: f64,
-    },
-    /// The sphere about the local origin, where r <= aperture_radius if one is given.
-    Sphere {
-        /// Radius \[mm\].
-        radius: f64,
-        /// Limit of the distance from local z \[mm\].
-        aperture_radius: Option<f64>,
-    },
-    /// A triangle mesh of [`SceneIr::meshes`].
-    Mesh(usize),
-}
-
-/// The outline of a plane.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Outline {
-    /// No limit.
-    Infinite,
-    /// |x| <= width/2 and |y| <= height/2.
-    Rectangle {
-        /// Full width along local x \[mm\].
-        width: f64,
-        /// Full height along local y \[mm\].
-        height: f64,
-    },
-    /// r <= radius.
-    Disk {
-        /// Radius \[mm\].
-        radius: f64,
-    },
 }
 
 /// What a surface does to a ray.

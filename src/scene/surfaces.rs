@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::model::{self, Frame, Outline};
+use crate::model::{self, Annulus, Conic, Frame, Frustum, MeshId, Outline, Sphere};
 use crate::scene::bsdf::{self, Reading};
 use crate::scene::compounds::{Part, curvature};
 use crate::scene::frame::{frame_of, moved};
@@ -142,7 +142,7 @@ fn single(
 fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<model::Shape> {
     Ok(match *shape {
         Shape::Conic { radius, conic, aperture_radius } => {
-            model::Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
+            model::Shape::Conic(Conic { curvature: curvature(radius), conic, aperture_radius })
         }
         // A disk wins over a rectangle, as in Optiland.
         Shape::Plane { aperture_radius: Some(radius), .. } => model::Shape::Plane(Outline::Disk { radius }),
@@ -158,15 +158,15 @@ fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<model::Shap
             ));
         }
         Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            model::Shape::Annulus { inner_radius, outer_radius, z_offset }
+            model::Shape::Annulus(Annulus { inner_radius, outer_radius, z_offset })
         }
         Shape::Frustum { r_front, r_back, z_front, z_back } => {
-            model::Shape::Frustum { r_front, r_back, z_front, z_back }
+            model::Shape::Frustum(Frustum { r_front, r_back, z_front, z_back })
         }
-        Shape::Sphere { radius, aperture_radius } => model::Shape::Sphere { radius, aperture_radius },
+        Shape::Sphere { radius, aperture_radius } => model::Shape::Sphere(Sphere { radius, aperture_radius }),
         Shape::Mesh { .. } => {
             let placed = mesh.ok_or_else(|| Error::Internal(format!("the mesh at {place} was not read")))?;
-            model::Shape::Mesh(placed.mesh)
+            model::Shape::Mesh(MeshId(placed.mesh))
         }
     })
 }
@@ -295,10 +295,10 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
 
 /// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
 fn overreach(surface: &SceneSurface) -> Option<String> {
-    let model::Shape::Conic { curvature, conic, aperture_radius } = surface.shape else { return None };
-    let widest = 1.0 / (curvature.abs() * (1.0 + conic).max(0.0).sqrt());
+    let model::Shape::Conic(conic) = surface.shape else { return None };
+    let widest = conic.widest();
     let name = quoted(&surface.name);
-    (aperture_radius > widest)
+    (conic.aperture_radius > widest)
         .then(|| format!("{name} ends at {widest} mm from its axis, within its aperture"))
 }
 
@@ -331,7 +331,7 @@ fn check_override_names(file: &SceneFile, overrides: &BTreeMap<String, Override>
             let advice = did_you_mean(name, parts.iter().map(|part| part.name.as_str()));
             return Err(Error::scene(place, "no component has a surface of this name", advice));
         };
-        if change.aperture_radius.is_some() && !matches!(part.shape, model::Shape::Conic { .. }) {
+        if change.aperture_radius.is_some() && !matches!(part.shape, model::Shape::Conic(_)) {
             return Err(Error::scene(
                 key_of(&place, "aperture_radius"),
                 "this surface has no aperture of its own",

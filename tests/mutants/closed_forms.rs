@@ -5,8 +5,8 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
-    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, MeshId, Outline,
+    PixelGrid, ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -532,7 +532,8 @@ fn split_mesh(bench: &Bench) -> Outcome {
         corner(10.0, 10.0, -10.0),
     ];
     let faces = vec![[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]];
-    let valley = Surface { shape: Shape::Mesh(0), ..plane("valley", 15.0, Interaction::Refractive, 0, 1) };
+    let valley =
+        Surface { shape: Shape::Mesh(MeshId(0)), ..plane("valley", 15.0, Interaction::Refractive, 0, 1) };
     let mut ir = split_scene(vec![valley], 1, 2.0);
     ir.meshes.push(Mesh { vertices, faces });
     ir.emitters[0].frame.origin = DVec3::new(-3.0, 0.1, 0.0);

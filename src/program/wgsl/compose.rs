@@ -2,8 +2,9 @@
 //! calls. No formula is written here.
 
 use crate::error::Result;
-use crate::model::{Frame, ReflectProb, SceneIr, Shape};
-use crate::program::features::{Features, Precision, ShapeKind};
+use crate::model::shapes::{Normal, Quadric};
+use crate::model::{Frame, ReflectProb, SceneIr, Shape, ShapeKind};
+use crate::program::features::{Features, Precision};
 use crate::program::geometry::bvh::Forest;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::mesh::{self, Triangles};
@@ -84,6 +85,11 @@ impl Composition<'_> {
         }
         if self.features.splits {
             text.push_str(&self.drawn_branch());
+        }
+        if self.features.has_own_normals() {
+            // The file's own is that of a quadric, to which the one for all shapes turns.
+            text = text.replace("fn quadric_normal(", "fn normal_of_quadric(");
+            text.push_str(&self.normal_by_kind());
         }
         text.push_str(&self.records()?);
         text.push_str(&self.nearest_primitive()?);
@@ -307,12 +313,9 @@ impl Composition<'_> {
             shader!("stages/trace.wgsl"),
         ];
         for kind in &f.shapes {
-            match kind {
-                ShapeKind::Conic => files.push(shader!("shapes/conic.wgsl")),
-                ShapeKind::Annulus => files.push(shader!("shapes/annulus.wgsl")),
-                ShapeKind::Frustum => files.push(shader!("shapes/frustum.wgsl")),
-                ShapeKind::Sphere => files.push(shader!("shapes/sphere.wgsl")),
-                ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Mesh => {}
+            let text = kind.wgsl().text;
+            if !files.contains(&text) {
+                files.push(text);
             }
         }
         files.extend(self.end_log.map(|log| log_file(log.form)));
@@ -539,7 +542,7 @@ impl Composition<'_> {
 
     /// Facets of meshes are in contact, or sources lie on them.
     fn searches_facets(&self) -> bool {
-        let is_mesh = |i: usize| matches!(self.ir.surfaces.get(i).map(|s| s.shape), Some(Shape::Mesh(_)));
+        let is_mesh = |i: usize| self.ir.surfaces.get(i).is_some_and(|s| s.shape.mesh().is_some());
         let births = (0..self.ir.surfaces.len()).any(|i| is_mesh(i) && self.contacts.is_born_on(i));
         births || !self.contacts.facets.is_empty()
     }
@@ -661,7 +664,7 @@ impl Composition<'_> {
             let (frame, shape) = &primitives[i];
             let function = match nearer == Some(i) {
                 true => "nearer_conic_distance",
-                false => ShapeKind::of(shape).name().0,
+                false => &shape.kind().function("distance"),
             };
             text.push_str(&self.try_primitive(i, frame, shape, function, &leaving)?);
         }
@@ -702,7 +705,7 @@ impl Composition<'_> {
         let kind = ShapeKind::of(shape);
         let farthest = if kind.is_searched() { ", best.distance" } else { "" };
         let mut arguments = String::new();
-        for argument in tables::shape_arguments(shape) {
+        for argument in shape.arguments() {
             let _ = write!(arguments, "{}, ", self.real(argument)?);
         }
         let (o, d) = self.in_frame(frame)?;
@@ -716,10 +719,13 @@ impl Composition<'_> {
         }
         let mut leaving = leaving.to_string();
         if self.contacts.is_born_on(i) {
-            let [radial, axial, offset] = tables::gradient(shape);
-            let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
-            let constant = self.real(tables::shape_constant(shape))?;
-            let quadric = format!("Quadric({radial}, {axial}, {offset}, {constant})");
+            let quadric = match shape.quadric() {
+                Some(Quadric { radial, axial, offset, constant }) => {
+                    let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
+                    format!("Quadric({radial}, {axial}, {offset}, {})", self.real(constant)?)
+                }
+                None => quadric_of(kind, &o, arguments.trim_end_matches(", ")),
+            };
             leaving = format!("({leaving}) | is_born_on(ray, {o}, {quadric})");
         }
         if !self.contacts.touches(i) {
@@ -728,7 +734,7 @@ impl Composition<'_> {
             ));
         }
         let contact = self.contact_records().row(self.precision(), i)?;
-        let holds = kind.holds();
+        let holds = kind.function("holds");
         let stands = format!("({leaving}) | stands_on(here, {contact})");
         let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
         let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
@@ -746,26 +752,35 @@ impl Composition<'_> {
             "MISS",
             |kind, arguments| {
                 let farthest = if kind.is_searched() { ", farthest" } else { "" };
-                format!("{}(o, d{arguments}, leaving{farthest})", kind.name().0)
+                format!("{}(o, d{arguments}, leaving{farthest})", kind.function("distance"))
             },
         );
         if self.contacts.any() {
             let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
-            text +=
-                &by_kind(head, &kinds, "false", |kind, arguments| format!("{}(o{arguments})", kind.holds()));
+            text += &by_kind(head, &kinds, "false", |kind, a| format!("{}(o{a})", kind.function("holds")));
+            let head = "fn shape_quadric(p: Primitive, o: vec3<real>) -> Quadric";
             let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
-            text += &by_kind("fn shape_quadric(p: Primitive) -> Quadric", &kinds, flat, |kind, arguments| {
-                match kind.quadric() {
-                    Some((function, num)) => {
-                        let arguments: Vec<&str> = arguments.split(", ").skip(1).take(num).collect();
-                        format!("{function}({})", arguments.join(", "))
-                    }
-                    None if kind == ShapeKind::Annulus => "Quadric(0.0, 0.0, 1.0, -2.0 * p.a2)".into(),
-                    None => flat.into(),
-                }
+            text += &by_kind(head, &kinds, flat, |kind, arguments| {
+                quadric_of(kind, "o", arguments.trim_start_matches(", "))
             });
         }
         text
+    }
+
+    /// Dispatch over the kinds of shapes that have a function for their normal; the others are quadrics.
+    fn normal_by_kind(&self) -> String {
+        let mut text = String::from(
+            "fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {\n    \
+             let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);\n    \
+             let p = to_surface(surface, position - origin);\n",
+        );
+        for kind in self.features.shapes.iter().filter(|kind| kind.has_own_normal()) {
+            let arguments: String = (0..kind.num_arguments()).map(|i| format!(", surface.a{i}")).collect();
+            let (code, function) = (kind.code(), kind.function("normal"));
+            let normal = format!("from_surface(surface, {function}(p{arguments}))");
+            let _ = writeln!(text, "    if surface.shape == {code}u {{ return {normal}; }}");
+        }
+        text + "    return normal_of_quadric(surface, position);\n}\n"
     }
 
     /// Dispatch over the kinds of sensors that occur; the codes are those of [`tables::sensor_code`].
@@ -920,6 +935,19 @@ fn bsdf_file(kind: BsdfKind) -> &'static str {
     }
 }
 
+/// A `Quadric` that tells in WGSL how far a point `o` is from a shape with these arguments: the shape's own one, or for
+/// a shape that is none a plane at the shape's height above the point.
+fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
+    match kind.wgsl().normal {
+        Normal::Quadric(quadric) => quadric(&arguments.split(", ").collect::<Vec<_>>()),
+        Normal::Facet => "Quadric(0.0, 0.0, 1.0, 0.0)".into(),
+        Normal::Own => {
+            let height = kind.function("height");
+            format!("Quadric(0.0, 0.0, 1.0, 2.0 * ({height}({o}, {arguments}) - ({o}).z))")
+        }
+    }
+}
+
 /// A function that returns for its primitive, `p` in `head`, what `call` does for the kind, given the primitive's arguments,
 /// and `otherwise` where it is of none of the kinds; a lone kind is not asked for.
 fn by_kind(
@@ -929,7 +957,7 @@ fn by_kind(
     call: impl Fn(ShapeKind, &str) -> String,
 ) -> String {
     let call = |kind: ShapeKind| {
-        let arguments = [", p.a0", ", p.a1", ", p.a2", ", p.a3"][..kind.num_arguments()].concat();
+        let arguments: String = (0..kind.num_arguments()).map(|i| format!(", p.a{i}")).collect();
         call(kind, &arguments)
     };
     if let [kind] = kinds {
@@ -937,7 +965,7 @@ fn by_kind(
     }
     let mut text = format!("{head} {{\n    switch p.shape {{\n");
     for kind in kinds {
-        let _ = writeln!(text, "        case {}u: {{ return {}; }}", *kind as u32, call(*kind));
+        let _ = writeln!(text, "        case {}u: {{ return {}; }}", kind.code(), call(*kind));
     }
     let _ = writeln!(text, "        default: {{ return {otherwise}; }}\n    }}\n}}");
     text
