@@ -13,8 +13,9 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Annulus, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, Mesh, MeshId, Outline,
-    PixelGrid, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
+    Annulus, CollimatedTophat, Conic, Emitter, EmitterKind, Extended, Frame, Frustum, Interaction, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere,
+    Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, Tally, TraceResult};
@@ -263,7 +264,7 @@ fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
         };
         let first = face("first", within(&frame, &pair.first.0), pair.first.1, GLASS, VACUUM);
         surfaces.extend(if i.is_multiple_of(2) { [second, first] } else { [first, second] });
-        let cone = EmitterKind::Point { half_angle: 0.35 };
+        let cone = EmitterKind::Point(Point { half_angle: 0.35 });
         emitters.push(lamp(within(&frame, &pair.source), cone, GLASS));
         sensors.push(rays("beyond", within(&frame, &pair.beyond), 30.0));
         sensors.push(rays("behind", within(&frame, &pair.behind), 30.0));
@@ -378,7 +379,7 @@ fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
                     1 => face("glass", frame, shape, VACUUM, GLASS),
                     _ => absorber(frame, shape),
                 };
-                let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+                let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
                 let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
                 let sensors = vec![
                     screen("through", within(&frame, &at(9.0)), 60.0, true),
@@ -415,7 +416,7 @@ fn of_detectors_in_one_place_the_first_alone_reads() {
     let mut draws = Draws(12);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let mut sensors: Vec<Sensor> =
             (0..4).map(|i| screen(&format!("{i}"), frame, 12.0 + f64::from(i), false)).collect();
@@ -435,7 +436,7 @@ fn of_an_absorber_in_a_surface_the_first_in_the_list_is_met() {
         for side in [-8.0, 8.0] {
             let turn = if side < 0.0 { 0.0 } else { std::f64::consts::PI };
             let start = Frame { rotation: DMat3::from_rotation_x(turn), ..at(side) };
-            let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+            let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
             let emitters = vec![lamp(within(&frame, &start), beam, VACUUM)];
             let back = vec![screen("back", within(&frame, &at(1.1 * side)), 60.0, true)];
             let two = [mirror(frame, shape, 1.0), absorber(frame, shape)];
@@ -464,8 +465,8 @@ fn a_source_on_a_surface_leaves_it() {
                 let frame = random_frame(&mut draws);
                 let area = Outline::Rectangle { width: 1.0, height: 2.0 };
                 let kind = match i {
-                    0..6 => EmitterKind::Extended { area, half_angle: std::f64::consts::FRAC_PI_2 },
-                    _ => EmitterKind::Point { half_angle: 1.5 },
+                    0..6 => EmitterKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 }),
+                    _ => EmitterKind::Point(Point { half_angle: 1.5 }),
                 };
                 let surface = absorber(within(&frame, &place), shape);
                 let sky = Sensor {
@@ -488,7 +489,7 @@ fn doubled_facets_are_as_one() {
     let mut draws = Draws(15);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let read = [SHEET, DOUBLED_SHEET].map(|mesh| {
             let place = within(&frame, &at(2.0));
             let surfaces = vec![
@@ -511,7 +512,7 @@ fn long_thin_walls_do_not_leak() {
     for (i, precision) in [Precision::F32, Precision::F32, Precision::F64].into_iter().enumerate() {
         let frame = if i == 0 { at(0.0) } else { random_frame(&mut draws) };
         let tube = mirror(frame, Shape::Mesh(MeshId(TUBE)), 1.0);
-        let cone = EmitterKind::Point { half_angle: 0.5 };
+        let cone = EmitterKind::Point(Point { half_angle: 0.5 });
         let emitters = vec![lamp(within(&frame, &at(-499.5)), cone, VACUUM)];
         let ends = [("near", -500.0), ("far", 500.0)]
             .map(|(name, z)| screen(name, within(&frame, &at(z)), 1.001, true));
@@ -544,7 +545,7 @@ fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
     for precision in TWO_TIERS {
         let frame = random_frame(&mut draws);
         let bodies = face("bodies", frame, Shape::Mesh(MeshId(0)), GLASS, VACUUM);
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
         let mut ir = scene(vec![bodies], emitters, sensors);
@@ -566,7 +567,7 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
     let surfaces = vec![tile(-5.0), board, tile(5.0)];
     for (x, reflected) in [(-5.0, 1.0), (5.0, 0.0)] {
         let start = Frame { origin: DVec3::new(x, 0.0, -8.0), rotation: DMat3::IDENTITY };
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let emitters = vec![lamp(start, beam, VACUUM)];
         let sensors = vec![screen("back", at(-9.0), 60.0, true)];
         let ir = scene(surfaces.clone(), emitters, sensors);
@@ -582,9 +583,11 @@ fn far_fields_blur_nothing_near() {
         ..screen("sky", at(z), 1.0, false)
     };
     let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);
-    let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
-    let lamps =
-        vec![lamp(at(0.0), EmitterKind::Point { half_angle: 0.1 }, VACUUM), lamp(at(-3.0), beam, VACUUM)];
+    let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+    let lamps = vec![
+        lamp(at(0.0), EmitterKind::Point(Point { half_angle: 0.1 }), VACUUM),
+        lamp(at(-3.0), beam, VACUUM),
+    ];
     let sensors = vec![screen("back", at(-4.0), 60.0, true), sky(-50.0), sky(-50.0), sky(60.0)];
     for precision in TWO_TIERS {
         let traced = result(

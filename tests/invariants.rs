@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor,
+    Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling, SceneIr, Sensor,
     SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
@@ -185,7 +185,7 @@ fn the_host_and_the_device_add_up_the_same_bits() {
 fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
     const FAR: f64 = 2e5;
     let mut ir = zoo::load("bench_lens");
-    ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.01 };
+    ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.01 });
     ir.emitters[0].frame.origin = DVec3::new(FAR, 0.0, -100.0);
     ir.sensors[0].frame.origin = DVec3::new(FAR, 0.0, 0.0);
     let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("another detector") };
@@ -815,7 +815,7 @@ fn lamp_in_a_ball() -> SceneIr {
         emitters: vec![Emitter {
             name: "lamp".into(),
             frame: at(8.0),
-            kind: EmitterKind::Point { half_angle: std::f64::consts::PI },
+            kind: EmitterKind::Point(Point { half_angle: std::f64::consts::PI }),
             total_flux: 1.0,
             spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
             medium: 1,
@@ -931,7 +931,7 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
         let z = DVec3::new(0.0, 0.0, -outward);
         let rotation = DMat3::from_cols(DVec3::X, z.cross(DVec3::X), z);
         ir.emitters[0].frame = Frame { origin: -20.0 * z, rotation };
-        ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.0 };
+        ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.0 });
         ir.emitters[0].medium = 0;
         for precision in [Precision::F32, Precision::Df64, Precision::F64] {
             let options = zoo::options(1000, 5, precision);

@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Sampling, SceneIr,
-    Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface, unit_normal,
+    CollimatedTophat, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
+    Point, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface, unit_normal,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
@@ -59,12 +59,12 @@ fn lamp(frame: Frame, kind: EmitterKind) -> Emitter {
 
 /// A lamp that shines everywhere.
 fn bulb(x: f64, y: f64, z: f64) -> Emitter {
-    lamp(at(x, y, z), EmitterKind::Point { half_angle: PI })
+    lamp(at(x, y, z), EmitterKind::Point(Point { half_angle: PI }))
 }
 
 /// A lamp whose rays all go along its axis.
 fn laser(frame: Frame) -> Emitter {
-    lamp(frame, EmitterKind::Point { half_angle: 0.0 })
+    lamp(frame, EmitterKind::Point(Point { half_angle: 0.0 }))
 }
 
 fn screen(frame: Frame, size: f64) -> Sensor {
@@ -392,7 +392,8 @@ fn glass_cube(as_mesh: bool) -> SceneIr {
             axes.iter().enumerate().map(plate).collect()
         }
     };
-    let beam = lamp(at(0.0, 0.0, -10.0), EmitterKind::CollimatedTophat { aperture_radius: 3.0 });
+    let beam =
+        lamp(at(0.0, 0.0, -10.0), EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 }));
     let mut ir = scene(vec![cube(half)], surfaces, vec![beam, bulb(0.0, 3.0, -6.0)]);
     ir.sensors =
         vec![screen(at(0.0, 0.0, 9.0), 14.0), screen(facing(DVec3::new(8.0, 0.0, 0.0), DVec3::NEG_X), 12.0)];
@@ -465,7 +466,10 @@ fn a_fine_ball_of_glass_refracts_as_a_sphere_does() {
     let ball = |shape, front, back| {
         let mut ball = surface("ball", at(0.0, 0.0, 0.0), shape, Interaction::Refractive);
         (ball.front, ball.back) = (front, back);
-        let beam = lamp(at(0.0, 0.0, -20.0), EmitterKind::CollimatedTophat { aperture_radius: 5.0 });
+        let beam = lamp(
+            at(0.0, 0.0, -20.0),
+            EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 5.0 }),
+        );
         let mut ir = scene(vec![icosphere(6, 10.0)], vec![ball], vec![beam]);
         ir.sensors = vec![screen(at(0.0, 0.0, 12.0), 8.0)];
         zoo::trace(&ir, &zoo::options(100_000, 1, Precision::F64))

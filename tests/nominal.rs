@@ -9,8 +9,8 @@ mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
 use nsq_gpu::model::{
-    Annulus, Conic, EmitterKind, Frame, Frustum, Interaction, Outline, SceneIr, SensorKind, Shape, Spectrum,
-    Sphere, Surface,
+    Annulus, CollimatedGaussian, CollimatedTophat, Conic, EmitterKind, Frame, Frustum, Interaction, Outline,
+    Point, SceneIr, SensorKind, Shape, Spectrum, Sphere, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -241,7 +241,8 @@ fn so_do_scenes_in_tables() {
 fn so_do_rays_that_end_by_their_number_of_events() {
     let mut ir = zoo::load("bench_cavity");
     ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
         let options = TraceOptions { max_depth, ..options(precision) };
         let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
@@ -320,7 +321,7 @@ fn tinted_lens() -> SceneIr {
 fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
     let mut ir = tinted_lens();
     let mut lamp = ir.emitters[0].clone();
-    lamp.kind = EmitterKind::Point { half_angle: 1.2 };
+    lamp.kind = EmitterKind::Point(Point { half_angle: 1.2 });
     lamp.total_flux *= 0.003;
     lamp.medium = medium;
     ir.emitters.push(lamp);
@@ -540,7 +541,7 @@ fn ring_around_a_lens() -> SceneIr {
     let ring = Shape::Annulus(Annulus { inner_radius: 7.8, outer_radius: 40.0, z_offset: 0.0 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, 1.35), ring, DQuat::IDENTITY));
     let mut lamp = ir.emitters[0].clone();
-    lamp.kind = EmitterKind::CollimatedTophat { aperture_radius: 0.05 };
+    lamp.kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.05 });
     lamp.frame.origin = DVec3::new(7.72, 0.0, 1.42);
     lamp.total_flux *= 0.003;
     ir.emitters.push(lamp);
@@ -625,7 +626,8 @@ fn a_path_that_all_rays_stray_from_is_left() {
 fn errors_in_the_log_of_places_are_seen() {
     let mut ir = zoo::load("bench_cavity");
     ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     for [right, wrong] in [
@@ -663,7 +665,7 @@ fn rays_that_are_focused_on_an_edge_of_pixels_do_not_stray() {
     ir.surfaces[0].shape =
         Shape::Conic(Conic { curvature: -1.0 / 200.0, conic: -1.0, aperture_radius: 20.0 });
     ir.surfaces[0].frame.origin = DVec3::new(0.0, 0.0, 100.0);
-    ir.emitters[0].kind = EmitterKind::CollimatedTophat { aperture_radius: 6.0 };
+    ir.emitters[0].kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 6.0 });
     ir.emitters[0].frame.origin = DVec3::new(10.0, 0.0, -10.0);
     ir.sensors[0].frame.origin.z = 0.0;
     if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
@@ -778,7 +780,8 @@ struct Rare {
 
 fn gaussian_lens(sigma: f64) -> SceneIr {
     let mut ir = zoo::load("bench_lens");
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 30.0, sigma };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 30.0, sigma });
     ir
 }
 
@@ -799,7 +802,8 @@ fn tube_around_a_beam_aslant() -> Rare {
     let mut ir = zoo::load("bench_lens");
     let tube = Shape::Frustum(Frustum { r_front: 7.0, r_back: 6.0, z_front: -40.0, z_back: 5.0 });
     ir.surfaces = vec![speck(DVec3::ZERO, tube, DQuat::IDENTITY)];
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 });
     ir.emitters[0].frame = Frame { origin: DVec3::ZERO, rotation: DMat3::from_rotation_y(0.25) };
     ir.sensors[0].frame.origin.z = 60.0;
     Rare { ir, step: 0, primitive: 0, spared: "inside, to the exit", always: NEVER_INSIDE }
@@ -808,7 +812,7 @@ fn tube_around_a_beam_aslant() -> Rare {
 /// The same with a weak source whose rays go the other way, far enough to meet it.
 fn tube_around_two_beams() -> Rare {
     let mut rare = tube_around_a_beam_aslant();
-    rare.ir.emitters[0].kind = EmitterKind::CollimatedTophat { aperture_radius: 2.0 };
+    rare.ir.emitters[0].kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 });
     let mut back = rare.ir.emitters[0].clone();
     back.frame.rotation = DMat3::from_rotation_y(std::f64::consts::PI - 0.25);
     back.total_flux *= 0.003;
@@ -844,7 +848,7 @@ fn bowl_met_again() -> Rare {
         let comes = direction.reflect(at.normalize());
         let rotation = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, comes));
         let mut emitter = rare.ir.emitters[0].clone();
-        emitter.kind = EmitterKind::CollimatedTophat { aperture_radius: 0.3 };
+        emitter.kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.3 });
         emitter.frame = Frame { origin: place - 5.0 * comes, rotation };
         emitter
     };
@@ -881,7 +885,8 @@ fn mirror_met_again() -> Rare {
     mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
     mirror.back = mirror.front;
     ir.surfaces = vec![mirror];
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 });
     ir.emitters[0].frame.origin = DVec3::new(0.0, -6.5, 0.0);
     ir.sensors[0].frame.origin.z = -1.0;
     if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
@@ -900,7 +905,7 @@ fn bowl_met_from_the_side() -> Rare {
     rare.ir.surfaces[0].frame.origin = DVec3::ZERO;
     rare.ir.surfaces[0].interaction = Interaction::Absorbing;
     rare.ir.media[0].k.fill(1e-6);
-    rare.ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.1005 };
+    rare.ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.1005 });
     let aside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2 - 0.1);
     rare.ir.emitters[0].frame = Frame { origin: DVec3::new(-60.0, 0.0, 10.0), rotation: aside };
     rare.ir.sensors[0].frame.origin.z = -30.0;

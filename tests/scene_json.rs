@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::model::{
-    Conic, EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Sphere, Splat,
+    CollimatedGaussian, Conic, EmitterKind, Interaction, Outline, Point, ReflectProb, SceneIr, SensorKind,
+    Shape, Sphere, Splat,
 };
 use nsq_gpu::scene::Scene;
 
@@ -67,12 +68,15 @@ fn reads_a_scene_as_optiland_writes_it() {
 fn sources_carry_optilands_numbers() {
     let ir = lowered(SCENE);
     let beam = &ir.emitters[0];
-    assert_eq!(beam.kind, EmitterKind::CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 });
+    assert_eq!(
+        beam.kind,
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 })
+    );
     assert_eq!((beam.total_flux, beam.medium), (2.0, SceneIr::VACUUM));
     // The user's order of wavelengths, as indices into the ascending table.
     assert_eq!(beam.spectrum.wavelengths, [2, 0, 1]);
     assert_eq!(beam.spectrum.cdf, [0.25, 0.75, 1.0]);
-    assert_eq!(ir.emitters[1].kind, EmitterKind::Point { half_angle: std::f64::consts::PI });
+    assert_eq!(ir.emitters[1].kind, EmitterKind::Point(Point { half_angle: std::f64::consts::PI }));
     assert_eq!(ir.emitters[1].spectrum.wavelengths, [1]);
 }
 

@@ -12,7 +12,7 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::model::{
     Annulus, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, MeshId, Outline, PixelGrid,
-    ReflectProb, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
+    Point, ReflectProb, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
@@ -84,7 +84,7 @@ fn scene(surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
     let lamp = Emitter {
         name: "lamp".into(),
         frame: at(0.5, 0.25, 0.0),
-        kind: EmitterKind::Point { half_angle: 3.15 },
+        kind: EmitterKind::Point(Point { half_angle: 3.15 }),
         total_flux: 1.0,
         spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
         medium: 0,

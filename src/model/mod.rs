@@ -6,15 +6,21 @@
 //! is a list of discrete wavelengths.
 
 mod bsdf;
+pub(crate) mod checks;
+mod list;
 pub(crate) mod mesh;
 pub mod ray_id;
 pub mod shapes;
+pub mod sources;
 
 pub use crate::model::bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
+pub use crate::model::sources::{
+    CollimatedGaussian, CollimatedTophat, EmitterKind, EmitterName, Extended, Point,
+};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].
@@ -118,49 +124,6 @@ pub struct Emitter {
     pub spectrum: Spectrum,
     /// Medium that the rays are born in.
     pub medium: MediumId,
-}
-
-/// Kinds of sources.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum EmitterKind {
-    /// Rays from one point, uniform in solid angle within a cap about local +z.
-    Point {
-        /// Half-angle of the cap \[rad\], up to pi.
-        half_angle: f64,
-    },
-    /// Parallel rays along local +z from a disk, uniform.
-    CollimatedTophat {
-        /// Disk radius \[mm\].
-        aperture_radius: f64,
-    },
-    /// Parallel rays along local +z from a disk, Gaussian and truncated at the rim.
-    CollimatedGaussian {
-        /// Disk radius \[mm\].
-        aperture_radius: f64,
-        /// Standard deviation of x and of y before truncation \[mm\].
-        sigma: f64,
-    },
-    /// Rays from an area at local z = 0; uniform in a cap below 90 degrees of half-angle, else Lambertian.
-    Extended {
-        /// The emitting area: a rectangle or a disk.
-        area: Outline,
-        /// Half-angle of the cap \[rad\].
-        half_angle: f64,
-    },
-}
-
-impl EmitterKind {
-    /// Where rays are born, in the plane local z = 0; of a point source, a disk without an extent.
-    pub fn births(&self) -> Outline {
-        match *self {
-            EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
-            EmitterKind::CollimatedTophat { aperture_radius }
-            | EmitterKind::CollimatedGaussian { aperture_radius, .. } => {
-                Outline::Disk { radius: aperture_radius }
-            }
-            EmitterKind::Extended { area, .. } => area,
-        }
-    }
 }
 
 /// A discrete spectrum.

@@ -1,7 +1,7 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
 use crate::model::{
-    EmitterKind, Interaction, Medium, Outline, ReflectProb, SceneIr, SensorKind, ShapeKind, Splat, Surface,
+    EmitterName, Interaction, Medium, ReflectProb, SceneIr, SensorKind, ShapeKind, Splat, Surface,
 };
 use crate::program::df64;
 use crate::program::layout::bsdf::{self, BsdfKind};
@@ -98,45 +98,6 @@ pub struct Features {
     pub emitters: Vec<EmitterName>,
 }
 
-/// Emitter functions of the shaders.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum EmitterName {
-    /// shaders/sources/point.wgsl
-    Point,
-    /// shaders/sources/collimated_tophat.wgsl
-    CollimatedTophat,
-    /// shaders/sources/collimated_gaussian.wgsl
-    CollimatedGaussian,
-    /// shaders/sources/extended_rectangle.wgsl
-    ExtendedRectangle,
-    /// shaders/sources/extended_disk.wgsl
-    ExtendedDisk,
-}
-
-impl EmitterName {
-    /// The name in the shaders.
-    pub fn name(self) -> &'static str {
-        match self {
-            EmitterName::Point => "point",
-            EmitterName::CollimatedTophat => "collimated_tophat",
-            EmitterName::CollimatedGaussian => "collimated_gaussian",
-            EmitterName::ExtendedRectangle => "extended_rectangle",
-            EmitterName::ExtendedDisk => "extended_disk",
-        }
-    }
-
-    /// The function that emits this kind of source.
-    pub fn of(kind: &EmitterKind) -> Self {
-        match kind {
-            EmitterKind::Point { .. } => EmitterName::Point,
-            EmitterKind::CollimatedTophat { .. } => EmitterName::CollimatedTophat,
-            EmitterKind::CollimatedGaussian { .. } => EmitterName::CollimatedGaussian,
-            EmitterKind::Extended { area: Outline::Disk { .. }, .. } => EmitterName::ExtendedDisk,
-            EmitterKind::Extended { .. } => EmitterName::ExtendedRectangle,
-        }
-    }
-}
-
 impl Features {
     /// Derives the features of a scene whose emitters' rays are born with these weights, with roulette below
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
@@ -144,7 +105,7 @@ impl Features {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let primitives = tables::primitives(ir);
         let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
-        let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| EmitterName::of(&e.kind)).collect();
+        let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| e.kind.kind()).collect();
         emitters.sort();
         emitters.dedup();
         let reflectances = || {

@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::model::shapes;
-use crate::model::{EmitterKind, Frame, Interaction, Mesh, Outline, Shape, area_vector};
+use crate::model::{Frame, Interaction, Mesh, Outline, Shape, area_vector};
 use crate::scene::frame::frame_of;
 use crate::scene::json::{SceneFile, Source};
 use crate::scene::lower::{emitter_kind, sensor};
@@ -40,13 +40,8 @@ fn births_in_faces(
     const ANGLE: f64 = 1e-9;
     let kind = emitter_kind(source);
     let frame = frame_of(source.cs());
-    let (is_point, half_angle, outline) = match kind {
-        EmitterKind::Point { half_angle } => (true, half_angle, Outline::Disk { radius: POINT }),
-        EmitterKind::Extended { half_angle, .. } => (false, half_angle, kind.births()),
-        EmitterKind::CollimatedTophat { .. } | EmitterKind::CollimatedGaussian { .. } => {
-            (false, 0.0, kind.births())
-        }
-    };
+    let half_angle = kind.half_angle();
+    let outline = if kind.is_point() { Outline::Disk { radius: POINT } } else { kind.births() };
     let flat = Flat::new(source.name(), frame, outline, 0.0);
     surfaces.iter().find_map(|surface| {
         let divides = match surface.interaction {
@@ -55,7 +50,7 @@ fn births_in_faces(
             Interaction::Absorbing => false,
         };
         let face = Face::of(surface, meshes);
-        let normal = if is_point { face.normal_at(frame.origin)? } else { face.normal_under(&flat)? };
+        let normal = if kind.is_point() { face.normal_at(frame.origin)? } else { face.normal_under(&flat)? };
         let rise = normal.normalize().dot(frame.rotation.z_axis);
         let crosses = half_angle > FRAC_PI_2 + ANGLE || rise.abs() < half_angle.sin() - ANGLE;
         if divides && crosses {

@@ -1,5 +1,6 @@
 //! Compound components -> surfaces, as Optiland builds them: names, order, media, frames.
 
+use crate::model::shapes::conic::curvature;
 use crate::model::{Annulus, Conic, Frame, Frustum, Shape};
 use crate::scene::frame::{frame_of, shifted};
 use crate::scene::json::{
@@ -23,11 +24,6 @@ pub(super) struct Part {
     pub reflectance: Option<f64>,
     pub front: Material,
     pub back: Material,
-}
-
-/// The curvature of a radius \[1/mm\]; 0 and infinity both mean flat.
-pub(super) fn curvature(radius: f64) -> f64 {
-    if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius }
 }
 
 impl Component {

@@ -9,7 +9,7 @@
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::shapes::Level;
-use crate::model::{Bsdf, EmitterKind, Frame, Interaction, Sampling, SceneIr, Sensor, SensorKind, Surface};
+use crate::model::{Bsdf, Frame, Interaction, Sampling, SceneIr, Sensor, SensorKind, Surface};
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
@@ -285,14 +285,9 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
 fn birth_roundings(ir: &SceneIr, birth: &PathEvent) -> f64 {
     let PathEventKind::Birth(index) = birth.kind else { return 1.0 };
     let emitter = &ir.emitters[index];
-    match emitter.kind {
-        EmitterKind::Extended { half_angle, .. } if half_angle >= FRAC_PI_2 => {
-            lambertian_roundings(DVec3::from_array(birth.ray.direction), emitter.frame.rotation.z_axis)
-        }
-        EmitterKind::Point { .. }
-        | EmitterKind::CollimatedTophat { .. }
-        | EmitterKind::CollimatedGaussian { .. }
-        | EmitterKind::Extended { .. } => 1.0,
+    match emitter.kind.is_lambertian() {
+        true => lambertian_roundings(DVec3::from_array(birth.ray.direction), emitter.frame.rotation.z_axis),
+        false => 1.0,
     }
 }
 

@@ -1,8 +1,8 @@
 //! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
 
 use nsq_gpu::model::{
-    Annulus, Bsdf, Conic, Emitter, EmitterKind, Frustum, Outline, Sensor, SensorKind, Shape, Sphere, Splat,
-    Surface,
+    Annulus, Bsdf, CollimatedGaussian, CollimatedTophat, Conic, Emitter, EmitterKind, Extended, Frustum,
+    Outline, Point, Sensor, SensorKind, Shape, Sphere, Splat, Surface,
 };
 
 /// Every kind of source.
@@ -55,12 +55,14 @@ pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
 /// The kind of a source, of [`SOURCES`].
 pub fn of_source(emitter: &Emitter) -> &'static str {
     match emitter.kind {
-        EmitterKind::Point { half_angle } if half_angle < std::f64::consts::PI => "point in a cone",
-        EmitterKind::Point { .. } => "point in all directions",
-        EmitterKind::CollimatedTophat { .. } => "top hat",
-        EmitterKind::CollimatedGaussian { .. } => "Gaussian beam",
-        EmitterKind::Extended { area: Outline::Rectangle { .. }, .. } => "extended rectangle",
-        EmitterKind::Extended { area: Outline::Disk { .. } | Outline::Infinite, .. } => "extended disk",
+        EmitterKind::Point(Point { half_angle }) if half_angle < std::f64::consts::PI => "point in a cone",
+        EmitterKind::Point(Point { .. }) => "point in all directions",
+        EmitterKind::CollimatedTophat(CollimatedTophat { .. }) => "top hat",
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { .. }) => "Gaussian beam",
+        EmitterKind::Extended(Extended { area: Outline::Rectangle { .. }, .. }) => "extended rectangle",
+        EmitterKind::Extended(Extended { area: Outline::Disk { .. } | Outline::Infinite, .. }) => {
+            "extended disk"
+        }
     }
 }
 

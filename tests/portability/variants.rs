@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Annulus, Bsdf, BsdfTable, Coating, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium,
-    Mesh, MeshId, Outline, PixelGrid, ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape,
-    Spectrum, Sphere, Splat, Surface,
+    Annulus, Bsdf, BsdfTable, Coating, CollimatedGaussian, CollimatedTophat, Conic, Emitter, EmitterKind,
+    Extended, Frame, Frustum, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb,
+    Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::layout::bsdf::BsdfKind;
 use nsq_gpu::program::{
@@ -438,7 +438,7 @@ impl Default for Variant {
             media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
             surfaces: vec![],
             meshes: vec![],
-            emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
+            emitters: vec![emitter(EmitterKind::Point(Point { half_angle: 0.5 }), 1)],
             sensors: vec![],
             sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
@@ -551,14 +551,18 @@ fn tetrahedron() -> Mesh {
 pub fn emitter_of(name: EmitterName) -> EmitterKind {
     let rectangle = Outline::Rectangle { width: 3.0, height: 4.0 };
     let kind = match name {
-        EmitterName::Point => EmitterKind::Point { half_angle: 0.5 },
-        EmitterName::CollimatedTophat => EmitterKind::CollimatedTophat { aperture_radius: 2.0 },
-        EmitterName::CollimatedGaussian => {
-            EmitterKind::CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 }
+        EmitterName::Point => EmitterKind::Point(Point { half_angle: 0.5 }),
+        EmitterName::CollimatedTophat => {
+            EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 })
         }
-        EmitterName::ExtendedRectangle => EmitterKind::Extended { area: rectangle, half_angle: 0.5 },
+        EmitterName::CollimatedGaussian => {
+            EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 })
+        }
+        EmitterName::ExtendedRectangle => {
+            EmitterKind::Extended(Extended { area: rectangle, half_angle: 0.5 })
+        }
         EmitterName::ExtendedDisk => {
-            EmitterKind::Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 }
+            EmitterKind::Extended(Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 })
         }
     };
     assert_eq!(EmitterName::of(&kind), name);

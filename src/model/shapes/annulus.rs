@@ -1,11 +1,15 @@
 //! A flat ring: rims of lenses, baffles, stops.
 
+use crate::Result;
+use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Extent, Flat, Geometry, Normal, Outline, Quadric, ShapeKind, ShapeWgsl, Slab, ring_samples,
+    Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
     section_between,
 };
 use glam::{DVec2, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The ring.
 pub const ANNULUS: ShapeWgsl = ShapeWgsl {
@@ -16,14 +20,35 @@ pub const ANNULUS: ShapeWgsl = ShapeWgsl {
 };
 
 /// The ring inner_radius <= r <= outer_radius at z = z_offset, its normal along z.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Annulus {
     /// Radius of the hole \[mm\].
     pub inner_radius: f64,
     /// Radius of the rim \[mm\].
     pub outer_radius: f64,
-    /// Position of the ring along local z \[mm\].
+    /// Position along local z \[mm\].
+    #[serde(default)]
     pub z_offset: f64,
+}
+
+/// In a scene file the same.
+pub type Written = Annulus;
+
+impl Entry for Annulus {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::between(at("inner_radius"), self.inner_radius, 0.0, checks::MAX_LENGTH)?;
+        checks::size(at("outer_radius"), self.outer_radius)?;
+        checks::position(at("z_offset"), self.z_offset)?;
+        if self.inner_radius < self.outer_radius {
+            return Ok(());
+        }
+        checks::refuse(at("outer_radius"), "the ring is empty", "give inner_radius < outer_radius")
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        Ok(Shape::Annulus(*self))
+    }
 }
 
 impl Geometry for Annulus {

@@ -1,11 +1,15 @@
 //! A conic of revolution: spheres, paraboloids, hyperboloids and ellipsoids as faces of lenses and mirrors.
 
+use crate::Result;
+use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
+    Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
     section_between,
 };
 use glam::{DVec2, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The curved conic; a flat one is drawn by [`crate::model::shapes::plane::DISK`].
 pub const CONIC: ShapeWgsl = ShapeWgsl {
@@ -14,6 +18,11 @@ pub const CONIC: ShapeWgsl = ShapeWgsl {
     num_arguments: 3,
     normal: Normal::Quadric(|a| format!("conic_quadric({}, {})", a[0], a[1])),
 };
+
+/// The curvature of a radius \[1/mm\]; 0 and infinity both mean flat.
+pub fn curvature(radius: f64) -> f64 {
+    if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius }
+}
 
 /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) for r <= aperture_radius, its normal along z at the vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +50,32 @@ impl Conic {
     /// Where the sheet through the vertex ends, or infinity \[mm\].
     pub fn widest(&self) -> f64 {
         1.0 / (self.curvature.abs() * (1.0 + self.conic).max(0.0).sqrt())
+    }
+}
+
+/// A conic in a scene file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Written {
+    /// Vertex radius \[mm\].
+    pub radius: f64,
+    /// Conic constant.
+    #[serde(default)]
+    pub conic: f64,
+    /// Semi-diameter \[mm\].
+    pub aperture_radius: f64,
+}
+
+impl Entry for Written {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::radius(at("radius"), self.radius)?;
+        checks::conic_constant(at("conic"), self.conic)?;
+        checks::size(at("aperture_radius"), self.aperture_radius)
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        let Written { radius, conic, aperture_radius } = *self;
+        Ok(Shape::Conic(Conic { curvature: curvature(radius), conic, aperture_radius }))
     }
 }
 

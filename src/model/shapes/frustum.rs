@@ -1,10 +1,14 @@
 //! A cone or a cylinder without its ends: edges of lenses, tubes, light guides.
 
+use crate::Result;
+use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
+    Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
 };
 use glam::{DVec2, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The cone.
 pub const FRUSTUM: ShapeWgsl = ShapeWgsl {
@@ -18,7 +22,8 @@ pub const FRUSTUM: ShapeWgsl = ShapeWgsl {
 const FARTHEST_APEX: f64 = 8.0;
 
 /// The cone or cylinder of radius r_front at z_front and r_back at z_back, its normal outward.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Frustum {
     /// Radius at z_front \[mm\].
     pub r_front: f64,
@@ -46,6 +51,28 @@ impl Frustum {
     fn at(&self, share: f64) -> (f64, f64) {
         let Frustum { r_front, r_back, z_front, z_back } = *self;
         (r_front + share * (r_back - r_front), z_front + share * (z_back - z_front))
+    }
+}
+
+/// In a scene file the same.
+pub type Written = Frustum;
+
+impl Entry for Frustum {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        let Frustum { r_front, r_back, z_front, z_back } = *self;
+        checks::between(at("r_front"), r_front, 0.0, checks::MAX_LENGTH)?;
+        checks::between(at("r_back"), r_back, 0.0, checks::MAX_LENGTH)?;
+        checks::size(at("r_front"), r_front.max(r_back))?;
+        checks::position(at("z_front"), z_front)?;
+        checks::position(at("z_back"), z_back)?;
+        if z_front < z_back {
+            return Ok(());
+        }
+        checks::refuse(at("z_back"), "the frustum has no height", "give z_front < z_back")
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        Ok(Shape::Frustum(*self))
     }
 }
 

@@ -1,8 +1,11 @@
 //! A triangle mesh of the scene, where a surface places it.
 
 use crate::model::mesh::Mesh;
-use crate::model::shapes::{Extent, Geometry, Normal, ShapeKind, ShapeWgsl};
+use crate::model::shapes::{Entry, Extent, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::{Error, Result};
 use glam::DVec3;
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The mesh, by the root of the tree over its triangles.
 pub const MESH: ShapeWgsl = ShapeWgsl {
@@ -16,6 +19,33 @@ pub const MESH: ShapeWgsl = ShapeWgsl {
 /// counter-clockwise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshId(pub usize);
+
+/// A mesh in a scene file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Written {
+    /// File, relative to the scene file.
+    #[serde(default)]
+    pub path: Option<String>,
+    /// Vertices \[mm\].
+    #[serde(default)]
+    pub vertices: Option<Vec<[f64; 3]>>,
+    /// Indices into the vertices, counter-clockwise seen from outside.
+    #[serde(default)]
+    pub faces: Option<Vec<[u32; 3]>>,
+}
+
+impl Entry for Written {
+    /// It is checked where it is read.
+    fn check(&self, _: &dyn Fn(&str) -> String) -> Result<()> {
+        Ok(())
+    }
+
+    fn shape(&self, place: &str, mesh: Option<usize>) -> Result<Shape> {
+        let mesh = mesh.ok_or_else(|| Error::Internal(format!("the mesh at {place} was not read")))?;
+        Ok(Shape::Mesh(MeshId(mesh)))
+    }
+}
 
 impl Geometry for MeshId {
     fn kind(&self) -> ShapeKind {

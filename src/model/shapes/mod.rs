@@ -7,7 +7,6 @@ pub mod annulus;
 pub mod conic;
 mod extent;
 pub mod frustum;
-mod list;
 pub mod mesh;
 pub mod plane;
 mod quadric;
@@ -24,23 +23,58 @@ pub use crate::model::shapes::plane::Outline;
 pub use crate::model::shapes::quadric::{Level, Quadric};
 pub use crate::model::shapes::sphere::Sphere;
 
+use crate::Result;
+use crate::model::list::kinds;
 use crate::model::mesh::Mesh;
-use crate::model::shapes::list::shapes;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
-shapes! {
+/// Makes `Shape`, `ShapeKind` and `Written` of the list.
+macro_rules! list {
+    ($($list:tt)+) => {
+        kinds! { Shape: Geometry, functions ShapeKind: ShapeWgsl; $($list)+ }
+        written! { $($list)+ }
+    };
+}
+
+/// Makes the enum of what scene files have: each file's `Written`.
+macro_rules! written {
+    ($(
+        $(#[doc = $doc:literal])+
+        $(#[cfg($cfg:meta)])?
+        $name:ident($file:ident::$type:ident) by $($(#[$function_cfg:meta])? $function:ident = $text:ident),+;
+    )+) => {
+        /// A shape as a scene file gives it, by its `type`. The geometric normal points local +z for conic, plane and
+        /// annulus, inward for a sphere, outward for a frustum, and along the face normal for a mesh.
+        #[derive(Debug, Clone, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(rename_all = "snake_case")]
+        #[schemars(tag = "type", rename = "Shape")]
+        pub enum Written {
+            $($(#[doc = $doc])+ $(#[cfg($cfg)])? $name($file::Written),)+
+        }
+
+        impl Written {
+            fn entry(&self) -> &dyn Entry {
+                match self {
+                    $($(#[cfg($cfg)])? Written::$name(written) => written,)+
+                }
+            }
+        }
+    };
+}
+
+list! {
     /// A conic of revolution.
     Conic(conic::Conic) by Conic = CONIC;
-    /// A plane: unlimited, a rectangle or a disk.
+    /// A plane: a rectangle by width and height, a disk by aperture_radius, or unlimited.
     Plane(plane::Outline) by Plane = PLANE, Rectangle = RECTANGLE, Disk = DISK;
     /// A flat ring.
     Annulus(annulus::Annulus) by Annulus = ANNULUS;
     /// A cone or a cylinder without its ends.
     Frustum(frustum::Frustum) by Frustum = FRUSTUM;
-    /// A sphere.
+    /// A sphere about the local origin.
     Sphere(sphere::Sphere) by Sphere = SPHERE;
-    /// A triangle mesh of the scene.
+    /// A triangle mesh: from a file, or vertices and faces.
     Mesh(mesh::MeshId) by Mesh = MESH;
     /// A roof: the example of docs/adding-a-kind.md, which is no quadric.
     #[cfg(test)]
@@ -183,6 +217,33 @@ pub struct Flat {
     pub hole: f64,
     /// Its height \[mm\].
     pub z: f64,
+}
+
+/// What each file's `Written` does: the numbers of a shape as scene files have them.
+trait Entry {
+    /// Refuses numbers that no shape has. `at` gives the place of a key.
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
+
+    /// The shape; of a mesh, which is read elsewhere, by its place among the scene's meshes.
+    fn shape(&self, place: &str, mesh: Option<usize>) -> Result<Shape>;
+}
+
+impl Written {
+    /// Refuses numbers that no shape has; `at` gives the place of a key.
+    ///
+    /// # Errors
+    /// [`crate::Error::Scene`] with the place and a remedy.
+    pub fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        self.entry().check(at)
+    }
+
+    /// The shape that stands in a place of the scene file, with its place among the scene's meshes if it is one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Scene`] with the place and a remedy.
+    pub fn shape(&self, place: &str, mesh: Option<usize>) -> Result<Shape> {
+        self.entry().shape(place, mesh)
+    }
 }
 
 impl ShapeKind {

@@ -1,10 +1,14 @@
 //! A plane across the axis within an outline; also the plane of every detector.
 
+use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Extent, Flat, Geometry, Normal, Quadric, ShapeKind, ShapeWgsl, Slab, circle, ring_samples,
+    Entry, Extent, Flat, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, circle, ring_samples,
 };
+use crate::{Error, Result};
 use glam::DVec3;
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The plane without an end.
 pub const PLANE: ShapeWgsl = ShapeWgsl {
@@ -39,6 +43,43 @@ pub enum Outline {
         /// Radius \[mm\].
         radius: f64,
     },
+}
+
+/// A plane in a scene file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Written {
+    /// Full width \[mm\].
+    #[serde(default)]
+    pub width: Option<f64>,
+    /// Full height \[mm\].
+    #[serde(default)]
+    pub height: Option<f64>,
+    /// Radius \[mm\].
+    #[serde(default)]
+    pub aperture_radius: Option<f64>,
+}
+
+impl Entry for Written {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        let sizes =
+            [("width", self.width), ("height", self.height), ("aperture_radius", self.aperture_radius)];
+        sizes.into_iter().try_for_each(|(key, value)| value.map_or(Ok(()), |v| checks::size(at(key), v)))
+    }
+
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
+        // A disk wins over a rectangle, as in Optiland.
+        match (self.aperture_radius, self.width, self.height) {
+            (Some(radius), ..) => Ok(Shape::Plane(Outline::Disk { radius })),
+            (None, Some(width), Some(height)) => Ok(Shape::Plane(Outline::Rectangle { width, height })),
+            (None, None, None) => Ok(Shape::Plane(Outline::Infinite)),
+            (None, Some(_), None) | (None, None, Some(_)) => Err(Error::scene(
+                place,
+                "a rectangle needs both `width` and `height`",
+                "give both, or `aperture_radius` for a disk, or neither for an unlimited plane",
+            )),
+        }
+    }
 }
 
 impl Geometry for Outline {

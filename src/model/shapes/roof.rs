@@ -1,8 +1,12 @@
 //! A roof, the example of docs/adding-a-kind.md: a shape that is neither a quadric nor of revolution. Tests alone have it.
 
+use crate::Result;
+use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shapes::{Extent, Geometry, Level, Normal, ShapeKind, ShapeWgsl};
+use crate::model::shapes::{Entry, Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
 use glam::{DMat3, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The roof.
 pub const ROOF: ShapeWgsl = ShapeWgsl {
@@ -13,7 +17,8 @@ pub const ROOF: ShapeWgsl = ShapeWgsl {
 };
 
 /// The two planes z = slope |x| where |x| <= width/2 and |y| <= height/2, the normal to the side of larger z.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Roof {
     /// Rise of each plane; 1 for a right angle between the planes.
     pub slope: f64,
@@ -28,6 +33,21 @@ impl Roof {
         let [x, y] = [0.5 * self.width, 0.5 * self.height];
         let z = self.slope * x;
         [-y, y].map(|y| [DVec3::new(-x, y, z), DVec3::new(0.0, y, 0.0), DVec3::new(x, y, z)])
+    }
+}
+
+/// In a scene file the same.
+pub type Written = Roof;
+
+impl Entry for Roof {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::between(at("slope"), self.slope, 0.0, 100.0)?;
+        checks::size(at("width"), self.width)?;
+        checks::size(at("height"), self.height)
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        Ok(Shape::Roof(*self))
     }
 }
 
@@ -69,7 +89,7 @@ impl Geometry for Roof {
 mod tests {
     use super::*;
     use crate::gpu::{AdapterChoice, Gpu};
-    use crate::model::{EmitterKind, SceneIr, Shape};
+    use crate::model::{EmitterKind, Point, SceneIr};
     use crate::program::Precision;
     use crate::program::geometry::contact::Contacts;
     use crate::result::Tally;
@@ -79,16 +99,14 @@ mod tests {
     fn retroreflector() -> SceneIr {
         let text = r#"{
             "nsq_schema_version": 1,
-            "components": [{"type": "mirror", "name": "M", "cs": {"z": 100.0},
-                "config": {"radius": Infinity, "reflectance": 0.9, "aperture_radius": 5.0}}],
             "sources": [{"type": "collimated", "name": "S", "cs": {"x": 2.5, "z": 120.0, "rx": 3.141592653589793},
                 "spectrum": {"wavelengths": [0.55], "weights": [1.0]}, "total_flux": 1.0, "aperture_radius": 0.4}],
             "detectors": [{"type": "irradiance", "name": "D", "cs": {"z": 130.0}, "width": 8.0, "height": 8.0,
-                "num_pixels_x": 8, "num_pixels_y": 1}]
+                "num_pixels_x": 8, "num_pixels_y": 1}],
+            "nsq_gpu": {"version": 1, "surfaces": [{"name": "R", "cs": {"z": 100.0}, "interaction": "reflective",
+                "reflectance": 0.9, "shape": {"type": "roof", "slope": 1.0, "width": 10.0, "height": 6.0}}]}
         }"#;
-        let mut ir = Scene::from_json(text).unwrap().lower().unwrap();
-        ir.surfaces[0].shape = Shape::Roof(Roof { slope: 1.0, width: 10.0, height: 6.0 });
-        ir
+        Scene::from_json(text).unwrap().lower().unwrap()
     }
 
     /// Tallies of 1000 rays by all ways in which shapes are searched, in all precisions.
@@ -125,7 +143,7 @@ mod tests {
     #[test]
     fn rays_leave_a_shape_that_is_no_quadric_where_they_are_born_on_it() {
         let mut ir = retroreflector();
-        ir.emitters[0].kind = EmitterKind::Point { half_angle: 1e-3 };
+        ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 1e-3 });
         ir.emitters[0].frame.origin = DVec3::new(2.3, 0.1, 102.3);
         ir.emitters[0].frame.rotation = DMat3::IDENTITY;
         let contacts = Contacts::of(&ir, DVec3::new(0.1, 0.2, 77.7), Precision::F32).unwrap();

@@ -1,10 +1,14 @@
 //! A sphere: ball lenses, integrating spheres.
 
+use crate::Result;
+use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{
-    Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
+    Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
 };
 use glam::{DVec2, DVec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// The sphere.
 pub const SPHERE: ShapeWgsl = ShapeWgsl {
@@ -18,11 +22,13 @@ pub const SPHERE: ShapeWgsl = ShapeWgsl {
 const UNLIMITED: f64 = 1e38;
 
 /// The sphere about the local origin, where r <= aperture_radius if one is given, its normal inward.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Sphere {
     /// Radius \[mm\].
     pub radius: f64,
     /// Limit of the distance from local z \[mm\].
+    #[serde(default)]
     pub aperture_radius: Option<f64>,
 }
 
@@ -30,6 +36,21 @@ impl Sphere {
     /// The largest distance from local z \[mm\].
     fn widest(&self) -> f64 {
         self.aperture_radius.map_or(self.radius, |aperture| aperture.min(self.radius))
+    }
+}
+
+/// In a scene file the same.
+pub type Written = Sphere;
+
+impl Entry for Sphere {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::size(at("radius"), self.radius)?;
+        // A limit beyond the radius limits nothing, as in Optiland.
+        self.aperture_radius.map_or(Ok(()), |radius| checks::size(at("aperture_radius"), radius))
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        Ok(Shape::Sphere(*self))
     }
 }
 

@@ -2,11 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::model::shapes::Quadric;
-use crate::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, SceneIr, Sensor, SensorKind, Shape, Splat,
-    Surface,
-};
-use crate::program::features::{self, EmitterName, Features};
+use crate::model::{Frame, Interaction, Medium, SceneIr, Sensor, SensorKind, Shape, Splat, Surface};
+use crate::program::features::{self, Features};
 use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bsdf;
 use crate::program::layout::records::Records;
@@ -20,6 +17,9 @@ const PRIMITIVES: u32 = 11;
 const CONTACTS: u32 = 16;
 /// Binding of the emitter of a dispatch.
 pub const EMITTER: u32 = 13;
+
+/// Columns for the numbers of shapes in every table of them.
+const SHAPE_ARGUMENTS: usize = 4;
 
 /// The sums that a trace keeps, as indices of cells.
 #[derive(Debug, Clone)]
@@ -231,9 +231,8 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
         records.uint("mesh", ir.surfaces.iter().map(|s| u32::from(s.shape.mesh().is_some())));
     }
     if features.has_own_normals() {
-        let shapes = || ir.surfaces.iter().map(|s| &s.shape);
-        records.uint("shape", shapes().map(|shape| shape.kind().code()));
-        put_arguments(&mut records, shapes());
+        records.uint("shape", ir.surfaces.iter().map(|s| s.shape.kind().code()));
+        put_arguments(&mut records, "a", SHAPE_ARGUMENTS, ir.surfaces.iter().map(|s| s.shape.arguments()));
     }
     records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
     records.uint("back", ir.surfaces.iter().map(|s| s.back as u32));
@@ -395,7 +394,7 @@ impl FacetTable {
 pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
     let mut records = Records::new("Emitter", "emitter", EMITTER);
     let emitters = &ir.emitters;
-    records.uint("kind", emitters.iter().map(|e| EmitterName::of(&e.kind) as u32));
+    records.uint("kind", emitters.iter().map(|e| e.kind.kind() as u32));
     records.uint("medium", emitters.iter().map(|e| e.medium as u32));
     let firsts = emitters.iter().scan(0, |next, e| {
         let first = *next;
@@ -406,10 +405,7 @@ pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records 
     records.uint("spectrum_count", emitters.iter().map(|e| e.spectrum.cdf.len() as u32));
     records.real("weight", weights.iter().copied());
     put_frames(&mut records, emitters.iter().map(|e| &e.frame), centre);
-    let arguments: Vec<[f64; 3]> = emitters.iter().map(emitter_arguments).collect();
-    for (i, name) in ["p0", "p1", "p2"].into_iter().enumerate() {
-        records.real(name, arguments.iter().map(|a| a[i]));
-    }
+    put_arguments(&mut records, "p", 3, emitters.iter().map(|e| e.kind.arguments()));
     records
 }
 
@@ -426,17 +422,16 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     let mut records = Records::new("Primitive", "primitive", PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
-    put_arguments(&mut records, primitives.iter().map(|(_, shape)| shape));
+    put_arguments(&mut records, "a", SHAPE_ARGUMENTS, primitives.iter().map(|(_, shape)| shape.arguments()));
     records
 }
 
-/// The numbers that shapes' functions take: a0, a1 and so on, as many as the shape with the most has, and at least 4.
-fn put_arguments<'a>(records: &mut Records, shapes: impl Iterator<Item = &'a Shape>) {
-    const LEAST: usize = 4;
-    let rows: Vec<Vec<f64>> = shapes.map(|shape| shape.arguments()).collect();
-    let num = rows.iter().map(Vec::len).fold(LEAST, usize::max);
+/// The numbers that functions of kinds take: as many columns as the row with the most has, and at least so many.
+fn put_arguments(records: &mut Records, name: &str, least: usize, rows: impl Iterator<Item = Vec<f64>>) {
+    let rows: Vec<Vec<f64>> = rows.collect();
+    let num = rows.iter().map(Vec::len).fold(least, usize::max);
     for i in 0..num {
-        records.real(&format!("a{i}"), rows.iter().map(|row| row.get(i).copied().unwrap_or(0.0)));
+        records.real(&format!("{name}{i}"), rows.iter().map(|row| row.get(i).copied().unwrap_or(0.0)));
     }
 }
 
@@ -553,29 +548,4 @@ impl Grid {
             },
         }
     }
-}
-
-/// p0, p1, p2 of shaders/emitters/.
-fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
-    match emitter.kind {
-        EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
-        EmitterKind::CollimatedTophat { aperture_radius } => [aperture_radius, 0.0, 0.0],
-        EmitterKind::CollimatedGaussian { aperture_radius, sigma } => [aperture_radius, sigma, 0.0],
-        EmitterKind::Extended { area, half_angle } => {
-            const LAMBERTIAN: f64 = -1.0;
-            let height =
-                if half_angle >= std::f64::consts::FRAC_PI_2 { LAMBERTIAN } else { cap_height(half_angle) };
-            match area {
-                Outline::Rectangle { width, height: area_height } => [width, area_height, height],
-                Outline::Disk { radius } => [radius, 0.0, height],
-                Outline::Infinite => [0.0, 0.0, height],
-            }
-        }
-    }
-}
-
-/// 1 - cos(half angle), without cancellation.
-fn cap_height(half_angle: f64) -> f64 {
-    let s = (half_angle / 2.0).sin();
-    2.0 * s * s
 }

@@ -319,7 +319,7 @@ impl Composition<'_> {
             }
         }
         files.extend(self.end_log.map(|log| log_file(log.form)));
-        files.extend(f.emitters.iter().map(|e| emitter_file(*e)));
+        files.extend(f.emitters.iter().map(|e| e.wgsl().text));
         files.extend(f.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         let optional = [
             (self.searches_facets(), shader!("geometry/facets.wgsl")),
@@ -903,17 +903,6 @@ impl Composition<'_> {
             ReflectProb::Constant(p) => literal(p, self.precision())?,
         };
         Ok(format!("fn reflect_probability(reflectance: real) -> real {{\n    return {probability};\n}}\n"))
-    }
-}
-
-fn emitter_file(kind: crate::program::features::EmitterName) -> &'static str {
-    use crate::program::features::EmitterName as E;
-    match kind {
-        E::Point => shader!("sources/point.wgsl"),
-        E::CollimatedTophat => shader!("sources/collimated_tophat.wgsl"),
-        E::CollimatedGaussian => shader!("sources/collimated_gaussian.wgsl"),
-        E::ExtendedRectangle => shader!("sources/extended_rectangle.wgsl"),
-        E::ExtendedDisk => shader!("sources/extended_disk.wgsl"),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
 
 use crate::model::shapes::{Geometry, circle};
-use crate::model::{EmitterKind, Frame as LocalFrame, Interaction, Mesh, SceneIr, SensorKind};
+use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr, SensorKind};
 use crate::result::PathColumns;
 use crate::viewer::app::App;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
@@ -105,11 +105,9 @@ impl Drawing {
             drawing.name(&curves, &sensor.name, plane);
         }
         for emitter in &ir.emitters {
-            let curves = match emitter.kind {
-                EmitterKind::Point { .. } => vec![vec![emitter.frame.origin]],
-                EmitterKind::CollimatedTophat { .. }
-                | EmitterKind::CollimatedGaussian { .. }
-                | EmitterKind::Extended { .. } => curves(&emitter.frame, &emitter.kind.births(), &[], plane),
+            let curves = match emitter.kind.is_point() {
+                true => vec![vec![emitter.frame.origin]],
+                false => curves(&emitter.frame, &emitter.kind.births(), &[], plane),
             };
             drawing.add(&curves, Kind::Source, plane);
             drawing.name(&curves, &emitter.name, plane);
