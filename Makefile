@@ -4,6 +4,7 @@
 # make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
+# make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
 # make test-drivers  the same bits from a second driver, SwiftShader, out of Debian's package chromium-common
 # make clean       removes what the others made
 #
@@ -37,7 +38,7 @@ BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
-.PHONY: demo bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers build adapter display rust-components clean
+.PHONY: demo docs bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
@@ -50,6 +51,14 @@ bench: fast-binary .venv/installed
 
 accuracy: fast-binary .venv/installed
 	@$(FAST_BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out $(ACCURACY_ARGS)
+
+# Links, so that an edited page is the page that is built. Every link then means the same on the site as in the repository.
+docs: .venv-docs/installed
+	rm -rf .docs && mkdir -p .docs/pages/scenes
+	ln -s $(abspath README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md docs benches examples) .docs/pages/
+	ln -s $(abspath scenes/README.md) .docs/pages/scenes/
+	.venv-docs/bin/mkdocs build --strict -f docs/mkdocs.yml
+	@echo "written: .docs/site/index.html"
 
 test: test-rust test-python
 
@@ -105,6 +114,9 @@ rust-components:
 .venv-torch/installed: python/requirements-torch.txt python/requirements.txt
 	@$(call python_environment,.venv-torch,$<)
 
+.venv-docs/installed: python/requirements-docs.txt
+	@$(call python_environment,.venv-docs,$<)
+
 # Unpacked, not installed: no other program finds the driver.
 .drivers/installed:
 	@command -v apt-get >/dev/null || { echo "SwiftShader is taken from a package of Debian" >&2; exit 1; }
@@ -114,7 +126,7 @@ rust-components:
 
 clean:
 	cargo clean
-	rm -rf demo-out bench-out accuracy-out .venv .venv-torch .drivers
+	rm -rf demo-out bench-out accuracy-out .venv .venv-torch .venv-docs .docs .drivers
 
 # $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
 python_environment = \

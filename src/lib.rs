@@ -24,6 +24,7 @@ pub mod count;
 pub mod engine;
 pub mod error;
 pub mod folders;
+pub mod format;
 pub mod gpu;
 pub mod mesa;
 #[warn(

@@ -11,6 +11,7 @@ mod zoo;
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::{EmitterKind, Extended, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
+use nsq_gpu::result::Tally;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
 /// Ways to draw reflection more often than it happens.
@@ -33,8 +34,11 @@ fn z(a: &[f64], b: &[f64]) -> f64 {
 
 /// The flux of every detector, in independent runs.
 fn fluxes(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f64>> {
-    let runs: Vec<nsq_gpu::TraceResult> =
-        seeds.map(|seed| zoo::result(ir, &zoo::options(num_rays, seed, Precision::F64))).collect();
+    let options = zoo::options(num_rays, 0, Precision::F64);
+    let runs: Vec<nsq_gpu::TraceResult> = zoo::trace_seeds(ir, &options, seeds)
+        .iter()
+        .map(|tally| zoo::result_of(ir, &options, tally))
+        .collect();
     let flux_of = |i: usize| runs.iter().map(|run| run.detectors[i].total_flux).collect();
     (0..ir.sensors.len()).map(flux_of).collect()
 }
@@ -65,16 +69,11 @@ fn importance_sampling_is_unbiased() {
 
 /// The weight of every pixel of every detector, in independent runs.
 fn pixels(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f64>> {
-    let runs: Vec<Vec<f64>> = seeds
-        .map(|seed| {
-            let tally = zoo::trace(ir, &zoo::options(num_rays, seed, Precision::F64));
-            tally
-                .sensors
-                .iter()
-                .flat_map(|sensor| sensor.quanta.iter().map(|&quanta| quanta as f64))
-                .collect()
-        })
-        .collect();
+    let quanta = |tally: &Tally| {
+        tally.sensors.iter().flat_map(|sensor| sensor.quanta.iter().map(|&quanta| quanta as f64)).collect()
+    };
+    let options = zoo::options(num_rays, 0, Precision::F64);
+    let runs: Vec<Vec<f64>> = zoo::trace_seeds(ir, &options, seeds).iter().map(quanta).collect();
     (0..runs[0].len()).map(|pixel| runs.iter().map(|run| run[pixel]).collect()).collect()
 }
 

@@ -18,9 +18,12 @@ use nsq_gpu::model::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
+use nsq_gpu::software::When;
+use nsq_gpu::software::profile::Profile;
 use nsq_gpu::trace::{RecordPaths, Strict};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use std::time::Duration;
+use zoo::forced::{Asked, Forced};
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 
@@ -44,17 +47,18 @@ const SCATTERING: [&str; 3] = ["scattering_telescope", "coated_projector", "opal
 
 /// Asserts that each of several ways to trace some rays gives the tally of the plain way, over the diverse scenes; of the
 /// precisions, ways and scenes take each in turn.
-fn assert_same_bits(num_rays: u64, changes: &[fn(&mut TraceOptions)]) {
+fn assert_same_bits(num_rays: u64, changes: &[fn(&mut Forced)]) {
     assert_same_bits_from(&TraceOptions { num_rays, ..TraceOptions::default() }, changes);
 }
 
 /// The same with options that all the ways share.
-fn assert_same_bits_from(base: &TraceOptions, changes: &[fn(&mut TraceOptions)]) {
+fn assert_same_bits_from(base: &impl Asked, changes: &[fn(&mut Forced)]) {
     for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
         let ir = zoo::load(name);
         for (k, precision) in PRECISIONS.into_iter().enumerate() {
             let in_turn = changes.iter().enumerate().filter(|(j, _)| (i + j + k) % 2 == 0);
-            let options = TraceOptions { seed: 11, precision, ..base.clone() };
+            let mut options = base.with(|_| ());
+            (options.seed, options.precision) = (11, precision);
             let mut plain = None;
             for (_, change) in in_turn {
                 let plain = plain.get_or_insert_with(|| zoo::trace(&ir, &options));
@@ -99,15 +103,17 @@ fn short_submissions_give_the_same_bits() {
             let options = TraceOptions {
                 num_rays,
                 standard_error: StandardError::Off,
-                host_sums: Some(host_sums),
-                nominal_path: Some(nominal_path && host_sums),
                 workgroup_size: 32,
                 events_per_dispatch: 3,
                 batch_size: Some(5000),
                 ..TraceOptions::default()
             };
+            let options = options.with(|choices| {
+                choices.host_sums = When::forced(host_sums);
+                choices.main_path = When::forced(nominal_path && host_sums);
+            });
             let plain = zoo::trace(&ir, &options);
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+            let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
             tracer.set_pass_time(Duration::ZERO);
             assert!(tracer.trace(|_| true).unwrap() == plain, "{name}, host_sums {host_sums}: other bits");
             let num = tracer.num_submissions();
@@ -164,8 +170,8 @@ fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
 
 #[test]
 fn the_host_and_the_device_add_up_the_same_bits() {
-    assert!(zoo::gpu().prefers_host_sums(), "lavapipe is a processor");
-    let booked = |options: &mut TraceOptions| options.host_sums = Some(false);
+    assert!(Profile::of(zoo::gpu()).host_sums, "lavapipe is a processor");
+    let booked = |options: &mut Forced| options.choices.host_sums = When::Never;
     assert_same_bits(3000, &[booked]);
     let base = TraceOptions { num_rays: 3000, standard_error: StandardError::On, ..TraceOptions::default() };
     assert_same_bits_from(&base, &[booked]);
@@ -193,8 +199,8 @@ fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
     let options =
         TraceOptions { standard_error: StandardError::Off, ..zoo::options(20_000, 1, Precision::F32) };
     let trace = |host_sums| {
-        let options = TraceOptions { host_sums: Some(host_sums), ..options.clone() };
-        Tracer::new(zoo::gpu(), &ir, &options).unwrap().trace(|_| true).unwrap()
+        let options = options.with(|choices| choices.host_sums = When::forced(host_sums));
+        options.tracer(zoo::gpu(), &ir).unwrap().trace(|_| true).unwrap()
     };
     assert!(trace(true) == trace(false), "other bits");
 }
@@ -203,13 +209,19 @@ fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
 fn any_number_of_rays_an_invocation_gives_the_same_bits() {
     let off = TraceOptions { num_rays: 3000, standard_error: StandardError::Off, ..TraceOptions::default() };
     for host_sums in [true, false] {
-        let base = TraceOptions { rays_per_invocation: Some(1), host_sums: Some(host_sums), ..off.clone() };
+        let base = off.with(|choices| {
+            choices.rays_per_invocation = Some(1);
+            choices.host_sums = When::forced(host_sums);
+        });
         assert_same_bits_from(
             &base,
             &[
-                |options| options.rays_per_invocation = Some(3),
-                |options| options.rays_per_invocation = Some(8),
-                |options| (options.rays_per_invocation, options.batch_size) = (Some(8), Some(700)),
+                |options| options.choices.rays_per_invocation = Some(3),
+                |options| options.choices.rays_per_invocation = Some(8),
+                |options| {
+                    options.choices.rays_per_invocation = Some(8);
+                    options.batch_size = Some(700);
+                },
             ],
         );
     }
@@ -218,21 +230,22 @@ fn any_number_of_rays_an_invocation_gives_the_same_bits() {
 #[test]
 fn an_invocation_follows_several_rays_where_none_outlives_it_and_loops_are_short() {
     let ir = zoo::load("bench_cavity");
-    let rays = |change: fn(&mut TraceOptions)| {
-        let mut options = zoo::options(3000, 1, Precision::F32);
-        (options.rays_per_invocation, options.standard_error) = (Some(8), StandardError::Off);
+    let rays = |change: fn(&mut Forced)| {
+        let mut options = zoo::options(3000, 1, Precision::F32).with(|c| c.rays_per_invocation = Some(8));
+        options.standard_error = StandardError::Off;
         (options.max_depth, options.events_per_dispatch) = (16, 16);
         change(&mut options);
-        let tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let tracer = options.tracer(zoo::gpu(), &ir).unwrap();
         tracer.program().options.rays_per_invocation(&tracer.program().features)
     };
     assert_eq!(rays(|_| ()), 8);
     assert_eq!(rays(|options| (options.max_depth, options.events_per_dispatch) = (64, 64)), 4, "256 events");
-    assert_eq!(rays(|options| options.rays_per_invocation = Some(0)), 1);
+    assert_eq!(rays(|options| options.choices.rays_per_invocation = Some(0)), 1);
     assert_eq!(rays(|options| options.events_per_dispatch = 3), 1, "rays wait in a queue");
     assert_eq!(rays(|options| options.baked = Some(false)), 1, "loops over tables");
     assert_eq!(rays(|options| options.standard_error = StandardError::On), 1, "visits are remembered");
-    assert_eq!(rays(|options| (options.num_rays, options.rays_per_invocation) = (255, None)), 1, "few rays");
+    let few = |options: &mut Forced| (options.num_rays, options.choices.rays_per_invocation) = (255, None);
+    assert_eq!(rays(few), 1, "few rays");
 }
 
 /// What a ray leaves on detectors that it passes is logged with where it ends: cells, taps, spectral bins, directions,
@@ -251,7 +264,7 @@ fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
         for precision in PRECISIONS {
             let options =
                 TraceOptions { standard_error: StandardError::Off, ..zoo::options(2000, 11, precision) };
-            let booked = zoo::trace(&ir, &TraceOptions { host_sums: Some(false), ..options.clone() });
+            let booked = zoo::trace(&ir, &options.on_device());
             let queued = TraceOptions { events_per_dispatch: 3, batch_size: Some(777), ..options.clone() };
             for logged in [&options, &queued] {
                 assert!(zoo::trace(&ir, logged) == booked, "{name} in {precision:?}: other bits, {logged:?}");
@@ -295,7 +308,7 @@ fn logs_of_32_bit_words_add_up_to_the_same_bits() {
         let ir = zoo::load(name);
         let options = zoo::options(2000, 11, Precision::F32);
         let [booked, logged] =
-            [false, true].map(|host| TraceOptions { host_sums: Some(host), ..options.clone() });
+            [false, true].map(|host| options.with(|choices| choices.host_sums = When::forced(host)));
         assert!(zoo::trace_on(gpu, &ir, &logged) == zoo::trace(&ir, &booked), "{name}: other bits");
     }
 }
@@ -308,13 +321,14 @@ fn absorbers_are_told_as_reached_in_every_form() {
     for precision in PRECISIONS {
         let plain = zoo::options(2000, 11, precision);
         for options in [
-            plain.clone(),
-            TraceOptions { host_sums: Some(false), ..plain.clone() },
-            TraceOptions { nominal_path: Some(true), ..plain.clone() },
-            TraceOptions { standard_error: StandardError::On, ..plain.clone() },
-            TraceOptions { sampler: Sampler::Sobol, standard_error: StandardError::On, ..plain.clone() },
-            TraceOptions { baked: Some(false), tree: Some(false), ..plain.clone() },
-            TraceOptions { baked: Some(false), tree: Some(true), ..plain },
+            plain.clone().into(),
+            plain.on_device(),
+            plain.with(|choices| choices.main_path = When::Always),
+            TraceOptions { standard_error: StandardError::On, ..plain.clone() }.into(),
+            TraceOptions { sampler: Sampler::Sobol, standard_error: StandardError::On, ..plain.clone() }
+                .into(),
+            TraceOptions { baked: Some(false), tree: Some(false), ..plain.clone() }.into(),
+            Forced::from(TraceOptions { baked: Some(false), tree: Some(true), ..plain }),
         ] {
             let surfaces = zoo::trace(&ir, &options).surfaces;
             let told: Vec<(bool, u64)> = surfaces.iter().map(|s| (s.reached, s.absorbed.count)).collect();
@@ -337,7 +351,7 @@ fn a_cavity_of_any_depth_has_the_same_bits_on_host_and_device() {
             TraceOptions { standard_error: StandardError::On, ..plain.clone() },
             TraceOptions { strict: Strict::Off, ..plain.clone() },
         ] {
-            let booked = TraceOptions { host_sums: Some(false), ..options.clone() };
+            let booked = options.on_device();
             assert!(zoo::trace(&ir, &options) == zoo::trace(&ir, &booked), "other bits: {options:?}");
         }
     }
@@ -358,19 +372,21 @@ fn pairs_of_32_bit_integers_give_the_same_bits_as_64_bit_ones() {
 }
 
 /// The options with a tracer's sums in 10 to 23 parts, which with a scene's other buffers are fewer than lavapipe binds.
-fn in_parts(whole: &Tracer, options: &TraceOptions) -> TraceOptions {
+fn in_parts(whole: &Tracer, options: &impl Asked) -> Forced {
     let bytes = whole.program().sums.all().map(|sums| sums.num_elements * sums.words.element_bytes());
     assert!(num_parts(whole) <= 3, "what fits is not cut");
-    TraceOptions { part_bytes: Some(bytes.sum::<u64>() / 10), ..options.clone() }
+    let mut cut = options.with(|_| ());
+    cut.part_bytes = Some(bytes.sum::<u64>() / 10);
+    cut
 }
 
 fn num_parts(tracer: &Tracer) -> usize {
     tracer.program().sums.all().map(|sums| sums.bindings.len()).sum()
 }
 
-fn assert_same_bits_in_parts(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) {
-    let mut whole = Tracer::new(gpu, ir, options).unwrap();
-    let mut cut = Tracer::new(gpu, ir, &in_parts(&whole, options)).unwrap();
+fn assert_same_bits_in_parts(gpu: &Gpu, ir: &SceneIr, options: &(impl Asked + std::fmt::Debug)) {
+    let mut whole = options.tracer(gpu, ir).unwrap();
+    let mut cut = in_parts(&whole, options).tracer(gpu, ir).unwrap();
     assert!(num_parts(&cut) >= 10);
     let [whole, cut] = [&mut whole, &mut cut].map(|tracer| tracer.trace(|_| true).unwrap());
     assert!(whole == cut, "other bits in parts with {options:?}");
@@ -378,25 +394,28 @@ fn assert_same_bits_in_parts(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) {
 
 #[test]
 fn sums_in_parts_are_the_same_bits_as_in_one() {
-    let changes: [fn(&mut TraceOptions); 5] = [
+    let changes: [fn(&mut Forced); 5] = [
         |_| (),
         |options| {
             options.standard_error = StandardError::On;
-            options.host_sums = Some(false);
+            options.choices.host_sums = When::Never;
         },
         |options| (options.baked, options.tree) = (Some(false), Some(false)),
         |options| {
             (options.events_per_dispatch, options.batch_size) = (2, Some(700));
             options.standard_error = StandardError::Off;
         },
-        |options| (options.host_sums, options.rays_per_invocation) = (Some(false), Some(7)),
+        |options| {
+            options.choices.host_sums = When::Never;
+            options.choices.rays_per_invocation = Some(7);
+        },
     ];
     for (i, name) in DIVERSE.into_iter().chain(SCATTERING).enumerate() {
         let ir = zoo::load(name);
         // Each scene in another precision, and with other integers, than the one before.
         let gpu = if i % 2 == 0 { zoo::gpu() } else { zoo::portable_gpu() };
         let precision = [Precision::F32, Precision::F64, Precision::Df64][i % 3];
-        let mut options = zoo::options(1000, 11, precision);
+        let mut options = Forced::from(zoo::options(1000, 11, precision));
         changes[i % 5](&mut options);
         assert_same_bits_in_parts(gpu, &ir, &options);
     }
@@ -440,11 +459,11 @@ fn a_wrong_part_is_noticed() {
     let ir = zoo::load("kaleidoscope");
     let options = TraceOptions {
         baked: Some(false),
-        host_sums: Some(false),
         standard_error: StandardError::Off,
         ..zoo::options(60_000, 11, Precision::F32)
-    };
-    let mut whole = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+    }
+    .on_device();
+    let mut whole = options.tracer(zoo::gpu(), &ir).unwrap();
     let cut = in_parts(&whole, &options);
     let plain = whole.trace(|_| true).unwrap();
     for (right, wrong) in WRONG_PARTS {

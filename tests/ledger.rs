@@ -10,7 +10,8 @@ mod zoo;
 use nsq_gpu::model::{Interaction, ReflectProb, Sampling, SceneIr, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
-use nsq_gpu::{Error, TraceOptions, Tracer};
+use nsq_gpu::{Error, TraceOptions};
+use zoo::forced::Asked;
 
 const POLICIES: [ReflectProb; 4] =
     [ReflectProb::Fresnel, ReflectProb::Auto, ReflectProb::Constant(0.3), ReflectProb::Constant(0.02)];
@@ -90,9 +91,8 @@ fn assert_cut_loops_are_refused(
     advice: &str,
     is_wrong: impl Fn(&Tally) -> bool,
 ) {
-    let trace = |edit: fn(String) -> String| {
-        Tracer::with_wgsl_edit(zoo::gpu(), ir, options, edit).unwrap().trace(|_| true)
-    };
+    let trace =
+        |edit: fn(String) -> String| options.tracer_with(zoo::gpu(), ir, edit).unwrap().trace(|_| true);
     match trace(|wgsl| wgsl) {
         Ok(tally) => assert!(!is_wrong(&tally), "a driver that cuts nothing"),
         Err(Error::Device(message)) => {

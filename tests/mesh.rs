@@ -219,8 +219,8 @@ fn edges_that_belong_to_no_triangle_are_noticed() {
     let half_open = edited(
         &ir,
         &options,
-        "let outside = min(u, min(v, w)) < 0.0",
-        "let outside = min(u, min(v, w)) <= 0.0",
+        "let outside = min(s.u, min(s.v, s.w)) < 0.0",
+        "let outside = min(s.u, min(s.v, s.w)) <= 0.0",
     );
     assert_ne!(half_open.escaped.count, 0);
 }

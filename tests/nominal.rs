@@ -15,11 +15,13 @@ use nsq_gpu::model::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::Tally;
+use nsq_gpu::software::When;
 use nsq_gpu::software::path::clearance::{Clearance, Sign};
 use nsq_gpu::software::path::main_path::{Crossing, NominalPath};
 use nsq_gpu::software::path::side_path::SidePath;
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use proptest::prelude::*;
+use zoo::forced::{Asked, Forced};
 
 fn options(precision: Precision) -> TraceOptions {
     TraceOptions {
@@ -27,31 +29,31 @@ fn options(precision: Precision) -> TraceOptions {
         seed: 5,
         precision,
         standard_error: StandardError::Off,
-        nominal_path: Some(false),
         ..TraceOptions::default()
     }
 }
 
 /// The tally, with the path that had a stage of its own.
-fn trace(ir: &SceneIr, options: &TraceOptions) -> (Tally, Option<NominalPath>) {
-    let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
+fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<NominalPath>) {
+    let mut tracer = options.tracer(zoo::gpu(), ir).unwrap();
     let tally = tracer.trace(|_| true).unwrap();
     (tally, tracer.program().nominal.clone())
 }
 
 /// Of each place that the path's rays log, how often they arrive there; none where they log entries.
-fn arrivals(ir: &SceneIr, options: &TraceOptions) -> Option<Vec<usize>> {
-    let tracer = Tracer::new(zoo::gpu(), ir, &with_nominal_path(options)).unwrap();
+fn arrivals(ir: &SceneIr, options: &impl Asked) -> Option<Vec<usize>> {
+    let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
     let log = tracer.program().path_log.as_ref()?;
     Some(log.places.iter().map(|place| place.arrivals.len()).collect())
 }
 
-fn with_nominal_path(options: &TraceOptions) -> TraceOptions {
-    TraceOptions { nominal_path: Some(true), side_paths: Some(true), ..options.clone() }
+/// Along the main path and all side paths.
+fn with_main_path(options: &impl Asked) -> Forced {
+    options.with(|choices| (choices.main_path, choices.side_paths) = (When::Always, When::Always))
 }
 
 /// Asserts that without this text of the shader the bits are others.
-fn assert_needed(text: &str, ir: &SceneIr, options: &TraceOptions, tally: &Tally) {
+fn assert_needed(text: &str, ir: &SceneIr, options: &impl Asked, tally: &Tally) {
     let without = zoo::edited(ir, options, text, "").trace(|_| true).unwrap();
     assert!(without != *tally, "{text}: no ray needs it");
 }
@@ -70,7 +72,7 @@ const SOME: [&str; 7] = [
 /// Asserts that a scene has the same bits with the stage; false if it cannot have one.
 fn has_same_bits(name: &str, options: &TraceOptions) -> bool {
     let ir = zoo::load(name);
-    let (tally, nominal) = trace(&ir, &with_nominal_path(options));
+    let (tally, nominal) = trace(&ir, &with_main_path(options));
     if nominal.is_some() {
         assert!(tally == trace(&ir, options).0, "{name} with {options:?}: other bits");
     }
@@ -103,10 +105,10 @@ fn so_do_invocations_of_one_ray_or_several() {
     for (i, name) in SOME.into_iter().enumerate() {
         let ir = zoo::load(name);
         let precision = [Precision::F32, Precision::F64][i % 2];
-        let rays = |num| TraceOptions { rays_per_invocation: Some(num), ..options(precision) };
+        let rays = |num| options(precision).with(|choices| choices.rays_per_invocation = Some(num));
         let alone = trace(&ir, &rays(1)).0;
         for num in [1, 3, 8] {
-            let (tally, nominal) = trace(&ir, &with_nominal_path(&rays(num)));
+            let (tally, nominal) = trace(&ir, &with_main_path(&rays(num)));
             assert!(nominal.is_some() && tally == alone, "{name}, {num} rays an invocation");
         }
     }
@@ -131,20 +133,14 @@ fn so_do_lanes_that_store_together() {
             (Precision::F64, 1, true),
             (Precision::F64, 3, false),
         ] {
-            let rays = TraceOptions {
-                num_rays,
-                max_depth,
-                batch_size: Some(2048),
-                rays_per_invocation: Some(rays_per_invocation),
-                ..options(precision)
-            };
+            let rays = TraceOptions { num_rays, max_depth, batch_size: Some(2048), ..options(precision) };
+            let rays = rays.with(|choices| choices.rays_per_invocation = Some(rays_per_invocation));
             assert_eq!(arrivals(ir, &rays).unwrap().len(), num_places);
-            let together = TraceOptions {
-                stores_together: Some(true),
-                side_by_side: Some(side_by_side),
-                ..with_nominal_path(&rays)
-            };
-            let mut tracer = Tracer::new(zoo::gpu(), ir, &together).unwrap();
+            let together = with_main_path(&rays).with(|choices| {
+                choices.stores_together = When::Always;
+                choices.side_by_side = When::forced(side_by_side);
+            });
+            let mut tracer = together.tracer(zoo::gpu(), ir).unwrap();
             assert!(tracer.program().wgsl.contains("subgroupShuffle"), "no lanes together");
             let tally = tracer.trace(|_| true).unwrap();
             assert!(tally == trace(ir, &rays).0, "{num_rays} rays in {precision:?}: other bits");
@@ -190,9 +186,10 @@ fn so_do_rays_side_by_side() {
             let rays = TraceOptions { num_rays, max_depth, ..options(precision) };
             let tally = trace(ir, &rays).0;
             for (side_by_side, batch_size) in [(true, None), (true, Some(1001)), (false, None)] {
+                let rays = TraceOptions { batch_size, ..rays.clone() };
                 let with =
-                    TraceOptions { side_by_side: Some(side_by_side), batch_size, ..with_nominal_path(&rays) };
-                let mut tracer = Tracer::new(zoo::gpu(), ir, &with).unwrap();
+                    with_main_path(&rays).with(|choices| choices.side_by_side = When::forced(side_by_side));
+                let mut tracer = with.tracer(zoo::gpu(), ir).unwrap();
                 let has_pairs = tracer.program().wgsl.contains("follow_pair");
                 assert_eq!(has_pairs, side_by_side && is_possible, "{name}, {num_rays} rays");
                 assert!(tracer.program().nominal.is_some(), "{name} has no path");
@@ -211,14 +208,14 @@ fn errors_in_rays_side_by_side_are_seen() {
     let rays = options(Precision::F32);
     let tally = trace(&lens, &rays).0;
     for text in ["    take_up_b();\n", "    put_by_b();\n"] {
-        assert_needed(text, &lens, &with_nominal_path(&rays), &tally);
+        assert_needed(text, &lens, &with_main_path(&rays), &tally);
     }
     // Rays beyond the last one log over the next places of the first.
     let aslant = cavity_without_losses();
     let rays = TraceOptions { num_rays: 4150, max_depth: 6, ..options(Precision::F64) };
     let tally = trace(&aslant, &rays).0;
     let (right, wrong) = ("select(first, second, second < range.count)", "second");
-    let traced = zoo::edited(&aslant, &with_nominal_path(&rays), right, wrong).trace(|_| true);
+    let traced = zoo::edited(&aslant, &with_main_path(&rays), right, wrong).trace(|_| true);
     assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
 }
 
@@ -245,14 +242,14 @@ fn so_do_rays_that_end_by_their_number_of_events() {
         EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
         let options = TraceOptions { max_depth, ..options(precision) };
-        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        let (tally, nominal) = trace(&ir, &with_main_path(&options));
         let events = nominal.unwrap().events;
         assert!(events.len() == max_depth as usize && events.iter().all(|event| !event.ends));
         assert!(max_depth < 13 || tally.escaped.count > 0, "no ray is unlike the others");
         assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
     }
     let deeper = TraceOptions { max_depth: 40, ..options(Precision::F32) };
-    assert!(trace(&ir, &with_nominal_path(&deeper)).1.is_none(), "a pilot so deep sees no end");
+    assert!(trace(&ir, &with_main_path(&deeper)).1.is_none(), "a pilot so deep sees no end");
 }
 
 /// Rays that arrive on a detector again and again at the same place log it once, and others each time.
@@ -290,7 +287,7 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { max_depth, num_rays, batch_size: Some(1500), ..options(precision) };
             assert_eq!(arrivals(ir, &options), expected, "{num_rays} rays to a depth of {max_depth}");
-            let (tally, nominal) = trace(ir, &with_nominal_path(&options));
+            let (tally, nominal) = trace(ir, &with_main_path(&options));
             assert!(nominal.is_some());
             assert!(tally == trace(ir, &options).0, "{expected:?}: other bits");
         }
@@ -298,13 +295,13 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
     // Roundings decide how many places those from either side of a turned detector are.
     let options = options(Precision::F64);
     assert!(arrivals(&turned, &options).is_some_and(|arrivals| arrivals.iter().sum::<usize>() == 11));
-    assert!(trace(&turned, &with_nominal_path(&options)).0 == trace(&turned, &options).0, "other bits");
+    assert!(trace(&turned, &with_main_path(&options)).0 == trace(&turned, &options).0, "other bits");
 }
 
 /// On how many of its ways a ray loses something to the media, where the path's rays log what they weigh; none where they do
 /// not.
 fn attenuating_legs(ir: &SceneIr, options: &TraceOptions) -> Option<u32> {
-    let tracer = Tracer::new(zoo::gpu(), ir, &with_nominal_path(options)).unwrap();
+    let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
     tracer.program().path_log.as_ref()?.attenuating_legs
 }
 
@@ -399,11 +396,9 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
                 (false, false, zoo::portable_gpu()),
                 (zoo::gpu().lanes > 1, true, zoo::gpu()),
             ] {
-                let with = TraceOptions {
-                    stores_together: Some(stores_together),
-                    baked: Some(baked),
-                    ..with_nominal_path(&rays)
-                };
+                let rays = TraceOptions { baked: Some(baked), ..rays.clone() };
+                let with = with_main_path(&rays)
+                    .with(|choices| choices.stores_together = When::forced(stores_together));
                 assert!(zoo::trace_on(gpu, ir, &with) == tally, "{expected:?} in {precision:?}: other bits");
             }
         }
@@ -431,7 +426,7 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
     ] {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { min_flux_fraction, num_rays: 20_000, ..options(precision) };
-            let with = with_nominal_path(&options);
+            let with = with_main_path(&options);
             let tally = trace(&ir, &options).0;
             assert_eq!(attenuating_legs(&ir, &options), Some(legs), "{right}");
             assert!(trace(&ir, &with).0 == tally, "{right}: other bits");
@@ -447,7 +442,7 @@ fn so_do_rays_that_roulette_has_spared() {
     let ir = zoo::load("bench_cavity");
     for precision in [Precision::F32, Precision::F64] {
         let options = TraceOptions { max_depth: 8, min_flux_fraction: 0.95, ..options(precision) };
-        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        let (tally, nominal) = trace(&ir, &with_main_path(&options));
         assert!(nominal.is_some() && tally.roulette_loss.count > 0);
         assert!(tally == trace(&ir, &options).0, "other bits");
     }
@@ -467,7 +462,7 @@ fn dispatches(tracer: &mut Tracer) -> [u64; 2] {
 fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
     let of = |side: &SidePath| {
         let primitives = side.path.events.iter().map(|event| event.primitive).collect();
-        (side.strayed_at, primitives, side.path.missed.is_some())
+        (side.rejected_at, primitives, side.path.missed.is_some())
     };
     tracer.program().side_paths.iter().map(of).collect()
 }
@@ -487,19 +482,15 @@ fn rays_that_stray_alike_follow_side_paths() {
         (tinted_lens_of_two_sources(glass), [Some(0), Some(2)]),
     ] {
         for (precision, stores_together) in [(Precision::F32, true), (Precision::F64, false)] {
-            let rays = TraceOptions {
-                num_rays: 20_000,
-                batch_size: Some(5_500),
-                stores_together: Some(stores_together),
-                ..options(precision)
-            };
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&rays)).unwrap();
+            let rays = TraceOptions { num_rays: 20_000, batch_size: Some(5_500), ..options(precision) };
+            let rays = rays.with(|choices| choices.stores_together = When::forced(stores_together));
+            let mut tracer = with_main_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
             assert_eq!(side_paths(&tracer)[..2], there_and_back, "{precision:?}");
             let legs =
                 tracer.program().side_paths.iter().map(|side| side.log.as_ref().unwrap().attenuating_legs);
             assert!(legs.take(2).eq(attenuating_legs), "not {attenuating_legs:?}");
-            let without = TraceOptions { side_paths: Some(false), ..with_nominal_path(&rays) };
-            assert_eq!(side_paths(&Tracer::new(zoo::gpu(), &ir, &without).unwrap()), []);
+            let without = with_main_path(&rays).with(|choices| choices.side_paths = When::Never);
+            assert_eq!(side_paths(&without.tracer(zoo::gpu(), &ir).unwrap()), []);
             let tally = trace(&ir, &rays).0;
             assert!(tracer.trace(|_| true).unwrap() == tally, "{precision:?}: other bits");
             assert!(trace(&ir, &without).0 == tally, "{precision:?}: other bits without side paths");
@@ -557,10 +548,10 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
     ] {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 100_000, ..options(precision) };
-            let with = with_nominal_path(&options);
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &with).unwrap();
+            let with = with_main_path(&options);
+            let mut tracer = with.tracer(zoo::gpu(), &ir).unwrap();
             let sides = &tracer.program().side_paths;
-            let reflected = sides.iter().find(|side| side.strayed_at == 0 && side.path.events.len() == 1);
+            let reflected = sides.iter().find(|side| side.rejected_at == 0 && side.path.events.len() == 1);
             let missed = reflected.and_then(|side| side.path.missed.as_ref()).unwrap();
             let passed = missed.passed.iter().find(|(i, _)| *i == 3).map(|(_, passed)| kind(passed));
             assert_eq!((passed, missed.candidates.contains(&3)), (spared, spared.is_none()), "{missed:?}");
@@ -580,7 +571,7 @@ fn rays_that_stray_once_more_have_the_same_bits() {
         let ir = zoo::load(name);
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 20_000, batch_size: Some(1000), ..options(precision) };
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&options)).unwrap();
+            let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
             let tally = tracer.trace(|_| true).unwrap();
             assert!(tally == trace(&ir, &options).0, "{name} in {precision:?}: other bits");
             println!("{name}: {:?} along {:?}", tracer.num_along_paths(), side_paths(&tracer));
@@ -600,7 +591,7 @@ fn rays_that_arrive_at_the_same_place_from_either_side_do_not_stray() {
     ir.emitters[0].frame.origin.z = 3.3;
     let options = options(Precision::F64);
     assert_eq!(arrivals(&ir, &options), Some(vec![8]));
-    let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&options)).unwrap();
+    let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
     assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays strayed");
 }
 
@@ -608,15 +599,15 @@ fn rays_that_arrive_at_the_same_place_from_either_side_do_not_stray() {
 #[test]
 fn a_path_that_all_rays_stray_from_is_left() {
     let ir = zoo::load("bench_lens");
-    let plain = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
-    let by_itself = TraceOptions { nominal_path: None, ..plain.clone() };
+    let by_itself = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
+    let plain = by_itself.with(|choices| choices.main_path = When::Never);
     let (right, wrong) = ("real(kept_events)), first_place, holds)", "0.0), first_place, range.count == 0u)");
     let mut tracer = zoo::edited(&ir, &by_itself, right, wrong);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
     let [nominal, new] = dispatches(&mut tracer);
     assert!(8 * nominal < new, "{nominal} dispatches along the path, {new} of strays");
-    let mut kept = Tracer::new(zoo::gpu(), &ir, &by_itself).unwrap();
+    let mut kept = by_itself.tracer(zoo::gpu(), &ir).unwrap();
     let [nominal, new] = dispatches(&mut kept);
     assert!(nominal > 8 * new.min(8), "{nominal} dispatches along the path, {new} of strays");
 }
@@ -636,7 +627,7 @@ fn errors_in_the_log_of_places_are_seen() {
         ["select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds)", "first_place"],
         ["if !holds {\n        restore_bins();\n    }", ""],
     ] {
-        let traced = zoo::edited(&ir, &with_nominal_path(&options), right, wrong).trace(|_| true);
+        let traced = zoo::edited(&ir, &with_main_path(&options), right, wrong).trace(|_| true);
         assert!(traced.is_err() || traced.unwrap() != tally, "{wrong} is not seen");
     }
 }
@@ -652,7 +643,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     }
     let options = TraceOptions { max_depth: 3, num_rays: 400_000, ..options(Precision::F32) };
     assert_eq!(arrivals(&ir, &options), Some(vec![2]));
-    let with = TraceOptions { side_by_side: Some(false), ..with_nominal_path(&options) };
+    let with = with_main_path(&options).with(|choices| choices.side_by_side = When::Never);
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
     assert_needed("holds = all(place_on(ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
@@ -675,7 +666,7 @@ fn rays_that_are_focused_on_an_edge_of_pixels_do_not_stray() {
     for precision in [Precision::F32, Precision::F64] {
         let options = options(precision);
         assert_eq!(arrivals(&ir, &options), Some(vec![1]));
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &with_nominal_path(&options)).unwrap();
+        let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
         assert!(tracer.trace(|_| true).unwrap() == trace(&ir, &options).0, "other bits");
         assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays strayed");
     }
@@ -690,7 +681,7 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     let options = TraceOptions { num_rays: 200_000, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     assert_eq!(arrivals(&ir, &options), Some(vec![1]));
-    let with = TraceOptions { side_by_side: Some(false), ..with_nominal_path(&options) };
+    let with = with_main_path(&options).with(|choices| choices.side_by_side = When::Never);
     assert!(trace(&ir, &with).0 == tally, "other bits");
     assert_needed("holds = place_0.is_sure & holds;", &ir, &with, &tally);
 }
@@ -706,7 +697,7 @@ fn so_do_rays_that_pass_a_detector_in_traces_of_any_depth() {
     ir.sensors.push(window);
     for (i, max_depth) in [4, 255, 256].into_iter().enumerate() {
         let options = TraceOptions { max_depth, ..options([Precision::F32, Precision::F64][i % 2]) };
-        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        let (tally, nominal) = trace(&ir, &with_main_path(&options));
         assert_eq!(nominal.is_some(), max_depth < 256, "{max_depth}");
         assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
     }
@@ -721,7 +712,7 @@ fn so_do_rays_whose_last_event_ends_them() {
         ..speck(DVec3::new(0.0, 0.0, 100.0), Shape::Plane(Outline::Infinite), DQuat::IDENTITY)
     });
     let options = TraceOptions { max_depth: 3, ..options(Precision::F64) };
-    let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+    let (tally, nominal) = trace(&ir, &with_main_path(&options));
     assert!(nominal.unwrap().events.last().unwrap().ends);
     assert!(tally == trace(&ir, &options).0, "other bits");
 }
@@ -738,7 +729,7 @@ fn so_do_sobol_points() {
 #[test]
 fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     let ir = zoo::load("bench_lens");
-    let (_, nominal) = trace(&ir, &with_nominal_path(&options(Precision::F64)));
+    let (_, nominal) = trace(&ir, &with_main_path(&options(Precision::F64)));
     let (front, back, rim, detector) = (0, 1, 2, 3);
     let events = nominal.unwrap().events;
     let searched: Vec<_> = events.iter().map(|event| (event.primitive, event.candidates.clone())).collect();
@@ -959,7 +950,7 @@ fn crossings_are_taken_for_granted_where_the_way_tells_them() {
     ir.media[glass].k.fill(1e-6);
     let crossings = |max_depth: u32| {
         let options = TraceOptions { max_depth, ..options(Precision::F64) };
-        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        let (tally, nominal) = trace(&ir, &with_main_path(&options));
         assert!(tally == trace(&ir, &options).0, "other bits");
         let events = nominal.unwrap().events;
         events.iter().map(|event| (event.primitive, event.crossing)).collect::<Vec<_>>()
@@ -986,7 +977,7 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
     for rare in rare {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 40_000, ..options(precision) };
-            let with = with_nominal_path(&options);
+            let with = with_main_path(&options);
             let (tally, nominal) = trace(&rare.ir, &with);
             let event = &nominal.unwrap().events[rare.step];
             let mut spared: Vec<_> = event.passed.iter().map(|(i, passed)| (*i, kind(passed))).collect();
@@ -1039,7 +1030,7 @@ fn rays_that_end_before_a_refracting_surface_do_not_cross_it() {
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -10.0), speck_shape(0, 3.0), DQuat::IDENTITY));
     let options = options(Precision::F64);
     let tally = trace(&ir, &options).0;
-    let with = with_nominal_path(&options);
+    let with = with_main_path(&options);
     let (traced, nominal) = trace(&ir, &with);
     let first = &nominal.unwrap().events[0];
     assert!(first.crossing.is_some() && first.candidates.len() == 2 && traced == tally, "{first:?}");
@@ -1063,7 +1054,7 @@ proptest! {
         ir.surfaces.push(speck(DVec3::from_array(place), speck_shape(kind, radius), turn));
         for precision in [Precision::F32, Precision::F64] {
             let options = options(precision);
-            let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+            let (tally, nominal) = trace(&ir, &with_main_path(&options));
             prop_assert!(nominal.is_some());
             prop_assert!(tally == trace(&ir, &options).0, "other bits");
         }
@@ -1088,7 +1079,7 @@ fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
             (grid.width, grid.height) = (FAR, FAR);
         }
         let options = options(Precision::F32);
-        let (tally, nominal) = trace(&ir, &with_nominal_path(&options));
+        let (tally, nominal) = trace(&ir, &with_main_path(&options));
         assert!(nominal.is_some());
         assert!(tally == trace(&ir, &options).0, "{gap} mm: other bits");
     }
@@ -1097,14 +1088,14 @@ fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
 #[test]
 fn short_traces_and_those_that_record_rays_have_none() {
     let ir = zoo::load("bench_lens");
-    let nominal = |change: fn(&mut TraceOptions)| {
-        let mut options = TraceOptions { nominal_path: Some(true), ..options(Precision::F64) };
+    let nominal = |change: fn(&mut Forced)| {
+        let mut options = options(Precision::F64).with(|choices| choices.main_path = When::Always);
         change(&mut options);
         trace(&ir, &options).1
     };
     assert!(nominal(|_| ()).is_some());
-    assert!(nominal(|options| options.nominal_path = None).is_none());
-    assert!(nominal(|options| options.host_sums = Some(false)).is_none());
+    assert!(nominal(|options| options.choices.main_path = When::ItPays).is_none());
+    assert!(nominal(|options| options.choices.host_sums = When::Never).is_none());
     assert!(nominal(|options| options.strict = nsq_gpu::trace::Strict::Off).is_none());
     assert!(nominal(|options| options.standard_error = StandardError::On).is_none());
     assert!(nominal(|options| options.paths = nsq_gpu::trace::RecordPaths::All).is_none());

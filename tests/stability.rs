@@ -6,11 +6,13 @@
 
 mod zoo;
 
+use nsq_gpu::TraceResult;
 use nsq_gpu::bench::stability::{Row, StabilityCase, cases, faults, table};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
-use nsq_gpu::{TraceResult, Tracer};
+use nsq_gpu::software::When;
+use zoo::forced::{Asked, Forced};
 
 fn precisions(gpu: &Gpu) -> Vec<Precision> {
     let doubles = gpu.f64.then_some(Precision::F64);
@@ -44,18 +46,18 @@ fn planted_infinity() -> real { return 1.0 / real(range.first_hi); }
 /// Traces a scene with this statement done to every seventh ray.
 fn with_plant(scene: &str, precision: Precision, baked: bool, plant: &str) -> TraceResult {
     let ir = zoo::load(scene);
-    let mut options = zoo::options(7_000, 3, precision);
+    let mut options = Forced::from(zoo::options(7_000, 3, precision));
     options.baked = Some(baked);
     // Rays that keep their weight do not log it; where the device adds up, it looks at it.
     if scene == "bench_lens" && plant.contains("weight") {
-        options.host_sums = Some(false);
+        options.choices.host_sums = When::Never;
     }
     let edit = |wgsl: String| {
         let born = "ray = generate(index);";
         assert_eq!(wgsl.matches(born).count(), 1);
         PLANTED.to_string() + &wgsl.replace(born, &format!("{born} if index % 7u == 3u {{ {plant} }}"))
     };
-    let tally = Tracer::with_wgsl_edit(zoo::gpu(), &ir, &options, edit).unwrap().trace(|_| true).unwrap();
+    let tally = options.tracer_with(zoo::gpu(), &ir, edit).unwrap().trace(|_| true).unwrap();
     zoo::result_of(&ir, &options, &tally)
 }
 

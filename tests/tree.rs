@@ -10,6 +10,7 @@ mod shapes;
 mod zoo;
 
 use glam::{DMat3, DVec3, EulerRot};
+use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
     Annulus, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, MeshId, Outline, PixelGrid,
     Point, ReflectProb, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
@@ -17,9 +18,9 @@ use nsq_gpu::model::{
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use nsq_gpu::trace::RecordPaths;
-use nsq_gpu::{TraceOptions, Tracer};
 use shapes::{bumpy_ball, cube};
 use zoo::draws::Draws;
+use zoo::forced::Asked;
 
 const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 
@@ -233,8 +234,8 @@ fn trees_in_buffers_and_in_images_give_the_same_bits() {
         let options = TraceOptions { tree: Some(true), ..zoo::options(2_000, 1, precision) };
         let traced = [("var<storage, read> tree_rows", 0), ("var tree_rows: texture", u64::MAX)].map(
             |(declaration, texel_bytes)| {
-                let options = TraceOptions { texel_bytes: Some(texel_bytes), ..options.clone() };
-                let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+                let options = options.with(|choices| choices.texel_bytes = Some(texel_bytes));
+                let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
                 assert!(tracer.program().wgsl.contains(declaration));
                 tracer.trace(|_| true).unwrap()
             },

@@ -12,7 +12,7 @@ use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use nsq_gpu::TraceResult;
 use nsq_gpu::result::DetectorData;
-use nsq_gpu::trace::stopping::StoppedBy;
+use nsq_gpu::result::StoppedBy;
 use nsq_gpu::viewer::compare::Comparison;
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
 use nsq_gpu::viewer::region::{Outline, Region};

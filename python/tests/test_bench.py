@@ -29,7 +29,8 @@ def test_optiland_traces_every_kind_of_case(command: list[str]) -> None:
 def test_the_tables_of_speeds_are_those_of_the_benchmarks() -> None:
     reports = make_speed_table.read_reports()
     for page, table in [
-        (make_speed_table.README, make_speed_table.summary(reports)),
+        (make_speed_table.README, make_speed_table.summary(reports, names=make_speed_table.HIGHLIGHTS)),
+        (make_speed_table.SPEED, make_speed_table.summary(reports, "../benches/results")),
         (make_speed_table.BENCHES, make_speed_table.bars(reports)),
     ]:
         text = page.read_text()
@@ -44,8 +45,8 @@ def test_the_readme_has_the_newest_of_each_case() -> None:
 
     reports = {"newer": {"cases": [case("b", 3e6)]}, "older": {"cases": [case("a", 1e6), case("b", 2e6)]}}
     assert make_speed_table.summary(reports).splitlines()[2:] == [
-        "| `a` | 1e3 |  | 1 | [older](benches/results/older) |",
-        "| `b` | 1e3 |  | 3 | [newer](benches/results/newer) |",
+        "| `a` | 1e3 |  | 1 | [older](benches/results/older/bench.csv) |",
+        "| `b` | 1e3 |  | 3 | [newer](benches/results/newer/bench.csv) |",
     ]
 
 
@@ -59,8 +60,8 @@ def test_a_bar_is_held_against_the_newest_report_that_has_it() -> None:
 
     reports = {"newest": report({}), "newer": report({"x": (2, 0.5)}), "older": report({"x": (3, 3)})}
     bar = make_speed_table.Bar("a over x", (2, 2), make_speed_table.over("x", "a"))
-    assert bar.line(reports) == "| a over x | 2 / 2 | 2 / 0.5 | in f32 | [newer](results/newer) |"
+    assert bar.line(reports) == "| a over x | 2 / 2 | 2 / 0.5 | in f32 | [newer](results/newer/bench.csv) |"
     time = make_speed_table.Bar("a", (0.4, 0.6), make_speed_table.time_of("a"), " s", less_is_better=True)
-    assert time.line(reports) == "| a | 0.4 / 0.6 s | 0.5 / 0.5 s | in f64 | [newest](results/newest) |"
+    assert time.line(reports) == "| a | 0.4 / 0.6 s | 0.5 / 0.5 s | in f64 | [newest](results/newest/bench.csv) |"
     unknown = make_speed_table.Bar("b", (1, 1), make_speed_table.time_of("b"))
     assert unknown.line(reports) == "| b | 1 / 1 | not measured |  |  |"

@@ -1,5 +1,6 @@
-"""Writes tables of speeds from every bench.json in a folder of benches/results/: into the README the newest of each case,
-into benches/README.md how it stands with what was set out to be reached, into benches/results/README.md all of them.
+"""Writes tables of speeds from every bench.json in a folder of benches/results/: into docs/speed.md the newest of each
+case, into the README some of these, into benches/README.md how it stands with what was set out to be reached, into
+benches/results/README.md all of them.
 
 usage, in python/: python -m tools.make_speed_table
 """
@@ -11,12 +12,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
+SPEED = ROOT / "docs" / "speed.md"
 BENCHES = ROOT / "benches" / "README.md"
 RESULTS = ROOT / "benches" / "results"
 ALL_TABLES = RESULTS / "README.md"
 BEGIN = "<!-- Written by python/tools/make_speed_table.py. -->\n"
 END = "<!-- End of the table of speeds. -->\n"
 PRECISIONS = ("f32", "f64")
+#: What the README shows: a lens in a short and a long trace, many events, many surfaces, a mesh, a whole command.
+HIGHLIGHTS = ("rays_1e5", "rays_1e7", "depth_16", "surfaces_200", "mesh_100k", "cooke_triplet")
 TITLE = """# Measured speeds
 
 What was measured on which machine, and what the code could do by then, is said in [`benches/`](../README.md#the-files);
@@ -32,10 +36,12 @@ def newest_of_each(reports: dict[str, dict]) -> list[tuple[str, dict]]:
     return list(newest.values())
 
 
-def summary(reports: dict[str, dict]) -> str:
-    """The newest of each case as Markdown, with the folder it is from, as seen from the root."""
-    rows = newest_of_each(reports)
-    lines = table([case for _, case in rows], [f"[{folder}](benches/results/{folder})" for folder, _ in rows])
+def summary(reports: dict[str, dict], results: str = "benches/results", names: tuple[str, ...] | None = None) -> str:
+    """The newest of each case, or of those with these names, as Markdown, with the folder it is from; ``results`` is the
+    way there, from the root by default.
+    """
+    rows = [(folder, case) for folder, case in newest_of_each(reports) if names is None or case["name"] in names]
+    lines = table([case for _, case in rows], [f"[{folder}]({results}/{folder}/bench.csv)" for folder, _ in rows])
     return "\n".join(lines) + "\n"
 
 
@@ -101,7 +107,7 @@ def _versions(versions: dict) -> str:
 def section(folder: str, report: dict) -> str:
     """One results folder: its name, what was measured on, its table."""
     lines = table(report["cases"])
-    return f"## [{folder}]({folder})\n\n{heading(report)}.\n\n" + "\n".join(lines) + "\n"
+    return f"## [{folder}]({folder}/bench.csv)\n\n{heading(report)}.\n\n" + "\n".join(lines) + "\n"
 
 
 def all_tables(reports: dict[str, dict]) -> str:
@@ -131,7 +137,7 @@ class Bar:
                 continue
             met = [self.is_met(*pair) for pair in zip(figures, self.ends, strict=True)]
             is_met = "yes" if all(met) else f"in {PRECISIONS[met.index(True)]}" if any(met) else "no"
-            link = f"[{folder}](results/{folder})"
+            link = f"[{folder}](results/{folder}/bench.csv)"
             return _line([self.what, self._both(self.ends), self._both(figures), is_met, link])
         return _line([self.what, self._both(self.ends), "not measured", "", ""])
 
@@ -203,6 +209,7 @@ def read_reports() -> dict[str, dict]:
 
 if __name__ == "__main__":
     found = read_reports()
-    README.write_text(replaced(README.read_text(), summary(found)))
+    README.write_text(replaced(README.read_text(), summary(found, names=HIGHLIGHTS)))
+    SPEED.write_text(replaced(SPEED.read_text(), summary(found, "../benches/results")))
     BENCHES.write_text(replaced(BENCHES.read_text(), bars(found)))
     ALL_TABLES.write_text(all_tables(found))

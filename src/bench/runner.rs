@@ -10,7 +10,8 @@ use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::{FluxUnit, Ledger, PathEventKind, output};
 use crate::scene::Scene;
-use crate::software::vector_width;
+use crate::software::profile::Profile;
+use crate::software::{Choices, When, vector_width};
 use crate::trace::{RecordPaths, TraceOptions, Tracer};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -270,14 +271,11 @@ impl<'a> Subject<'a> {
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
                 // As in the midst of a long trace, where the case stands for such.
-                let is_long = case.num_rays >= LONG_TRACE && session.gpu.prefers_two_devices();
-                let in_midst = is_long.then_some(true);
-                let options = TraceOptions {
-                    second_device: in_midst,
-                    side_paths: in_midst,
-                    ..options(case, precision)
-                };
-                let tracer = Tracer::new(session.gpu, ir, &options.tuned(&session.gpu.info))?;
+                let is_long = case.num_rays >= LONG_TRACE && Profile::of(session.gpu).two_devices;
+                let in_midst = if is_long { When::Always } else { When::ItPays };
+                let choices = Choices { second_device: in_midst, side_paths: in_midst, ..Choices::default() };
+                let options = options(case, precision).tuned(&session.gpu.info);
+                let tracer = Tracer::with_choices(session.gpu, ir, &options, &choices, |wgsl| wgsl)?;
                 let ready_sec = before(Instant::now());
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
             }

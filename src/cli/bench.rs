@@ -6,7 +6,7 @@ use crate::bench::peers::optiland::Backend;
 use crate::bench::peers::{DrJit, Mitsuba, Optiland};
 use crate::bench::runner::measure;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
-use crate::cli::say;
+use crate::cli::console::say;
 use crate::count;
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let widths = widths(&cases)?;
     let widest = widest(&widths);
-    crate::cli::choose_vectors(widest);
+    crate::cli::console::choose_vectors(widest);
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
@@ -183,7 +183,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let told = if args.json { report.to_json() } else { report.table() };
     let Some(error) = failure else { return Ok(told) };
-    crate::cli::print(&told)?;
+    crate::cli::console::print(&told)?;
     Err(error)
 }
 
@@ -257,13 +257,13 @@ fn run_stability(args: &Args) -> Result<String> {
     if faults.is_empty() {
         return Ok(table);
     }
-    crate::cli::print(&table)?;
+    crate::cli::console::print(&table)?;
     Err(Error::Tolerance(faults.join("\n")))
 }
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    crate::cli::choose_vectors(widest(&widths(&tuning::cases())?));
+    crate::cli::console::choose_vectors(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);
@@ -321,7 +321,7 @@ fn run_accuracy(args: &Args) -> Result<String> {
     if args.quick || faults.is_empty() {
         return Ok(report.table());
     }
-    crate::cli::print(&report.table())?;
+    crate::cli::console::print(&report.table())?;
     Err(Error::Tolerance(faults.join("\n")))
 }
 

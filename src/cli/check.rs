@@ -1,7 +1,7 @@
 //! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
 
 use crate::error::Result;
-use crate::result::format::shown;
+use crate::format::shown;
 use crate::trace::TraceOptions;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ pub struct Args {
 
 /// What the scene holds, and what deserves a warning.
 pub fn run(args: &Args) -> Result<String> {
-    let scene = crate::cli::read_scene(&args.scene)?;
+    let scene = crate::cli::console::read_scene(&args.scene)?;
     let ir = scene.lower()?;
     let mut text = format!("{} can be traced.\n", args.scene.display());
     let mut list = |title: &str, names: Vec<String>| {

@@ -1,9 +1,9 @@
 //! `nsq-gpu compare`: whether two results differ by more than chance.
 
 use crate::error::{Error, Result};
+use crate::format::{shown, significant, thousands};
 use crate::result::TraceResult;
 use crate::result::comparison::{DetectorComparison, ResultComparison, compare};
-use crate::result::format::{shown, significant, thousands};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> Result<String> {
     let (a, b) = (TraceResult::read(&args.a)?, TraceResult::read(&args.b)?);
     for (path, result) in [(&args.a, &a), (&args.b, &b)] {
         if result.run.is_unchecked {
-            crate::cli::say(&result.run.unchecked_notice(path));
+            crate::cli::console::say(&result.run.unchecked_notice(path));
         }
     }
     let found = compare(&a, &b, args.sigmas);
@@ -48,7 +48,7 @@ pub fn run(args: &Args) -> Result<String> {
     if found.agree {
         return Ok(text);
     }
-    crate::cli::print(&text)?;
+    crate::cli::console::print(&text)?;
     let apart = found.detectors.iter().filter(|detector| !detector.agree);
     let names: Vec<String> = apart.map(|detector| format!("'{}'", shown(&detector.name))).collect();
     Err(Error::Tolerance(format!("A and B disagree on {}", names.join(", "))))

@@ -1,7 +1,7 @@
 //! `nsq-gpu merge`: the results of several traces as one.
 
+use crate::cli::console::{read_scene, say};
 use crate::cli::trace::Printed;
-use crate::cli::{read_scene, say};
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
 use crate::result::{RaySet, RunInfo, Tally, TraceResult, output};

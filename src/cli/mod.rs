@@ -7,6 +7,7 @@ mod bench;
 mod check;
 mod compare;
 mod completions;
+mod console;
 pub mod materials;
 mod merge;
 mod progress;
@@ -16,13 +17,10 @@ mod trace;
 #[cfg(feature = "viewer")]
 mod view;
 
-use crate::error::{Error, Result};
-use crate::scene::Scene;
-use crate::software::vector_width::Width;
+use crate::cli::console::print;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::io::Write;
-use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -94,17 +92,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Lets lavapipe compute in vectors so wide. Before other threads and adapters: [`main`] demands the one, and commands see
-/// to the other.
-fn choose_vectors(width: Width) {
-    // SAFETY: no other thread runs yet, and no adapter was asked for.
-    #[allow(unsafe_code)]
-    unsafe {
-        crate::software::vector_width::choose(width);
-    }
-}
-
-/// Keeps Mesa's drivers from writing to stderr. Before other threads and adapters, as in [`choose_vectors`].
+/// Keeps Mesa's drivers from writing to stderr. Before other threads and adapters, as in [`console::choose_vectors`].
 fn quiet_drivers() {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
@@ -131,29 +119,4 @@ fn without_misleading_tip(mut error: clap::Error) -> clap::Error {
         error.remove(ContextKind::Suggested);
     }
     error
-}
-
-/// Reads a scene; a complaint about its contents begins with the file's name: a script may trace many.
-fn read_scene(path: &Path) -> Result<Scene> {
-    Scene::from_path(path).map_err(|error| match error {
-        Error::Scene { place, problem, remedy } => {
-            Error::Scene { place: format!("{}: {place}", path.display()), problem, remedy }
-        }
-        other => other,
-    })
-}
-
-/// Prints the result. A closed pipe (`nsq-gpu ... | head`) is no error.
-fn print(text: &str) -> Result<()> {
-    let mut stdout = std::io::stdout().lock();
-    let written = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
-    match written {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::file("stdout", error)),
-        _ => Ok(()),
-    }
-}
-
-/// Says something on stderr that is not the result.
-fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -1,6 +1,6 @@
 //! Progress on stderr: a bar for people, lines of JSON for programs.
 
-use crate::cli::say;
+use crate::cli::console::say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 

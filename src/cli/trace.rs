@@ -1,18 +1,20 @@
 //! `nsq-gpu trace`: a scene to maps, ledger and report.
 
+use crate::cli::console::{read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
-use crate::cli::{quantity, read_scene, say};
+use crate::cli::quantity;
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::model::{ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
+use crate::result::StoppedBy;
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::software::vector_width::Width;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
-use crate::trace::stopping::{StoppedBy, Stopping};
+use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -192,7 +194,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let mut ir = scene.lower()?;
     // What `auto` is on lavapipe.
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    crate::cli::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
+    crate::cli::console::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
         #[cfg(unix)]
@@ -231,7 +233,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     match checkpointed.err().or_else(|| failure(&result)) {
         None => Ok(printed),
         Some(failure) => {
-            crate::cli::print(&printed)?;
+            crate::cli::console::print(&printed)?;
             Err(failure)
         }
     }
@@ -354,7 +356,7 @@ pub fn deliver(
             Ok(result.report())
         }
         Err(error) => {
-            crate::cli::print(&unwritten())?;
+            crate::cli::console::print(&unwritten())?;
             Err(error)
         }
     }

@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<String> {
             return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
         }
         picture.write(path)?;
-        crate::cli::say(&format!("written: {}", path.display()));
+        crate::cli::console::say(&format!("written: {}", path.display()));
         return Ok(String::new());
     }
     let settings = Settings::load();

@@ -1,10 +1,10 @@
 //! How a budget of rays is shared among sources, and which of them are a trace's.
 
+use crate::engine::options::TraceOptions;
 use crate::error::{Error, Result};
+use crate::format::shown;
 use crate::model::SceneIr;
 use crate::result::QUANTA_PER_WEIGHT;
-use crate::result::format::shown;
-use crate::trace::TraceOptions;
 
 /// Rays of one emitter, numbered from `first`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,40 +1,70 @@
-//! A program on a device: pipelines, buffers, and the stages of a batch.
+//! A program on a device: its pipelines, its buffers, and the groups that bind them.
 
 use crate::engine::intake::Intake;
 use crate::engine::sums::DeviceSums;
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};
 use crate::program::{self, Program, SecondMoments};
-use crate::software::logs::{DeviceLogs, Rays};
-use crate::software::path::side_path;
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 
 /// A device, and what the traces of a program take of it.
 pub(crate) struct DeviceState {
     pub(crate) gpu: Gpu,
     /// What the program's buffers take of it.
     pub(crate) bytes: u64,
-    trace_new: wgpu::ComputePipeline,
-    trace_nominal: Option<wgpu::ComputePipeline>,
-    /// Stages of the side paths, each compiled when it is first needed.
-    trace_sides: Vec<OnceCell<wgpu::ComputePipeline>>,
+    /// Follows new rays.
+    trace_new: FirstStage,
+    /// Stages that a strategy has added, which follow new rays in its place.
+    added: Vec<(AddedStage, OnceCell<FirstStage>)>,
     compiler: Compiler,
     /// What follows rays that outlive a dispatch, where some can.
-    rounds: Option<Rounds>,
-    /// Group 0; one for each log of ends, where there are logs.
-    scenes: Vec<wgpu::BindGroup>,
+    pub(super) rounds: Option<Rounds>,
+    /// Group 0; one for each list of buffers that a strategy adds.
+    pub(super) scenes: Vec<wgpu::BindGroup>,
     /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
-    queues: [wgpu::BindGroup; 2],
-    pub(crate) range: wgpu::Buffer,
-    pub(crate) emitter: wgpu::Buffer,
-    pub(crate) counts: wgpu::Buffer,
-    pub(crate) rng_table: wgpu::Buffer,
-    /// The ids of rays that strayed from the nominal path, as a dispatch reads them.
-    pub(crate) strays: Option<wgpu::Buffer>,
-    pub(crate) sums: DeviceSums,
-    pub(crate) tops: Option<DeviceSums>,
-    pub(crate) counters: DeviceSums,
-    pub(crate) events: Option<wgpu::Buffer>,
+    pub(super) queues: [wgpu::BindGroup; 2],
+    pub(super) range: wgpu::Buffer,
+    pub(super) emitter: wgpu::Buffer,
+    pub(super) counts: wgpu::Buffer,
+    pub(super) rng_table: wgpu::Buffer,
+    pub(super) sums: DeviceSums,
+    pub(super) tops: Option<DeviceSums>,
+    pub(super) counters: DeviceSums,
+    /// Rows for the host, where the scene or the user asks for some.
+    pub(super) events: Option<wgpu::Buffer>,
+}
+
+/// What a strategy adds to a device.
+#[derive(Debug)]
+pub(crate) struct Additions {
+    /// Bindings of group 0 beside the program's. There is one group for each of these lists; the plain one is empty.
+    pub(crate) groups: Vec<Vec<(u32, wgpu::Buffer)>>,
+    /// Entry points that the engine does not know.
+    pub(crate) stages: Vec<AddedStage>,
+}
+
+/// An entry point that follows rays from their birth to their end, in place of the plain stages.
+#[derive(Debug, Clone)]
+pub(crate) struct AddedStage {
+    /// What it is called where stages are timed.
+    pub(crate) name: &'static str,
+    pub(crate) entry_point: String,
+    /// It is compiled with the plain stages, or else when it is first needed.
+    pub(crate) at_once: bool,
+}
+
+impl Default for Additions {
+    fn default() -> Self {
+        Additions { groups: vec![Vec::new()], stages: Vec::new() }
+    }
+}
+
+/// A stage that follows rays from their birth.
+pub(super) struct FirstStage {
+    pub(super) name: &'static str,
+    pub(super) pipeline: wgpu::ComputePipeline,
+    /// It was dispatched before.
+    pub(super) has_begun: Cell<bool>,
 }
 
 /// What it takes to compile a stage.
@@ -48,39 +78,17 @@ struct Compiler {
 }
 
 /// The stages that follow the rays in a queue, again and again.
-struct Rounds {
-    advance: wgpu::ComputePipeline,
-    advancing: wgpu::BindGroup,
-    trace_queued: wgpu::ComputePipeline,
+pub(super) struct Rounds {
+    pub(super) advance: wgpu::ComputePipeline,
+    pub(super) advancing: wgpu::BindGroup,
+    pub(super) trace_queued: wgpu::ComputePipeline,
     /// As many as the queue has work for.
-    workgroups: wgpu::Buffer,
+    pub(super) workgroups: wgpu::Buffer,
 }
 
-/// One dispatch of a stage.
-pub(crate) struct Stage<'a> {
-    pub(crate) name: &'static str,
-    pipeline: &'a wgpu::ComputePipeline,
-    groups: [Option<&'a wgpu::BindGroup>; 2],
-    workgroups: Workgroups<'a>,
-}
-
-#[derive(Clone, Copy)]
-enum Workgroups<'a> {
-    Of([u32; 3]),
-    /// As many as the device has counted.
-    Counted(&'a wgpu::Buffer),
-}
-
-impl Stage<'_> {
-    pub(crate) fn record(&self, pass: &mut wgpu::ComputePass) {
-        pass.set_pipeline(self.pipeline);
-        for (index, group) in (0..).zip(self.groups.into_iter().flatten()) {
-            pass.set_bind_group(index, group, &[]);
-        }
-        match self.workgroups {
-            Workgroups::Of([x, y, z]) => pass.dispatch_workgroups(x, y, z),
-            Workgroups::Counted(counts) => pass.dispatch_workgroups_indirect(counts, 0),
-        }
+impl FirstStage {
+    fn new(name: &'static str, pipeline: wgpu::ComputePipeline) -> Self {
+        FirstStage { name, pipeline, has_begun: Cell::new(false) }
     }
 }
 
@@ -109,7 +117,7 @@ impl DeviceState {
         program: &Program,
         batch: u32,
         strict: bool,
-        logs: Option<&DeviceLogs>,
+        additions: &Additions,
     ) -> Result<Self> {
         let compiler = Compiler::new(gpu, program, strict)?;
         let [scene_layout, queue_layout] = &compiler.layouts;
@@ -117,16 +125,19 @@ impl DeviceState {
         let pipeline = |entry_point| compiler.pipeline(program, entry_point);
         let counts = gpu.buffer("queue counts", 16)?;
         // To compile one takes lavapipe a tenth of a second and more.
+        let added_at_once: Vec<&AddedStage> = additions.stages.iter().filter(|stage| stage.at_once).collect();
         let others = || -> Result<_> {
-            let trace_nominal = program.nominal.as_ref().map(|_| pipeline("trace_nominal")).transpose()?;
+            let added = added_at_once.iter().map(|stage| pipeline(&stage.entry_point));
+            let added = added.collect::<Result<Vec<_>>>()?;
             let rounds = || Rounds::new(gpu, program, &counts, pipeline("trace_queued")?);
-            Ok((trace_nominal, has_queue.then(rounds).transpose()?))
+            Ok((added, has_queue.then(rounds).transpose()?))
         };
-        let has_others = program.nominal.is_some() || has_queue;
+        let has_others = !added_at_once.is_empty() || has_queue;
         let (trace_new, others) =
             side_by_side(|| pipeline(program.entry_point()), has_others.then_some(others))?;
-        let trace_new = trace_new?;
-        let (trace_nominal, rounds) = others.transpose()?.unwrap_or_default();
+        let trace_new = FirstStage::new("trace_new", trace_new?);
+        let (added_at_once, rounds) = others.transpose()?.unwrap_or_default();
+        let added = added_stages(&additions.stages, added_at_once);
 
         let sums = DeviceSums::new(gpu, &program.sums.sums)?;
         let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
@@ -154,10 +165,6 @@ impl DeviceState {
         let images: Vec<(u32, wgpu::TextureView)> = images.into_iter().map(image).collect();
         let buffer = |(number, bytes): &(u32, Vec<u8>)| Ok((*number, gpu.scene_buffer(bytes)?));
         let constants: Vec<(u32, wgpu::Buffer)> = buffers.into_iter().map(buffer).collect::<Result<_>>()?;
-        let strays = match program.nominal {
-            Some(_) => Some(gpu.buffer("rays that strayed", u64::from(batch) * 8)?),
-            None => None,
-        };
         let rng_table = gpu.constant_buffer("draws", &program.rng_table);
         let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (program::RNG_TABLE, &rng_table)];
         scene.extend(
@@ -170,12 +177,12 @@ impl DeviceState {
             scene.push((crate::program::layout::tables::EMITTER, &emitter));
         }
         scene.extend(events.as_ref().map(|events| (12, events)));
-        scene.extend(strays.as_ref().map(|strays| (crate::software::path::main_path::STRAYS, strays)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
-        let logs = logs.map_or(vec![None], |logs| logs.bindings().map(Some).into());
-        let log_bytes: u64 = logs.iter().flatten().map(|(_, log)| log.size()).sum();
-        let group = |log| gpu.bind_group("scene", scene_layout, scene.iter().copied().chain(log), &images);
-        let scenes = logs.into_iter().map(group).collect();
+        let group = |added: &Vec<(u32, wgpu::Buffer)>| {
+            let added = added.iter().map(|(number, buffer)| (*number, buffer));
+            gpu.bind_group("scene", scene_layout, scene.iter().copied().chain(added), &images)
+        };
+        let scenes = additions.groups.iter().map(group).collect();
 
         let queue_bytes = if has_queue { u64::from(batch) * stride_of(program, "QueuedRay")? } else { 0 };
         let queue =
@@ -189,13 +196,11 @@ impl DeviceState {
         };
         let queues = [direction(1, 0), direction(0, 1)];
         gpu.check()?;
-        let stray_bytes = strays.as_ref().map_or(0, wgpu::Buffer::size);
         Ok(DeviceState {
             gpu: gpu.clone(),
-            bytes: program.device_bytes() + log_bytes + stray_bytes + 2 * queue_bytes,
+            bytes: program.device_bytes() + 2 * queue_bytes,
             trace_new,
-            trace_nominal,
-            trace_sides: program.side_paths.iter().map(|_| OnceCell::new()).collect(),
+            added,
             compiler,
             rounds,
             scenes,
@@ -204,7 +209,6 @@ impl DeviceState {
             emitter,
             counts,
             rng_table,
-            strays,
             sums,
             tops,
             counters,
@@ -212,63 +216,27 @@ impl DeviceState {
         })
     }
 
-    /// Compiles the stage that such rays go through, unless it is.
-    pub(crate) fn prepare(&self, program: &Program, rays: &Rays) -> Result<()> {
-        let Rays::OfSide { side, .. } = *rays else { return Ok(()) };
-        let Some(stage) = self.trace_sides.get(side).filter(|stage| stage.get().is_none()) else {
-            return Ok(());
+    /// The stage that follows rays from their birth: the plain one, or one that a strategy has added, which is compiled
+    /// unless it is.
+    pub(super) fn first_stage(&self, program: &Program, added: Option<usize>) -> Result<&FirstStage> {
+        let Some((stage, compiled)) = added.and_then(|number| self.added.get(number)) else {
+            return Ok(&self.trace_new);
         };
-        let pipeline = self.compiler.pipeline(program, &side_path::entry_point(side))?;
-        stage.get_or_init(|| pipeline);
-        Ok(())
-    }
-
-    /// The stage of the path that such rays are to take, with its name, if it has one.
-    pub(crate) fn trace_path(&self, rays: &Rays) -> Option<(&'static str, &wgpu::ComputePipeline)> {
-        match rays {
-            Rays::OfRange => self.trace_nominal.as_ref().map(|stage| ("trace_nominal", stage)),
-            Rays::OfSide { side, .. } => Some(("trace_side", self.trace_sides.get(*side)?.get()?)),
-            Rays::Strayed => None,
+        if let Some(compiled) = compiled.get() {
+            return Ok(compiled);
         }
+        let pipeline = self.compiler.pipeline(program, &stage.entry_point)?;
+        Ok(compiled.get_or_init(|| FirstStage::new(stage.name, pipeline)))
     }
 
-    /// The stages of one batch, in their order; `log` is the log of ends that they write.
-    pub(crate) fn stages(
-        &self,
-        new_workgroups: [u32; 3],
-        num_rounds: usize,
-        log: usize,
-        rays: &Rays,
-    ) -> impl Iterator<Item = Stage<'_>> {
-        let scene = &self.scenes[log];
-        let (name, pipeline, rounds) = match self.trace_path(rays) {
-            Some((name, trace_path)) => (name, trace_path, None),
-            None => ("trace_new", &self.trace_new, self.rounds.as_ref()),
-        };
-        let first = Stage {
-            name,
-            pipeline,
-            groups: [Some(scene), Some(&self.queues[0])],
-            workgroups: Workgroups::Of(new_workgroups),
-        };
-        let rounds = rounds.into_iter().flat_map(move |rounds| {
-            (1..num_rounds).flat_map(move |round| {
-                let advance = Stage {
-                    name: "advance",
-                    pipeline: &rounds.advance,
-                    groups: [Some(&rounds.advancing), None],
-                    workgroups: Workgroups::Of([1, 1, 1]),
-                };
-                let trace_queued = Stage {
-                    name: "trace_queued",
-                    pipeline: &rounds.trace_queued,
-                    groups: [Some(scene), Some(&self.queues[round % 2])],
-                    workgroups: Workgroups::Counted(&rounds.workgroups),
-                };
-                [advance, trace_queued]
-            })
-        });
-        std::iter::once(first).chain(rounds)
+    /// True if rows go to the host.
+    pub(crate) fn keeps_rows(&self) -> bool {
+        self.events.is_some()
+    }
+
+    /// Takes other draws.
+    pub(crate) fn set_draws(&self, rng_table: &[u8]) {
+        self.gpu.queue.write_buffer(&self.rng_table, 0, rng_table);
     }
 
     /// Hands over what was summed up, and clears it.
@@ -295,6 +263,20 @@ impl DeviceState {
         }
         Ok(was_cut)
     }
+}
+
+/// The stages that a strategy adds, of which those are compiled that should be at once.
+fn added_stages(
+    stages: &[AddedStage],
+    compiled: Vec<wgpu::ComputePipeline>,
+) -> Vec<(AddedStage, OnceCell<FirstStage>)> {
+    let mut compiled = compiled.into_iter();
+    let with_pipeline = |stage: &AddedStage| {
+        let pipeline = if stage.at_once { compiled.next() } else { None };
+        let first = pipeline.map(|pipeline| FirstStage::new(stage.name, pipeline));
+        (stage.clone(), first.map_or_else(OnceCell::new, OnceCell::from))
+    };
+    stages.iter().map(with_pipeline).collect()
 }
 
 /// What two give, the second of which runs in a thread of its own, if there is one.

@@ -1,7 +1,7 @@
 //! How many rays a dispatch traces, and in how many submissions, so that each keeps the device for a moment only: a desktop
 //! stays usable, and no watchdog ends it.
 
-use crate::trace::DEFAULT_BATCH;
+use crate::engine::limits::DEFAULT_BATCH;
 use std::time::Duration;
 
 /// Events that a first dispatch may make, before any has told how long they take: those of the largest batch at the default

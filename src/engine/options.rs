@@ -15,7 +15,7 @@ pub struct TraceOptions {
     /// Number of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
     pub first_ray: u64,
     /// The rays are a part, from `first_ray` on, of a trace of so many rays, which the sources share: each source gives
-    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a lone source both are
+    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a single source both are
     /// the same.
     pub of_rays: Option<u64>,
     /// Seed of every draw.
@@ -38,47 +38,18 @@ pub struct TraceOptions {
     pub sampler: Sampler,
     /// A scene in tables is searched by a tree of boxes, or one primitive after the other; by a tree where not given.
     pub tree: Option<bool>,
-    /// The host adds up where rays end, instead of atomics on the device; where not given, on adapters that are
-    /// processors.
-    pub host_sums: Option<bool>,
-    /// Lanes of a processor's vectors store together where rays arrive that keep to the nominal path, instead of each alone;
-    /// where not given, on a processor that reads the parts of a wide vector slowly. It never changes a result.
-    #[doc(hidden)]
-    pub stores_together: Option<bool>,
-    /// Invocations follow two rays of the nominal path at a time, where they can; where not given, on processors, whose
-    /// instructions would wait for each other. It never changes a result.
-    #[doc(hidden)]
-    pub side_by_side: Option<bool>,
-    /// Two devices on one adapter take turns where the host adds up: the second from the end of the first pass on; where not
-    /// given, on processors, in traces that take long. It never changes a result.
-    #[doc(hidden)]
-    pub second_device: Option<bool>,
-    /// Rays that stray from the nominal path follow side paths, all of them or none; where not given, those whose stages pay
-    /// for as many rays as are to be traced, or, where that is not known, have been. It never changes a result.
-    #[doc(hidden)]
-    pub side_paths: Option<bool>,
     /// The trace may be ended before its last ray: what pays only in a long one is begun late. It never changes a result.
     pub may_end_early: bool,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
-    /// Most rays that an invocation follows one after the other, where it may follow several; where not given, several on
-    /// adapters that are processors, as long as each of these has workgroups enough.
-    pub rays_per_invocation: Option<u32>,
     /// Events a ray goes through in registers before the survivors are compacted.
     pub events_per_dispatch: u32,
     /// Whether arithmetic is strict: then a scene compiled in and the same in tables give the same bits.
     pub strict: Strict,
-    /// The path that most rays take has a stage of its own, and rays that stray from it are traced again; where not given,
-    /// in long traces in which the host adds up. It never changes a result.
-    pub nominal_path: Option<bool>,
     /// Sums are bound in parts of at most so many bytes; in the largest that the adapter binds where not given. It never
     /// changes a result.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
-    /// Trees of at most so many bytes lie in images; as large as the adapter's images where not given, if it is a
-    /// processor. It never changes a result.
-    #[doc(hidden)]
-    pub texel_bytes: Option<u64>,
 }
 
 /// Whether no floating-point operations are fused or reordered by the driver.
@@ -146,19 +117,11 @@ impl Default for TraceOptions {
             baked: None,
             sampler: Sampler::Pcg,
             tree: None,
-            host_sums: None,
-            stores_together: None,
-            side_by_side: None,
-            second_device: None,
-            side_paths: None,
             may_end_early: false,
             workgroup_size: Tuning::default().workgroup_size,
-            rays_per_invocation: None,
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
-            nominal_path: None,
             part_bytes: None,
-            texel_bytes: None,
         }
     }
 }
@@ -268,15 +231,6 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     }
     if options.batch_size == Some(0) {
         return usage("the batch size is 0; at least one ray is needed".into());
-    }
-    if options.host_sums == Some(true) && !gpu.has_shared_memory() {
-        return usage(format!(
-            "the adapter `{}` shares no memory with the host, which cannot add up",
-            gpu.info.name
-        ));
-    }
-    if options.stores_together == Some(true) && gpu.lanes == 1 {
-        return usage(format!("the adapter `{}` has no subgroups of one size", gpu.info.name));
     }
     if options.precision == Precision::F64 && !gpu.f64 {
         return usage(format!(

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::folders::Folder;
 use crate::gpu::AdapterInfo;
-use crate::software::vector_width::without_width;
+use crate::gpu::adapter_name::without_width;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

@@ -1,9 +1,7 @@
 //! Adapters and devices.
 
 use crate::error::{Error, Result};
-use crate::gpu::compute::TEXEL_BYTES;
-use crate::gpu::processors;
-use crate::software::vector_width::{self, without_width};
+use crate::gpu::adapter_name::without_width;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// How to choose an adapter.
@@ -66,7 +64,8 @@ impl AdapterInfo {
         self.kind == "Cpu"
     }
 
-    fn is_vulkan(&self) -> bool {
+    /// True if it is reached by Vulkan.
+    pub fn is_vulkan(&self) -> bool {
         self.backend == wgpu::Backend::Vulkan.to_string()
     }
 }
@@ -242,49 +241,10 @@ impl Gpu {
         Ok(Gpu { device, queue, info, f64, int64, lanes, runtime_checks, adapter, choice, failure, df64 })
     }
 
-    /// Largest table that is better read from a uniform buffer than from a storage buffer. Processors read uniforms, by
-    /// words, without a check of every lane; GPUs read storage faster where invocations diverge.
-    pub fn uniform_table_bytes(&self) -> u32 {
-        let limit = self.device.limits().max_uniform_buffer_binding_size.min(u64::from(u32::MAX)) as u32;
-        if self.info.is_cpu() { limit } else { 0 }
-    }
-
-    /// Largest table that is better read from an image of so many texels a line than from a buffer, where invocations read
-    /// different rows: lavapipe reads a texel as a whole, and the words of a buffer lane by lane. Other processors' drivers
-    /// were not tried.
-    pub fn texel_table_bytes(&self, texels_per_line: u32) -> u64 {
-        let limits = self.device.limits();
-        let is_possible = self.info.is_cpu()
-            && self.info.is_vulkan()
-            && limits.max_storage_textures_per_shader_stage >= 1
-            && limits.max_texture_dimension_2d >= texels_per_line;
-        let lines = if is_possible { limits.max_texture_dimension_2d } else { 0 };
-        let image = u64::from(TEXEL_BYTES) * u64::from(texels_per_line) * u64::from(lines);
-        image.min(self.largest_binding())
-    }
-
-    /// True if the host should add up where rays end: the device is a processor, where an atomic costs each emulated lane
-    /// ten times a store.
-    pub fn prefers_host_sums(&self) -> bool {
-        self.info.is_cpu() && self.has_shared_memory()
-    }
-
-    /// Lanes of the vectors of a driver on a processor, which may be told how many; 0 elsewhere.
+    /// Most lanes of the driver's vectors. Where a driver may be told how many there are, as lavapipe is by the environment,
+    /// its cache of compiled shaders does not ask for it: so the text of shaders has to differ with it.
     pub fn vector_lanes(&self) -> u32 {
-        if self.info.is_cpu() { self.adapter.get_info().subgroup_max_size } else { 0 }
-    }
-
-    /// True if lanes of a subgroup should store places together: where vectors have 512 bits, whose later parts the
-    /// processor reads slowly (software/path/lanes_together.wgsl).
-    pub fn prefers_stores_together(&self) -> bool {
-        const WIDE: u32 = 16;
-        self.lanes >= WIDE && vector_width::have_slow_parts()
-    }
-
-    /// True if two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and
-    /// waits for the last of them before it begins the next of the same device.
-    pub fn prefers_two_devices(&self) -> bool {
-        self.info.is_cpu() && self.info.is_vulkan() && processors::count() > 1
+        self.adapter.get_info().subgroup_max_size
     }
 
     /// True if the host can read what a dispatch wrote where it lies.

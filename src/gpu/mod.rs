@@ -1,6 +1,7 @@
 //! Mechanics of wgpu: adapters, pipelines, buffers, read-back. No optics.
 
 pub mod adapter;
+pub mod adapter_name;
 pub mod compute;
 pub mod processors;
 pub mod profile;

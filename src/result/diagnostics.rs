@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::format::{percent, shown, significant, thousands};
 use crate::model::SceneIr;
-use crate::result::format::{percent, shown, significant, thousands};
+use crate::result::StoppedBy;
 use crate::result::{Detector, DetectorData, SensorTally, StageTime, Tally, TraceResult, Uncertainty};
 use crate::trace::TraceOptions;
-use crate::trace::stopping::StoppedBy;
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
 const DEPTH_TRUNCATION: f64 = 1e-3;

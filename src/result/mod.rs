@@ -11,7 +11,6 @@
 pub mod comparison;
 pub mod diagnostics;
 pub mod far_field;
-pub(crate) mod format;
 pub mod integrity;
 pub mod irradiance;
 pub mod ledger;
@@ -25,6 +24,7 @@ mod reader;
 pub mod report;
 pub mod rows;
 pub mod spectral;
+mod stopped_by;
 pub mod tally;
 mod text;
 mod trace_result;
@@ -40,6 +40,7 @@ pub use crate::result::ray_set::{RaySet, RaySpan};
 pub use crate::result::report::Report;
 pub use crate::result::rows::{Recorded, Recording, RowWriter, Rows};
 pub use crate::result::spectral::SpectralMap;
+pub use crate::result::stopped_by::StoppedBy;
 pub use crate::result::tally::{
     Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally,
 };

@@ -8,7 +8,7 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, Read as _, Write};
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -16,7 +16,6 @@ use crate::placing::{self, Journal, Lock, Scratch, step};
 use crate::result::integrity::{self, FileHash, Meta};
 use crate::result::report::Files;
 use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
-use crate::trace::checkpoint;
 use rayon::prelude::*;
 use serde_json::Value;
 
@@ -26,6 +25,16 @@ pub const REPORT: &str = "report.json";
 pub const RAY_PATHS: &str = "ray_paths.npz";
 /// Name of the file of raw sums.
 pub const TALLY: &str = "tally.bin";
+/// With which a file of raw sums begins.
+pub const SUMS_MAGIC: &[u8; 8] = b"NSQTALLY";
+
+/// True of a file that begins as files of raw sums do.
+pub fn holds_sums(path: &Path) -> bool {
+    let mut magic = [0; SUMS_MAGIC.len()];
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok()
+        && magic == *SUMS_MAGIC
+}
 
 /// Writes all files of `result` into `dir`, which is created if it does not exist, and returns their paths.
 ///
@@ -236,7 +245,7 @@ impl Before {
                 files.insert(REPORT.into(), None);
             }
         }
-        if is_file(TALLY) && checkpoint::is_one(&dir.join(TALLY)) {
+        if is_file(TALLY) && holds_sums(&dir.join(TALLY)) {
             files.insert(TALLY.into(), None);
         }
         // What somebody has changed since is no longer this program's.

@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::model::Frame;
+use crate::result::StoppedBy;
 use crate::result::integrity::Meta;
 use crate::result::{
     DetectorData, Diagnostics, IrradianceMap, Ledger, SpectralMap, SurfaceResult, TraceResult,
 };
-use crate::trace::stopping::StoppedBy;
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;

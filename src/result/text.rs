@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::result::format::{shown, significant, thousands};
+use crate::format::{shown, significant, thousands};
+use crate::result::StoppedBy;
 use crate::result::{Entry, TraceResult};
-use crate::trace::stopping::StoppedBy;
 
 impl TraceResult {
     /// The report: how the trace was run, where the flux went, what the detectors read, whether the ledger closes, and

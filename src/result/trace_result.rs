@@ -2,12 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::model::{Interaction, SceneIr, Sensor, SensorKind};
+use crate::result::StoppedBy;
 use crate::result::uncertainty::{relative_error_of_map, worst_relative_error};
 use crate::result::{
     Booking, Diagnostics, FarFieldPattern, IrradianceMap, Ledger, QUANTA_PER_WEIGHT, RayDatabase, RayPaths,
     Recorded, Rows, SensorTally, SpectralMap, Tally, Uncertainty,
 };
-use crate::trace::stopping::StoppedBy;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;

@@ -2,8 +2,8 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::format::significant;
 use crate::model::{Bsdf, Interaction, MediumId, Mesh};
-use crate::result::format::significant;
 use crate::scene::coincidence;
 use crate::scene::json::{Detector, Material, Profile, ReflectProb, SceneFile, Source};
 use crate::scene::materials::listed;

@@ -3,10 +3,10 @@
 use crate::error::{Error, Result};
 use crate::gpu::{Gpu, processors};
 use crate::program::{Cells, RayRange};
-use crate::software::log::adder::{EndSums, LoggedRays, Stray};
+use crate::software::log::adder::{EndSums, LoggedRays, RejectedRay};
 use crate::software::log::format::{self, EndLog};
 use crate::software::path::path_log::PathLog;
-use crate::software::path::rejected::Strays;
+use crate::software::path::rejected::Rejected;
 use crate::software::path::side_path::SidePath;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub struct EndLogs {
     shape: EndLog,
-    /// What rays log that keep to the nominal path, where they do not log entries as others do.
+    /// What rays log that keep to the main path, where they do not log entries as others do.
     path: Option<PathLog>,
     /// The same of the side paths.
     side_paths: Vec<Option<PathLog>>,
@@ -33,10 +33,10 @@ pub struct EndLogs {
     first_end: Option<Instant>,
     /// Rays of each dispatch that was timed, and what it took, since the last time they were asked for.
     times: Vec<(u32, Duration)>,
-    strays: Strays,
-    /// Rays of ranges that were added up in this trace, and those of them that strayed.
+    rejected: Rejected,
+    /// Rays of ranges that were added up in this trace, and those of them that were rejected.
     num_followed: u64,
-    num_strayed: u64,
+    num_rejected: u64,
 }
 
 /// So that the entries of a ray lie no power of two apart: such addresses crowd each other out of the caches.
@@ -74,17 +74,17 @@ struct Written {
 /// Which rays a dispatch traces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Rays {
-    /// Those of its range, along the nominal path if there is one.
+    /// Those of its range, along the main path if there is one.
     OfRange,
-    /// Those that strayed from the nominal path, along a side path.
+    /// Those that were rejected by the main path, along a side path.
     OfSide {
         /// Its number.
         side: usize,
         /// Theirs.
         ids: Vec<u64>,
     },
-    /// Those that strayed from the nominal path, in any way.
-    Strayed,
+    /// Those that were rejected by the main path, in any way.
+    Rejected,
 }
 
 impl EndLogs {
@@ -105,17 +105,17 @@ impl EndLogs {
             written: VecDeque::new(),
             first_end: None,
             times: Vec::new(),
-            strays: Strays::default(),
+            rejected: Rejected::default(),
             num_followed: 0,
-            num_strayed: 0,
+            num_rejected: 0,
         })
     }
 
-    /// Lets rays that stray from the nominal path follow side paths: where that pays, of so many rays that are to be traced,
+    /// Lets rays that are rejected by the main path follow side paths: where that pays, of so many rays that are to be traced,
     /// if that is known, or always.
     pub fn follow_sides(&mut self, side_paths: &[SidePath], num_expected: Option<u64>, always: bool) {
         self.side_paths = side_paths.iter().map(|side| side.log.clone()).collect();
-        self.strays = Strays::new(side_paths, num_expected, always);
+        self.rejected = Rejected::new(side_paths, num_expected, always);
     }
 
     /// The logs of each device.
@@ -146,7 +146,7 @@ impl EndLogs {
     pub fn keep_first_device(&mut self) {
         self.discard();
         self.devices.truncate(1);
-        self.strays.keep_first_device();
+        self.rejected.keep_first_device();
         self.turn = 0;
     }
 
@@ -217,14 +217,14 @@ impl EndLogs {
         std::mem::take(&mut self.times)
     }
 
-    /// Begins a trace: forgets what is not added up, and the strays.
+    /// Begins a trace: forgets what is not added up, and the rejected rays.
     pub fn discard(&mut self) {
         for written in std::mem::take(&mut self.written) {
             self.log(written.turn).unmap();
         }
         self.times.clear();
-        self.strays.discard();
-        (self.num_followed, self.num_strayed) = (0, 0);
+        self.rejected.discard();
+        (self.num_followed, self.num_rejected) = (0, 0);
     }
 
     /// Adds up what is still to be.
@@ -238,19 +238,19 @@ impl EndLogs {
         Ok(())
     }
 
-    /// The rays that strayed from the nominal path.
-    pub fn strays(&mut self) -> &mut Strays {
-        &mut self.strays
+    /// The rays that were rejected by the main path.
+    pub fn rejected(&mut self) -> &mut Rejected {
+        &mut self.rejected
     }
 
-    /// How many rays of this trace were to keep to the nominal path, and how many of them strayed.
-    pub fn num_followed_and_strayed(&self) -> [u64; 2] {
-        [self.num_followed, self.num_strayed]
+    /// How many rays of this trace were to keep to the main path, and how many of them were rejected.
+    pub fn num_followed_and_rejected(&self) -> [u64; 2] {
+        [self.num_followed, self.num_rejected]
     }
 
     /// The same of each side path.
     pub fn num_along_sides(&self) -> impl Iterator<Item = [u64; 2]> {
-        self.strays.num_along_sides()
+        self.rejected.num_along_sides()
     }
 
     /// The sums since the last time.
@@ -281,7 +281,7 @@ impl EndLogs {
         self.times.extend(start.map(|start| (written.range.count, end.saturating_duration_since(start))));
         *last_end = Some(end);
         self.first_end.get_or_insert(end);
-        let strays = {
+        let rejected = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
             let RayRange { count, emitter, .. } = written.range;
@@ -294,29 +294,30 @@ impl EndLogs {
             let path = match written.rays {
                 Rays::OfRange => self.path.as_ref(),
                 Rays::OfSide { side, .. } => self.side_paths.get(side).and_then(Option::as_ref),
-                Rays::Strayed => None,
+                Rays::Rejected => None,
             };
             add_side_by_side(&mut self.sums, &logged, &self.shape, path)
         };
         log.unmap();
-        self.note_strays(&strays?, &written)
+        self.note_rejected(&rejected?, &written)
     }
 
-    /// Notes the rays of a dispatch that strayed.
-    fn note_strays(&mut self, strays: &[Stray], written: &Written) -> Result<()> {
+    /// Notes the rays of a dispatch that were rejected.
+    fn note_rejected(&mut self, rejected: &[RejectedRay], written: &Written) -> Result<()> {
         let range = &written.range;
         match &written.rays {
             Rays::OfRange => {
                 self.num_followed += u64::from(range.count);
-                self.num_strayed += strays.len() as u64;
-                self.strays.add(strays, range);
+                self.num_rejected += rejected.len() as u64;
+                self.rejected.add(rejected, range);
                 Ok(())
             }
             Rays::OfSide { side, ids } => {
-                let unknown = || Error::Internal("a ray that nobody traced strayed from a side path".into());
-                self.strays.add_of_side(*side, strays, ids, range.emitter).ok_or_else(unknown)
+                let unknown =
+                    || Error::Internal("a ray that nobody traced was rejected by a side path".into());
+                self.rejected.add_of_side(*side, rejected, ids, range.emitter).ok_or_else(unknown)
             }
-            Rays::Strayed => Ok(()),
+            Rays::Rejected => Ok(()),
         }
     }
 }
@@ -349,13 +350,13 @@ fn no_sums(num_threads: usize, cells: &Cells, shape: &EndLog) -> Vec<EndSums> {
     (0..num_threads).map(|_| EndSums::new(cells, shape.form)).collect()
 }
 
-/// Adds up what rays logged, a part of them in each thread, and tells which rays have strayed.
+/// Adds up what rays logged, a part of them in each thread, and tells which rays were rejected.
 fn add_side_by_side(
     sums: &mut [EndSums],
     logged: &LoggedRays,
     shape: &EndLog,
     path: Option<&PathLog>,
-) -> Result<Vec<Stray>> {
+) -> Result<Vec<RejectedRay>> {
     let rays = &logged.rays;
     let entries_per_ray = path.map_or(shape.max_passes as usize + 1, PathLog::num_rows);
     let num_entries = rays.len() * entries_per_ray;
@@ -364,12 +365,12 @@ fn add_side_by_side(
     let part = |first| LoggedRays { rays: first..(first + part_rays).min(rays.end), ..*logged };
     let parts = rays.clone().step_by(part_rays).map(part);
     let add = |(sums, part): (&mut EndSums, LoggedRays)| {
-        let mut strays = Vec::new();
+        let mut rejected = Vec::new();
         let added = match path {
-            Some(path) => sums.add_path(&part, shape.form, path, &mut strays),
-            None => sums.add(&part, shape, &mut strays),
+            Some(path) => sums.add_path(&part, shape.form, path, &mut rejected),
+            None => sums.add(&part, shape, &mut rejected),
         };
-        added.map(|()| strays).ok_or_else(no_such_cell)
+        added.map(|()| rejected).ok_or_else(no_such_cell)
     };
     std::thread::scope(|scope| {
         let mut parts = sums.iter_mut().zip(parts);
@@ -377,12 +378,12 @@ fn add_side_by_side(
         let thread = |part| std::thread::Builder::new().spawn_scoped(scope, move || add(part));
         let no_thread = |error| Error::Device(format!("no thread to add up where rays end: {error}"));
         let others = parts.map(thread).collect::<std::io::Result<Vec<_>>>().map_err(no_thread)?;
-        let mut strays = own.map_or_else(|| Ok(Vec::new()), add)?;
+        let mut rejected = own.map_or_else(|| Ok(Vec::new()), add)?;
         for other in others {
             let failed = |_| Error::Internal("a thread that adds up the log of ends failed".into());
-            strays.append(&mut other.join().map_err(failed)??);
+            rejected.append(&mut other.join().map_err(failed)??);
         }
-        Ok(strays)
+        Ok(rejected)
     })
 }
 
@@ -415,16 +416,16 @@ mod tests {
         assert_eq!(places(2), [(0, 0), (1, 0), (0, 1), (1, 1)]);
     }
 
-    /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or have strayed.
-    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<Stray>) {
-        let [in_cell, passes, strayed]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
+    /// What so many threads make of a log, whose rays end in one cell after the other, pass first, or were rejected.
+    fn added(num_threads: usize, num: usize) -> (EndSums, Vec<RejectedRay>) {
+        let [in_cell, passes, rejected]: [u64; 3] = [1 << 26, 1 << 29, 1 << 30];
         let cells = Cells::of(&scene());
         let shape = log(Form::Packed, 1);
         let stride = num + 3;
         let weight = |ray: usize| u64::from((1.0 + ray as f32).to_bits()) << 32;
         let cell = |ray: usize| ray as u64 % u64::from(cells.num_cells);
         let first = |ray| match ray % 7 {
-            0 => strayed | (ray as u64 % 5),
+            0 => rejected | (ray as u64 % 5),
             1 => in_cell | passes | cell(ray) | weight(ray),
             _ => in_cell | cell(ray) | weight(ray),
         };
@@ -432,26 +433,26 @@ mod tests {
         entries.extend((0..stride).map(|ray| in_cell | cell(ray + 1) | weight(ray)));
         let mut sums: Vec<EndSums> = (0..num_threads).map(|_| EndSums::new(&cells, shape.form)).collect();
         let logged = LoggedRays { bytes: bytemuck::cast_slice(&entries), rays: 0..num, stride, weight: 0.0 };
-        let strays = add_side_by_side(&mut sums, &logged, &shape, None).unwrap();
+        let rejected = add_side_by_side(&mut sums, &logged, &shape, None).unwrap();
         let mut all = EndSums::new(&cells, shape.form);
         sums.iter().for_each(|part| all.merge(part).unwrap());
-        (all, strays)
+        (all, rejected)
     }
 
     #[test]
     fn any_number_of_threads_adds_up_the_same() {
         for num in [1, LEAST_ENTRIES, 3 * LEAST_ENTRIES + 1, 4 * LEAST_ENTRIES + 63] {
-            let (alone, strays) = added(1, num);
-            let stray = |ray: u32| Stray { ray, event: ray % 5 };
-            assert!(strays.iter().copied().eq((0..num as u32).step_by(7).map(stray)));
-            assert_eq!(alone.counts.iter().sum::<u64>(), (num - strays.len() + (num + 5) / 7) as u64);
+            let (alone, rejected) = added(1, num);
+            let ray = |ray: u32| RejectedRay { ray, event: ray % 5 };
+            assert!(rejected.iter().copied().eq((0..num as u32).step_by(7).map(ray)));
+            assert_eq!(alone.counts.iter().sum::<u64>(), (num - rejected.len() + (num + 5) / 7) as u64);
             for num_threads in [2, 3, 8] {
-                let (sums, strays_of_threads) = added(num_threads, num);
+                let (sums, rejected_of_threads) = added(num_threads, num);
                 assert!(
                     sums.counts == alone.counts && sums.quanta().eq(alone.quanta()),
                     "{num_threads}, {num}"
                 );
-                assert_eq!(strays_of_threads, strays);
+                assert_eq!(rejected_of_threads, rejected);
             }
         }
     }

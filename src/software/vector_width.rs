@@ -1,7 +1,7 @@
 //! How wide lavapipe computes.
 
 use crate::model::SceneIr;
-use crate::software::path::pilot;
+use crate::software::path::pays;
 use std::process::Command;
 use std::sync::OnceLock;
 
@@ -70,7 +70,7 @@ impl Width {
             && match processor {
                 Processor::Slow => false,
                 Processor::Whole => {
-                    pilot::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb)
+                    pays::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb)
                 }
                 Processor::Fast => true,
             };
@@ -152,16 +152,6 @@ fn vendor() -> Vec<u8> {
     [leaf.ebx, leaf.edx, leaf.ecx].into_iter().flat_map(u32::to_le_bytes).collect()
 }
 
-/// The name of an adapter without the width of lavapipe's vectors, which is no part of what it is.
-pub fn without_width(name: &str) -> String {
-    let is_width = |part: &str| part.strip_suffix(" bits").is_some_and(|bits| bits.parse::<u32>().is_ok());
-    let last = name.strip_suffix(')').and_then(|open| open.rsplit_once(", "));
-    match last {
-        Some((rest, width)) if is_width(width) => format!("{rest})"),
-        _ => name.into(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -200,20 +190,6 @@ mod tests {
         ] {
             let widths = counts.map(|num| Width::of_command_on(processor, &lens, num, in_f64));
             assert_eq!(widths, expected, "{processor:?}, in f64: {in_f64}");
-        }
-    }
-
-    #[test]
-    fn only_a_width_is_taken_out_of_a_name() {
-        for (name, expected) in [
-            ("llvmpipe (LLVM 15.0.6, 256 bits)", "llvmpipe (LLVM 15.0.6)"),
-            ("llvmpipe (LLVM 19.1.7, 512 bits)", "llvmpipe (LLVM 19.1.7)"),
-            ("Some GPU (A, B)", "Some GPU (A, B)"),
-            ("Some GPU (RADV NAVI31)", "Some GPU (RADV NAVI31)"),
-            ("256 bits", "256 bits"),
-            ("", ""),
-        ] {
-            assert_eq!(without_width(name), expected);
         }
     }
 }

@@ -194,7 +194,6 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
         precision: Precision::F32,
         paths: RecordPaths::All,
         standard_error: StandardError::Off,
-        nominal_path: Some(false),
         ..options.clone()
     };
     // The path of a split ray's child begins at the split, with errors that are its parent's: so branches are drawn.

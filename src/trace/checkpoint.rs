@@ -9,19 +9,17 @@ use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
 use crate::model::SceneIr;
 use crate::placing;
-use crate::result::output::{REPORT, TALLY};
+use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
 use crate::result::{SensorTally, Tally, integrity};
 use crate::trace::{RecordPaths, TraceOptions};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
-use std::fs::{self, File};
-use std::io::Read as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Version of the format.
 pub const FORMAT: u32 = 3;
 
-const MAGIC: &[u8; 8] = b"NSQTALLY";
 const HEADER_BYTES: usize = 24;
 
 /// Which trace some sums are of.
@@ -238,17 +236,9 @@ fn check_is_own(path: &Path) -> Result<()> {
         Err(error) => Err(Error::file(path, error)),
         Ok(found) if found.is_dir() => refused("is a folder"),
         Ok(found) if found.is_symlink() => refused("is a link"),
-        Ok(found) if found.is_file() && (found.len() == 0 || is_one(path)) => Ok(()),
+        Ok(found) if found.is_file() && (found.len() == 0 || holds_sums(path)) => Ok(()),
         Ok(_) => refused("is no file of sums of this program"),
     }
-}
-
-/// True of a file that begins as files of sums do.
-pub fn is_one(path: &Path) -> bool {
-    let mut magic = [0; MAGIC.len()];
-    path.is_file()
-        && File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok()
-        && magic == *MAGIC
 }
 
 fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
@@ -256,7 +246,7 @@ fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
     bytes = postcard::to_extend(&(identity, tally), bytes)
         .map_err(|error| Error::Internal(format!("encoding the sums: {error}")))?;
     let (length, sum) = (bytes.len() - HEADER_BYTES, crc32fast::hash(&bytes[HEADER_BYTES..]));
-    bytes[..8].copy_from_slice(MAGIC);
+    bytes[..8].copy_from_slice(SUMS_MAGIC);
     bytes[8..12].copy_from_slice(&FORMAT.to_le_bytes());
     bytes[12..20].copy_from_slice(&(length as u64).to_le_bytes());
     bytes[20..24].copy_from_slice(&sum.to_le_bytes());
@@ -264,7 +254,7 @@ fn encode(identity: &Identity, tally: &Tally) -> Result<Vec<u8>> {
 }
 
 fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
-    let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES).filter(|_| bytes.starts_with(MAGIC))
+    let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES).filter(|_| bytes.starts_with(SUMS_MAGIC))
     else {
         return Err("is no file of sums of this program".into());
     };

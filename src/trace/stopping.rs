@@ -5,23 +5,10 @@
 
 use crate::error::Result;
 use crate::model::SceneIr;
-use crate::result::Tally;
 use crate::result::uncertainty::Errors;
+use crate::result::{StoppedBy, Tally};
 use crate::trace::{Progress, Tracer};
-use serde::{Deserialize, Serialize};
 use std::time::Duration;
-
-/// Why a trace ended before its last ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum StoppedBy {
-    /// Ctrl-C.
-    Interrupt,
-    /// The time limit.
-    TimeLimit,
-    /// The target for the error was met.
-    TargetError,
-}
 
 /// Decides after each pass whether to go on.
 #[derive(Debug, Clone, PartialEq)]

@@ -593,7 +593,7 @@ fn quoted(word: &str) -> String {
 
 /// A count as people write it.
 pub fn count(count: u64) -> String {
-    crate::result::format::thousands(count)
+    crate::format::thousands(count)
 }
 
 impl Settings {

@@ -359,7 +359,7 @@ pub fn decades((low, high): (f64, f64), count: usize) -> Vec<Tick> {
     let (first, last) = ((low - 1e-9).ceil() as i32, (high + 1e-9).floor() as i32);
     let step = ((last - first).max(0) as usize / count.max(1) + 1).max(1);
     let label = |power: i32| match power {
-        -2..=3 => crate::result::format::significant(10f64.powi(power), 1),
+        -2..=3 => crate::format::significant(10f64.powi(power), 1),
         _ => format!("1e{power}"),
     };
     (first..=last).step_by(step).map(|power| (f64::from(power), label(power))).collect()

@@ -6,6 +6,7 @@ use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::model::{SceneIr, SensorKind};
 use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
+use nsq_gpu::software::{Choices, When};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -23,21 +24,23 @@ pub struct Setting {
     pub native: bool,
     /// Options of the trace.
     pub options: TraceOptions,
+    /// What the software wing does in it.
+    pub choices: Choices,
 }
 
 impl Default for Setting {
     /// As the oracle traced; with atomics, as on a GPU.
     fn default() -> Self {
-        let options = TraceOptions { num_rays: 100_000, host_sums: Some(false), ..Default::default() };
-        Setting { native: true, options }
+        let options = TraceOptions { num_rays: 100_000, ..Default::default() };
+        Setting { native: true, options, choices: Choices { host_sums: When::Never, ..Default::default() } }
     }
 }
 
 impl Setting {
     fn gpu(&self) -> &'static Gpu {
-        match (self.native, self.options.host_sums) {
+        match (self.native, self.choices.host_sums) {
             (true, _) => zoo::gpu(),
-            (false, Some(true)) => zoo::logging_in_32_bits_gpu(),
+            (false, When::Always) => zoo::logging_in_32_bits_gpu(),
             (false, _) => zoo::portable_gpu(),
         }
     }
@@ -67,7 +70,7 @@ impl Bench {
     /// The sums of a trace. A device may refuse a mutant for no other reason than that it is no valid shader.
     pub fn tally(&self, ir: &SceneIr, setting: &Setting) -> Tally {
         let gpu = setting.gpu();
-        Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
+        Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
             .and_then(|mut tracer| tracer.trace(|_| true))
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
     }
@@ -85,7 +88,7 @@ impl Bench {
             })?;
             Ok(snapshots)
         };
-        Tracer::with_wgsl_edit(gpu, ir, &setting.options, |wgsl| self.edit(wgsl))
+        Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
             .and_then(trace)
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
     }

@@ -8,6 +8,7 @@ use nsq_gpu::bench::stability::{StabilityCase, cases};
 use nsq_gpu::model::{SceneIr, Sensor, SensorKind, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEventKind, SensorTally, Tally};
+use nsq_gpu::software::When;
 use nsq_gpu::trace::RecordPaths;
 use std::collections::BTreeMap;
 
@@ -90,17 +91,17 @@ impl Scene {
                 (_, Some(precision)) => setting.options.precision = precision,
                 ("portable", _) => setting.native = false,
                 ("logged", _) => {
-                    setting.options.host_sums = Some(true);
-                    setting.options.rays_per_invocation = Some(8);
+                    setting.choices.host_sums = When::Always;
+                    setting.choices.rays_per_invocation = Some(8);
                 }
                 ("nominal", _) => {
-                    setting.options.host_sums = Some(true);
-                    setting.options.nominal_path = Some(true);
-                    setting.options.stores_together = Some(false);
+                    setting.choices.host_sums = When::Always;
+                    setting.choices.main_path = When::Always;
+                    setting.choices.stores_together = When::Never;
                     setting.options.standard_error = StandardError::Off;
                 }
-                ("together", _) => setting.options.stores_together = Some(true),
-                ("sides", _) => setting.options.side_paths = Some(true),
+                ("together", _) => setting.choices.stores_together = When::Always,
+                ("sides", _) => setting.choices.side_paths = When::Always,
                 ("baked", _) => setting.options.baked = Some(true),
                 ("table", _) => {
                     setting.options.baked = Some(false);
@@ -131,8 +132,7 @@ fn parity(bench: &Bench, scene_of: &Scene) -> Outcome {
 }
 
 fn stability(bench: &Bench, case: &StabilityCase, precision: Precision) -> Outcome {
-    let mut setting = Setting { options: case.options(precision), native: true };
-    setting.options.host_sums = Setting::default().options.host_sums;
+    let setting = Setting { options: case.options(precision), ..Setting::default() };
     let read = case.read(&bench.result(&case.scene().unwrap(), &setting));
     let faults = case.faults(precision, &read.map_err(|error| error.to_string())?);
     if faults.is_empty() { Ok(()) } else { Err(faults.join("; ")) }
@@ -153,9 +153,9 @@ fn same_bits(bench: &Bench, scene_of: &Scene) -> Outcome {
     first.options.standard_error = StandardError::Off;
     let mut other = first.clone();
     other.native = false;
-    other.options.host_sums = Some(false);
-    other.options.stores_together = None;
-    other.options.rays_per_invocation = Some(1);
+    other.choices.host_sums = When::Never;
+    other.choices.stores_together = When::ItPays;
+    other.choices.rays_per_invocation = Some(1);
     other.options.batch_size = Some(7_777);
     other.options.events_per_dispatch = 3;
     if bench.tally(&ir, &first) == bench.tally(&ir, &other) { Ok(()) } else { Err("the sums differ".into()) }

@@ -1,8 +1,10 @@
 //! What has been summed up after any pass is a whole result, and parts add up to it.
 
 use crate::zoo;
+use crate::zoo::forced::{Asked, Forced};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{FluxUnit, Ledger, Tally};
+use nsq_gpu::software::When;
 use nsq_gpu::{Error, StandardError, TraceOptions, Tracer};
 use std::time::Duration;
 
@@ -99,15 +101,20 @@ fn two_devices_by_turns_add_up_to_one() {
         for (precision, standard_error) in
             [(Precision::F32, StandardError::Off), (Precision::F64, StandardError::On)]
         {
-            let alone = TraceOptions {
-                standard_error,
-                nominal_path: Some(nominal_path),
-                second_device: Some(false),
-                precision,
-                ..options(10_007)
+            let alone = TraceOptions { standard_error, precision, ..options(10_007) };
+            let alone = alone.with(|choices| {
+                choices.main_path = When::forced(nominal_path);
+                choices.second_device = When::Never;
+            });
+            let both = alone.with(|choices| {
+                choices.second_device = When::Always;
+                choices.side_paths = When::Always;
+            });
+            let alone_with_seed = |seed| Forced {
+                options: TraceOptions { seed, ..alone.options.clone() },
+                choices: alone.choices.clone(),
             };
-            let both = TraceOptions { second_device: Some(true), side_paths: Some(true), ..alone.clone() };
-            let mut tracer = Tracer::new(zoo::gpu(), &ir, &both).unwrap();
+            let mut tracer = both.tracer(zoo::gpu(), &ir).unwrap();
             tracer.set_pass_time(Duration::ZERO);
             for seed in [alone.seed, 12] {
                 tracer.set_seed(seed);
@@ -116,11 +123,11 @@ fn two_devices_by_turns_add_up_to_one() {
                     if seed == 12 { progress.tally().map(|_| true) } else { Ok(true) }
                 });
                 assert_eq!(tracer.num_devices(), 2, "{name}");
-                let expected = zoo::trace(&ir, &TraceOptions { seed, ..alone.clone() });
+                let expected = zoo::trace(&ir, &alone_with_seed(seed));
                 assert!(tally.unwrap() == expected, "{name} in {precision:?}: other bits");
             }
             tracer.enable_profile().unwrap();
-            let expected = zoo::trace(&ir, &TraceOptions { seed: 12, ..alone });
+            let expected = zoo::trace(&ir, &alone_with_seed(12));
             assert!(
                 tracer.trace(|_| true).unwrap() == expected,
                 "{name} in {precision:?}: other bits, timed"
@@ -144,10 +151,10 @@ fn a_failure_of_the_caller_ends_the_trace_and_leaves_nothing_behind() {
     for [standard_error, second_device] in [[false, true], [true, true], [true, false]] {
         let options = TraceOptions {
             standard_error: if standard_error { StandardError::On } else { StandardError::Off },
-            second_device: Some(second_device),
             ..options(10_000)
         };
-        let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+        let options = options.with(|choices| choices.second_device = When::forced(second_device));
+        let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
         tracer.set_pass_time(Duration::ZERO);
         let mut num_passes = 0;
         let failed = tracer.go_on(tracer.empty_tally(), |_| {

@@ -8,11 +8,13 @@
 
 pub mod devices;
 pub mod draws;
+pub mod forced;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use devices::Devices;
+use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
@@ -64,12 +66,12 @@ pub fn skip(test: &str, reason: &str) {
 }
 
 /// A tracer with a change of its shader: one text, which it must have, instead of the other.
-pub fn edited<'a>(ir: &'a SceneIr, options: &TraceOptions, before: &str, after: &str) -> Tracer<'a> {
+pub fn edited<'a>(ir: &'a SceneIr, options: &impl Asked, before: &str, after: &str) -> Tracer<'a> {
     let edit = |wgsl: String| {
         assert!(wgsl.contains(before), "the shader has no `{before}`");
         wgsl.replace(before, after)
     };
-    Tracer::with_wgsl_edit(gpu(), ir, options, edit).unwrap()
+    options.tracer_with(gpu(), ir, edit).unwrap()
 }
 
 /// The names of the JSON files in a folder of the repository, in order.
@@ -103,16 +105,27 @@ pub fn options(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
 }
 
 /// Traces all rays on a device.
-pub fn trace_on(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Tally {
-    let mut tracer = Tracer::new(gpu, ir, options).unwrap();
+pub fn trace_on(gpu: &Gpu, ir: &SceneIr, options: &impl Asked) -> Tally {
+    let mut tracer = options.tracer(gpu, ir).unwrap();
     let tally = tracer.trace(|_| true).unwrap();
-    assert_eq!(tally.launched.count, options.num_rays, "every ray is launched");
+    assert_eq!(tally.launched.count, options.trace_options().num_rays, "every ray is launched");
     tally
 }
 
 /// Traces all rays on the device of this test.
-pub fn trace(ir: &SceneIr, options: &TraceOptions) -> Tally {
+pub fn trace(ir: &SceneIr, options: &impl Asked) -> Tally {
     trace_on(gpu(), ir, options)
+}
+
+/// Traces the scene once with each of these seeds, by one program.
+#[allow(dead_code, reason = "not every test program compares seeds")]
+pub fn trace_seeds(ir: &SceneIr, options: &TraceOptions, seeds: std::ops::Range<u64>) -> Vec<Tally> {
+    let mut tracer = Tracer::new(gpu(), ir, options).unwrap();
+    let trace = |seed| {
+        tracer.set_seed(seed);
+        tracer.trace(|_| true).unwrap()
+    };
+    seeds.map(trace).collect()
 }
 
 /// What users read of a tally.

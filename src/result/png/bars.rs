@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::error::{Error, Result};
-use crate::result::format::si_prefix;
+use crate::format::si_prefix;
 use crate::result::png::canvas::{self, Axis, Canvas, Drawn, Place, picture, text_width, with_unit};
 
 /// Groups of bars.

@@ -11,7 +11,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, FontTransform, register_font};
 
-use crate::result::format::{si_prefix, significant};
+use crate::format::{si_prefix, significant};
 use crate::result::png::raster::{Raster, map_color};
 
 /// Only writing the file can fail; the message is the reason.

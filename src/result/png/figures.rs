@@ -4,7 +4,7 @@ use std::path::Path;
 
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::result::format::{self, si_prefix, significant, thousands, with_prefix};
+use crate::format::{self, si_prefix, significant, thousands, with_prefix};
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, picture, text_width, with_unit};
 use crate::result::png::raster::{self, Raster};
 use crate::result::{Detector, FarFieldPattern, IrradianceMap, RayDatabase, SpectralMap};

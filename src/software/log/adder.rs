@@ -36,9 +36,9 @@ pub struct LoggedRays<'a> {
     pub weight: f64,
 }
 
-/// A ray that has strayed from the nominal path.
+/// A ray that was rejected by the main path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stray {
+pub struct RejectedRay {
     /// Its number in the dispatch.
     pub ray: u32,
     /// The event of the path at which it did.
@@ -82,32 +82,32 @@ impl EndSums {
         words.map(|(&low, &high)| u128::from(low) | u128::from(high) << 64)
     }
 
-    /// Adds what the rays of a dispatch logged, and shows those that strayed from the nominal path, by their number. None
+    /// Adds what the rays of a dispatch logged, and shows those that were rejected by the main path, by their number. None
     /// if an entry makes no sense.
-    pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, strays: &mut Vec<Stray>) -> Option<()> {
+    pub fn add(&mut self, logged: &LoggedRays, log: &EndLog, rejected: &mut Vec<RejectedRay>) -> Option<()> {
         match (log.form, log.taps) {
-            (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, strays),
-            (Form::Packed, Taps::None) => self.add_rays::<[u64; 1]>(logged, log, strays),
-            (Form::Packed, Taps::Fractions) => self.add_rays::<[u64; 2]>(logged, log, strays),
-            (Form::Words, Taps::None) => self.add_rays::<[u32; 2]>(logged, log, strays),
-            (Form::Words, Taps::Fractions) => self.add_rays::<[u32; 4]>(logged, log, strays),
-            (Form::Reals, Taps::None) => self.add_rays::<[f64; 2]>(logged, log, strays),
-            (Form::Reals, Taps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, strays),
+            (Form::Counts, _) => self.add_rays::<[u32; 1]>(logged, log, rejected),
+            (Form::Packed, Taps::None) => self.add_rays::<[u64; 1]>(logged, log, rejected),
+            (Form::Packed, Taps::Fractions) => self.add_rays::<[u64; 2]>(logged, log, rejected),
+            (Form::Words, Taps::None) => self.add_rays::<[u32; 2]>(logged, log, rejected),
+            (Form::Words, Taps::Fractions) => self.add_rays::<[u32; 4]>(logged, log, rejected),
+            (Form::Reals, Taps::None) => self.add_rays::<[f64; 2]>(logged, log, rejected),
+            (Form::Reals, Taps::Fractions) => self.add_rays::<[f64; 4]>(logged, log, rejected),
             // The low half of a 64-bit word comes first.
             (Form::Packed | Form::Words, Taps::Positions { grid, has_weights: false }) => {
-                self.add_positions::<[u32; 2]>(logged, &grid, strays)
+                self.add_positions::<[u32; 2]>(logged, &grid, rejected)
             }
             (Form::Packed, Taps::Positions { grid, has_weights: true }) => {
-                self.add_positions::<[u32; 4]>(logged, &grid, strays)
+                self.add_positions::<[u32; 4]>(logged, &grid, rejected)
             }
             (Form::Words, Taps::Positions { grid, has_weights: true }) => {
-                self.add_positions::<[u32; 3]>(logged, &grid, strays)
+                self.add_positions::<[u32; 3]>(logged, &grid, rejected)
             }
             (Form::Reals, Taps::Positions { grid, has_weights: false }) => {
-                self.add_positions::<[f64; 2]>(logged, &grid, strays)
+                self.add_positions::<[f64; 2]>(logged, &grid, rejected)
             }
             (Form::Reals, Taps::Positions { grid, has_weights: true }) => {
-                self.add_positions::<[f64; 3]>(logged, &grid, strays)
+                self.add_positions::<[f64; 3]>(logged, &grid, rejected)
             }
         }
     }
@@ -128,18 +128,18 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         log: &EndLog,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         let LoggedRays { bytes, ref rays, stride, .. } = *logged;
         let entries: &[E] = entries_of(bytes)?;
         if log.max_passes == 0 {
             let mut ends = rays.clone().zip(entries.get(rays.clone())?);
             return ends
-                .try_for_each(|(ray, entry)| self.add_entry::<E>(entry.read(), ray, &log.grids, strays));
+                .try_for_each(|(ray, entry)| self.add_entry::<E>(entry.read(), ray, &log.grids, rejected));
         }
         rays.clone().step_by(BLOCK).try_for_each(|start| {
             let block = start..(start + BLOCK).min(rays.end);
-            self.add_block(entries, block, stride, &log.grids, strays)
+            self.add_block(entries, block, stride, &log.grids, rejected)
         })
     }
 
@@ -150,7 +150,7 @@ impl EndSums {
         rays: Range<usize>,
         stride: usize,
         grids: &[Grid],
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         let mut rows = entries.get(rays.start..)?.chunks(stride);
         let mut unended = u64::MAX >> (BLOCK - rays.len());
@@ -159,7 +159,7 @@ impl EndSums {
             for ray in bits(std::mem::take(&mut unended)) {
                 let end = row.get(ray)?.read();
                 unended |= u64::from(end.what & PASSES != 0) << ray;
-                self.add_entry::<E>(end, rays.start + ray, grids, strays)?;
+                self.add_entry::<E>(end, rays.start + ray, grids, rejected)?;
             }
         }
         Some(())
@@ -171,12 +171,12 @@ impl EndSums {
         end: End<E::Real>,
         ray: usize,
         grids: &[Grid],
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         if end.what & IN_TAPS != 0 {
             return self.add_taps_of(end, grid_of(grids, end.what)?);
         }
-        self.add_end(end, ray, strays, E::IS_COUNTED)
+        self.add_end(end, ray, rejected, E::IS_COUNTED)
     }
 
     /// An end in one cell, or none. `is_counted`: sums follow from counts.
@@ -185,11 +185,11 @@ impl EndSums {
         &mut self,
         end: End<T>,
         ray: usize,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
         is_counted: bool,
     ) -> Option<()> {
         if end.what & STRAYED != 0 {
-            strays.push(Stray { ray: ray as u32, event: end.what & CELL_MASK });
+            rejected.push(RejectedRay { ray: ray as u32, event: end.what & CELL_MASK });
         }
         self.add_count(end.what)?;
         if is_counted || end.what & IN_CELL == 0 {
@@ -204,7 +204,7 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         grid: &Grid,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         let entries: &[E] = entries_of(logged.bytes)?;
         let born = E::Real::nearest(logged.weight);
@@ -215,7 +215,7 @@ impl EndSums {
             let all = u64::MAX >> (BLOCK - entries.len());
             self.add_laid_out(&block, all & !block.others, 1, grid)?;
             bits(all & block.others)
-                .try_for_each(|i| self.add_other(&entries[i], born, first + i, grid, strays))?;
+                .try_for_each(|i| self.add_other(&entries[i], born, first + i, grid, rejected))?;
             first += entries.len();
         }
         Some(())
@@ -281,11 +281,11 @@ impl EndSums {
         born: E::Real,
         ray: usize,
         grid: &Grid,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         let position = entry.position();
         if position[0].is_off_detectors() {
-            return self.add_end(entry.end(born), ray, strays, false);
+            return self.add_end(entry.end(born), ray, rejected, false);
         }
         self.add_position(position, entry.weight(born), grid)
     }
@@ -597,7 +597,7 @@ mod tests {
     }
 
     #[test]
-    fn strays_are_told_and_add_nothing_in_every_form() {
+    fn rejected_rays_are_reported_and_add_nothing_in_every_form() {
         let whats = [STRAYED, IN_CELL | 2, STRAYED | 7];
         let words = |what: u32| [what, 0, 0, 0];
         let counts = whats;
@@ -609,9 +609,13 @@ mod tests {
             (Form::Words, cast_slice(&whats.map(words))),
             (Form::Reals, cast_slice(&reals)),
         ] {
-            let (mut sums, mut strays) = (sums(), Vec::new());
-            assert_eq!(sums.add(&logged(bytes, 3), &log(form, 0), &mut strays), Some(()), "{form:?}");
-            assert_eq!(strays, [Stray { ray: 0, event: 0 }, Stray { ray: 2, event: 7 }], "{form:?}");
+            let (mut sums, mut rejected) = (sums(), Vec::new());
+            assert_eq!(sums.add(&logged(bytes, 3), &log(form, 0), &mut rejected), Some(()), "{form:?}");
+            assert_eq!(
+                rejected,
+                [RejectedRay { ray: 0, event: 0 }, RejectedRay { ray: 2, event: 7 }],
+                "{form:?}"
+            );
             assert_eq!(sums.counts, [0, 0, 1, 0, 0, 0, 0], "{form:?}");
         }
     }

@@ -133,7 +133,7 @@ impl EndLog {
         Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })
     }
 
-    /// Bytes of all that a ray may log, along the nominal path, if that has a log of its own, or not.
+    /// Bytes of all that a ray may log, along the main path, if that has a log of its own, or not.
     pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
         let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
         entries.max(path.map_or(0, |path| path.ray_bytes(self.form)))

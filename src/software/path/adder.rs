@@ -1,8 +1,8 @@
-//! Adds up what rays logged that keep to the nominal path (`shaders/software/path/path_places.wgsl`): places on detectors, whose
+//! Adds up what rays logged that keep to the main path (`shaders/software/path/path_places.wgsl`): places on detectors, whose
 //! weights the path tells, or they themselves.
 
 use crate::program::layout::tables::CELL_BULK;
-use crate::software::log::adder::{EndSums, LoggedRays, Stray, bits, entries_of, quantize};
+use crate::software::log::adder::{EndSums, LoggedRays, RejectedRay, bits, entries_of, quantize};
 use crate::software::log::format::{Form, Grid};
 use crate::software::log::positions::{BLOCK, Block, PositionEntry};
 use crate::software::log::reals::Real;
@@ -18,21 +18,21 @@ struct Deposits<'a, T> {
 }
 
 impl EndSums {
-    /// Adds what the rays of a dispatch logged, and shows those that strayed, by their number. None if an entry makes no
+    /// Adds what the rays of a dispatch logged, and shows those that were rejected, by their number. None if an entry makes no
     /// sense.
     pub fn add_path(
         &mut self,
         logged: &LoggedRays,
         form: Form,
         log: &PathLog,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         match (form, log.attenuating_legs.is_some()) {
             (Form::Counts, _) => None,
-            (Form::Packed | Form::Words, false) => self.add_places::<[u32; 2]>(logged, log, strays),
-            (Form::Packed | Form::Words, true) => self.add_places::<[u32; 4]>(logged, log, strays),
-            (Form::Reals, false) => self.add_places::<[f64; 2]>(logged, log, strays),
-            (Form::Reals, true) => self.add_places::<[f64; 4]>(logged, log, strays),
+            (Form::Packed | Form::Words, false) => self.add_places::<[u32; 2]>(logged, log, rejected),
+            (Form::Packed | Form::Words, true) => self.add_places::<[u32; 4]>(logged, log, rejected),
+            (Form::Reals, false) => self.add_places::<[f64; 2]>(logged, log, rejected),
+            (Form::Reals, true) => self.add_places::<[f64; 4]>(logged, log, rejected),
         }
     }
 
@@ -40,12 +40,12 @@ impl EndSums {
         &mut self,
         logged: &LoggedRays,
         log: &PathLog,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<()> {
         let entries: &[E] = entries_of(logged.bytes)?;
         let kept_rays = match log.places.is_empty() {
-            true => kept_without_places(entries, logged, log, strays)?,
-            false => self.add_kept(entries, logged, log, strays)?,
+            true => kept_without_places(entries, logged, log, rejected)?,
+            false => self.add_kept(entries, logged, log, rejected)?,
         };
         if let Some(end) = log.end {
             match end.weight {
@@ -67,7 +67,7 @@ impl EndSums {
         entries: &[E],
         logged: &LoggedRays,
         log: &PathLog,
-        strays: &mut Vec<Stray>,
+        rejected: &mut Vec<RejectedRay>,
     ) -> Option<KeptRays> {
         let deposits_of: Vec<Deposits<E::Real>> =
             log.places.iter().map(|place| Deposits::of(place, logged.weight)).collect();
@@ -81,7 +81,7 @@ impl EndSums {
                 let row = entries.get(start + rays.start..start + rays.end)?;
                 block.lay_out(row, &deposits.weights, deposits.grid);
                 if number == 0 {
-                    kept &= !strays_among(row, block.others & kept, rays.start, strays);
+                    kept &= !rejected_among(row, block.others & kept, rays.start, rejected);
                 }
                 self.add_row(&block, row, kept, deposits)?;
                 if log.attenuating_legs.is_some() && number + 1 == deposits_of.len() {
@@ -123,13 +123,13 @@ fn kept_without_places<E: PositionEntry>(
     entries: &[E],
     logged: &LoggedRays,
     log: &PathLog,
-    strays: &mut Vec<Stray>,
+    rejected: &mut Vec<RejectedRay>,
 ) -> Option<KeptRays> {
     let born = E::Real::nearest(logged.weight);
     let mut kept_rays = KeptRays::default();
     for (ray, entry) in logged.rays.clone().zip(entries.get(logged.rays.clone())?) {
         if entry.position()[0].is_off_detectors() {
-            strays.push(stray_of(entry, ray));
+            rejected.push(rejected_ray_of(entry, ray));
         } else {
             kept_rays.num += 1;
             if log.attenuating_legs.is_some() {
@@ -160,18 +160,23 @@ fn left_by<E: PositionEntry>(
     block.total(rays & !others) + bits(rays & others).map(quanta).sum::<u128>()
 }
 
-/// Those of some rays of a block, a bit each, that have strayed, by their first places.
-fn strays_among<E: PositionEntry>(places: &[E], rays: u64, first: usize, strays: &mut Vec<Stray>) -> u64 {
+/// Those of some rays of a block, a bit each, that were rejected, by their first places.
+fn rejected_among<E: PositionEntry>(
+    places: &[E],
+    rays: u64,
+    first: usize,
+    rejected: &mut Vec<RejectedRay>,
+) -> u64 {
     let off = bits(rays).filter(|&i| places[i].position()[0].is_off_detectors());
-    off.fold(0, |strayed, i| {
-        strays.push(stray_of(&places[i], first + i));
-        strayed | 1 << i
+    off.fold(0, |bits, i| {
+        rejected.push(rejected_ray_of(&places[i], first + i));
+        bits | 1 << i
     })
 }
 
-fn stray_of<E: PositionEntry>(place: &E, ray: usize) -> Stray {
+fn rejected_ray_of<E: PositionEntry>(place: &E, ray: usize) -> RejectedRay {
     let event: f64 = place.position()[1].into();
-    Stray { ray: ray as u32, event: event as u32 }
+    RejectedRay { ray: ray as u32, event: event as u32 }
 }
 
 impl<'a, T: Real> Deposits<'a, T> {
@@ -206,7 +211,7 @@ mod tests {
     }
 
     /// What rays of a birth weight of 2 add up to, whose places lie row by row, one beyond the other of 70.
-    fn added(log: &PathLog, rows: &[&[[f64; 2]]], form: Form) -> Option<(EndSums, Vec<Stray>)> {
+    fn added(log: &PathLog, rows: &[&[[f64; 2]]], form: Form) -> Option<(EndSums, Vec<RejectedRay>)> {
         const STRIDE: usize = 70;
         let mut reals = vec![f64::NAN; 2 * STRIDE * rows.len()];
         for (number, row) in rows.iter().enumerate() {
@@ -216,23 +221,23 @@ mod tests {
         let floats: Vec<f32> = reals.iter().map(|&real| real as f32).collect();
         let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
         let logged = LoggedRays { bytes, rays: 0..rows[0].len(), stride: STRIDE, weight: 2.0 };
-        let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
-        sums.add_path(&logged, form, log, &mut strays)?;
-        sums.settle().map(|()| (sums, strays))
+        let (mut sums, mut rejected) = (EndSums::of_num(9), Vec::new());
+        sums.add_path(&logged, form, log, &mut rejected)?;
+        sums.settle().map(|()| (sums, rejected))
     }
 
     #[test]
-    fn each_arrival_leaves_its_weight_and_strays_nothing() {
+    fn each_arrival_leaves_its_weight_and_rejected_rays_nothing() {
         let places = vec![place(&[Weight::Known(1.0), Weight::Known(0.5)]), place(&[Weight::Born])];
         let end = Some(LedgerEnd { cell: 1, weight: Weight::Known(0.25) });
         let log = PathLog { places, end, attenuating_legs: None, tells_all: true };
-        let strays_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
-        let first: Vec<[f64; 2]> = (0..66).map(strays_sixth).collect();
+        let rejects_sixth = |i: usize| if i % 6 == 5 { [OFF, (i % 4) as f64] } else { [0.5, 0.0] };
+        let first: Vec<[f64; 2]> = (0..66).map(rejects_sixth).collect();
         let second = [[2.0, 1.0]; 66];
         for form in [Form::Packed, Form::Words, Form::Reals] {
-            let (sums, strays) = added(&log, &[&first, &second], form).unwrap();
-            let stray = |i: u32| Stray { ray: i, event: i % 4 };
-            assert!(strays.iter().copied().eq((5..66).step_by(6).map(stray)), "{form:?}");
+            let (sums, rejected) = added(&log, &[&first, &second], form).unwrap();
+            let ray = |i: u32| RejectedRay { ray: i, event: i % 4 };
+            assert!(rejected.iter().copied().eq((5..66).step_by(6).map(ray)), "{form:?}");
             let tap = UNIT * 3 / 4 * 55;
             let expected = [0, UNIT / 4 * 55, 0, tap, tap, 0, 0, 0, 2 * UNIT * 55];
             assert_eq!(sums.quanta().collect::<Vec<_>>(), expected, "{form:?}");
@@ -269,7 +274,7 @@ mod tests {
     fn what_rays_weigh_no_more_at_their_end_is_what_media_took() {
         let places = vec![place(&[Weight::Logged]); 2];
         let log = PathLog { places, end: None, attenuating_legs: Some(3), tells_all: true };
-        // Of births of 2, in a block that is full and one that is not; every third ray has strayed.
+        // Of births of 2, in a block that is full and one that is not; every third ray was rejected.
         let first: Vec<[f64; 4]> =
             (0..66).map(|i| if i % 3 == 0 { [OFF, 1.0, 9.0, 0.0] } else { [0.5, 0.0, 1.75, 0.0] }).collect();
         let second: Vec<[f64; 4]> = (0..66).map(|i| [2.0, 1.0, [0.5, 1.5][i % 2], 0.0]).collect();
@@ -279,12 +284,12 @@ mod tests {
             let bytes = if form == Form::Reals { cast_slice(&both) } else { cast_slice(&floats) };
             let added = |weight: f64| {
                 let logged = LoggedRays { bytes, rays: 0..66, stride: 66, weight };
-                let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
-                sums.add_path(&logged, form, &log, &mut strays)?;
-                sums.settle().map(|()| (sums, strays))
+                let (mut sums, mut rejected) = (EndSums::of_num(9), Vec::new());
+                sums.add_path(&logged, form, &log, &mut rejected)?;
+                sums.settle().map(|()| (sums, rejected))
             };
-            let (sums, strays) = added(2.0).unwrap();
-            assert_eq!(strays.len(), 22, "{form:?}");
+            let (sums, rejected) = added(2.0).unwrap();
+            assert_eq!(rejected.len(), 22, "{form:?}");
             assert_eq!(sums.counts, [0, 0, 0, 44 * 3 + 44, 0, 0, 0, 0, 44], "{form:?}");
             let quanta: Vec<u128> = sums.quanta().collect();
             let tap = UNIT * 7 / 8 * 44;
@@ -313,11 +318,11 @@ mod tests {
                 let floats: Vec<f32> = reals.iter().map(|&real| real as f32).collect();
                 let bytes = if form == Form::Reals { cast_slice(&reals) } else { cast_slice(&floats) };
                 let logged = LoggedRays { bytes, rays: 1..70, stride: 70, weight: 2.0 };
-                let (mut sums, mut strays) = (EndSums::of_num(9), Vec::new());
-                sums.add_path(&logged, form, &log, &mut strays).unwrap();
-                let stray = |ray: u32| Stray { ray, event: 3 };
-                assert!(strays.iter().copied().eq((2..70).step_by(5).map(stray)), "{form:?}");
-                // Of the rays 1 to 69, 14 stray; 28 of the others have an odd number, and 27 an even one.
+                let (mut sums, mut rejected) = (EndSums::of_num(9), Vec::new());
+                sums.add_path(&logged, form, &log, &mut rejected).unwrap();
+                let ray = |ray: u32| RejectedRay { ray, event: 3 };
+                assert!(rejected.iter().copied().eq((2..70).step_by(5).map(ray)), "{form:?}");
+                // Of the rays 1 to 69, 14 are rejected; 28 of the others have an odd number, and 27 an even one.
                 let (left, lost) = if logs_weights { (28 * 3 + 27, 28 + 27 * 3) } else { (55, 0) };
                 let quanta: Vec<u128> = sums.quanta().collect();
                 assert_eq!(quanta[1], UNIT / 2 * left, "{form:?}");
@@ -325,7 +330,7 @@ mod tests {
                 let legs = u64::from(logs_weights) * 2 * 55;
                 assert_eq!(sums.counts, [0, 55, 0, legs, 0, 0, 0, 0, 0], "{form:?}");
                 let beyond = LoggedRays { rays: 0..71, ..logged };
-                assert!(sums.add_path(&beyond, form, &log, &mut strays).is_none(), "the log ends before");
+                assert!(sums.add_path(&beyond, form, &log, &mut rejected).is_none(), "the log ends before");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The nominal path: what most rays of a scene do, which shaders/software/path/path.wgsl follows without a loop.
+//! The main path: what most rays of a scene do, which shaders/software/path/path.wgsl follows without a loop.
 //!
 //! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
 //! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (crate::program::geometry::tree),
@@ -15,7 +15,7 @@ use crate::software::path::clearance::{self, Clearance, Pilot};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
-/// Binding of the rays that strayed.
+/// Binding of the rays that were rejected.
 pub const STRAYS: u32 = 22;
 
 /// A longer path is not followed: its code would grow with it.
@@ -231,7 +231,7 @@ fn legs(births: Option<Aabb>, primitives: &[usize], boxes: &[Option<Aabb>]) -> i
     })
 }
 
-/// Whether a stage can follow a path, if there is one, without a trace of the rays that stray from it: the log must tell
+/// Whether a stage can follow a path, if there is one, without a trace of the rays that are rejected by it: the log must tell
 /// them, and nothing that rays meet on their way may go to memory at once.
 pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);

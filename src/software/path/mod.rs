@@ -3,8 +3,10 @@
 pub(crate) mod adder;
 pub mod clearance;
 mod compose;
+mod follow;
 pub mod main_path;
 pub mod path_log;
+pub mod pays;
 pub mod pilot;
 pub mod rejected;
 pub mod side_path;

@@ -1,10 +1,10 @@
-//! What rays log that keep to the nominal path, or to a side path: where they arrive on its detectors, and what they weigh
+//! What rays log that keep to the main path, or to a side path: where they arrive on its detectors, and what they weigh
 //! there, or where they end, if they differ in that.
 //!
 //! Where all of them weigh the same at the same event, the host knows how much they leave. Where they arrive on a detector
 //! once more at the place of before, as between parallel mirrors, it knows that, too. Where media alone take something from
 //! them, their last weight tells what these took. The pilot only says what may be so: the stage looks at each ray, and one
-//! that weighs something else, loses something elsewhere or arrives elsewhere has strayed.
+//! that weighs something else, loses something elsewhere or arrives elsewhere was rejected.
 
 use crate::model::{Interaction, SceneIr, Sensor, SensorKind, Splat};
 use crate::program::features::Features;
@@ -18,7 +18,7 @@ use crate::software::path::main_path::{Crossing, LEAST_CLEAR, NominalEvent, Nomi
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathLog {
     /// What each ray logs, in the order of the path: its positions in pixels, and its weights if they are to be logged.
-    /// Where there is none, it logs one place that means nothing but that it has not strayed, with its last weight.
+    /// Where there is none, it logs one place that means nothing but that it was not rejected, with its last weight.
     pub places: Vec<Place>,
     /// What it leaves where it ends, unless that is on a detector.
     pub end: Option<LedgerEnd>,
@@ -82,7 +82,7 @@ impl Weight {
     }
 }
 
-/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others stray.
+/// The position alone tells the pixel as long as this share of the rays is off the edges at all places: the others are rejected.
 const LEAST_OFF_EDGES: f64 = 0.99;
 
 /// [`Place::edge_room`] where a pilot's rays arrive on a detector.
@@ -105,7 +105,7 @@ fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option
 }
 
 impl PathLog {
-    /// The log of the nominal path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
+    /// The log of the main path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
     /// with weights that differ, unless by what media took.
     pub fn of(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
         let log = PathLog::with_known_weights(scene, path, pilot)

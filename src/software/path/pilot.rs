@@ -1,34 +1,23 @@
 //! Which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
 //! (shaders/software/path/path.wgsl).
 
+use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
+use crate::engine::prepare::prepare;
+use crate::engine::strategy::Plain;
+use crate::engine::undrained::empty_tally;
+use crate::engine::wavefront;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::ProgramOptions;
-use crate::result::{PathEvent, PathEventKind};
+use crate::result::{PathEvent, PathEventKind, Tally};
+use crate::software::When;
 use crate::software::path::main_path::{MAX_EVENTS, PilotPath, Way, is_possible};
-use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
+use crate::software::path::pays::{LEAST_SHARE, is_long_enough};
 use glam::DVec3;
 
 /// Rays whose paths are looked at.
 const PILOT_RAYS: u64 = 512;
-/// The stage pays where this share of the rays keeps to the path: it takes 0.3 (f64) to 0.45 (f32) of the time of the others,
-/// and rays that stray are traced again, in nearly the time that they took without it.
-const LEAST_SHARE: f64 = 0.45;
-/// So many rays tell whether the pilot was right.
-const TELLING_RAYS: u64 = 1 << 16;
-/// Shorter traces are over before the pilot has paid.
-const LEAST_RAYS: u64 = 1 << 22;
-
-/// Whether a trace of so many rays looks for such a path.
-pub fn is_long_enough(num_rays: u64) -> bool {
-    num_rays >= LEAST_RAYS
-}
-
-/// Whether it still pays to follow the path, as far as these rays tell: a pilot may be wrong.
-pub fn pays([num_followed, num_strayed]: [u64; 2]) -> bool {
-    num_followed < TELLING_RAYS || num_strayed as f64 <= (1.0 - LEAST_SHARE) * num_followed as f64
-}
 
 /// Of the pilot's rays, a side path is taken by so many at least: a stage does not pay for fewer.
 const LEAST_SIDE_SHARE: f64 = 0.01;
@@ -37,23 +26,24 @@ const LEAST_SIDE_SHARE: f64 = 0.01;
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrequentPaths {
     /// The path that most rays take.
-    pub nominal: PilotPath,
+    pub main: PilotPath,
     /// Those that most of the others take, the most frequent first.
     pub sides: Vec<PilotPath>,
 }
 
-/// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the
-/// search to pay, and where no stage could follow it. On demand, such a path of any share of the rays will do.
+/// The path that most rays take, or none: where there is no such path, where a trace has too few rays for the search to pay,
+/// and where no stage could follow it. Where the main path is always followed, such a path of any share of the rays will do.
 ///
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
-pub fn find(
+pub(crate) fn find(
     gpu: &Gpu,
     ir: &SceneIr,
     options: &TraceOptions,
     program_options: &ProgramOptions,
+    main_path: When,
 ) -> Result<Option<FrequentPaths>> {
-    let pays = options.nominal_path.unwrap_or(is_long_enough(options.num_rays));
+    let pays = main_path.holds(|| is_long_enough(options.num_rays));
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
     if !(pays && is_alike && is_possible(ir, program_options)) {
@@ -65,20 +55,23 @@ pub fn find(
         max_depth: options.max_depth.min(MAX_EVENTS),
         paths: RecordPaths::All,
         standard_error: StandardError::Off,
-        nominal_path: Some(false),
         ..options.clone()
     };
-    let tally = match Tracer::new(gpu, &ir.with_single_cells(), &pilot)
-        .and_then(|mut tracer| tracer.trace(|_| true))
-    {
+    let tally = match fly(gpu, &ir.with_single_cells(), &pilot) {
         // So few rays may be too few for the weakest source.
         Err(Error::Usage(_)) => return Ok(None),
         tally => tally?,
     };
-    let least = if options.nominal_path == Some(true) { 0.0 } else { LEAST_SHARE };
+    let least = if main_path == When::Always { 0.0 } else { LEAST_SHARE };
     let shares = [least, LEAST_SIDE_SHARE];
     let is_cut = pilot.max_depth < options.max_depth;
     Ok(most_frequent(ir, &tally.paths, is_cut, tally.launched.count, shares))
+}
+
+/// Traces the pilot's rays, in the plain way.
+fn fly(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Tally> {
+    let mut engine = prepare(gpu, ir, options, &mut Plain, |wgsl| wgsl)?;
+    wavefront::trace(&mut engine, &mut Plain, empty_tally(ir), |_| Ok(true))
 }
 
 /// How a pilot's ray came to its end.
@@ -123,8 +116,8 @@ fn most_frequent(
         *end != End::Lost && !primitives.is_empty() && share(rays) >= least_of_side
     };
     let sides = || alike.iter().filter(is_side).map(|rays| path(rays)).collect();
-    let nominal = path(most);
-    (nominal.share >= least).then(|| FrequentPaths { nominal, sides: sides() })
+    let main = path(most);
+    (main.share >= least).then(|| FrequentPaths { main, sides: sides() })
 }
 
 fn end_of(ray: &[&PathEvent], is_cut: bool) -> End {
@@ -190,14 +183,6 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_most_rays_stray_from_does_not_pay() {
-        let num = TELLING_RAYS;
-        assert!(pays([0, 0]) && pays([num - 1, num - 1]), "too few to tell");
-        assert!(pays([num, 0]) && pays([num, num / 2]));
-        assert!(!pays([num, num / 8 * 5]) && !pays([num, num]));
-    }
-
-    #[test]
     fn the_path_of_most_rays_is_found_in_any_order_of_events() {
         let ir = scene();
         let surfaces = ir.surfaces.len();
@@ -209,7 +194,7 @@ mod tests {
             paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
             paths.push(event(ray_id, 0, PathEventKind::Birth(0)));
         }
-        let path = most_frequent(&ir, &paths, true, 10, [0.6, 0.0]).unwrap().nominal;
+        let path = most_frequent(&ir, &paths, true, 10, [0.6, 0.0]).unwrap().main;
         assert_eq!(path.primitives, [0, 1, surfaces]);
         let positions = [0.0, 1.0, 2.0, 3.0].map(|z| DVec3::new(0.0, 0.0, z)).to_vec();
         assert_eq!(path.ways, vec![Way { positions, weights: vec![1.0; 4] }; 6]);
@@ -217,7 +202,7 @@ mod tests {
         for ray_id in 0..3 {
             paths.push(event(ray_id, 3, PathEventKind::Escaped));
         }
-        let path = most_frequent(&ir, &paths, true, 10, [0.0; 2]).unwrap().nominal;
+        let path = most_frequent(&ir, &paths, true, 10, [0.0; 2]).unwrap().main;
         assert_eq!(path.primitives, [0, 3, surfaces], "an escape is no end");
         let sides = |least| most_frequent(&ir, &paths, true, 10, [0.0, least]).unwrap().sides;
         let escape = DVec3::new(0.0, 0.0, 5.0);

@@ -1,5 +1,5 @@
-//! Side paths: what most rays do that stray from the nominal path at one of its events, such as those that a lens reflects back.
-//! Each has a stage of its own, which traces them from their birth as `trace_nominal` does the others; one that strays from
+//! Side paths: what most rays do that are rejected by the main path at one of its events, such as those that a lens reflects back.
+//! Each has a stage of its own, which traces them from their birth as `trace_nominal` does the others; one that is rejected by
 //! its side path, too, follows the next one from the same event, or is traced by `trace_new`.
 
 use crate::program::geometry::contact::Contacts;
@@ -13,11 +13,11 @@ pub const MOST_SIDE_PATHS: usize = 12;
 /// One of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SidePath {
-    /// The event of the nominal path, by its number, at which its rays have strayed.
-    pub strayed_at: usize,
+    /// The event of the main path, by its number, at which its rays were rejected.
+    pub rejected_at: usize,
     /// The way from their birth on.
     pub path: NominalPath,
-    /// What they log; none where they log entries, as those of the nominal path then do.
+    /// What they log; none where they log entries, as those of the main path then do.
     pub log: Option<PathLog>,
     /// Of all rays, as far as a pilot tells.
     pub share: f64,
@@ -31,7 +31,7 @@ pub fn entry_point(number: usize) -> String {
 }
 
 impl SidePath {
-    /// Those of a pilot, the most frequent first, which log as the nominal path does: places, or entries.
+    /// Those of a pilot, the most frequent first, which log as the main path does: places, or entries.
     pub fn of(
         scene: &LoggedScene,
         centre: DVec3,
@@ -46,7 +46,7 @@ impl SidePath {
                 None => None,
             };
             Some(SidePath {
-                strayed_at: strayed_at(nominal, &path),
+                rejected_at: rejected_at(nominal, &path),
                 path,
                 log,
                 share: pilot.share,
@@ -57,10 +57,10 @@ impl SidePath {
     }
 }
 
-/// The event at which rays of a side path stray from the nominal one: where they meet something else, or the one before, if
+/// The event at which rays of a side path are rejected by the main path: where they meet something else, or the one before, if
 /// they go on from it to another side. It may be another one where a pilot's rays did not tell how they go on; then these
-/// stray from the side path, too.
-fn strayed_at(nominal: &NominalPath, side: &NominalPath) -> usize {
+/// are rejected by the side path, too.
+fn rejected_at(nominal: &NominalPath, side: &NominalPath) -> usize {
     let pairs = || nominal.events.iter().zip(&side.events);
     let num_alike = pairs().take_while(|(event, own)| event.primitive == own.primitive).count();
     let turned = pairs().take(num_alike).position(|(event, own)| event.crossing != own.crossing);

@@ -1,6 +1,6 @@
 //! Below a detector: values along the line, the spectrum, and the encircled energy.
 
-use crate::result::format::si_prefix;
+use crate::format::si_prefix;
 use crate::viewer::app::App;
 use crate::viewer::compare::Scores;
 use crate::viewer::field::Field;

@@ -1,6 +1,6 @@
 //! The plot of a detector: a map or a spot diagram, with what the user marks in it.
 
-use crate::result::format::si_prefix;
+use crate::format::si_prefix;
 use crate::viewer::app::{App, Cursor, Grab, Painted};
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::model::{Marks, Picture};
@@ -159,7 +159,7 @@ fn note_means(ui: &Ui, painter: &Painter, frame: &Frame, field: &Field) {
     if field.geometry == Geometry::Polar || x.max(y) < 1.5 {
         return;
     }
-    let cells = |cells: f64| crate::result::format::significant(cells.max(1.0), 2);
+    let cells = |cells: f64| crate::format::significant(cells.max(1.0), 2);
     let text = format!("each pixel: mean of about {} × {} cells", cells(x), cells(y));
     let galley = painter.layout_no_wrap(text, FontId::proportional(11.0), Color32::from_white_alpha(200));
     let at = frame.rect.right_bottom() - galley.size() - vec2(7.0, 5.0);
@@ -447,7 +447,7 @@ fn zero_key(ui: &Ui, at: Pos2, label: &str) {
 fn labels(scale: &Scale, factor: f64, height: f32) -> Vec<(f32, String)> {
     let count = (height / 40.0).clamp(2.0, 8.0) as usize;
     let end = |part: f32, sign: &str, value: f64| {
-        (part, format!("{sign}{}", crate::result::format::significant(value / factor, 3)))
+        (part, format!("{sign}{}", crate::format::significant(value / factor, 3)))
     };
     if scale.kind == ScaleKind::Log && !scale.diverging {
         let range = (scale.low.log10(), scale.high.log10());
@@ -455,7 +455,7 @@ fn labels(scale: &Scale, factor: f64, height: f32) -> Vec<(f32, String)> {
             .into_iter()
             .map(|(power, _)| {
                 let value = 10f64.powf(power);
-                (scale.part(value) as f32, crate::result::format::significant(value / factor, 2))
+                (scale.part(value) as f32, crate::format::significant(value / factor, 2))
             })
             .collect();
         if labels.len() < 2 {

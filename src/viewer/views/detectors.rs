@@ -1,8 +1,8 @@
 //! What there is to see, what it is compared with, and how the next trace is run.
 
+use crate::format::with_prefix;
 use crate::program::Precision;
 use crate::result::Detector;
-use crate::result::format::with_prefix;
 use crate::viewer::app::App;
 use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};

@@ -1,6 +1,6 @@
 //! On the right: what the cursor reads, the figures of the region, the ledger, and what deserves a warning.
 
-use crate::result::format::{percent, significant, thousands};
+use crate::format::{percent, significant, thousands};
 use crate::result::{Entry, TraceResult};
 use crate::viewer::app::App;
 use crate::viewer::field::Labels;

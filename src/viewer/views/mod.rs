@@ -9,7 +9,7 @@ pub mod figures;
 pub mod run;
 pub mod scene;
 
-use crate::result::format;
+use crate::format;
 use eframe::egui::{self, RichText, Ui};
 
 /// A value with its unit, as people read it.

@@ -1,7 +1,7 @@
 //! The trace: how far it is, and what to do with it.
 
-use crate::result::format::{significant, thousands};
-use crate::trace::stopping::StoppedBy;
+use crate::format::{significant, thousands};
+use crate::result::StoppedBy;
 use crate::viewer::app::App;
 use crate::viewer::model::Model;
 use crate::viewer::tracing::State;

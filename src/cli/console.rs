@@ -1,0 +1,42 @@
+//! What commands share: a scene is read, something is said, the result is printed.
+
+use crate::error::{Error, Result};
+use crate::scene::Scene;
+use crate::software::vector_width::Width;
+use std::io::Write;
+use std::path::Path;
+
+/// Reads a scene; a complaint about its contents begins with the file's name: a script may trace many.
+pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
+    Scene::from_path(path).map_err(|error| match error {
+        Error::Scene { place, problem, remedy } => {
+            Error::Scene { place: format!("{}: {place}", path.display()), problem, remedy }
+        }
+        other => other,
+    })
+}
+
+/// Prints the result. A closed pipe (`nsq-gpu ... | head`) is no error.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    let written = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
+    match written {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::file("stdout", error)),
+        _ => Ok(()),
+    }
+}
+
+/// Says something on stderr that is not the result.
+pub(crate) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Lets lavapipe compute in vectors so wide. Before other threads and adapters: [`crate::cli::main`] demands the one, and commands see
+/// to the other.
+pub(crate) fn choose_vectors(width: Width) {
+    // SAFETY: no other thread runs yet, and no adapter was asked for.
+    #[allow(unsafe_code)]
+    unsafe {
+        crate::software::vector_width::choose(width);
+    }
+}

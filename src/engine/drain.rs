@@ -1,0 +1,91 @@
+//! What was summed up outside a tally, and how it gets into one.
+
+use crate::engine::Engine;
+use crate::engine::intake::Intake;
+use crate::engine::strategy::Strategy;
+use crate::engine::undrained::{Undrained, empty_tally};
+use crate::error::{Error, Result};
+use crate::program::layout::tables::ReachedMarks;
+use crate::result::Tally;
+
+/// Adds what was summed up since the last drain to a tally, and clears it.
+pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mut Tally) -> Result<()> {
+    strategy.settle(engine)?;
+    engine.check_loops(strategy)?;
+    for device in engine.devices(strategy.devices()) {
+        // One for each device: bits of what was reached do not add up, and each device tells of its own overflow.
+        let mut intake = engine.intake(tally);
+        device.drain(&mut intake)?;
+        intake.finish(engine.plan.reached_marks());
+    }
+    strategy.drain(engine, tally)?;
+    let Undrained { launched, rays, .. } = std::mem::take(&mut engine.undrained);
+    tally.launched += launched;
+    tally.rays += &rays;
+    engine.rows.drain(tally);
+    Ok(())
+}
+
+/// Forgets what a trace before this one has left that failed half-way.
+pub(crate) fn discard(engine: &mut Engine, strategy: &mut dyn Strategy) -> Result<()> {
+    strategy.begin();
+    if engine.undrained.counts > 0 {
+        drain(engine, strategy, &mut empty_tally(engine.ir))?;
+    }
+    Ok(())
+}
+
+impl Engine<'_> {
+    /// What adds counters and sums to a tally.
+    pub(crate) fn intake<'t>(&'t self, tally: &'t mut Tally) -> Intake<'t> {
+        Intake::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
+    }
+
+    /// Asks the devices which primitives rays have reached, until they know of all: so that the rays to come need not tell
+    /// it again.
+    pub(crate) fn learn_reached(&mut self, strategy: &dyn Strategy) -> Result<()> {
+        let cells = &self.plan.program.cells;
+        let mut reached = self.undrained.reached;
+        if self.plan.reached_marks() != ReachedMarks::Bits
+            || reached.count_ones() as usize == self.ir.surfaces.len()
+        {
+            return Ok(());
+        }
+        for device in self.devices(strategy.devices()) {
+            reached |= device.counters.read_word(&device.gpu, cells.reached)?;
+        }
+        self.undrained.reached = reached;
+        Ok(())
+    }
+
+    /// Fails if the driver has left loops before their end (shaders/software/rounds.wgsl).
+    pub(crate) fn check_loops(&self, strategy: &dyn Strategy) -> Result<()> {
+        let program = &self.plan.program;
+        if !program.options.has_many_rounds(&program.features) {
+            return Ok(());
+        }
+        let mut were_cut = false;
+        for device in self.devices(strategy.devices()) {
+            were_cut |= device.take_cut_loops()?;
+        }
+        if !were_cut {
+            return Ok(());
+        }
+        let (depth, budget) = (self.ir.sampling.split_depth, self.ir.sampling.split_budget);
+        let has_splitting = program.splitting.is_some();
+        let [.., has_gaussian] = program.features.splats;
+        let advice = [
+            (has_splitting, format!("a split_depth below {depth} or a split_budget below {budget}")),
+            (has_gaussian, "a smaller splat_sigma".to_string()),
+            (true, format!("a max_depth below {}, --standard-error off", program.options.max_depth)),
+        ];
+        let advice: Vec<String> =
+            advice.into_iter().filter(|(helps, _)| *helps).map(|(_, text)| text).collect();
+        Err(Error::Device(format!(
+            "the driver of `{}` cut the shader's loops short, as lavapipe does after 65,535 rounds for the rays of one \
+             vector, and lost what they had still to do; use {} or another adapter",
+            self.gpu.info.name,
+            advice.join(", ")
+        )))
+    }
+}

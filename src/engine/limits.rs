@@ -1,0 +1,104 @@
+//! How many rays a dispatch and a pass may have: what buffers, counters and ids have room for, and what keeps a device busy.
+
+use crate::engine::device::stride_of;
+use crate::engine::options::TraceOptions;
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::model::ray_id;
+use crate::program::Program;
+
+/// Rays in one dispatch of a trace with no limit of its own.
+pub(crate) const DEFAULT_BATCH: u32 = 1 << 18;
+/// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
+const MANY_RAYS: u64 = 8;
+/// Workgroups of a dispatch that keep a processor busy until its end.
+pub(crate) const WORKGROUPS_PER_PROCESSOR: u32 = 4;
+/// As many as a graphics processor has at least.
+const PROCESSORS: u32 = 16;
+/// Rows for the host in one pass.
+const MAX_EVENTS: u32 = 1 << 18;
+/// Counters are 32 bits wide: they are drained before they can overflow.
+pub(crate) const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
+pub(crate) const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
+
+/// How large dispatches should be.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DispatchLimits {
+    /// Rays of a dispatch where nobody asked for a number.
+    pub(crate) default_rays: u32,
+    /// Rays of a dispatch that there is room for.
+    pub(crate) most_rays: u32,
+    /// Processors of the device, each of which should have several workgroups.
+    pub(crate) processors: u32,
+}
+
+impl DispatchLimits {
+    /// Those of a device of which nothing is known.
+    pub(crate) fn of(program: &Program) -> Self {
+        let default_rays = DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32;
+        DispatchLimits { default_rays, most_rays: u32::MAX, processors: PROCESSORS }
+    }
+
+    /// Most rays of a dispatch.
+    pub(crate) fn batch(&self, gpu: &Gpu, program: &Program, options: &TraceOptions) -> u32 {
+        let asked = options.batch_size.unwrap_or(self.default_rays);
+        let wanted = asked.min(options.num_rays.min(1 << 30) as u32);
+        let events = match program.max_events_per_ray {
+            0 => u32::MAX,
+            per_ray => (u64::from(MAX_EVENTS) / per_ray).max(1) as u32,
+        };
+        let queued = match (program.options.has_queue(), stride_of(program, "QueuedRay")) {
+            (true, Ok(stride)) => {
+                (gpu.device.limits().max_storage_buffer_binding_size / stride).min(1 << 30) as u32
+            }
+            _ => u32::MAX,
+        };
+        let counted = (MAX_COUNTS_PER_PASS / counts_per_ray(program)).min(1 << 30) as u32;
+        let families = program.splitting.map_or(u32::MAX, |splitting| 1 << splitting.index_bits());
+        wanted.min(self.most_rays).min(events).min(queued).min(counted).min(families).max(1)
+    }
+
+    /// So few rays that every processor still has workgroups enough.
+    pub(crate) fn least_rays(&self, program: &Program) -> u32 {
+        let rays_per_workgroup =
+            program.options.workgroup_size * program.options.rays_per_invocation(&program.features);
+        WORKGROUPS_PER_PROCESSOR * self.processors * rays_per_workgroup
+    }
+}
+
+/// What splitting could make of the launched rays must have ids, and be counted.
+pub(crate) fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
+    if program.splitting.is_none() {
+        return Ok(());
+    }
+    // A larger id would be that of another ray's child.
+    if options.first_ray.saturating_add(options.num_rays) > ray_id::MOST_LAUNCHED {
+        return Err(Error::Usage(format!(
+            "{} rays from ray {} on are too many where rays are split: their ids end at {}",
+            options.num_rays,
+            options.first_ray,
+            ray_id::MOST_LAUNCHED
+        )));
+    }
+    if counts_per_ray(program) > MAX_COUNTS_PER_PASS {
+        return Err(Error::Usage(format!(
+            "a launched ray may become {} rays of up to {} events each, more than can be counted; lower split_budget or \
+             max_depth",
+            program.most_rays(),
+            options.max_depth
+        )));
+    }
+    Ok(())
+}
+
+/// Most events of one launched ray and its children, with where they end.
+pub(crate) fn counts_per_ray(program: &Program) -> u64 {
+    program.most_rays() * u64::from(program.options.max_depth + 1)
+}
+
+/// Workgroups as a grid, within the limit of one dimension.
+pub(crate) fn grid(workgroups: u32, gpu: &Gpu) -> [u32; 3] {
+    let limit = gpu.device.limits().max_compute_workgroups_per_dimension;
+    let y = workgroups.div_ceil(limit).max(1);
+    [workgroups.div_ceil(y), y, 1]
+}

@@ -1,0 +1,59 @@
+//! Where the second moments of a trace come from, which tell the errors of its results.
+
+use crate::engine::options::{StandardError, TraceOptions};
+use crate::model::{SceneIr, Sensor, Splat};
+use crate::program::layout::{bsdf, tables};
+use crate::program::{Features, Sampler, SecondMoments, features};
+
+/// Where second moments come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum MomentSource {
+    /// Nobody asked for them.
+    Nowhere,
+    /// Every ray weighs the same for life and ends in one cell: the hits say it all.
+    Hits,
+    /// The device sums them.
+    Device,
+    /// The device keeps a sum for each of several scrambles of Sobol's points.
+    Replicates,
+}
+
+impl MomentSource {
+    pub(crate) fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
+        let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
+        let is_cheap = !features::splits(ir) && ir.sensors.iter().all(tables::takes_rays_whole);
+        let is_needed = hits_say_little(ir);
+        match options.standard_error {
+            StandardError::Off => MomentSource::Nowhere,
+            asked if options.sampler == Sampler::Sobol => match asked {
+                StandardError::On => MomentSource::Replicates,
+                StandardError::Auto | StandardError::Off => MomentSource::Nowhere,
+            },
+            _ if tables::cells_hold_totals(ir) && keeps_weight() => MomentSource::Hits,
+            StandardError::Auto if !is_cheap && !is_needed => MomentSource::Nowhere,
+            StandardError::Auto | StandardError::On => MomentSource::Device,
+        }
+    }
+
+    /// What the device has to sum for them.
+    pub(crate) fn on_device(self) -> SecondMoments {
+        match self {
+            MomentSource::Nowhere | MomentSource::Hits => SecondMoments::None,
+            MomentSource::Device => SecondMoments::Squares,
+            MomentSource::Replicates => SecondMoments::Replicates,
+        }
+    }
+}
+
+/// True where rays without weight hit detectors, as a table or a Harvey-Shack lobe leaves them, so that the number of hits
+/// says nothing of the error. Where squares would be many or dear, nobody sums them unasked.
+fn hits_say_little(ir: &SceneIr) -> bool {
+    const MOST_CELLS: usize = 1 << 22;
+    let is_near = |sensor: &Sensor| {
+        sensor.absorb && sensor.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
+    };
+    bsdf::kinds(ir).into_iter().any(bsdf::BsdfKind::has_table)
+        && !features::splits(ir)
+        && ir.sensors.iter().all(is_near)
+        && ir.sensors.iter().map(Sensor::num_cells).sum::<usize>() <= MOST_CELLS
+}

@@ -1,0 +1,225 @@
+//! What is to be traced: the program, the rays of each source, and their places in the trace.
+//!
+//! Sources take turns: each pass takes the same share of every source's rays. What is done at any moment is so a fair sample
+//! of the scene. A position counts the rays of all sources, from 0 to their number.
+
+use crate::engine::budget::{EmitterRays, distribute, part};
+use crate::engine::device::{Additions, DeviceState};
+use crate::engine::dispatch_size::DispatchSize;
+use crate::engine::intake::Counted;
+use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
+use crate::engine::moments::MomentSource;
+use crate::engine::options::{TraceOptions, check_options};
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::model::SceneIr;
+use crate::program::layout::tables::ReachedMarks;
+use crate::program::{self, Features, Precision, Program, ProgramOptions, RayRange};
+use crate::result::{Booking, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
+
+/// What is to be traced.
+pub(crate) struct Plan {
+    pub(crate) options: TraceOptions,
+    pub(crate) program: Program,
+    /// Those of each source.
+    pub(crate) rays: Vec<EmitterRays>,
+    /// Rays of all sources.
+    pub(crate) num_rays: u64,
+    pub(crate) moments: MomentSource,
+    limits: DispatchLimits,
+    /// Most rays of a dispatch: there is room for so many.
+    pub(crate) batch: u32,
+}
+
+/// The features of a scene, as a trace with these options asks for them.
+pub(crate) fn features(ir: &SceneIr, options: &TraceOptions) -> Result<Features> {
+    let weights: Vec<f64> = rays(ir, options)?.iter().map(|rays| rays.weight).collect();
+    Ok(Features::of(ir, &weights, roulette_threshold(ir, options), options.max_depth))
+}
+
+fn rays(ir: &SceneIr, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
+    part(distribute(ir, options.budget())?, options)
+}
+
+fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
+    options.min_flux_fraction.max(ir.sampling.rr_start_flux)
+}
+
+/// A plan whose program is not composed yet.
+pub(crate) struct Draft {
+    options: TraceOptions,
+    rays: Vec<EmitterRays>,
+    moments: MomentSource,
+    /// How the program is to be composed: in the plain way, unless a strategy changes it.
+    pub(crate) program: ProgramOptions,
+}
+
+impl Draft {
+    /// Shares out the rays.
+    pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
+        check_options(gpu, options)?;
+        let rays = rays(ir, options)?;
+        let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
+        let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
+        let program = plain(gpu, ir, options, weights, moments);
+        Ok(Draft { options: options.clone(), rays, moments, program })
+    }
+
+    /// Composes the program. `edit` changes the composed text, and `limits` says how large its dispatches should be.
+    pub(crate) fn compose(
+        self,
+        gpu: &Gpu,
+        ir: &SceneIr,
+        edit: impl FnOnce(String) -> String,
+        limits: impl FnOnce(&Program) -> DispatchLimits,
+    ) -> Result<Plan> {
+        let Draft { options, rays, moments, program } = self;
+        let program = Program::with_wgsl_edit(ir, program, options.seed, edit)?;
+        check_families(&program, &options)?;
+        let limits = limits(&program);
+        Ok(Plan {
+            num_rays: rays.iter().map(|rays| rays.count).sum(),
+            rays,
+            moments,
+            batch: limits.batch(gpu, &program, &options),
+            options,
+            limits,
+            program,
+        })
+    }
+}
+
+/// How the program is composed in the plain way.
+fn plain(
+    gpu: &Gpu,
+    ir: &SceneIr,
+    options: &TraceOptions,
+    weights: Vec<f64>,
+    moments: MomentSource,
+) -> ProgramOptions {
+    let primitives = ir.surfaces.len() + ir.sensors.len();
+    let events_per_dispatch = match moments {
+        // A ray's crossings are known to the invocation that traces it alone.
+        MomentSource::Device if ir.sensors.iter().any(|sensor| !sensor.absorb) => options.max_depth,
+        _ => options.events_per_dispatch.min(options.max_depth),
+    };
+    ProgramOptions {
+        precision: options.precision,
+        native: gpu.int64,
+        host_sums: false,
+        baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
+        tree: options.tree.unwrap_or(true),
+        uniform_bytes: 0,
+        texel_bytes: 0,
+        max_depth: options.max_depth,
+        roulette_threshold: roulette_threshold(ir, options),
+        events_per_dispatch,
+        workgroup_size: options.workgroup_size,
+        most_rays_per_invocation: 1,
+        side_by_side: false,
+        lanes: 1,
+        vector_lanes: gpu.vector_lanes(),
+        paths: options.paths.sampling(options.budget()),
+        weights,
+        sampler: options.sampler,
+        moments: moments.on_device(),
+        nominal: None,
+        side_paths: Vec::new(),
+        part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
+    }
+}
+
+impl Plan {
+    /// The program on a device.
+    pub(crate) fn open(&self, gpu: &Gpu, additions: &Additions) -> Result<DeviceState> {
+        let is_strict = self.options.strict.holds(&gpu.info);
+        DeviceState::new(gpu, &self.program, self.batch, is_strict, additions)
+    }
+
+    /// Rays of a dispatch, before any was timed.
+    pub(crate) fn dispatch_size(&self) -> DispatchSize {
+        let Plan { program, limits, batch, .. } = self;
+        DispatchSize::new(*batch, limits.least_rays(program), counts_per_ray(program))
+    }
+
+    /// Rays that are done at a position.
+    pub(crate) fn done(&self, position: u64) -> u64 {
+        self.rays.iter().map(|rays| rays.done(position, self.num_rays)).sum()
+    }
+
+    /// Ids of the rays that are done at a position.
+    fn rays_done(&self, position: u64) -> RaySet {
+        let mut set = RaySet::default();
+        for (emitter, rays) in (0..).zip(&self.rays) {
+            set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), emitter };
+        }
+        set
+    }
+
+    /// Where a trace goes on that has come as far as `begun`.
+    pub(crate) fn position_after(&self, begun: &Tally) -> Result<u64> {
+        let (mut low, mut high) = (0, self.num_rays);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.done(middle) < begun.launched.count { low = middle + 1 } else { high = middle }
+        }
+        if self.rays_done(low) == begun.rays {
+            return Ok(low);
+        }
+        Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
+    }
+
+    /// Ranges of one dispatch each, of one source, from position `first` to `end`. `reached` is a bit for each primitive
+    /// that rays are known to have reached.
+    pub(crate) fn ranges(&self, first: u64, end: u64, most: u32, reached: u32) -> Vec<RayRange> {
+        let mut ranges = Vec::new();
+        for (emitter, rays) in self.rays.iter().enumerate() {
+            let last = rays.first + rays.done(end, self.num_rays);
+            let mut next = rays.first + rays.done(first, self.num_rays);
+            while next < last {
+                let count = (last - next).min(u64::from(most)) as u32;
+                ranges.push(RayRange { first: next, count, emitter, log_stride: 0, reached });
+                next += u64::from(count);
+            }
+        }
+        ranges
+    }
+
+    /// What a range is born with.
+    pub(crate) fn births(&self, range: &RayRange) -> Booking {
+        let quanta = self.birth_quanta(range.emitter);
+        Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
+    }
+
+    /// The weight of a source's new rays, quantised as the device does it.
+    fn birth_quanta(&self, emitter: usize) -> u128 {
+        let weight = self.options.precision.nearest(self.rays[emitter].weight);
+        (weight * QUANTA_PER_WEIGHT).floor() as u128
+    }
+
+    /// Dispatches until no ray can be left.
+    pub(crate) fn num_rounds(&self) -> usize {
+        self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
+    }
+
+    /// How the device tells which primitives rays have reached.
+    pub(crate) fn reached_marks(&self) -> ReachedMarks {
+        let Program { cells, features, options, .. } = &self.program;
+        cells.reached_marks(features, options.baked)
+    }
+
+    /// What counts tell beside themselves.
+    pub(crate) fn counted(&self) -> Counted {
+        let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
+        Counted {
+            quanta: self.program.constant_weights.then(|| self.birth_quanta(0)),
+            square: (self.moments == MomentSource::Hits).then_some(square),
+        }
+    }
+}
+
+/// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
+fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
+    let weight = precision.nearest(weight);
+    (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128
+}

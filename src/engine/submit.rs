@@ -1,0 +1,188 @@
+//! The stages of a dispatch, in their order, and how they are submitted.
+
+use crate::engine::Engine;
+use crate::engine::device::DeviceState;
+use crate::engine::limits::grid;
+use crate::engine::plan::Plan;
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::gpu::profile::Profile;
+use crate::program::{Program, RayRange};
+
+/// How a device traces a range.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Way {
+    /// The number of the bind group that holds what a strategy adds.
+    pub(crate) group: usize,
+    /// The number of a stage that a strategy has added; none for the plain stages.
+    pub(crate) added: Option<usize>,
+    /// Rays that an invocation of the first stage follows.
+    pub(crate) rays_per_invocation: u32,
+}
+
+/// A dispatch that is under way.
+pub(crate) struct Submitted {
+    pub(crate) index: wgpu::SubmissionIndex,
+    /// Its first stage had never been dispatched on its device.
+    pub(crate) is_first: bool,
+}
+
+/// One dispatch of a stage.
+struct Stage<'a> {
+    name: &'static str,
+    pipeline: &'a wgpu::ComputePipeline,
+    groups: [Option<&'a wgpu::BindGroup>; 2],
+    workgroups: Workgroups<'a>,
+}
+
+#[derive(Clone, Copy)]
+enum Workgroups<'a> {
+    Of([u32; 3]),
+    /// As many as the device has counted.
+    Counted(&'a wgpu::Buffer),
+}
+
+/// All stages of a dispatch, in their order: one that follows new rays through their first events, then again and again two
+/// that follow the survivors, until none can be left.
+fn stages<'d>(
+    device: &'d DeviceState,
+    plan: &Plan,
+    way: Way,
+    workgroups: [u32; 3],
+) -> Result<Vec<Stage<'d>>> {
+    let scene = &device.scenes[way.group];
+    let first = device.first_stage(&plan.program, way.added)?;
+    let mut stages = vec![Stage {
+        name: first.name,
+        pipeline: &first.pipeline,
+        groups: [Some(scene), Some(&device.queues[0])],
+        workgroups: Workgroups::Of(workgroups),
+    }];
+    // A stage that was added follows its rays to their end.
+    let Some(rounds) = device.rounds.as_ref().filter(|_| way.added.is_none()) else { return Ok(stages) };
+    for round in 1..plan.num_rounds() {
+        stages.push(Stage {
+            name: "advance",
+            pipeline: &rounds.advance,
+            groups: [Some(&rounds.advancing), None],
+            workgroups: Workgroups::Of([1, 1, 1]),
+        });
+        stages.push(Stage {
+            name: "trace_queued",
+            pipeline: &rounds.trace_queued,
+            groups: [Some(scene), Some(&device.queues[round % 2])],
+            workgroups: Workgroups::Counted(&rounds.workgroups),
+        });
+    }
+    Ok(stages)
+}
+
+impl Way {
+    /// The plain stages, with the buffers of such a group.
+    pub(crate) fn plain(program: &Program, group: usize) -> Self {
+        let rays_per_invocation = program.options.rays_per_invocation(&program.features);
+        Way { group, added: None, rays_per_invocation }
+    }
+}
+
+impl Engine<'_> {
+    /// Submits a range to the engine's device, in the plain way.
+    pub(crate) fn submit(&mut self, range: &RayRange) -> Result<()> {
+        let way = Way::plain(&self.plan.program, 0);
+        self.submit_to(None, way, range).map(|_| ())
+    }
+
+    /// Submits a range to another device, or else the engine's.
+    pub(crate) fn submit_to(
+        &mut self,
+        other: Option<&DeviceState>,
+        way: Way,
+        range: &RayRange,
+    ) -> Result<Submitted> {
+        let device = other.unwrap_or(&self.device);
+        let plan = &self.plan;
+        write_range(device, &plan.program, range)?;
+        let rays_per_workgroup = plan.options.workgroup_size * way.rays_per_invocation;
+        let workgroups = grid(range.count.div_ceil(rays_per_workgroup), &device.gpu);
+        let stages = stages(device, plan, way, workgroups)?;
+        let per_submission = stages.len().div_ceil(self.size.submissions());
+        self.num_submissions += stages.len().div_ceil(per_submission) as u64;
+        let index = submit(&device.gpu, &stages, per_submission, self.profile.as_mut());
+        if let Some(profile) = &mut self.profile {
+            profile.collect(&device.gpu)?;
+        }
+        device.gpu.check()?;
+        let is_first = !device.first_stage(&plan.program, way.added)?.has_begun.replace(true);
+        self.is_compiling |= is_first;
+        Ok(Submitted { index, is_first })
+    }
+
+    /// Submits the stages of a range with no workgroups, as if the range began at ray 0, unless its first stage has begun.
+    pub(crate) fn prime(&self, other: Option<&DeviceState>, way: Way, range: &RayRange) -> Result<()> {
+        let device = other.unwrap_or(&self.device);
+        if device.first_stage(&self.plan.program, way.added)?.has_begun.get() {
+            return Ok(());
+        }
+        write_range(device, &self.plan.program, &RayRange { first: 0, ..*range })?;
+        let stages = stages(device, &self.plan, way, [0, 0, 1])?;
+        submit(&device.gpu, &stages, stages.len(), None);
+        Ok(())
+    }
+}
+
+/// Tells a device which rays its next dispatch traces.
+fn write_range(device: &DeviceState, program: &Program, range: &RayRange) -> Result<()> {
+    let queue = &device.gpu.queue;
+    if let Some(emitter) = program.emitters.get(range.emitter) {
+        queue.write_buffer(&device.emitter, 0, emitter);
+    }
+    queue.write_buffer(&device.range, 0, &program.range_bytes(range)?);
+    Ok(())
+}
+
+impl Stage<'_> {
+    fn record(&self, pass: &mut wgpu::ComputePass) {
+        pass.set_pipeline(self.pipeline);
+        for (index, group) in (0..).zip(self.groups.into_iter().flatten()) {
+            pass.set_bind_group(index, group, &[]);
+        }
+        match self.workgroups {
+            Workgroups::Of([x, y, z]) => pass.dispatch_workgroups(x, y, z),
+            Workgroups::Counted(counts) => pass.dispatch_workgroups_indirect(counts, 0),
+        }
+    }
+}
+
+/// Submits stages, so many at once, to be timed or not; gives the last submission.
+fn submit(
+    gpu: &Gpu,
+    stages: &[Stage],
+    per_submission: usize,
+    mut profile: Option<&mut Profile>,
+) -> wgpu::SubmissionIndex {
+    let mut parts = stages.chunks(per_submission).peekable();
+    loop {
+        let part = parts.next().unwrap_or_default();
+        let is_last = parts.peek().is_none();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        match &mut profile {
+            Some(profile) => {
+                let mut record =
+                    |stage: &Stage| stage.record(&mut profile.begin_pass(&mut encoder, stage.name));
+                part.iter().for_each(&mut record);
+                if is_last {
+                    profile.resolve(&mut encoder);
+                }
+            }
+            None => {
+                let descriptor = wgpu::ComputePassDescriptor { label: Some("trace"), timestamp_writes: None };
+                let mut pass = encoder.begin_compute_pass(&descriptor);
+                part.iter().for_each(|stage| stage.record(&mut pass));
+            }
+        }
+        let submission = gpu.queue.submit([encoder.finish()]);
+        if is_last {
+            return submission;
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! What passes have launched since the sums were drained.
+
+use crate::engine::limits::counts_per_ray;
+use crate::engine::plan::Plan;
+use crate::model::SceneIr;
+use crate::program::RayRange;
+use crate::result::{Booking, RaySet, RaySpan, SensorTally, SurfaceTally, Tally};
+
+/// What was launched since the sums were drained.
+#[derive(Debug, Default)]
+pub(crate) struct Undrained {
+    pub(super) launched: Booking,
+    pub(super) rays: RaySet,
+    /// So much at most any counter has counted.
+    pub(crate) counts: u64,
+    num_passes: u64,
+    /// Primitives that rays have reached, a bit each, as far as the devices were asked.
+    pub(crate) reached: u32,
+}
+
+impl Undrained {
+    /// Takes note of a range.
+    pub(crate) fn launch(&mut self, plan: &Plan, range: &RayRange) {
+        let (count, emitter) = (u64::from(range.count), range.emitter as u32);
+        self.launched += plan.births(range);
+        self.rays += RaySpan { first: range.first, count, emitter };
+        self.counts += count * counts_per_ray(&plan.program);
+    }
+
+    /// Takes note of a pass; true if the devices should be asked now. To ask waits for a device, which a strategy may keep
+    /// busy from one pass to the next.
+    pub(crate) fn end_pass(&mut self) -> bool {
+        self.num_passes += 1;
+        self.num_passes.is_power_of_two()
+    }
+}
+
+/// A tally of no rays, in the scene's shape.
+pub(crate) fn empty_tally(ir: &SceneIr) -> Tally {
+    let sensors = ir.sensors.iter().map(|sensor| SensorTally {
+        quanta: vec![0; sensor.num_cells()],
+        hits: vec![0; sensor.num_cells()],
+        ..Default::default()
+    });
+    Tally {
+        sensors: sensors.collect(),
+        surfaces: vec![SurfaceTally::default(); ir.surfaces.len()],
+        ..Default::default()
+    }
+}

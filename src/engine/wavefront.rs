@@ -1,0 +1,111 @@
+//! The whole trace. It runs in passes, each of which takes its share of every source's rays, in ranges of one dispatch each.
+//!
+//! A pass is a pure function of its rays: draws are keyed by the ray's id, and sums are integers. So the sum over passes does
+//! not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and checkpoints are callers of the
+//! loop: after each pass they may ask for all that was summed up so far ([`Progress`]).
+
+use crate::engine::Engine;
+use crate::engine::drain::{discard, drain};
+use crate::engine::pace::Pace;
+use crate::engine::strategy::Strategy;
+use crate::error::Result;
+use crate::result::{Tally, check_shape};
+use std::time::{Duration, Instant};
+
+/// Traces the rays that `begun` lacks, and gives the sum of all. After each pass `keep_going` is shown the progress, and
+/// stops the trace by returning false.
+pub(crate) fn trace<'a>(
+    engine: &mut Engine<'a>,
+    strategy: &mut dyn Strategy,
+    begun: Tally,
+    mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
+) -> Result<Tally> {
+    discard(engine, strategy)?;
+    let mut at = engine.plan.position_after(&begun)?;
+    check_shape(engine.ir, &begun)?;
+    let (mut tally, num_rays) = (begun, engine.plan.num_rays);
+    let mut pass_rays = u64::from(strategy.range_rays(engine));
+    let mut pace = Pace::default();
+    let start = Instant::now();
+    while at < num_rays {
+        let end = engine.end_of_pass(at, pass_rays);
+        let time = trace_pass(engine, strategy, at, end)?;
+        // A pass in which a driver compiled tells nothing of others.
+        if !std::mem::take(&mut engine.is_compiling) {
+            pace.note(end - at, time);
+            pass_rays = engine.next_pass_rays(strategy.range_rays(engine), end - at, time);
+        }
+        at = end;
+        if engine.may_overflow(pass_rays) {
+            drain(engine, strategy, &mut tally)?;
+        }
+        let (done, elapsed) = (engine.plan.done(at), start.elapsed());
+        let mut progress =
+            Progress { done, num_rays, elapsed, position: at, engine, strategy, tally: &mut tally };
+        if !keep_going(&mut progress)? {
+            break;
+        }
+        strategy.look_ahead(engine, num_rays - at, pace.seconds_for(num_rays - at))?;
+    }
+    drain(engine, strategy, &mut tally)?;
+    if engine.plan.rays.len() > 1 {
+        tally.sort_rows(engine.ir);
+    }
+    Ok(tally)
+}
+
+/// Traces from one position to another into the devices' sums, and gives the time that it took.
+fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end: u64) -> Result<Duration> {
+    let start = Instant::now();
+    let ranges = engine.plan.ranges(first, end, strategy.range_rays(engine), engine.undrained.reached);
+    for range in &ranges {
+        strategy.trace(engine, range)?;
+        engine.undrained.launch(&engine.plan, range);
+        engine.rows.fetch(&engine.device, &engine.plan, range)?;
+    }
+    if !strategy.keeps_busy() {
+        engine.wait_for_pass(end - first, ranges.len(), start)?;
+    }
+    if engine.undrained.end_pass() {
+        engine.learn_reached(strategy)?;
+        engine.check_loops(strategy)?;
+    }
+    Ok(start.elapsed())
+}
+
+/// How far a trace is, after a pass.
+pub struct Progress<'t, 'a> {
+    /// Rays done, those included that the trace began with.
+    pub done: u64,
+    /// Rays in all.
+    pub num_rays: u64,
+    /// Time since the trace began, or was taken up again.
+    pub elapsed: Duration,
+    position: u64,
+    engine: &'t mut Engine<'a>,
+    strategy: &'t mut dyn Strategy,
+    tally: &'t mut Tally,
+}
+
+impl Progress<'_, '_> {
+    /// The sums of all rays so far. The device's sums are fetched for it, once a pass.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device fails.
+    pub fn tally(&mut self) -> Result<&Tally> {
+        if self.engine.undrained.counts > 0 {
+            drain(self.engine, self.strategy, self.tally)?;
+        }
+        Ok(self.tally)
+    }
+
+    /// Where the trace is between 0 and `num_rays`; for a single source, the rays done.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// See [`crate::Tracer::pause_at`].
+    pub fn pause_at(&mut self, position: u64) {
+        self.engine.pause = Some(position);
+    }
+}

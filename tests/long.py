@@ -1,0 +1,44 @@
+"""Runs the tests that take long: those of tests/long.txt, which `make test` leaves out.
+
+    python3 tests/long.py                          all of them
+    python3 tests/long.py --first 7 --seconds 600  from the seventh on, and round, as many as begin within ten minutes
+
+Prints which ones ran, and what they took. Exit code 1 if one failed.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+LIST = Path(__file__).with_name("long.txt")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0, help="the number of the test to begin with; past the last, it goes round")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="no test begins later than this")
+    options = parser.parse_args()
+    tests = [line.split() for line in LIST.read_text().splitlines() if line and not line.startswith("#")]
+    first = options.first % len(tests)
+    start, ran, failed = time.monotonic(), [], []
+    for program, test in tests[first:] + tests[:first]:
+        begun = time.monotonic()
+        if begun - start > options.seconds:
+            break
+        command = ["cargo", "test", "--quiet", "--test", program, "--", "--ignored", "--exact", test]
+        done = subprocess.run(command, capture_output=True, text=True)
+        # A name that no test has would pass for a test that did.
+        is_right = done.returncode == 0 and "1 passed" in done.stdout
+        if not is_right:
+            failed.append(f"{program} {test}")
+            print(done.stdout + done.stderr)
+        ran.append(test)
+        print(f"{'passed' if is_right else 'FAILED'}  {time.monotonic() - begun:5.0f} s  {program} {test}", flush=True)
+    print(f"{len(ran)} of {len(tests)} long tests ran, {len(failed)} failed: {', '.join(failed) or 'none'}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
