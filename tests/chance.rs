@@ -9,7 +9,7 @@
 mod zoo;
 
 use glam::{DMat3, DVec3};
-use nsq_gpu::model::{EmitterKind, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
+use nsq_gpu::model::{EmitterKind, Extended, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
@@ -207,7 +207,7 @@ fn lens_between(ends: &Ends) -> SceneIr {
     let Ends { source, detector } = ends;
     let (emitter, sensor) = (&mut ir.emitters[0], &mut ir.sensors[0]);
     let area = Outline::Rectangle { width: source.width, height: source.height };
-    emitter.kind = EmitterKind::Extended { area, half_angle: std::f64::consts::FRAC_PI_2 };
+    emitter.kind = EmitterKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 });
     emitter.total_flux = source.width * source.height;
     let towards_detector = if detector.centre.z > source.centre.z {
         DMat3::IDENTITY

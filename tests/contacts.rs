@@ -13,8 +13,9 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Annulus, CollimatedTophat, Conic, Emitter, EmitterKind, Extended, Frame, Frustum, Interaction, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere,
+    Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, Tally, TraceResult};
@@ -168,11 +169,12 @@ struct Pair {
 }
 
 fn pairs() -> Vec<Pair> {
-    let disk = |radius: f64| Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius };
-    let bent = |radius: f64| Shape::Conic { curvature: 0.05, conic: 0.0, aperture_radius: radius };
-    let parabola = |radius: f64| Shape::Conic { curvature: -0.04, conic: -1.0, aperture_radius: radius };
+    let disk = |radius: f64| Shape::Conic(Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius });
+    let bent = |radius: f64| Shape::Conic(Conic { curvature: 0.05, conic: 0.0, aperture_radius: radius });
+    let parabola =
+        |radius: f64| Shape::Conic(Conic { curvature: -0.04, conic: -1.0, aperture_radius: radius });
     let rectangle = Shape::Plane(Outline::Rectangle { width: 13.0, height: 12.0 });
-    let ring = |z_offset: f64| Shape::Annulus { inner_radius: 1.0, outer_radius: 9.0, z_offset };
+    let ring = |z_offset: f64| Shape::Annulus(Annulus { inner_radius: 1.0, outer_radius: 9.0, z_offset });
     let along_z = |name: &'static str, first: Shape, second: Shape| Pair {
         name,
         first: (at(0.0), first),
@@ -183,7 +185,7 @@ fn pairs() -> Vec<Pair> {
         behind: at(-9.0),
         turned: false,
     };
-    let ball = Shape::Sphere { radius: 20.0, aperture_radius: Some(6.0) };
+    let ball = Shape::Sphere(Sphere { radius: 20.0, aperture_radius: Some(6.0) });
     let sideways = |x: f64| Frame {
         origin: DVec3::new(x, 0.0, 0.0),
         rotation: DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2),
@@ -211,25 +213,31 @@ fn pairs() -> Vec<Pair> {
         },
         around(
             "two cylinders",
-            |radius| Shape::Frustum { r_front: radius, r_back: radius, z_front: -8.0, z_back: 8.0 },
+            |radius| Shape::Frustum(Frustum { r_front: radius, r_back: radius, z_front: -8.0, z_back: 8.0 }),
             GAP,
         ),
         around(
             "two cones",
-            |radius| Shape::Frustum {
-                r_front: radius - 1.6,
-                r_back: radius + 1.6,
-                z_front: -8.0,
-                z_back: 8.0,
+            |radius| {
+                Shape::Frustum(Frustum {
+                    r_front: radius - 1.6,
+                    r_back: radius + 1.6,
+                    z_front: -8.0,
+                    z_back: 8.0,
+                })
             },
             GAP,
         ),
-        along_z("a mesh on a disk", Shape::Mesh(SHEET), disk(7.0)),
-        along_z("a rectangle on a mesh", rectangle, Shape::Mesh(SHEET)),
-        along_z("two meshes", Shape::Mesh(SHEET), Shape::Mesh(SHEET)),
+        along_z("a mesh on a disk", Shape::Mesh(MeshId(SHEET)), disk(7.0)),
+        along_z("a rectangle on a mesh", rectangle, Shape::Mesh(MeshId(SHEET))),
+        along_z("two meshes", Shape::Mesh(MeshId(SHEET)), Shape::Mesh(MeshId(SHEET))),
         Pair {
             turned: true,
-            ..along_z("two meshes face to face", Shape::Mesh(SHEET), Shape::Mesh(TURNED_SHEET))
+            ..along_z(
+                "two meshes face to face",
+                Shape::Mesh(MeshId(SHEET)),
+                Shape::Mesh(MeshId(TURNED_SHEET)),
+            )
         },
     ]
 }
@@ -256,7 +264,7 @@ fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
         };
         let first = face("first", within(&frame, &pair.first.0), pair.first.1, GLASS, VACUUM);
         surfaces.extend(if i.is_multiple_of(2) { [second, first] } else { [first, second] });
-        let cone = EmitterKind::Point { half_angle: 0.35 };
+        let cone = EmitterKind::Point(Point { half_angle: 0.35 });
         emitters.push(lamp(within(&frame, &pair.source), cone, GLASS));
         sensors.push(rays("beyond", within(&frame, &pair.beyond), 30.0));
         sensors.push(rays("behind", within(&frame, &pair.behind), 30.0));
@@ -344,12 +352,12 @@ pairs! {
 /// Flat faces in which detectors and sources lie.
 fn flat_shapes() -> Vec<Shape> {
     vec![
-        Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: 7.0 },
+        Shape::Conic(Conic { curvature: 0.0, conic: 0.0, aperture_radius: 7.0 }),
         Shape::Plane(Outline::Rectangle { width: 13.0, height: 12.0 }),
         Shape::Plane(Outline::Infinite),
-        Shape::Mesh(SHEET),
-        Shape::Mesh(TURNED_SHEET),
-        Shape::Mesh(DOUBLED_SHEET),
+        Shape::Mesh(MeshId(SHEET)),
+        Shape::Mesh(MeshId(TURNED_SHEET)),
+        Shape::Mesh(MeshId(DOUBLED_SHEET)),
     ]
 }
 
@@ -371,7 +379,7 @@ fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
                     1 => face("glass", frame, shape, VACUUM, GLASS),
                     _ => absorber(frame, shape),
                 };
-                let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+                let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
                 let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
                 let sensors = vec![
                     screen("through", within(&frame, &at(9.0)), 60.0, true),
@@ -408,7 +416,7 @@ fn of_detectors_in_one_place_the_first_alone_reads() {
     let mut draws = Draws(12);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let mut sensors: Vec<Sensor> =
             (0..4).map(|i| screen(&format!("{i}"), frame, 12.0 + f64::from(i), false)).collect();
@@ -428,7 +436,7 @@ fn of_an_absorber_in_a_surface_the_first_in_the_list_is_met() {
         for side in [-8.0, 8.0] {
             let turn = if side < 0.0 { 0.0 } else { std::f64::consts::PI };
             let start = Frame { rotation: DMat3::from_rotation_x(turn), ..at(side) };
-            let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+            let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
             let emitters = vec![lamp(within(&frame, &start), beam, VACUUM)];
             let back = vec![screen("back", within(&frame, &at(1.1 * side)), 60.0, true)];
             let two = [mirror(frame, shape, 1.0), absorber(frame, shape)];
@@ -448,8 +456,8 @@ fn a_source_on_a_surface_leaves_it() {
     let mut draws = Draws(14);
     let mut shapes: Vec<(Frame, Shape)> = flat_shapes().into_iter().map(|shape| (at(0.0), shape)).collect();
     // A point on the top of a ball, and on a bent mirror's vertex.
-    shapes.push((at(-5.0), Shape::Sphere { radius: 5.0, aperture_radius: None }));
-    shapes.push((at(0.0), Shape::Conic { curvature: -0.05, conic: 0.0, aperture_radius: 6.0 }));
+    shapes.push((at(-5.0), Shape::Sphere(Sphere { radius: 5.0, aperture_radius: None })));
+    shapes.push((at(0.0), Shape::Conic(Conic { curvature: -0.05, conic: 0.0, aperture_radius: 6.0 })));
     for (i, (place, shape)) in shapes.into_iter().enumerate() {
         for precision in TWO_TIERS {
             let in_tables = (i % 2 == 0) == (precision == Precision::F32);
@@ -457,8 +465,8 @@ fn a_source_on_a_surface_leaves_it() {
                 let frame = random_frame(&mut draws);
                 let area = Outline::Rectangle { width: 1.0, height: 2.0 };
                 let kind = match i {
-                    0..6 => EmitterKind::Extended { area, half_angle: std::f64::consts::FRAC_PI_2 },
-                    _ => EmitterKind::Point { half_angle: 1.5 },
+                    0..6 => EmitterKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 }),
+                    _ => EmitterKind::Point(Point { half_angle: 1.5 }),
                 };
                 let surface = absorber(within(&frame, &place), shape);
                 let sky = Sensor {
@@ -481,12 +489,12 @@ fn doubled_facets_are_as_one() {
     let mut draws = Draws(15);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let read = [SHEET, DOUBLED_SHEET].map(|mesh| {
             let place = within(&frame, &at(2.0));
             let surfaces = vec![
-                face("front", frame, Shape::Mesh(mesh), VACUUM, GLASS),
-                face("back", place, Shape::Mesh(mesh), GLASS, VACUUM),
+                face("front", frame, Shape::Mesh(MeshId(mesh)), VACUUM, GLASS),
+                face("back", place, Shape::Mesh(MeshId(mesh)), GLASS, VACUUM),
             ];
             let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
             let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
@@ -503,8 +511,8 @@ fn long_thin_walls_do_not_leak() {
     let mut draws = Draws(16);
     for (i, precision) in [Precision::F32, Precision::F32, Precision::F64].into_iter().enumerate() {
         let frame = if i == 0 { at(0.0) } else { random_frame(&mut draws) };
-        let tube = mirror(frame, Shape::Mesh(TUBE), 1.0);
-        let cone = EmitterKind::Point { half_angle: 0.5 };
+        let tube = mirror(frame, Shape::Mesh(MeshId(TUBE)), 1.0);
+        let cone = EmitterKind::Point(Point { half_angle: 0.5 });
         let emitters = vec![lamp(within(&frame, &at(-499.5)), cone, VACUUM)];
         let ends = [("near", -500.0), ("far", 500.0)]
             .map(|(name, z)| screen(name, within(&frame, &at(z)), 1.001, true));
@@ -536,8 +544,8 @@ fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
     let transmitted = 0.96 / 1.12;
     for precision in TWO_TIERS {
         let frame = random_frame(&mut draws);
-        let bodies = face("bodies", frame, Shape::Mesh(0), GLASS, VACUUM);
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let bodies = face("bodies", frame, Shape::Mesh(MeshId(0)), GLASS, VACUUM);
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
         let mut ir = scene(vec![bodies], emitters, sensors);
@@ -559,7 +567,7 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
     let surfaces = vec![tile(-5.0), board, tile(5.0)];
     for (x, reflected) in [(-5.0, 1.0), (5.0, 0.0)] {
         let start = Frame { origin: DVec3::new(x, 0.0, -8.0), rotation: DMat3::IDENTITY };
-        let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
+        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let emitters = vec![lamp(start, beam, VACUUM)];
         let sensors = vec![screen("back", at(-9.0), 60.0, true)];
         let ir = scene(surfaces.clone(), emitters, sensors);
@@ -575,9 +583,11 @@ fn far_fields_blur_nothing_near() {
         ..screen("sky", at(z), 1.0, false)
     };
     let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);
-    let beam = EmitterKind::CollimatedTophat { aperture_radius: 3.0 };
-    let lamps =
-        vec![lamp(at(0.0), EmitterKind::Point { half_angle: 0.1 }, VACUUM), lamp(at(-3.0), beam, VACUUM)];
+    let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+    let lamps = vec![
+        lamp(at(0.0), EmitterKind::Point(Point { half_angle: 0.1 }), VACUUM),
+        lamp(at(-3.0), beam, VACUUM),
+    ];
     let sensors = vec![screen("back", at(-4.0), 60.0, true), sky(-50.0), sky(-50.0), sky(60.0)];
     for precision in TWO_TIERS {
         let traced = result(

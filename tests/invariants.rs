@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
-    Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling, SceneIr, Sensor,
+    SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -191,7 +191,7 @@ fn the_host_and_the_device_add_up_the_same_bits() {
 fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
     const FAR: f64 = 2e5;
     let mut ir = zoo::load("bench_lens");
-    ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.01 };
+    ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.01 });
     ir.emitters[0].frame.origin = DVec3::new(FAR, 0.0, -100.0);
     ir.sensors[0].frame.origin = DVec3::new(FAR, 0.0, 0.0);
     let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("another detector") };
@@ -823,7 +823,7 @@ fn lamp_in_a_ball() -> SceneIr {
         surfaces: vec![Surface {
             name: "ball".into(),
             frame: at(0.0),
-            shape: Shape::Sphere { radius: 10.0, aperture_radius: None },
+            shape: Shape::Sphere(Sphere { radius: 10.0, aperture_radius: None }),
             interaction: Interaction::Refractive,
             coating: None,
             scatter: None,
@@ -834,7 +834,7 @@ fn lamp_in_a_ball() -> SceneIr {
         emitters: vec![Emitter {
             name: "lamp".into(),
             frame: at(8.0),
-            kind: EmitterKind::Point { half_angle: std::f64::consts::PI },
+            kind: EmitterKind::Point(Point { half_angle: std::f64::consts::PI }),
             total_flux: 1.0,
             spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
             medium: 1,
@@ -945,12 +945,12 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
     for outward in [1.0, -1.0] {
         let mut ir = lamp_in_a_ball();
         let (r_front, r_back) = if outward > 0.0 { (5.0, 0.0) } else { (0.0, 5.0) };
-        ir.surfaces[0].shape = Shape::Frustum { r_front, r_back, z_front: 0.0, z_back: 10.0 };
+        ir.surfaces[0].shape = Shape::Frustum(Frustum { r_front, r_back, z_front: 0.0, z_back: 10.0 });
         (ir.surfaces[0].front, ir.surfaces[0].back) = (1, 0);
         let z = DVec3::new(0.0, 0.0, -outward);
         let rotation = DMat3::from_cols(DVec3::X, z.cross(DVec3::X), z);
         ir.emitters[0].frame = Frame { origin: -20.0 * z, rotation };
-        ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.0 };
+        ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.0 });
         ir.emitters[0].medium = 0;
         for precision in [Precision::F32, Precision::Df64, Precision::F64] {
             let options = zoo::options(1000, 5, precision);

@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface, unit_normal,
+    CollimatedTophat, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
+    Point, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface, unit_normal,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
@@ -59,12 +59,12 @@ fn lamp(frame: Frame, kind: EmitterKind) -> Emitter {
 
 /// A lamp that shines everywhere.
 fn bulb(x: f64, y: f64, z: f64) -> Emitter {
-    lamp(at(x, y, z), EmitterKind::Point { half_angle: PI })
+    lamp(at(x, y, z), EmitterKind::Point(Point { half_angle: PI }))
 }
 
 /// A lamp whose rays all go along its axis.
 fn laser(frame: Frame) -> Emitter {
-    lamp(frame, EmitterKind::Point { half_angle: 0.0 })
+    lamp(frame, EmitterKind::Point(Point { half_angle: 0.0 }))
 }
 
 fn screen(frame: Frame, size: f64) -> Sensor {
@@ -90,7 +90,7 @@ fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, emitters: Vec<Emitter>) -> S
 
 /// A lamp within a mesh that absorbs what reaches it.
 fn trap(mesh: Mesh) -> SceneIr {
-    let wall = surface("wall", at(0.0, 0.0, 0.0), Shape::Mesh(0), Interaction::Absorbing);
+    let wall = surface("wall", at(0.0, 0.0, 0.0), Shape::Mesh(MeshId(0)), Interaction::Absorbing);
     scene(vec![mesh], vec![wall], vec![bulb(1.0, 0.5, -0.25)])
 }
 
@@ -196,7 +196,7 @@ fn board(squares: u32) -> Mesh {
 /// Rays along z at every half of a square's side: through vertices, along edges, across diagonals, all exactly.
 fn rays_at_a_board() -> SceneIr {
     let squares = 8;
-    let wall = surface("board", at(0.0, 0.0, 0.0), Shape::Mesh(0), Interaction::Absorbing);
+    let wall = surface("board", at(0.0, 0.0, 0.0), Shape::Mesh(MeshId(0)), Interaction::Absorbing);
     let steps = 2 * squares + 1;
     let place = |i: u32| at(f64::from(i % steps) / 2.0, f64::from(i / steps) / 2.0, 0.0);
     scene(vec![board(squares)], vec![wall], (0..steps * steps).map(|i| laser(place(i))).collect())
@@ -267,10 +267,10 @@ fn bumpy_scene() -> SceneIr {
         origin: DVec3::new(x, 1.0, -2.0),
         rotation: DMat3::from_rotation_y(angle) * DMat3::from_rotation_x(0.7),
     };
-    let ball = Shape::Sphere { radius: 2.0, aperture_radius: None };
+    let ball = Shape::Sphere(Sphere { radius: 2.0, aperture_radius: None });
     let surfaces = vec![
-        surface("left", turned(-6.0, 0.4), Shape::Mesh(0), Interaction::Absorbing),
-        surface("right", turned(5.0, 2.9), Shape::Mesh(0), Interaction::Absorbing),
+        surface("left", turned(-6.0, 0.4), Shape::Mesh(MeshId(0)), Interaction::Absorbing),
+        surface("right", turned(5.0, 2.9), Shape::Mesh(MeshId(0)), Interaction::Absorbing),
         surface("ball", at(-1.5, 5.0, 1.0), ball, Interaction::Absorbing),
     ];
     scene(vec![bumpy_ball(3, 4.0)], surfaces, vec![bulb(0.0, 0.0, 0.0)])
@@ -327,8 +327,8 @@ fn search_all(ir: &SceneIr, origin: DVec3, direction: DVec3) -> (Option<usize>, 
             s.frame.rotation.transpose() * direction,
         );
         match s.shape {
-            Shape::Mesh(i) => nearest_of_all(&ir.meshes[i], o, d),
-            Shape::Sphere { radius, .. } => {
+            Shape::Mesh(MeshId(i)) => nearest_of_all(&ir.meshes[i], o, d),
+            Shape::Sphere(Sphere { radius, .. }) => {
                 let b = o.dot(d);
                 let discriminant = b * b - o.length_squared() + radius * radius;
                 let t = -b - discriminant.sqrt();
@@ -384,7 +384,7 @@ fn glass_cube(as_mesh: bool) -> SceneIr {
     };
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
     let surfaces = match as_mesh {
-        true => vec![surface("cube", frame, Shape::Mesh(0), Interaction::Refractive)],
+        true => vec![surface("cube", frame, Shape::Mesh(MeshId(0)), Interaction::Refractive)],
         false => {
             let plate = |(i, axis): (usize, &DVec3)| {
                 surface(&format!("side {i}"), side(*axis), square, Interaction::Refractive)
@@ -392,7 +392,8 @@ fn glass_cube(as_mesh: bool) -> SceneIr {
             axes.iter().enumerate().map(plate).collect()
         }
     };
-    let beam = lamp(at(0.0, 0.0, -10.0), EmitterKind::CollimatedTophat { aperture_radius: 3.0 });
+    let beam =
+        lamp(at(0.0, 0.0, -10.0), EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 }));
     let mut ir = scene(vec![cube(half)], surfaces, vec![beam, bulb(0.0, 3.0, -6.0)]);
     ir.sensors =
         vec![screen(at(0.0, 0.0, 9.0), 14.0), screen(facing(DVec3::new(8.0, 0.0, 0.0), DVec3::NEG_X), 12.0)];
@@ -447,7 +448,7 @@ fn a_normal_of_another_triangle_is_noticed() {
 /// Mirrors within: every event leaves a triangle for one that stands beside it or opposite.
 #[test]
 fn solids_of_mirrors_keep_their_rays() {
-    let mirrors = surface("mirrors", at(0.0, 0.0, 0.0), Shape::Mesh(0), mirror());
+    let mirrors = surface("mirrors", at(0.0, 0.0, 0.0), Shape::Mesh(MeshId(0)), mirror());
     let options = TraceOptions { max_depth: 100, ..zoo::options(100_000, 5, Precision::F64) };
     let within = |solid| scene(vec![solid], vec![mirrors.clone()], vec![bulb(0.3, 0.5, -0.2)]);
     assert_eq!(zoo::trace(&within(cube(2.0)), &options).depth_killed.count, 100_000);
@@ -465,14 +466,17 @@ fn a_fine_ball_of_glass_refracts_as_a_sphere_does() {
     let ball = |shape, front, back| {
         let mut ball = surface("ball", at(0.0, 0.0, 0.0), shape, Interaction::Refractive);
         (ball.front, ball.back) = (front, back);
-        let beam = lamp(at(0.0, 0.0, -20.0), EmitterKind::CollimatedTophat { aperture_radius: 5.0 });
+        let beam = lamp(
+            at(0.0, 0.0, -20.0),
+            EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 5.0 }),
+        );
         let mut ir = scene(vec![icosphere(6, 10.0)], vec![ball], vec![beam]);
         ir.sensors = vec![screen(at(0.0, 0.0, 12.0), 8.0)];
         zoo::trace(&ir, &zoo::options(100_000, 1, Precision::F64))
     };
     // The normal of a sphere points inward.
-    let sphere = ball(Shape::Sphere { radius: 10.0, aperture_radius: None }, 0, 1);
-    let facets = ball(Shape::Mesh(0), 1, 0);
+    let sphere = ball(Shape::Sphere(Sphere { radius: 10.0, aperture_radius: None }), 0, 1);
+    let facets = ball(Shape::Mesh(MeshId(0)), 1, 0);
     let [expected, found] = [&sphere, &facets].map(|tally| tally.sensors[0].total().quanta as f64);
     assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
     assert_eq!(facets.medium_stack_underflows, 0);
@@ -485,8 +489,8 @@ fn diverse() -> SceneIr {
     let mut ir = glass_cube(true);
     ir.meshes.push(bumpy_ball(2, 1.5));
     let half = Interaction::Reflective { reflectance: vec![0.5] };
-    ir.surfaces.push(surface("near", at(3.0, 2.0, 4.0), Shape::Mesh(1), half.clone()));
-    ir.surfaces.push(surface("far", at(-3.0, -1.0, 5.0), Shape::Mesh(1), half));
+    ir.surfaces.push(surface("near", at(3.0, 2.0, 4.0), Shape::Mesh(MeshId(1)), half.clone()));
+    ir.surfaces.push(surface("far", at(-3.0, -1.0, 5.0), Shape::Mesh(MeshId(1)), half));
     ir.sampling.rr_start_flux = 0.3;
     ir
 }
@@ -543,7 +547,7 @@ fn a_mesh_placed_twice_is_two_meshes() {
     let once = bumpy_scene();
     let mut twice = once.clone();
     twice.meshes.push(once.meshes[0].clone());
-    twice.surfaces[1].shape = Shape::Mesh(1);
+    twice.surfaces[1].shape = Shape::Mesh(MeshId(1));
     for precision in PRECISIONS {
         let options = zoo::options(20_000, 4, precision);
         assert!(zoo::trace(&once, &options) == zoo::trace(&twice, &options), "{precision:?}");
@@ -617,7 +621,7 @@ fn tetrahedron() -> Mesh {
 
 /// The corners of all triangles in the scene's coordinates.
 fn placed_corners(ir: &SceneIr, surface: usize) -> Vec<[DVec3; 3]> {
-    let Shape::Mesh(mesh) = ir.surfaces[surface].shape else { panic!("not a mesh") };
+    let Shape::Mesh(MeshId(mesh)) = ir.surfaces[surface].shape else { panic!("not a mesh") };
     let (frame, mesh) = (&ir.surfaces[surface].frame, &ir.meshes[mesh]);
     mesh.faces.iter().map(|face| mesh.corners(*face).map(|v| frame.origin + frame.rotation * v)).collect()
 }
@@ -659,7 +663,7 @@ fn files_and_lists_give_the_same_mesh_once() {
     }
     // The list and the OBJ number their vertices alike; so do both kinds of STL.
     let meshes: Vec<&Shape> = ir.surfaces.iter().map(|s| &s.shape).collect();
-    assert_eq!(meshes, [0, 1, 1, 0, 1].map(Shape::Mesh).iter().collect::<Vec<_>>());
+    assert_eq!(meshes, [0, 1, 1, 0, 1].map(|mesh| Shape::Mesh(MeshId(mesh))).iter().collect::<Vec<_>>());
     assert_eq!(ir.meshes.len(), 2);
 }
 

@@ -9,7 +9,8 @@ mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
 use nsq_gpu::model::{
-    EmitterKind, Frame, Interaction, Outline, SceneIr, SensorKind, Shape, Spectrum, Surface,
+    Annulus, CollimatedGaussian, CollimatedTophat, Conic, EmitterKind, Frame, Frustum, Interaction, Outline,
+    Point, SceneIr, SensorKind, Shape, Spectrum, Sphere, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -237,7 +238,8 @@ fn so_do_scenes_in_tables() {
 fn so_do_rays_that_end_by_their_number_of_events() {
     let mut ir = zoo::load("bench_cavity");
     ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
         let options = TraceOptions { max_depth, ..options(precision) };
         let (tally, nominal) = trace(&ir, &with_main_path(&options));
@@ -316,7 +318,7 @@ fn tinted_lens() -> SceneIr {
 fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
     let mut ir = tinted_lens();
     let mut lamp = ir.emitters[0].clone();
-    lamp.kind = EmitterKind::Point { half_angle: 1.2 };
+    lamp.kind = EmitterKind::Point(Point { half_angle: 1.2 });
     lamp.total_flux *= 0.003;
     lamp.medium = medium;
     ir.emitters.push(lamp);
@@ -505,7 +507,7 @@ fn rays_that_stray_alike_follow_side_paths() {
 /// A lens, and a ring far before it, which catches the outermost of the rays that it reflects.
 fn ring_before_a_lens() -> SceneIr {
     let mut ir = gaussian_lens(2.2);
-    let ring = Shape::Annulus { inner_radius: 12.0, outer_radius: 60.0, z_offset: 0.0 };
+    let ring = Shape::Annulus(Annulus { inner_radius: 12.0, outer_radius: 60.0, z_offset: 0.0 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -24.0), ring, DQuat::IDENTITY));
     ir
 }
@@ -523,14 +525,14 @@ fn plate_before_a_lens() -> SceneIr {
 /// weak lamp between the two.
 fn ring_around_a_lens() -> SceneIr {
     let mut ir = gaussian_lens(2.1);
-    ir.surfaces[0].shape = Shape::Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 12.5 };
+    ir.surfaces[0].shape = Shape::Conic(Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 12.5 });
     let glass = ir.surfaces[0].back;
     ir.media[glass].n.fill(3.0);
     ir.sensors[0].frame.origin.z = 20.0;
-    let ring = Shape::Annulus { inner_radius: 7.8, outer_radius: 40.0, z_offset: 0.0 };
+    let ring = Shape::Annulus(Annulus { inner_radius: 7.8, outer_radius: 40.0, z_offset: 0.0 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, 1.35), ring, DQuat::IDENTITY));
     let mut lamp = ir.emitters[0].clone();
-    lamp.kind = EmitterKind::CollimatedTophat { aperture_radius: 0.05 };
+    lamp.kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.05 });
     lamp.frame.origin = DVec3::new(7.72, 0.0, 1.42);
     lamp.total_flux *= 0.003;
     ir.emitters.push(lamp);
@@ -615,7 +617,8 @@ fn a_path_that_all_rays_stray_from_is_left() {
 fn errors_in_the_log_of_places_are_seen() {
     let mut ir = zoo::load("bench_cavity");
     ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     for [right, wrong] in [
@@ -636,7 +639,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     // From the detector to the mirror and back a ray moves by 50 mm 2 c x: at x = 2 mm by half the last bit.
     let curvature = 1.0001 * 2.0_f64.powi(-25) / 50.0;
     for surface in &mut ir.surfaces {
-        surface.shape = Shape::Conic { curvature, conic: 0.0, aperture_radius: 20.0 };
+        surface.shape = Shape::Conic(Conic { curvature, conic: 0.0, aperture_radius: 20.0 });
     }
     let options = TraceOptions { max_depth: 3, num_rays: 400_000, ..options(Precision::F32) };
     assert_eq!(arrivals(&ir, &options), Some(vec![2]));
@@ -650,9 +653,10 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
 #[test]
 fn rays_that_are_focused_on_an_edge_of_pixels_do_not_stray() {
     let mut ir = mirror_met_again().ir;
-    ir.surfaces[0].shape = Shape::Conic { curvature: -1.0 / 200.0, conic: -1.0, aperture_radius: 20.0 };
+    ir.surfaces[0].shape =
+        Shape::Conic(Conic { curvature: -1.0 / 200.0, conic: -1.0, aperture_radius: 20.0 });
     ir.surfaces[0].frame.origin = DVec3::new(0.0, 0.0, 100.0);
-    ir.emitters[0].kind = EmitterKind::CollimatedTophat { aperture_radius: 6.0 };
+    ir.emitters[0].kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 6.0 });
     ir.emitters[0].frame.origin = DVec3::new(10.0, 0.0, -10.0);
     ir.sensors[0].frame.origin.z = 0.0;
     if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
@@ -767,14 +771,15 @@ struct Rare {
 
 fn gaussian_lens(sigma: f64) -> SceneIr {
     let mut ir = zoo::load("bench_lens");
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 30.0, sigma };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 30.0, sigma });
     ir
 }
 
 /// A tube around a lens's beam, a little aslant, so that its outermost rays end on it from within.
 fn tube_around_the_beam() -> Rare {
     let mut ir = gaussian_lens(2.2);
-    let tube = Shape::Frustum { r_front: 9.0, r_back: 9.0, z_front: -6.0, z_back: 6.0 };
+    let tube = Shape::Frustum(Frustum { r_front: 9.0, r_back: 9.0, z_front: -6.0, z_back: 6.0 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -12.0), tube, DQuat::from_rotation_y(0.15)));
     Rare { ir, step: 0, primitive: 3, spared: "inside", always: NEVER_INSIDE }
 }
@@ -786,9 +791,10 @@ const NEVER_INSIDE: [&str; 2] =
 /// A tube out of whose end a beam goes aslant, so that it would meet it farther on; but the outermost rays before that.
 fn tube_around_a_beam_aslant() -> Rare {
     let mut ir = zoo::load("bench_lens");
-    let tube = Shape::Frustum { r_front: 7.0, r_back: 6.0, z_front: -40.0, z_back: 5.0 };
+    let tube = Shape::Frustum(Frustum { r_front: 7.0, r_back: 6.0, z_front: -40.0, z_back: 5.0 });
     ir.surfaces = vec![speck(DVec3::ZERO, tube, DQuat::IDENTITY)];
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 });
     ir.emitters[0].frame = Frame { origin: DVec3::ZERO, rotation: DMat3::from_rotation_y(0.25) };
     ir.sensors[0].frame.origin.z = 60.0;
     Rare { ir, step: 0, primitive: 0, spared: "inside, to the exit", always: NEVER_INSIDE }
@@ -797,7 +803,7 @@ fn tube_around_a_beam_aslant() -> Rare {
 /// The same with a weak source whose rays go the other way, far enough to meet it.
 fn tube_around_two_beams() -> Rare {
     let mut rare = tube_around_a_beam_aslant();
-    rare.ir.emitters[0].kind = EmitterKind::CollimatedTophat { aperture_radius: 2.0 };
+    rare.ir.emitters[0].kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 });
     let mut back = rare.ir.emitters[0].clone();
     back.frame.rotation = DMat3::from_rotation_y(std::f64::consts::PI - 0.25);
     back.total_flux *= 0.003;
@@ -816,7 +822,7 @@ fn tube_around_two_beams() -> Rare {
 /// Half a hollow sphere in which a lens's beam begins, but for its outermost rays, which meet it from without.
 fn bowl_around_the_beam() -> Rare {
     let mut ir = gaussian_lens(2.2);
-    let bowl = Shape::Conic { curvature: 1.0 / 15.0, conic: 0.0, aperture_radius: 14.95 };
+    let bowl = Shape::Conic(Conic { curvature: 1.0 / 15.0, conic: 0.0, aperture_radius: 14.95 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, -27.0), bowl, DQuat::IDENTITY));
     let always = ["return both_off(f, halfway, margin) & both_off(halfway, there, margin);", "return true;"];
     Rare { ir, step: 0, primitive: 3, spared: "off", always }
@@ -826,13 +832,14 @@ fn bowl_around_the_beam() -> Rare {
 /// other side.
 fn bowl_met_again() -> Rare {
     let mut rare = mirror_met_again();
-    rare.ir.surfaces[0].shape = Shape::Conic { curvature: -1.0 / 20.0, conic: 0.0, aperture_radius: 19.0 };
+    rare.ir.surfaces[0].shape =
+        Shape::Conic(Conic { curvature: -1.0 / 20.0, conic: 0.0, aperture_radius: 19.0 });
     let mirrored = |at: DVec3, angle: f64| {
         let (place, direction) = (20.0 * at.normalize(), DVec3::new(0.0, angle.sin(), -angle.cos()));
         let comes = direction.reflect(at.normalize());
         let rotation = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, comes));
         let mut emitter = rare.ir.emitters[0].clone();
-        emitter.kind = EmitterKind::CollimatedTophat { aperture_radius: 0.3 };
+        emitter.kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.3 });
         emitter.frame = Frame { origin: place - 5.0 * comes, rotation };
         emitter
     };
@@ -864,12 +871,13 @@ fn plate_along_the_beam() -> Rare {
 fn mirror_met_again() -> Rare {
     let mut ir = zoo::load("bench_lens");
     let mut mirror = ir.surfaces.remove(0);
-    mirror.shape = Shape::Conic { curvature: -1.0 / 20.0, conic: 0.0, aperture_radius: 19.9 };
+    mirror.shape = Shape::Conic(Conic { curvature: -1.0 / 20.0, conic: 0.0, aperture_radius: 19.9 });
     mirror.frame.origin = DVec3::new(0.0, 0.0, 20.0);
     mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
     mirror.back = mirror.front;
     ir.surfaces = vec![mirror];
-    ir.emitters[0].kind = EmitterKind::CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 };
+    ir.emitters[0].kind =
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 });
     ir.emitters[0].frame.origin = DVec3::new(0.0, -6.5, 0.0);
     ir.sensors[0].frame.origin.z = -1.0;
     if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
@@ -883,11 +891,12 @@ fn mirror_met_again() -> Rare {
 /// side of their closest approach, are few. The air takes from them on their way.
 fn bowl_met_from_the_side() -> Rare {
     let mut rare = mirror_met_again();
-    rare.ir.surfaces[0].shape = Shape::Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 19.9 };
+    rare.ir.surfaces[0].shape =
+        Shape::Conic(Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 19.9 });
     rare.ir.surfaces[0].frame.origin = DVec3::ZERO;
     rare.ir.surfaces[0].interaction = Interaction::Absorbing;
     rare.ir.media[0].k.fill(1e-6);
-    rare.ir.emitters[0].kind = EmitterKind::Point { half_angle: 0.1005 };
+    rare.ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.1005 });
     let aside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2 - 0.1);
     rare.ir.emitters[0].frame = Frame { origin: DVec3::new(-60.0, 0.0, 10.0), rotation: aside };
     rare.ir.sensors[0].frame.origin.z = -30.0;
@@ -903,7 +912,7 @@ fn window_in_a_ball() -> Rare {
     window.frame = Frame { origin: DVec3::new(0.0, 0.0, 20.0), rotation: DMat3::IDENTITY };
     ir.media[window.back].n.fill(1.1);
     ir.media[window.back].k.fill(1e-6);
-    let ball = Shape::Sphere { radius: 60.0, aperture_radius: None };
+    let ball = Shape::Sphere(Sphere { radius: 60.0, aperture_radius: None });
     ir.surfaces = vec![window, speck(DVec3::ZERO, ball, DQuat::IDENTITY)];
     let beside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2);
     ir.sensors[0].frame = Frame { origin: DVec3::new(50.0, 0.0, 0.0), rotation: beside };
@@ -1002,10 +1011,15 @@ fn speck_shape(kind: usize, radius: f64) -> Shape {
     match kind {
         0 => Shape::Plane(Outline::Disk { radius }),
         1 => Shape::Plane(Outline::Rectangle { width: radius, height: 2.0 * radius }),
-        2 => Shape::Conic { curvature: 0.7 / radius, conic: 0.5, aperture_radius: radius },
-        3 => Shape::Sphere { radius, aperture_radius: Some(0.8 * radius) },
-        4 => Shape::Frustum { r_front: radius, r_back: 0.6 * radius, z_front: -radius, z_back: 0.5 * radius },
-        _ => Shape::Annulus { inner_radius: 0.4 * radius, outer_radius: radius, z_offset: 0.2 },
+        2 => Shape::Conic(Conic { curvature: 0.7 / radius, conic: 0.5, aperture_radius: radius }),
+        3 => Shape::Sphere(Sphere { radius, aperture_radius: Some(0.8 * radius) }),
+        4 => Shape::Frustum(Frustum {
+            r_front: radius,
+            r_back: 0.6 * radius,
+            z_front: -radius,
+            z_back: 0.5 * radius,
+        }),
+        _ => Shape::Annulus(Annulus { inner_radius: 0.4 * radius, outer_radius: radius, z_offset: 0.2 }),
     }
 }
 

@@ -9,8 +9,8 @@ use approx::assert_relative_eq;
 use glam::{DMat3, DVec3};
 use nsq_gpu::Error;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Sampling, SceneIr, Sensor, SensorKind,
-    Shape, Spectrum, Splat, Surface,
+    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Point, Sampling, SceneIr, Sensor,
+    SensorKind, Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::result::output::{REPORT, check, file_names, write_all};
 use nsq_gpu::result::report::{Files, Report};
@@ -52,7 +52,7 @@ fn scene(total_flux: f64, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Scene
     let emitter = Emitter {
         name: "lamp".into(),
         frame: frame(0.0),
-        kind: EmitterKind::Point { half_angle: 0.7 },
+        kind: EmitterKind::Point(Point { half_angle: 0.7 }),
         total_flux,
         spectrum: Spectrum { wavelengths: vec![0, 1], cdf: vec![0.25, 1.0] },
         medium: SceneIr::VACUUM,

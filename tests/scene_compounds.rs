@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use nsq_gpu::model::{Interaction, Outline, SceneIr, Shape, Surface};
+use nsq_gpu::model::{Annulus, Conic, Frustum, Interaction, Outline, SceneIr, Shape, Sphere, Surface};
 use nsq_gpu::scene::Scene;
 use serde::Deserialize;
 
@@ -53,20 +53,20 @@ fn close(found: f64, expected: f64, scale: f64) -> bool {
 /// Optiland's parameters of a shape, with the curvature for the radius.
 fn parameters(shape: &Shape) -> (&'static str, Vec<(&'static str, f64)>) {
     match *shape {
-        Shape::Conic { curvature, conic, aperture_radius } => (
+        Shape::Conic(Conic { curvature, conic, aperture_radius }) => (
             "ConicGeometry",
             vec![("curvature", curvature), ("conic", conic), ("aperture_radius", aperture_radius)],
         ),
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => (
+        Shape::Annulus(Annulus { inner_radius, outer_radius, z_offset }) => (
             "AnnularPlaneGeometry",
             vec![("inner_radius", inner_radius), ("outer_radius", outer_radius), ("z_offset", z_offset)],
         ),
-        Shape::Frustum { r_front, r_back, z_front, z_back } => (
+        Shape::Frustum(Frustum { r_front, r_back, z_front, z_back }) => (
             "CylindricalFrustumGeometry",
             vec![("r_front", r_front), ("r_back", r_back), ("z_front", z_front), ("z_back", z_back)],
         ),
         Shape::Plane(Outline::Infinite | Outline::Rectangle { .. } | Outline::Disk { .. })
-        | Shape::Sphere { .. }
+        | Shape::Sphere(Sphere { .. })
         | Shape::Mesh(_) => {
             panic!("no compound has a {shape:?}")
         }

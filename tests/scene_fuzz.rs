@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::Error;
-use nsq_gpu::model::{Interaction, SceneIr, SensorKind, Shape};
+use nsq_gpu::model::{Conic, Interaction, SceneIr, SensorKind, Shape};
 use nsq_gpu::scene::Scene;
 use serde_json::{Value, json};
 
@@ -93,7 +93,7 @@ fn assert_sane(ir: &SceneIr, text: &str) {
         if let Interaction::Reflective { reflectance } = &surface.interaction {
             assert!(reflectance.len() == ir.wavelengths.len() && reflectance.iter().all(unit), "{text}");
         }
-        if let Shape::Conic { curvature, conic, aperture_radius } = surface.shape {
+        if let Shape::Conic(Conic { curvature, conic, aperture_radius }) = surface.shape {
             assert!(curvature.is_finite() && conic.is_finite() && aperture_radius > 0.0, "{text}");
         }
     }

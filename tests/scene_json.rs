@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
-use nsq_gpu::model::{EmitterKind, Interaction, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat};
+use nsq_gpu::model::{
+    CollimatedGaussian, Conic, EmitterKind, Interaction, Outline, Point, ReflectProb, SceneIr, SensorKind,
+    Shape, Sphere, Splat,
+};
 use nsq_gpu::scene::Scene;
 
 const SCENE: &str = r#"{
@@ -65,12 +68,15 @@ fn reads_a_scene_as_optiland_writes_it() {
 fn sources_carry_optilands_numbers() {
     let ir = lowered(SCENE);
     let beam = &ir.emitters[0];
-    assert_eq!(beam.kind, EmitterKind::CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 });
+    assert_eq!(
+        beam.kind,
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 })
+    );
     assert_eq!((beam.total_flux, beam.medium), (2.0, SceneIr::VACUUM));
     // The user's order of wavelengths, as indices into the ascending table.
     assert_eq!(beam.spectrum.wavelengths, [2, 0, 1]);
     assert_eq!(beam.spectrum.cdf, [0.25, 0.75, 1.0]);
-    assert_eq!(ir.emitters[1].kind, EmitterKind::Point { half_angle: std::f64::consts::PI });
+    assert_eq!(ir.emitters[1].kind, EmitterKind::Point(Point { half_angle: std::f64::consts::PI }));
     assert_eq!(ir.emitters[1].spectrum.wavelengths, [1]);
 }
 
@@ -129,7 +135,9 @@ fn infinite_and_zero_radii_are_flat() {
     assert_eq!(lowered(SCENE).surfaces[1], lowered(&zero).surfaces[1]);
     let quoted = SCENE.replace("Infinity", "\"-Infinity\"");
     assert_eq!(lowered(SCENE).surfaces[1], lowered(&quoted).surfaces[1]);
-    let Shape::Conic { curvature, .. } = lowered(SCENE).surfaces[1].shape else { panic!("not a conic") };
+    let Shape::Conic(Conic { curvature, .. }) = lowered(SCENE).surfaces[1].shape else {
+        panic!("not a conic")
+    };
     assert_eq!(curvature, 0.0);
 }
 
@@ -184,7 +192,7 @@ fn the_block_adds_surfaces_media_and_order() {
     ];
     assert_eq!(names, expected);
     let surface = |name: &str| ir.surfaces.iter().find(|surface| surface.name == name).unwrap();
-    assert_eq!(surface("ball").shape, Shape::Sphere { radius: 5.0, aperture_radius: None });
+    assert_eq!(surface("ball").shape, Shape::Sphere(Sphere { radius: 5.0, aperture_radius: None }));
     assert_eq!(surface("wall").shape, Shape::Plane(Outline::Infinite));
     assert_eq!(surface("tilted").shape, Shape::Plane(Outline::Rectangle { width: 2.0, height: 3.0 }));
     assert_eq!(surface("tilted").interaction, Interaction::Reflective { reflectance: vec![0.1, 0.2, 0.3] });
@@ -224,7 +232,7 @@ fn overrides_change_surfaces_as_optiland_does() {
     assert_eq!((back.front, back.back), (1, 1));
     assert_eq!(surface("L1.edge").interaction, Interaction::Refractive);
     let mirror = surface("M.surface");
-    assert_eq!(mirror.shape, Shape::Conic { curvature: -0.01, conic: -1.0, aperture_radius: 7.0 });
+    assert_eq!(mirror.shape, Shape::Conic(Conic { curvature: -0.01, conic: -1.0, aperture_radius: 7.0 }));
     assert_eq!(mirror.interaction, Interaction::Reflective { reflectance: vec![0.25; 3] });
 }
 

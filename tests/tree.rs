@@ -12,8 +12,8 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, PixelGrid, ReflectProb, Sampling, SceneIr,
-    Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+    Annulus, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, MeshId, Outline, PixelGrid,
+    Point, ReflectProb, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
@@ -35,17 +35,17 @@ impl Draws {
     fn shape(&mut self, i: usize) -> Shape {
         let radius = self.between(2.0, 8.0);
         match i % 10 {
-            0 => Shape::Conic { curvature: 0.05, conic: -0.5, aperture_radius: radius },
-            1 => Shape::Conic { curvature: -0.2, conic: 0.3, aperture_radius: 2.0 * radius },
-            2 => Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius },
+            0 => Shape::Conic(Conic { curvature: 0.05, conic: -0.5, aperture_radius: radius }),
+            1 => Shape::Conic(Conic { curvature: -0.2, conic: 0.3, aperture_radius: 2.0 * radius }),
+            2 => Shape::Conic(Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius }),
             3 => Shape::Plane(Outline::Rectangle { width: radius, height: 2.0 * radius }),
-            4 => Shape::Annulus { inner_radius: 1.0, outer_radius: radius, z_offset: 3.0 },
-            5 => Shape::Frustum { r_front: radius, r_back: 1.0, z_front: -4.0, z_back: 5.0 },
-            6 => Shape::Sphere { radius, aperture_radius: None },
-            7 => Shape::Sphere { radius: 8.0, aperture_radius: Some(0.5 * radius) },
+            4 => Shape::Annulus(Annulus { inner_radius: 1.0, outer_radius: radius, z_offset: 3.0 }),
+            5 => Shape::Frustum(Frustum { r_front: radius, r_back: 1.0, z_front: -4.0, z_back: 5.0 }),
+            6 => Shape::Sphere(Sphere { radius, aperture_radius: None }),
+            7 => Shape::Sphere(Sphere { radius: 8.0, aperture_radius: Some(0.5 * radius) }),
             // Seen from its frame the apex is far away: no box.
-            8 => Shape::Frustum { r_front: 1.0, r_back: radius, z_front: 50.0, z_back: 53.0 },
-            _ => Shape::Mesh((self.between(0.0, 2.0) as usize).min(1)),
+            8 => Shape::Frustum(Frustum { r_front: 1.0, r_back: radius, z_front: 50.0, z_back: 53.0 }),
+            _ => Shape::Mesh(MeshId((self.between(0.0, 2.0) as usize).min(1))),
         }
     }
 }
@@ -85,7 +85,7 @@ fn scene(surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
     let lamp = Emitter {
         name: "lamp".into(),
         frame: at(0.5, 0.25, 0.0),
-        kind: EmitterKind::Point { half_angle: 3.15 },
+        kind: EmitterKind::Point(Point { half_angle: 3.15 }),
         total_flux: 1.0,
         spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
         medium: 0,
@@ -157,7 +157,11 @@ fn planes_without_end_have_the_same_paths() {
 fn faces_in_contact_have_the_same_paths() {
     let plate = |i: usize, z: f64, radius: f64, interaction: usize| {
         let frame = at(if i.is_multiple_of(2) { 0.0 } else { 3.0 }, 0.0, z);
-        surface(frame, Shape::Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius }, interaction)
+        surface(
+            frame,
+            Shape::Conic(Conic { curvature: 0.0, conic: 0.0, aperture_radius: radius }),
+            interaction,
+        )
     };
     let mut surfaces = Vec::new();
     for layer in 0..12 {
@@ -177,7 +181,7 @@ fn faces_in_contact_have_the_same_paths() {
 #[test]
 fn concentric_shells_have_the_same_paths() {
     let shell = |i: usize| {
-        let sphere = Shape::Sphere { radius: 5.0 + 0.01 * i as f64, aperture_radius: None };
+        let sphere = Shape::Sphere(Sphere { radius: 5.0 + 0.01 * i as f64, aperture_radius: None });
         let mut shell = surface(at(0.0, 0.0, 0.0), sphere, i);
         shell.interaction = Interaction::Refractive;
         shell
@@ -191,9 +195,9 @@ fn concentric_shells_have_the_same_paths() {
 fn ties_go_to_the_first_in_the_list() {
     let shapes = [
         Shape::Plane(Outline::Rectangle { width: 5.0, height: 5.0 }),
-        Shape::Mesh(0),
+        Shape::Mesh(MeshId(0)),
         Shape::Plane(Outline::Rectangle { width: 4.0, height: 9.0 }),
-        Shape::Mesh(0),
+        Shape::Mesh(MeshId(0)),
     ];
     for first in 0..2 {
         let mut surfaces: Vec<Surface> = (0..40)
@@ -213,7 +217,7 @@ fn ties_go_to_the_first_in_the_list() {
 /// One primitive, and none at all.
 #[test]
 fn the_smallest_trees_work() {
-    let ball = surface(at(0.0, 0.0, 9.0), Shape::Sphere { radius: 2.0, aperture_radius: None }, 2);
+    let ball = surface(at(0.0, 0.0, 9.0), Shape::Sphere(Sphere { radius: 2.0, aperture_radius: None }), 2);
     let plane = surface(at(0.0, 0.0, 9.0), Shape::Plane(Outline::Infinite), 2);
     for surfaces in [vec![], vec![ball.clone()], vec![plane.clone()], vec![ball, plane]] {
         let what = format!("{} surfaces", surfaces.len());

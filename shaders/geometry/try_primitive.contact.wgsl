@@ -4,7 +4,7 @@ fn try_primitive(best: Hit, ray: Ray, here: Standing, i: u32, p: Primitive) -> H
     let o = to_primitive(p, ray.position - vec3<real>(p.origin_x, p.origin_y, p.origin_z));
     let d = to_primitive(p, ray.direction);
     let contact = contact_of(i);
-    let leaving = (ray.last == i) | ((contact.born != 0u) & is_born_on(ray, o, shape_quadric(p)));
+    let leaving = (ray.last == i) | ((contact.born != 0u) & is_born_on(ray, o, shape_quadric(p, o)));
     if contact.group != 0u {
         let elsewhere = shape_distance(p, o, d, leaving | stands_on(here, contact), best.distance);
         return nearer_in_contact(best, ray, here, i, contact, elsewhere, shape_holds(p, o));

@@ -9,7 +9,7 @@ fn try_primitive(best: Hit, ray: Ray, here: Standing, i: u32, p: Primitive) -> H
         let distance = shape_distance(p, o, d, ray.last == i, farthest_from(best));
         return nearer_facet(best, ray, i, distance);
     }
-    let leaving = (ray.last == i) | ((contact.born != 0u) & is_born_on(ray, o, shape_quadric(p)));
+    let leaving = (ray.last == i) | ((contact.born != 0u) & is_born_on(ray, o, shape_quadric(p, o)));
     if contact.group != 0u {
         let elsewhere = shape_distance(p, o, d, leaving | stands_on(here, contact), best.distance);
         return nearer_in_contact(best, ray, here, i, contact, elsewhere, shape_holds(p, o));

@@ -6,14 +6,22 @@
 //! is a list of discrete wavelengths.
 
 mod bsdf;
+pub(crate) mod checks;
 pub mod depth;
+mod list;
 pub(crate) mod mesh;
 pub mod ray_id;
+pub mod shapes;
+pub mod sources;
 
 pub use crate::model::bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
+pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
+pub use crate::model::sources::{
+    CollimatedGaussian, CollimatedTophat, EmitterKind, EmitterName, Extended, Point,
+};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].
@@ -72,7 +80,7 @@ impl Medium {
 pub struct Surface {
     /// Optiland's label, such as `L1.front`.
     pub name: String,
-    /// Vertex frame (conic, plane, annulus, frustum) or the frame at the centre (sphere).
+    /// The frame of its shape.
     pub frame: Frame,
     /// Its shape, in its frame.
     pub shape: Shape,
@@ -86,72 +94,6 @@ pub struct Surface {
     pub front: MediumId,
     /// Medium on the side that the geometric normal points to.
     pub back: MediumId,
-}
-
-/// Shapes, all of revolution about local z except the rectangle and the mesh. The geometric normal points local +z for
-/// conic, plane, and annulus, inward for the sphere, outward for the frustum; on a mesh, to the side from which the
-/// corners of a face run counter-clockwise.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shape {
-    /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) for r <= aperture_radius.
-    Conic {
-        /// Vertex curvature c = 1/R; 0 for a flat surface \[1/mm\].
-        curvature: f64,
-        /// Conic constant K.
-        conic: f64,
-        /// Semi-diameter \[mm\].
-        aperture_radius: f64,
-    },
-    /// The plane z = 0 within its outline.
-    Plane(Outline),
-    /// The ring inner_radius <= r <= outer_radius at z = z_offset.
-    Annulus {
-        /// Radius of the hole \[mm\].
-        inner_radius: f64,
-        /// Radius of the rim \[mm\].
-        outer_radius: f64,
-        /// Position of the ring along local z \[mm\].
-        z_offset: f64,
-    },
-    /// The cone or cylinder of radius r_front at z_front and r_back at z_back.
-    Frustum {
-        /// Radius at z_front \[mm\].
-        r_front: f64,
-        /// Radius at z_back \[mm\].
-        r_back: f64,
-        /// Lower end along local z \[mm\].
-        z_front: f64,
-        /// Upper end along local z \[mm\].
-        z_back: f64,
-    },
-    /// The sphere about the local origin, where r <= aperture_radius if one is given.
-    Sphere {
-        /// Radius \[mm\].
-        radius: f64,
-        /// Limit of the distance from local z \[mm\].
-        aperture_radius: Option<f64>,
-    },
-    /// A triangle mesh of [`SceneIr::meshes`].
-    Mesh(usize),
-}
-
-/// The outline of a plane.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Outline {
-    /// No limit.
-    Infinite,
-    /// |x| <= width/2 and |y| <= height/2.
-    Rectangle {
-        /// Full width along local x \[mm\].
-        width: f64,
-        /// Full height along local y \[mm\].
-        height: f64,
-    },
-    /// r <= radius.
-    Disk {
-        /// Radius \[mm\].
-        radius: f64,
-    },
 }
 
 /// What a surface does to a ray.
@@ -183,49 +125,6 @@ pub struct Emitter {
     pub spectrum: Spectrum,
     /// Medium that the rays are born in.
     pub medium: MediumId,
-}
-
-/// Kinds of sources.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum EmitterKind {
-    /// Rays from one point, uniform in solid angle within a cap about local +z.
-    Point {
-        /// Half-angle of the cap \[rad\], up to pi.
-        half_angle: f64,
-    },
-    /// Parallel rays along local +z from a disk, uniform.
-    CollimatedTophat {
-        /// Disk radius \[mm\].
-        aperture_radius: f64,
-    },
-    /// Parallel rays along local +z from a disk, Gaussian and truncated at the rim.
-    CollimatedGaussian {
-        /// Disk radius \[mm\].
-        aperture_radius: f64,
-        /// Standard deviation of x and of y before truncation \[mm\].
-        sigma: f64,
-    },
-    /// Rays from an area at local z = 0; uniform in a cap below 90 degrees of half-angle, else Lambertian.
-    Extended {
-        /// The emitting area: a rectangle or a disk.
-        area: Outline,
-        /// Half-angle of the cap \[rad\].
-        half_angle: f64,
-    },
-}
-
-impl EmitterKind {
-    /// Where rays are born, in the plane local z = 0; of a point source, a disk without an extent.
-    pub fn births(&self) -> Outline {
-        match *self {
-            EmitterKind::Point { .. } => Outline::Disk { radius: 0.0 },
-            EmitterKind::CollimatedTophat { aperture_radius }
-            | EmitterKind::CollimatedGaussian { aperture_radius, .. } => {
-                Outline::Disk { radius: aperture_radius }
-            }
-            EmitterKind::Extended { area, .. } => area,
-        }
-    }
 }
 
 /// A discrete spectrum.

@@ -1,7 +1,7 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
 use crate::model::{
-    EmitterKind, Interaction, Medium, Outline, ReflectProb, SceneIr, SensorKind, Shape, Splat, Surface,
+    EmitterName, Interaction, Medium, ReflectProb, SceneIr, SensorKind, ShapeKind, Splat, Surface,
 };
 use crate::program::df64;
 use crate::program::layout::bsdf::{self, BsdfKind};
@@ -45,27 +45,6 @@ impl Precision {
             Precision::F64 => 9007199254740992.0,
         }
     }
-}
-
-/// Shape functions of the shaders.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum ShapeKind {
-    /// shaders/shapes/conic.wgsl
-    Conic,
-    /// shaders/shapes/plane.wgsl, unbounded
-    Plane,
-    /// shaders/shapes/plane.wgsl, rectangle
-    Rectangle,
-    /// shaders/shapes/plane.wgsl, disk
-    Disk,
-    /// shaders/shapes/annulus.wgsl
-    Annulus,
-    /// shaders/shapes/frustum.wgsl
-    Frustum,
-    /// shaders/shapes/sphere.wgsl
-    Sphere,
-    /// shaders/shapes/mesh.wgsl
-    Mesh,
 }
 
 /// What the scene and the options of the trace need.
@@ -119,45 +98,6 @@ pub struct Features {
     pub emitters: Vec<EmitterName>,
 }
 
-/// Emitter functions of the shaders.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum EmitterName {
-    /// shaders/sources/point.wgsl
-    Point,
-    /// shaders/sources/collimated_tophat.wgsl
-    CollimatedTophat,
-    /// shaders/sources/collimated_gaussian.wgsl
-    CollimatedGaussian,
-    /// shaders/sources/extended_rectangle.wgsl
-    ExtendedRectangle,
-    /// shaders/sources/extended_disk.wgsl
-    ExtendedDisk,
-}
-
-impl EmitterName {
-    /// The name in the shaders.
-    pub fn name(self) -> &'static str {
-        match self {
-            EmitterName::Point => "point",
-            EmitterName::CollimatedTophat => "collimated_tophat",
-            EmitterName::CollimatedGaussian => "collimated_gaussian",
-            EmitterName::ExtendedRectangle => "extended_rectangle",
-            EmitterName::ExtendedDisk => "extended_disk",
-        }
-    }
-
-    /// The function that emits this kind of source.
-    pub fn of(kind: &EmitterKind) -> Self {
-        match kind {
-            EmitterKind::Point { .. } => EmitterName::Point,
-            EmitterKind::CollimatedTophat { .. } => EmitterName::CollimatedTophat,
-            EmitterKind::CollimatedGaussian { .. } => EmitterName::CollimatedGaussian,
-            EmitterKind::Extended { area: Outline::Disk { .. }, .. } => EmitterName::ExtendedDisk,
-            EmitterKind::Extended { .. } => EmitterName::ExtendedRectangle,
-        }
-    }
-}
-
 impl Features {
     /// Derives the features of a scene whose emitters' rays are born with these weights, with roulette below
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
@@ -165,7 +105,7 @@ impl Features {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let primitives = tables::primitives(ir);
         let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
-        let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| EmitterName::of(&e.kind)).collect();
+        let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| e.kind.kind()).collect();
         emitters.sort();
         emitters.dedup();
         let reflectances = || {
@@ -210,8 +150,8 @@ impl Features {
                 .surfaces
                 .iter()
                 .filter(|s| !matches!(s.interaction, Interaction::Absorbing))
-                .all(|s| has_unit_gradient(&s.shape)),
-            tips: ir.surfaces.iter().any(|s| has_tip(&s.shape)),
+                .all(|s| s.shape.quadric().is_none_or(|quadric| quadric.has_unit_gradient())),
+            tips: ir.surfaces.iter().any(|s| s.shape.tip().is_some()),
             splats: [
                 grids.contains(&Splat::Hard),
                 grids.contains(&Splat::Bilinear),
@@ -240,46 +180,17 @@ impl Features {
 impl Features {
     /// True if some surface is a triangle mesh.
     pub fn has_meshes(&self) -> bool {
-        self.shapes.contains(&ShapeKind::Mesh)
-    }
-}
-
-impl ShapeKind {
-    /// The shape function of a shape.
-    pub fn of(shape: &Shape) -> Self {
-        match shape {
-            Shape::Conic { curvature: 0.0, .. } => ShapeKind::Disk,
-            Shape::Conic { .. } => ShapeKind::Conic,
-            Shape::Plane(Outline::Infinite) => ShapeKind::Plane,
-            Shape::Plane(Outline::Rectangle { .. }) => ShapeKind::Rectangle,
-            Shape::Plane(Outline::Disk { .. }) => ShapeKind::Disk,
-            Shape::Annulus { .. } => ShapeKind::Annulus,
-            Shape::Frustum { .. } => ShapeKind::Frustum,
-            Shape::Sphere { .. } => ShapeKind::Sphere,
-            Shape::Mesh(_) => ShapeKind::Mesh,
-        }
+        self.shapes.iter().any(|kind| kind.is_searched())
     }
 
-    /// The kinds of shapes, without repetition.
-    pub fn among<'a>(shapes: impl Iterator<Item = &'a Shape>) -> Vec<Self> {
-        let mut kinds: Vec<ShapeKind> = shapes.map(ShapeKind::of).collect();
-        kinds.sort();
-        kinds.dedup();
-        kinds
+    /// True if some shape has a function for its normal.
+    pub fn has_own_normals(&self) -> bool {
+        self.shapes.iter().any(|kind| kind.has_own_normal())
     }
 
-    /// The function in the shaders, and the file under shaders/shapes/.
-    pub fn name(self) -> (&'static str, &'static str) {
-        match self {
-            ShapeKind::Conic => ("conic_distance", "conic"),
-            ShapeKind::Plane => ("plane_distance", "plane"),
-            ShapeKind::Rectangle => ("rectangle_distance", "plane"),
-            ShapeKind::Disk => ("disk_distance", "plane"),
-            ShapeKind::Annulus => ("annulus_distance", "annulus"),
-            ShapeKind::Frustum => ("frustum_distance", "frustum"),
-            ShapeKind::Sphere => ("sphere_distance", "sphere"),
-            ShapeKind::Mesh => ("mesh_distance", "mesh"),
-        }
+    /// True if every shape is a part of a quadric.
+    pub fn has_quadrics_alone(&self) -> bool {
+        self.shapes.iter().all(|kind| kind.is_quadric())
     }
 }
 
@@ -301,66 +212,6 @@ fn least_share(ir: &SceneIr) -> f64 {
 /// True if rays are split at refractive surfaces.
 pub fn splits(ir: &SceneIr) -> bool {
     ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
-}
-
-/// True if a cone reaches to its tip, where its quadric has no gradient.
-fn has_tip(shape: &Shape) -> bool {
-    matches!(shape, Shape::Frustum { r_front, r_back, .. } if *r_front == 0.0 || *r_back == 0.0)
-}
-
-/// On a sphere |grad| = 1 with the scale used in the shaders; so it is on every plane. A mesh has none.
-fn has_unit_gradient(shape: &Shape) -> bool {
-    match shape {
-        Shape::Conic { curvature, conic, .. } => *conic == 0.0 || *curvature == 0.0,
-        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => true,
-        Shape::Frustum { .. } => false,
-    }
-}
-
-impl ShapeKind {
-    /// The function in the shaders that tells whether a point of the quadric belongs to the shape.
-    pub fn holds(self) -> &'static str {
-        match self {
-            ShapeKind::Conic => "conic_holds",
-            ShapeKind::Plane => "plane_holds",
-            ShapeKind::Rectangle => "rectangle_holds",
-            ShapeKind::Disk => "disk_holds",
-            ShapeKind::Annulus => "annulus_holds",
-            ShapeKind::Frustum => "frustum_holds",
-            ShapeKind::Sphere => "sphere_holds",
-            ShapeKind::Mesh => "mesh_holds",
-        }
-    }
-
-    /// The function in the shaders that gives the quadric of a curved shape, and how many of the shape's numbers it takes.
-    pub fn quadric(self) -> Option<(&'static str, usize)> {
-        match self {
-            ShapeKind::Conic => Some(("conic_quadric", 2)),
-            ShapeKind::Frustum => Some(("frustum_quadric", 2)),
-            ShapeKind::Sphere => Some(("sphere_quadric", 1)),
-            ShapeKind::Plane
-            | ShapeKind::Rectangle
-            | ShapeKind::Disk
-            | ShapeKind::Annulus
-            | ShapeKind::Mesh => None,
-        }
-    }
-
-    /// How many numbers the shape's function takes.
-    pub fn num_arguments(self) -> usize {
-        match self {
-            ShapeKind::Plane => 0,
-            ShapeKind::Disk | ShapeKind::Mesh => 1,
-            ShapeKind::Rectangle | ShapeKind::Sphere => 2,
-            ShapeKind::Conic | ShapeKind::Annulus => 3,
-            ShapeKind::Frustum => 4,
-        }
-    }
-
-    /// True if the shape's function takes the distance of the nearest hit so far, beyond which it need not search.
-    pub fn is_searched(self) -> bool {
-        self == ShapeKind::Mesh
-    }
 }
 
 #[cfg(test)]

@@ -10,8 +10,9 @@ pub mod prepared;
 pub mod wgsl;
 
 use crate::error::{Error, Result};
+pub use crate::model::EmitterName;
 use crate::model::{SceneIr, SensorKind, Surface};
-pub use crate::program::features::{EmitterName, Features, Precision};
+pub use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
 use crate::program::layout::records::{Records, StructLayout, put_real};
 pub use crate::program::layout::rng::Sampler;
@@ -262,9 +263,6 @@ pub struct Program {
 /// Texels of an image from one line to the next.
 pub const TEXELS_PER_LINE: u32 = 4096;
 
-/// Steps that a source may draw beyond the events of a ray: Gaussian beams attempt 32 times and then fall back.
-const SOURCE_STEPS: u32 = 33;
-
 impl Program {
     /// Rays that an invocation of trace_nominal follows, side by side or one after the other.
     pub fn nominal_rays_per_invocation(&self) -> u32 {
@@ -417,7 +415,9 @@ impl Program {
 
     /// Other draws, of the same shader: sets the random generator's table.
     pub fn set_seed(&mut self, seed: u64) -> &[u8] {
-        let num_steps = (self.options.max_depth + SOURCE_STEPS) as usize;
+        // A source may draw beyond the events of a ray.
+        let source_steps = EmitterName::ALL.iter().map(|name| name.wgsl().num_steps).fold(0, u32::max);
+        let num_steps = (self.options.max_depth + source_steps) as usize;
         let rows = rng::step_table(self.options.sampler, seed, num_steps);
         self.first_step = rows[0];
         self.rng_table = rows.into_iter().flatten().flat_map(u32::to_le_bytes).collect();

@@ -5,7 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::model::{EmitterKind, Frame, Interaction, Mesh, Outline, Shape, area_vector};
+use crate::model::shapes;
+use crate::model::{Frame, Interaction, Mesh, Outline, Shape, area_vector};
 use crate::scene::frame::frame_of;
 use crate::scene::json::{SceneFile, Source};
 use crate::scene::lower::{emitter_kind, sensor};
@@ -39,13 +40,8 @@ fn births_in_faces(
     const ANGLE: f64 = 1e-9;
     let kind = emitter_kind(source);
     let frame = frame_of(source.cs());
-    let (is_point, half_angle, outline) = match kind {
-        EmitterKind::Point { half_angle } => (true, half_angle, Outline::Disk { radius: POINT }),
-        EmitterKind::Extended { half_angle, .. } => (false, half_angle, kind.births()),
-        EmitterKind::CollimatedTophat { .. } | EmitterKind::CollimatedGaussian { .. } => {
-            (false, 0.0, kind.births())
-        }
-    };
+    let half_angle = kind.half_angle();
+    let outline = if kind.is_point() { Outline::Disk { radius: POINT } } else { kind.births() };
     let flat = Flat::new(source.name(), frame, outline, 0.0);
     surfaces.iter().find_map(|surface| {
         let divides = match surface.interaction {
@@ -54,7 +50,7 @@ fn births_in_faces(
             Interaction::Absorbing => false,
         };
         let face = Face::of(surface, meshes);
-        let normal = if is_point { face.normal_at(frame.origin)? } else { face.normal_under(&flat)? };
+        let normal = if kind.is_point() { face.normal_at(frame.origin)? } else { face.normal_under(&flat)? };
         let rise = normal.normalize().dot(frame.rotation.z_axis);
         let crosses = half_angle > FRAC_PI_2 + ANGLE || rise.abs() < half_angle.sin() - ANGLE;
         if divides && crosses {
@@ -133,10 +129,10 @@ enum Face<'a> {
 
 impl<'a> Face<'a> {
     fn of(surface: &'a SceneSurface, meshes: &'a [Mesh]) -> Self {
-        match (Flat::of_surface(surface), surface.shape) {
+        match (Flat::of_surface(surface), surface.shape.mesh()) {
             (Some(flat), _) => Face::Flat(flat),
-            (None, Shape::Mesh(mesh)) => Face::Mesh(surface.frame, &meshes[mesh]),
-            (None, shape) => Face::Curved(surface.frame, shape),
+            (None, Some(mesh)) => Face::Mesh(surface.frame, &meshes[mesh]),
+            (None, None) => Face::Curved(surface.frame, surface.shape),
         }
     }
 
@@ -182,7 +178,7 @@ impl<'a> Face<'a> {
             (Face::Flat(one), Face::Flat(two)) => one.covers(two) && two.covers(one),
             (Face::Flat(flat), face) | (face, Face::Flat(flat)) => face.covers_flat(flat),
             (Face::Curved(frame, shape), Face::Curved(other_frame, other_shape)) => {
-                is_one_quadric((frame, shape), (other_frame, other_shape))
+                is_one_surface((frame, shape), (other_frame, other_shape))
             }
             (Face::Mesh(frame, mesh), Face::Mesh(other_frame, other)) => {
                 std::ptr::eq(*mesh, *other) && is_one_place(frame, other_frame, true)
@@ -207,21 +203,15 @@ fn is_one_place(a: &Frame, b: &Frame, all_axes: bool) -> bool {
         && axes[..checked].iter().all(|(one, other)| (*one - *other).length() <= ROUNDINGS)
 }
 
-/// True if two curved shapes lie in one quadric and share its axis.
-fn is_one_quadric((frame, shape): (&Frame, &Shape), (other_frame, other): (&Frame, &Shape)) -> bool {
-    match (*shape, *other) {
-        (Shape::Conic { curvature, conic, .. }, Shape::Conic { curvature: c, conic: k, .. }) => {
-            curvature == c && conic == k && is_one_place(frame, other_frame, false)
-        }
-        (Shape::Sphere { radius, .. }, Shape::Sphere { radius: r, .. }) => {
-            let size = frame.origin.abs().max_element().max(radius);
-            radius == r && (frame.origin - other_frame.origin).length() <= ROUNDINGS * size
-        }
-        (Shape::Frustum { .. }, Shape::Frustum { .. }) => {
-            shape == other && is_one_place(frame, other_frame, false)
-        }
-        _ => false,
-    }
+/// True if two curved shapes lie in one surface, and share its axis unless it is round.
+fn is_one_surface((frame, shape): (&Frame, &Shape), (other_frame, other): (&Frame, &Shape)) -> bool {
+    let has_one_centre = || {
+        let reach = shape.extent(&[]).map_or(0.0, |extent| extent.reach);
+        let size = frame.origin.abs().max_element().max(reach);
+        (frame.origin - other_frame.origin).length() <= ROUNDINGS * size
+    };
+    shape.coincides(other)
+        && if shape.is_round() { has_one_centre() } else { is_one_place(frame, other_frame, false) }
 }
 
 /// A flat face.
@@ -253,18 +243,7 @@ impl<'a> Flat<'a> {
     }
 
     fn of_surface(surface: &'a SceneSurface) -> Option<Self> {
-        let (outline, hole, z) = match surface.shape {
-            Shape::Conic { curvature: 0.0, aperture_radius, .. } => {
-                (Outline::Disk { radius: aperture_radius }, 0.0, 0.0)
-            }
-            Shape::Plane(outline) => (outline, 0.0, 0.0),
-            Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-                (Outline::Disk { radius: outer_radius }, inner_radius, z_offset)
-            }
-            Shape::Conic { .. } | Shape::Frustum { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => {
-                return None;
-            }
-        };
+        let shapes::Flat { outline, hole, z } = surface.shape.flat()?;
         Some(Flat::new(&surface.name, crate::scene::frame::shifted(&surface.frame, z), outline, hole))
     }
 

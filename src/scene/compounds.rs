@@ -1,12 +1,13 @@
 //! Compound components -> surfaces, as Optiland builds them: names, order, media, frames.
 
-use crate::model::{Frame, Shape};
+use crate::model::shapes::conic::curvature;
+use crate::model::{Annulus, Conic, Frame, Frustum, Shape};
 use crate::scene::frame::{frame_of, shifted};
 use crate::scene::json::{
     Component, Compound, CoordinateSystem, Doublet, Interaction, Lens, Material, Mirror, Override,
 };
 use crate::scene::place::key_of;
-use crate::scene::volume::{self, Face, Leak, sag_at_rim};
+use crate::scene::volume::{self, Face, Leak};
 use crate::{Error, Result};
 
 /// A surface of a compound before its interaction is settled.
@@ -23,11 +24,6 @@ pub(super) struct Part {
     pub reflectance: Option<f64>,
     pub front: Material,
     pub back: Material,
-}
-
-/// The curvature of a radius \[1/mm\]; 0 and infinity both mean flat.
-pub(super) fn curvature(radius: f64) -> f64 {
-    if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius }
 }
 
 impl Component {
@@ -80,10 +76,8 @@ impl Component {
 impl Part {
     /// Applies what the user changed of the shape.
     pub(super) fn apply(&mut self, change: &Override) {
-        if let (Some(radius), Shape::Conic { aperture_radius, .. }) =
-            (change.aperture_radius, &mut self.shape)
-        {
-            *aperture_radius = radius;
+        if let (Some(radius), Shape::Conic(conic)) = (change.aperture_radius, &mut self.shape) {
+            conic.aperture_radius = radius;
         }
         if let Some(interaction) = change.interaction {
             self.interaction = interaction;
@@ -132,12 +126,12 @@ impl Builder<'_> {
     }
 }
 
-fn conic(radius: f64, conic: f64, aperture_radius: f64) -> Shape {
-    Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
+fn conic(radius: f64, conic: f64, aperture_radius: f64) -> Conic {
+    Conic { curvature: curvature(radius), conic, aperture_radius }
 }
 
 fn cylinder(radius: f64, z_front: f64, z_back: f64) -> Shape {
-    Shape::Frustum { r_front: radius, r_back: radius, z_front, z_back }
+    Shape::Frustum(Frustum { r_front: radius, r_back: radius, z_front, z_back })
 }
 
 fn lens_parts(lens: &Compound<Lens>) -> Vec<Part> {
@@ -148,17 +142,21 @@ fn lens_parts(lens: &Compound<Lens>) -> Vec<Part> {
     let back_radius = lens.config.back_aperture_radius.unwrap_or(*front_radius);
     let front = (frame_of(&lens.cs), 0.0);
     let back = (shifted(&front.0, *thickness), *thickness);
-    let front_sag = sag_at_rim(curvature(*r1), *conic1, *front_radius);
-    let back_sag = sag_at_rim(curvature(*r2), *conic2, back_radius);
+    let (front_face, back_face) = (conic(*r1, *conic1, *front_radius), conic(*r2, *conic2, back_radius));
+    let (front_sag, back_sag) = (front_face.sag(*front_radius), back_face.sag(back_radius));
     let (narrow, wide) = (front_radius.min(back_radius), front_radius.max(back_radius));
 
     let mut build = Builder { name: &lens.name, parts: Vec::new() };
-    build.refractive("front", front, conic(*r1, *conic1, *front_radius), &Material::Vacuum, material);
-    build.refractive("back", back, conic(*r2, *conic2, back_radius), material, &Material::Vacuum);
+    build.refractive("front", front, Shape::Conic(front_face), &Material::Vacuum, material);
+    build.refractive("back", back, Shape::Conic(back_face), material, &Material::Vacuum);
     build.absorbing("edge", front, cylinder(wide, front_sag, thickness + back_sag));
     if wide - narrow > SAME_RADIUS {
         let (at, z_offset) = if *front_radius > back_radius { (back, back_sag) } else { (front, front_sag) };
-        build.absorbing("rim", at, Shape::Annulus { inner_radius: narrow, outer_radius: wide, z_offset });
+        build.absorbing(
+            "rim",
+            at,
+            Shape::Annulus(Annulus { inner_radius: narrow, outer_radius: wide, z_offset }),
+        );
     }
     build.parts
 }
@@ -169,7 +167,7 @@ fn mirror_parts(mirror: &Compound<Mirror>) -> Vec<Part> {
         name: format!("{}.surface", mirror.name),
         frame: frame_of(&mirror.cs),
         z: 0.0,
-        shape: conic(radius, conic_constant, aperture_radius),
+        shape: Shape::Conic(conic(radius, conic_constant, aperture_radius)),
         interaction: Interaction::Reflective,
         reflectance: Some(reflectance),
         front: Material::Vacuum,
@@ -184,16 +182,17 @@ fn doublet_parts(doublet: &Compound<Doublet>) -> Vec<Part> {
     let front = (frame_of(&doublet.cs), 0.0);
     let cemented = (shifted(&front.0, config.thickness1), config.thickness1);
     let back = (shifted(&cemented.0, config.thickness2), total);
-    let rim = |r: f64, k: f64| sag_at_rim(curvature(r), k, radius);
-    let rim_front = rim(config.r1, config.conic1);
-    let rim_cemented = config.thickness1 + rim(config.r2, config.conic2);
-    let rim_back = total + rim(config.r3, config.conic3);
+    let faces = [(config.r1, config.conic1), (config.r2, config.conic2), (config.r3, config.conic3)];
+    let faces = faces.map(|(r, k)| conic(r, k, radius));
+    let [rim_front, rim_cemented, rim_back] = faces.map(|face| face.sag(radius));
+    let (rim_cemented, rim_back) = (config.thickness1 + rim_cemented, total + rim_back);
+    let [face_front, face_cemented, face_back] = faces.map(Shape::Conic);
 
     let (crown, flint) = (&config.material1, &config.material2);
     let mut build = Builder { name: &doublet.name, parts: Vec::new() };
-    build.refractive("front", front, conic(config.r1, config.conic1, radius), &Material::Vacuum, crown);
-    build.refractive("cemented", cemented, conic(config.r2, config.conic2, radius), crown, flint);
-    build.refractive("back", back, conic(config.r3, config.conic3, radius), flint, &Material::Vacuum);
+    build.refractive("front", front, face_front, &Material::Vacuum, crown);
+    build.refractive("cemented", cemented, face_cemented, crown, flint);
+    build.refractive("back", back, face_back, flint, &Material::Vacuum);
     build.absorbing("edge_crown", front, cylinder(radius, rim_front, rim_cemented));
     build.absorbing("edge_flint", front, cylinder(radius, rim_cemented, rim_back));
     build.parts

@@ -540,76 +540,7 @@ pub struct RawSurface {
     pub coating: Option<Coating>,
 }
 
-/// A shape, by its `type`. The geometric normal points local +z for conic, plane and annulus, inward for a sphere,
-/// outward for a frustum, and along the face normal for a mesh.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-#[schemars(tag = "type")]
-pub enum Shape {
-    /// A conic of revolution.
-    Conic {
-        /// Vertex radius \[mm\].
-        radius: f64,
-        /// Conic constant.
-        #[serde(default)]
-        conic: f64,
-        /// Semi-diameter \[mm\].
-        aperture_radius: f64,
-    },
-    /// A plane: a rectangle by width and height, a disk by aperture_radius, or unlimited.
-    Plane {
-        /// Full width \[mm\].
-        #[serde(default)]
-        width: Option<f64>,
-        /// Full height \[mm\].
-        #[serde(default)]
-        height: Option<f64>,
-        /// Radius \[mm\].
-        #[serde(default)]
-        aperture_radius: Option<f64>,
-    },
-    /// A flat ring.
-    Annulus {
-        /// Radius of the hole \[mm\].
-        inner_radius: f64,
-        /// Radius of the rim \[mm\].
-        outer_radius: f64,
-        /// Position along local z \[mm\].
-        #[serde(default)]
-        z_offset: f64,
-    },
-    /// A cone or a cylinder without its ends.
-    Frustum {
-        /// Radius at z_front \[mm\].
-        r_front: f64,
-        /// Radius at z_back \[mm\].
-        r_back: f64,
-        /// Lower end along local z \[mm\].
-        z_front: f64,
-        /// Upper end along local z \[mm\].
-        z_back: f64,
-    },
-    /// A sphere about the local origin.
-    Sphere {
-        /// Radius \[mm\].
-        radius: f64,
-        /// Limit of the distance from local z \[mm\].
-        #[serde(default)]
-        aperture_radius: Option<f64>,
-    },
-    /// A triangle mesh: from a file, or vertices and faces.
-    Mesh {
-        /// File, relative to the scene file.
-        #[serde(default)]
-        path: Option<String>,
-        /// Vertices \[mm\].
-        #[serde(default)]
-        vertices: Option<Vec<[f64; 3]>>,
-        /// Indices into the vertices, counter-clockwise seen from outside.
-        #[serde(default)]
-        faces: Option<Vec<[u32; 3]>>,
-    },
-}
+pub use crate::model::shapes::Written as Shape;
 
 /// What a surface does to a ray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]

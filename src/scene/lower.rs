@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use crate::model::{
-    Emitter, EmitterKind, Frame, MediumId, Outline, PixelGrid, ReflectProb, Sampling, SceneIr, Sensor,
-    SensorKind, Spectrum, Splat, Surface,
+    CollimatedGaussian, CollimatedTophat, Emitter, EmitterKind, Extended, Frame, MediumId, Outline,
+    PixelGrid, Point, ReflectProb, Sampling, SceneIr, Sensor, SensorKind, Spectrum, Splat, Surface,
 };
 use crate::scene::json::{self, Detector, DetectorExtra, Material, Profile, Source, SplatKind};
 use crate::scene::{Scene, frame_of};
@@ -67,24 +67,24 @@ fn emitter(scene: &Scene, source: &Source) -> Result<Emitter> {
 /// How the rays of a source are born.
 pub(crate) fn emitter_kind(source: &Source) -> EmitterKind {
     match source {
-        Source::Point(point) => EmitterKind::Point { half_angle: point.half_angle_deg.to_radians() },
+        Source::Point(point) => EmitterKind::Point(Point { half_angle: point.half_angle_deg.to_radians() }),
         Source::Collimated(beam) => {
             let aperture_radius = beam.aperture_radius;
             match beam.profile {
-                Profile::Tophat => EmitterKind::CollimatedTophat { aperture_radius },
-                Profile::Gaussian => EmitterKind::CollimatedGaussian {
-                    aperture_radius,
-                    sigma: beam.gaussian_sigma.unwrap_or(aperture_radius / 2.0),
-                },
+                Profile::Tophat => EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius }),
+                Profile::Gaussian => {
+                    let sigma = beam.gaussian_sigma.unwrap_or(aperture_radius / 2.0);
+                    EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius, sigma })
+                }
             }
         }
-        Source::Extended(area) => EmitterKind::Extended {
+        Source::Extended(area) => EmitterKind::Extended(Extended {
             area: match area.aperture_radius {
                 Some(radius) => Outline::Disk { radius },
                 None => Outline::Rectangle { width: area.width, height: area.height },
             },
             half_angle: area.half_angle_deg.to_radians(),
-        },
+        }),
     }
 }
 

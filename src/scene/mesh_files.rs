@@ -9,10 +9,10 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use crate::model::checks::MAX_LENGTH;
 use crate::model::{Mesh, area_vector};
 use crate::scene::files;
 use crate::scene::place::quoted;
-use crate::scene::validate::MAX_LENGTH;
 use crate::{Error, Result};
 
 /// Longest file that is read \[bytes\].

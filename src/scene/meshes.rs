@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use crate::model::checks::MAX_LENGTH;
+use crate::model::shapes::mesh;
 use crate::model::{Mesh, area_vector};
 use crate::scene::json::{Interaction, Material, RawSurface, SceneFile, Shape};
 use crate::scene::mesh_files::{self, MeshFile};
 use crate::scene::place::{key_of, quoted};
-use crate::scene::validate::MAX_LENGTH;
 use crate::{Error, Result};
 
 /// Most triangles of all meshes: 3 rows each and 2 for each of less than twice as many nodes, numbered below 2^24, which
@@ -71,7 +72,8 @@ impl Meshes {
         place: &str,
         warnings: &mut Vec<String>,
     ) -> Result<Option<Placed>> {
-        let Shape::Mesh { path, vertices, faces } = &raw.shape else { return Ok(None) };
+        let Shape::Mesh(written) = &raw.shape else { return Ok(None) };
+        let mesh::Written { path, vertices, faces } = written;
         let placed = match (path, vertices, faces) {
             (Some(path), None, None) => {
                 let path = folder.join(path);

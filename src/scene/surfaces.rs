@@ -5,12 +5,12 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::model::{self, Frame, Outline};
+use crate::model::{self, Frame};
 use crate::scene::bsdf::{self, Reading};
-use crate::scene::compounds::{Part, curvature};
+use crate::scene::compounds::Part;
 use crate::scene::frame::{frame_of, moved};
 use crate::scene::json::{
-    Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile, Shape,
+    Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile,
 };
 use crate::scene::meshes::{Meshes, Placed};
 use crate::scene::place::{did_you_mean, key_of, quoted};
@@ -130,44 +130,12 @@ fn single(
     Ok(SceneSurface {
         name: raw.name.clone(),
         frame: moved(&frame_of(&raw.cs), mesh.map_or(DVec3::ZERO, |mesh| mesh.centre)),
-        shape: shape(&raw.shape, &key_of(place, "shape"), mesh)?,
+        shape: raw.shape.shape(&key_of(place, "shape"), mesh.map(|mesh| mesh.mesh))?,
         interaction: finish.interaction(place, wavelengths)?,
         coating: finish.coating(place, wavelengths)?,
         scatter: finish.scatter(&raw.name, place, reading)?,
         front: raw.material_front.clone(),
         back: if refractive { raw.material_back.clone() } else { raw.material_front.clone() },
-    })
-}
-
-fn shape(shape: &Shape, place: &str, mesh: Option<Placed>) -> Result<model::Shape> {
-    Ok(match *shape {
-        Shape::Conic { radius, conic, aperture_radius } => {
-            model::Shape::Conic { curvature: curvature(radius), conic, aperture_radius }
-        }
-        // A disk wins over a rectangle, as in Optiland.
-        Shape::Plane { aperture_radius: Some(radius), .. } => model::Shape::Plane(Outline::Disk { radius }),
-        Shape::Plane { width: Some(width), height: Some(height), .. } => {
-            model::Shape::Plane(Outline::Rectangle { width, height })
-        }
-        Shape::Plane { width: None, height: None, .. } => model::Shape::Plane(Outline::Infinite),
-        Shape::Plane { .. } => {
-            return Err(Error::scene(
-                place,
-                "a rectangle needs both `width` and `height`",
-                "give both, or `aperture_radius` for a disk, or neither for an unlimited plane",
-            ));
-        }
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            model::Shape::Annulus { inner_radius, outer_radius, z_offset }
-        }
-        Shape::Frustum { r_front, r_back, z_front, z_back } => {
-            model::Shape::Frustum { r_front, r_back, z_front, z_back }
-        }
-        Shape::Sphere { radius, aperture_radius } => model::Shape::Sphere { radius, aperture_radius },
-        Shape::Mesh { .. } => {
-            let placed = mesh.ok_or_else(|| Error::Internal(format!("the mesh at {place} was not read")))?;
-            model::Shape::Mesh(placed.mesh)
-        }
     })
 }
 
@@ -295,10 +263,10 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
 
 /// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
 fn overreach(surface: &SceneSurface) -> Option<String> {
-    let model::Shape::Conic { curvature, conic, aperture_radius } = surface.shape else { return None };
-    let widest = 1.0 / (curvature.abs() * (1.0 + conic).max(0.0).sqrt());
+    let model::Shape::Conic(conic) = surface.shape else { return None };
+    let widest = conic.widest();
     let name = quoted(&surface.name);
-    (aperture_radius > widest)
+    (conic.aperture_radius > widest)
         .then(|| format!("{name} ends at {widest} mm from its axis, within its aperture"))
 }
 
@@ -331,7 +299,7 @@ fn check_override_names(file: &SceneFile, overrides: &BTreeMap<String, Override>
             let advice = did_you_mean(name, parts.iter().map(|part| part.name.as_str()));
             return Err(Error::scene(place, "no component has a surface of this name", advice));
         };
-        if change.aperture_radius.is_some() && !matches!(part.shape, model::Shape::Conic { .. }) {
+        if change.aperture_radius.is_some() && !matches!(part.shape, model::Shape::Conic(_)) {
             return Err(Error::scene(
                 key_of(&place, "aperture_radius"),
                 "this surface has no aperture of its own",

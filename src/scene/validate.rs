@@ -3,19 +3,16 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::Result;
 use crate::model::Sampling;
+use crate::model::checks::{between, conic_constant, fraction, position, radius, refuse, size};
 use crate::scene::json::{
     Block, Bsdf, Coating, CollimatedSource, Component, CoordinateSystem, Detector, Doublet, ExtendedSource,
-    Lens, Medium, Mirror, Override, RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Shape,
-    Source, SpectralDetector, Spectrum, SplatKind,
+    Lens, Medium, Mirror, Override, RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source,
+    SpectralDetector, Spectrum, SplatKind,
 };
 use crate::scene::place::{did_you_mean, key_of, quoted};
-use crate::{Error, Result};
 
-/// Longest coordinate or size \[mm\]: a million km.
-pub(super) const MAX_LENGTH: f64 = 1e12;
-/// Shortest size \[mm\]: a femtometre.
-const MIN_LENGTH: f64 = 1e-12;
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
 const MAX_WAVELENGTH: f64 = 20.0;
 /// Ends of a detector's band above are nanometres by mistake \[um\]; Optiland's limit.
@@ -56,55 +53,7 @@ fn each<T>(list: &str, items: &[T], check: impl Fn(&str, &T) -> Result<()>) -> R
     items.iter().enumerate().try_for_each(|(index, item)| check(&format!("{list}[{index}]"), item))
 }
 
-fn refuse(place: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Result<()> {
-    Err(Error::scene(place, problem, remedy))
-}
-
 // Numbers
-
-fn between(place: String, value: f64, low: f64, high: f64) -> Result<()> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        refuse(place, format!("{value} is out of range"), format!("give a number from {low} to {high}"))
-    }
-}
-
-fn fraction(place: String, value: f64) -> Result<()> {
-    between(place, value, 0.0, 1.0)
-}
-
-/// A size that must exist \[mm\].
-fn size(place: String, value: f64) -> Result<()> {
-    match value {
-        v if (MIN_LENGTH..=MAX_LENGTH).contains(&v) => Ok(()),
-        v if v > MAX_LENGTH => {
-            refuse(place, format!("{v} mm is too large"), format!("give at most {MAX_LENGTH:e} mm"))
-        }
-        v if v > 0.0 => {
-            refuse(place, format!("{v} mm is too small"), format!("give at least {MIN_LENGTH:e} mm"))
-        }
-        v => refuse(place, format!("{v} mm is no size"), "give a number above 0"),
-    }
-}
-
-/// A position along an axis \[mm\].
-fn position(place: String, value: f64) -> Result<()> {
-    between(place, value, -MAX_LENGTH, MAX_LENGTH)
-}
-
-/// A vertex radius \[mm\]: 0 and infinity mean flat.
-fn radius(place: String, value: f64) -> Result<()> {
-    if value == 0.0 || value.is_infinite() || value.abs() >= MIN_LENGTH {
-        Ok(())
-    } else {
-        refuse(place, format!("a radius of {value} mm is too small"), "give 0 or Infinity for a flat surface")
-    }
-}
-
-fn conic_constant(place: String, value: f64) -> Result<()> {
-    between(place, value, -1e9, 1e9)
-}
 
 fn count(place: String, value: u32) -> Result<()> {
     if value > 0 { Ok(()) } else { refuse(place, "0 leaves nothing to record in", "give 1 or more") }
@@ -567,7 +516,7 @@ fn check_reflectance(place: &str, reflectance: &Reflectance) -> Result<()> {
 fn check_raw_surface(place: &str, surface: &RawSurface) -> Result<()> {
     let at = |key| key_of(place, key);
     coordinate_system(&at("cs"), &surface.cs)?;
-    check_shape(&at("shape"), &surface.shape)?;
+    surface.shape.check(&|key| key_of(&at("shape"), key))?;
     surface.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
     surface.bsdf.as_ref().map_or(Ok(()), |bsdf| check_bsdf(&at("bsdf"), bsdf))?;
     fraction(at("scatter_fraction"), surface.scatter_fraction)?;
@@ -581,48 +530,6 @@ fn check_override(place: &str, change: &Override) -> Result<()> {
     change.bsdf.as_ref().map_or(Ok(()), |bsdf| check_bsdf(&at("bsdf"), bsdf))?;
     change.scatter_fraction.map_or(Ok(()), |f| fraction(at("scatter_fraction"), f))?;
     change.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
-}
-
-fn check_shape(place: &str, shape: &Shape) -> Result<()> {
-    let at = |key| key_of(place, key);
-    match shape {
-        Shape::Conic { radius: r, conic, aperture_radius } => {
-            radius(at("radius"), *r)?;
-            conic_constant(at("conic"), *conic)?;
-            size(at("aperture_radius"), *aperture_radius)
-        }
-        Shape::Plane { width, height, aperture_radius } => {
-            let sizes = [("width", width), ("height", height), ("aperture_radius", aperture_radius)];
-            sizes.into_iter().try_for_each(|(key, value)| value.map_or(Ok(()), |value| size(at(key), value)))
-        }
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            between(at("inner_radius"), *inner_radius, 0.0, MAX_LENGTH)?;
-            size(at("outer_radius"), *outer_radius)?;
-            position(at("z_offset"), *z_offset)?;
-            if inner_radius < outer_radius {
-                return Ok(());
-            }
-            refuse(at("outer_radius"), "the ring is empty", "give inner_radius < outer_radius")
-        }
-        Shape::Frustum { r_front, r_back, z_front, z_back } => {
-            between(at("r_front"), *r_front, 0.0, MAX_LENGTH)?;
-            between(at("r_back"), *r_back, 0.0, MAX_LENGTH)?;
-            size(at("r_front"), r_front.max(*r_back))?;
-            position(at("z_front"), *z_front)?;
-            position(at("z_back"), *z_back)?;
-            if z_front < z_back {
-                return Ok(());
-            }
-            refuse(at("z_back"), "the frustum has no height", "give z_front < z_back")
-        }
-        Shape::Sphere { radius, aperture_radius } => {
-            size(at("radius"), *radius)?;
-            // A limit beyond the radius limits nothing, as in Optiland.
-            aperture_radius.map_or(Ok(()), |r| size(at("aperture_radius"), r))
-        }
-        // Checked where it is read.
-        Shape::Mesh { .. } => Ok(()),
-    }
 }
 
 fn check_bsdf(place: &str, bsdf: &Bsdf) -> Result<()> {

@@ -89,17 +89,7 @@ fn largest_gap(rim: &[DVec3], own: usize, rims: &[Vec<DVec3>]) -> f64 {
 
 /// Sample points of the rims of a surface: one loop, or two for a ring or a frustum.
 fn rim_points(face: &Face<'_>) -> Vec<DVec3> {
-    let loops: Vec<(f64, f64)> = match face.shape {
-        Shape::Conic { curvature, conic, aperture_radius } => {
-            vec![(aperture_radius, sag_at_rim(curvature, conic, aperture_radius))]
-        }
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            vec![(inner_radius, z_offset), (outer_radius, z_offset)]
-        }
-        Shape::Frustum { r_front, r_back, z_front, z_back } => vec![(r_front, z_front), (r_back, z_back)],
-        Shape::Plane(_) | Shape::Sphere { .. } | Shape::Mesh(_) => Vec::new(),
-    };
-    loops.iter().flat_map(|(radius, z)| circle(*radius, face.z + z)).collect()
+    face.shape.rims().into_iter().flat_map(|(radius, z)| circle(radius, face.z + z)).collect()
 }
 
 fn circle(radius: f64, z: f64) -> impl Iterator<Item = DVec3> {
@@ -107,13 +97,6 @@ fn circle(radius: f64, z: f64) -> impl Iterator<Item = DVec3> {
         let (sin, cos) = (i as f64 * (std::f64::consts::TAU / RIM_SAMPLES as f64)).sin_cos();
         DVec3::new(radius * cos, radius * sin, z)
     })
-}
-
-/// Height of a conic at its rim \[mm\]; beyond the widest point of a closed conic, the formula's real part.
-pub(super) fn sag_at_rim(curvature: f64, conic: f64, aperture_radius: f64) -> f64 {
-    let r2 = aperture_radius * aperture_radius;
-    let under_root = 1.0 - (1.0 + conic) * curvature * curvature * r2;
-    curvature * r2 / (1.0 + under_root.max(0.0).sqrt())
 }
 
 fn count_crossings(boundary: &[Face<'_>], origin: DVec3, direction: DVec3) -> usize {
@@ -131,61 +114,6 @@ fn count_crossings(boundary: &[Face<'_>], origin: DVec3, direction: DVec3) -> us
 
 /// Distance to the nearest point of a surface along a ray, if it is hit.
 fn hit(face: &Face<'_>, origin: DVec3, direction: DVec3) -> Option<f64> {
-    let o = origin - DVec3::new(0.0, 0.0, face.z);
-    let roots = match face.shape {
-        Shape::Conic { curvature, conic, aperture_radius } => {
-            hit_conic(curvature, conic, aperture_radius, o, direction)
-        }
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            let t = (z_offset - o.z) / direction.z;
-            let r2 = (o + t * direction).truncate().length_squared();
-            [
-                Some(t).filter(|_| (inner_radius * inner_radius..=outer_radius * outer_radius).contains(&r2)),
-                None,
-            ]
-        }
-        Shape::Frustum { r_front, r_back, z_front, z_back } => {
-            hit_frustum((r_front, z_front), (r_back, z_back), o, direction)
-        }
-        Shape::Plane(_) | Shape::Sphere { .. } | Shape::Mesh(_) => [None, None],
-    };
-    roots.into_iter().flatten().filter(|t| t.is_finite() && *t > MIN_DISTANCE).min_by(f64::total_cmp)
-}
-
-/// Roots of a t^2 + b t + c = 0 without cancellation, covering a = 0.
-fn quadratic(a: f64, b: f64, c: f64) -> [Option<f64>; 2] {
-    const TINY: f64 = 1e-30;
-    let discriminant = b * b - 4.0 * a * c;
-    if discriminant < 0.0 {
-        return [None, None];
-    }
-    let q = -0.5 * (b + discriminant.sqrt().copysign(b));
-    [(a.abs() > TINY).then(|| q / a), (q.abs() > TINY).then(|| c / q)]
-}
-
-fn hit_conic(curvature: f64, conic: f64, aperture: f64, o: DVec3, d: DVec3) -> [Option<f64>; 2] {
-    let kp = 1.0 + conic;
-    let a = curvature * (d.x * d.x + d.y * d.y + kp * d.z * d.z);
-    let b = 2.0 * (curvature * (o.x * d.x + o.y * d.y + kp * o.z * d.z) - d.z);
-    let c = curvature * (o.x * o.x + o.y * o.y + kp * o.z * o.z) - 2.0 * o.z;
-    let on_sheet = |t: &f64| {
-        let p = o + *t * d;
-        p.truncate().length_squared() <= aperture * aperture && 1.0 - kp * curvature * p.z >= 0.0
-    };
-    quadratic(a, b, c).map(|root| root.filter(on_sheet))
-}
-
-fn hit_frustum(front: (f64, f64), back: (f64, f64), o: DVec3, d: DVec3) -> [Option<f64>; 2] {
-    const Z_SLACK: f64 = 1e-9;
-    let height = back.1 - front.1;
-    if height.abs() < 1e-15 {
-        return [None, None];
-    }
-    let slope = (back.0 - front.0) / height;
-    let (rz, rv) = (front.0 + slope * (o.z - front.1), slope * d.z);
-    let a = d.x * d.x + d.y * d.y - rv * rv;
-    let b = 2.0 * (o.x * d.x + o.y * d.y - rz * rv);
-    let c = o.x * o.x + o.y * o.y - rz * rz;
-    let within = |t: &f64| (front.1 - Z_SLACK..=back.1 + Z_SLACK).contains(&(o.z + *t * d.z));
-    quadratic(a, b, c).map(|root| root.filter(within))
+    let crossings = face.shape.crossings(origin - DVec3::new(0.0, 0.0, face.z), direction);
+    crossings.into_iter().filter(|t| *t > MIN_DISTANCE).min_by(f64::total_cmp)
 }

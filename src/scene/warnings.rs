@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::format::significant;
-use crate::model::{Bsdf, Interaction, MediumId, Mesh, Shape};
+use crate::model::{Bsdf, Interaction, MediumId, Mesh};
 use crate::scene::coincidence;
 use crate::scene::json::{Detector, Material, Profile, ReflectProb, SceneFile, Source};
 use crate::scene::materials::listed;
@@ -63,7 +63,7 @@ fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -
     let bounds = |surface: &&SceneSurface| {
         surface.interaction == Interaction::Refractive && surface.front != surface.back
     };
-    let open = surfaces.iter().filter(bounds).filter(|surface| !is_closed(&surface.shape));
+    let open = surfaces.iter().filter(bounds).filter(|surface| !surface.shape.is_closed());
     open.flat_map(|surface| [(surface, &surface.front), (surface, &surface.back)])
         .filter(|(_, medium)| is_lone(medium))
         .map(|(surface, medium)| {
@@ -74,14 +74,6 @@ fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -
             )
         })
         .collect()
-}
-
-fn is_closed(shape: &Shape) -> bool {
-    match shape {
-        Shape::Sphere { aperture_radius, .. } => aperture_radius.is_none(),
-        Shape::Mesh(_) => true,
-        Shape::Conic { .. } | Shape::Plane(_) | Shape::Annulus { .. } | Shape::Frustum { .. } => false,
-    }
 }
 
 // Detectors

@@ -8,10 +8,8 @@
 
 use crate::error::Result;
 use crate::gpu::Gpu;
-use crate::model::{
-    Bsdf, EmitterKind, Frame, Interaction, Sampling, SceneIr, Sensor, SensorKind, Shape, Surface,
-};
-use crate::program::layout::tables::gradient;
+use crate::model::shapes::Level;
+use crate::model::{Bsdf, Frame, Interaction, Sampling, SceneIr, Sensor, SensorKind, Surface};
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
@@ -286,14 +284,9 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
 fn birth_roundings(ir: &SceneIr, birth: &PathEvent) -> f64 {
     let PathEventKind::Birth(index) = birth.kind else { return 1.0 };
     let emitter = &ir.emitters[index];
-    match emitter.kind {
-        EmitterKind::Extended { half_angle, .. } if half_angle >= FRAC_PI_2 => {
-            lambertian_roundings(DVec3::from_array(birth.ray.direction), emitter.frame.rotation.z_axis)
-        }
-        EmitterKind::Point { .. }
-        | EmitterKind::CollimatedTophat { .. }
-        | EmitterKind::CollimatedGaussian { .. }
-        | EmitterKind::Extended { .. } => 1.0,
+    match emitter.kind.is_lambertian() {
+        true => lambertian_roundings(DVec3::from_array(birth.ray.direction), emitter.frame.rotation.z_axis),
+        false => 1.0,
     }
 }
 
@@ -448,18 +441,14 @@ fn with_frame(direction: DVec3, normal: DVec3) -> DMat3 {
 /// A direction so far from the specular one was drawn by a BSDF.
 const SCATTERED: f64 = 1e-3;
 
-/// The unit normal of an analytic shape at a point, and its derivative by the position \[1/mm\].
+/// The unit normal of a smooth shape at a point, and its derivative by the position \[1/mm\].
 fn normal_of(surface: &Surface, hit: DVec3) -> Option<(DVec3, DMat3)> {
-    if let Shape::Mesh(_) = surface.shape {
-        return None;
-    }
     let Frame { origin, rotation } = surface.frame;
-    let [radial, axial, offset] = gradient(&surface.shape);
-    let local = rotation.transpose() * (hit - origin);
-    let slope = rotation * DVec3::new(radial * local.x, radial * local.y, axial * local.z + offset);
+    let Level { gradient, hessian, .. } = surface.shape.level(rotation.transpose() * (hit - origin))?;
+    let slope = rotation * gradient;
     let length = slope.length().max(f64::MIN_POSITIVE);
     let normal = slope / length;
-    let second = rotation * DMat3::from_diagonal(DVec3::new(radial, radial, axial)) * rotation.transpose();
+    let second = rotation * hessian * rotation.transpose();
     Some((normal, (DMat3::IDENTITY - outer(normal, normal)) * second * length.recip()))
 }
 

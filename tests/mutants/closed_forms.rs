@@ -5,8 +5,9 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
-    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+    Bsdf, BsdfTable, Coating, CollimatedTophat, Emitter, EmitterKind, Extended, Frame, Interaction, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind,
+    Shape, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -65,7 +66,7 @@ fn sky() -> Sensor {
 }
 
 fn beam() -> EmitterKind {
-    EmitterKind::CollimatedTophat { aperture_radius: 1.0 }
+    EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 1.0 })
 }
 
 /// Media: vacuum, glass, and a vapour of index 1 that absorbs.
@@ -219,19 +220,19 @@ fn share_of_cap(angle: f64) -> f64 {
 }
 
 fn cap(bench: &Bench) -> Outcome {
-    compare_shares(bench, EmitterKind::Point { half_angle: HALF_ANGLE }, share_of_cap)
+    compare_shares(bench, EmitterKind::Point(Point { half_angle: HALF_ANGLE }), share_of_cap)
 }
 
 fn extended_cap(bench: &Bench) -> Outcome {
     let area = Outline::Disk { radius: 1.0 };
-    compare_shares(bench, EmitterKind::Extended { area, half_angle: HALF_ANGLE }, share_of_cap)
+    compare_shares(bench, EmitterKind::Extended(Extended { area, half_angle: HALF_ANGLE }), share_of_cap)
 }
 
 /// Lambert's law: sin^2 theta.
 fn lambertian(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 1.0, height: 2.0 };
     let half_angle = std::f64::consts::FRAC_PI_2;
-    compare_shares(bench, EmitterKind::Extended { area, half_angle }, |angle| angle.sin().powi(2))
+    compare_shares(bench, EmitterKind::Extended(Extended { area, half_angle }), |angle| angle.sin().powi(2))
 }
 
 /// Of two surfaces at one place the first in the list takes every ray, and a surface takes it before a detector.
@@ -283,7 +284,7 @@ fn points_over_an_area(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 16.0, height: 16.0 };
     let grid =
         PixelGrid { width: 16.0, height: 16.0, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Hard };
-    let kind = EmitterKind::Extended { area, half_angle: 1e-9 };
+    let kind = EmitterKind::Extended(Extended { area, half_angle: 1e-9 });
     let mut film = pixels("film", 1.0);
     film.kind = SensorKind::Irradiance(grid);
     let tally = points(bench, &scene(kind, vec![], vec![film]), 1024);
@@ -294,7 +295,7 @@ fn points_over_an_area(bench: &Bench) -> Outcome {
 /// do the rays beyond 2^32.
 fn points_of_scrambles(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 16.0, height: 16.0 };
-    let kind = EmitterKind::Extended { area, half_angle: 1e-9 };
+    let kind = EmitterKind::Extended(Extended { area, half_angle: 1e-9 });
     let sums = |num_pixels: u32, first_ray: u64| {
         let grid = PixelGrid {
             width: 16.0,
@@ -326,7 +327,10 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
 fn points_over_the_sky(bench: &Bench) -> Outcome {
     let azimuths = SensorKind::FarField { num_theta: 1, num_phi: 8 };
     let area = Outline::Disk { radius: 1.0 };
-    for kind in [EmitterKind::Point { half_angle: 0.8 }, EmitterKind::Extended { area, half_angle: 0.8 }] {
+    for kind in [
+        EmitterKind::Point(Point { half_angle: 0.8 }),
+        EmitterKind::Extended(Extended { area, half_angle: 0.8 }),
+    ] {
         let mut ir = scene(kind, vec![], vec![sky()]);
         ir.sensors[0].kind = azimuths.clone();
         let tally = points(bench, &ir, 1024);
@@ -400,7 +404,7 @@ fn database(name: &str, z: f64) -> Sensor {
 /// Surfaces between two ray databases, and a pencil beam from z = 0; as many rays as are traced below have weight 1.
 fn split_scene(surfaces: Vec<Surface>, split_depth: u32, split_budget: f64) -> SceneIr {
     let databases = vec![database("reflected", -20.0), database("transmitted", 20.0)];
-    let mut ir = scene(EmitterKind::Point { half_angle: 0.0 }, surfaces, databases);
+    let mut ir = scene(EmitterKind::Point(Point { half_angle: 0.0 }), surfaces, databases);
     ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
     ir
 }
@@ -532,7 +536,8 @@ fn split_mesh(bench: &Bench) -> Outcome {
         corner(10.0, 10.0, -10.0),
     ];
     let faces = vec![[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]];
-    let valley = Surface { shape: Shape::Mesh(0), ..plane("valley", 15.0, Interaction::Refractive, 0, 1) };
+    let valley =
+        Surface { shape: Shape::Mesh(MeshId(0)), ..plane("valley", 15.0, Interaction::Refractive, 0, 1) };
     let mut ir = split_scene(vec![valley], 1, 2.0);
     ir.meshes.push(Mesh { vertices, faces });
     ir.emitters[0].frame.origin = DVec3::new(-3.0, 0.1, 0.0);

@@ -1,6 +1,9 @@
 //! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
 
-use nsq_gpu::model::{Bsdf, Emitter, EmitterKind, Outline, Sensor, SensorKind, Shape, Splat, Surface};
+use nsq_gpu::model::{
+    Annulus, Bsdf, CollimatedGaussian, CollimatedTophat, Conic, Emitter, EmitterKind, Extended, Frustum,
+    Outline, Point, Sensor, SensorKind, Shape, Sphere, Splat, Surface,
+};
 
 /// Every kind of source.
 pub const SOURCES: [&str; 6] = [
@@ -52,27 +55,29 @@ pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
 /// The kind of a source, of [`SOURCES`].
 pub fn of_source(emitter: &Emitter) -> &'static str {
     match emitter.kind {
-        EmitterKind::Point { half_angle } if half_angle < std::f64::consts::PI => "point in a cone",
-        EmitterKind::Point { .. } => "point in all directions",
-        EmitterKind::CollimatedTophat { .. } => "top hat",
-        EmitterKind::CollimatedGaussian { .. } => "Gaussian beam",
-        EmitterKind::Extended { area: Outline::Rectangle { .. }, .. } => "extended rectangle",
-        EmitterKind::Extended { area: Outline::Disk { .. } | Outline::Infinite, .. } => "extended disk",
+        EmitterKind::Point(Point { half_angle }) if half_angle < std::f64::consts::PI => "point in a cone",
+        EmitterKind::Point(Point { .. }) => "point in all directions",
+        EmitterKind::CollimatedTophat(CollimatedTophat { .. }) => "top hat",
+        EmitterKind::CollimatedGaussian(CollimatedGaussian { .. }) => "Gaussian beam",
+        EmitterKind::Extended(Extended { area: Outline::Rectangle { .. }, .. }) => "extended rectangle",
+        EmitterKind::Extended(Extended { area: Outline::Disk { .. } | Outline::Infinite, .. }) => {
+            "extended disk"
+        }
     }
 }
 
 /// The kind of a shape, of [`SHAPES`].
 pub fn of_shape(shape: &Shape) -> &'static str {
     match shape {
-        Shape::Conic { curvature: 0.0, .. } => "flat conic",
-        Shape::Conic { .. } => "conic",
+        Shape::Conic(Conic { curvature: 0.0, .. }) => "flat conic",
+        Shape::Conic(Conic { .. }) => "conic",
         Shape::Plane(Outline::Infinite) => "infinite plane",
         Shape::Plane(Outline::Rectangle { .. }) => "rectangle",
         Shape::Plane(Outline::Disk { .. }) => "disk",
-        Shape::Annulus { .. } => "annulus",
-        Shape::Frustum { .. } => "frustum",
-        Shape::Sphere { aperture_radius: None, .. } => "sphere",
-        Shape::Sphere { aperture_radius: Some(_), .. } => "sphere with an aperture",
+        Shape::Annulus(Annulus { .. }) => "annulus",
+        Shape::Frustum(Frustum { .. }) => "frustum",
+        Shape::Sphere(Sphere { aperture_radius: None, .. }) => "sphere",
+        Shape::Sphere(Sphere { aperture_radius: Some(_), .. }) => "sphere with an aperture",
         Shape::Mesh(_) => "mesh",
     }
 }

@@ -119,10 +119,10 @@ fn shapes_have_the_codes_of_the_dispatch() {
     let (_, program) = tables();
     let codes = column(&program, "PrimitiveRow", binding(&program, "primitive_table"), "shape");
     for kind in shapes() {
-        let (function, file) = kind.name();
+        let function = kind.function("distance");
         let case = format!("case {}u: {{ return {function}(o, d, ", kind as u32);
         assert!(program.wgsl.contains(&case), "no `{case}`");
-        assert!(program.wgsl.contains(&format!("fn {function}(")), "{function} of {file}");
+        assert!(program.wgsl.contains(&format!("fn {function}(")), "{function}");
         assert!(codes.contains(&f64::from(kind as u32)), "{kind:?}");
     }
 }
@@ -133,11 +133,14 @@ fn shapes_have_the_codes_of_the_dispatch() {
 fn shapes_take_the_numbers_of_the_host() {
     let (_, program) = tables();
     for kind in shapes() {
-        let function =
-            program.module.functions.iter().find(|(_, f)| f.name.as_deref() == Some(kind.name().0));
+        let function = program
+            .module
+            .functions
+            .iter()
+            .find(|(_, f)| f.name.as_deref() == Some(&*kind.function("distance")));
         let expected = kind.num_arguments() + 3 + usize::from(kind.is_searched());
         assert_eq!(function.unwrap().1.arguments.len(), expected, "{kind:?}");
-        let arguments = nsq_gpu::program::layout::tables::shape_arguments(&crate::variants::shape_of(kind));
+        let arguments = crate::variants::shape_of(kind).arguments();
         assert_eq!(arguments.len(), kind.num_arguments(), "{kind:?}");
     }
 }

@@ -1,11 +1,12 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec3};
+use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, Outline, PixelGrid,
-    ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Splat, Surface,
+    Annulus, Bsdf, BsdfTable, Coating, CollimatedGaussian, CollimatedTophat, Conic, Emitter, EmitterKind,
+    Extended, Frame, Frustum, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb,
+    Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
 };
-use nsq_gpu::program::features::ShapeKind;
 use nsq_gpu::program::layout::bsdf::BsdfKind;
 use nsq_gpu::program::{
     EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
@@ -301,7 +302,7 @@ impl Choice {
             }
             Choice::Absorbing => ir.surfaces.push(surface(ball(), Interaction::Absorbing)),
             Choice::Tip => {
-                let cone = Shape::Frustum { r_front: 5.0, r_back: 0.0, z_front: -1.0, z_back: 2.0 };
+                let cone = Shape::Frustum(Frustum { r_front: 5.0, r_back: 0.0, z_front: -1.0, z_back: 2.0 });
                 ir.surfaces.push(surface(cone, Interaction::Refractive));
             }
             Choice::Coated => ir.surfaces.push(coated(0.9, 0.9, ir.wavelengths.len())),
@@ -437,7 +438,7 @@ impl Default for Variant {
             media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
             surfaces: vec![],
             meshes: vec![],
-            emitters: vec![emitter(EmitterKind::Point { half_angle: 0.5 }, 1)],
+            emitters: vec![emitter(EmitterKind::Point(Point { half_angle: 0.5 }), 1)],
             sensors: vec![],
             sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
@@ -524,14 +525,18 @@ pub fn everything_split() -> Variant {
 /// A shape that its function draws.
 pub fn shape_of(kind: ShapeKind) -> Shape {
     let shape = match kind {
-        ShapeKind::Conic => Shape::Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 },
+        ShapeKind::Conic => Shape::Conic(Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 }),
         ShapeKind::Plane => Shape::Plane(Outline::Infinite),
         ShapeKind::Rectangle => Shape::Plane(Outline::Rectangle { width: 10.0, height: 20.0 }),
         ShapeKind::Disk => Shape::Plane(Outline::Disk { radius: 10.0 }),
-        ShapeKind::Annulus => Shape::Annulus { inner_radius: 5.0, outer_radius: 10.0, z_offset: 0.5 },
-        ShapeKind::Frustum => Shape::Frustum { r_front: 5.0, r_back: 8.0, z_front: -1.0, z_back: 2.0 },
-        ShapeKind::Sphere => Shape::Sphere { radius: 8.0, aperture_radius: Some(6.0) },
-        ShapeKind::Mesh => Shape::Mesh(0),
+        ShapeKind::Annulus => {
+            Shape::Annulus(Annulus { inner_radius: 5.0, outer_radius: 10.0, z_offset: 0.5 })
+        }
+        ShapeKind::Frustum => {
+            Shape::Frustum(Frustum { r_front: 5.0, r_back: 8.0, z_front: -1.0, z_back: 2.0 })
+        }
+        ShapeKind::Sphere => Shape::Sphere(Sphere { radius: 8.0, aperture_radius: Some(6.0) }),
+        ShapeKind::Mesh => Shape::Mesh(MeshId(0)),
     };
     assert_eq!(ShapeKind::of(&shape), kind);
     shape
@@ -546,14 +551,18 @@ fn tetrahedron() -> Mesh {
 pub fn emitter_of(name: EmitterName) -> EmitterKind {
     let rectangle = Outline::Rectangle { width: 3.0, height: 4.0 };
     let kind = match name {
-        EmitterName::Point => EmitterKind::Point { half_angle: 0.5 },
-        EmitterName::CollimatedTophat => EmitterKind::CollimatedTophat { aperture_radius: 2.0 },
-        EmitterName::CollimatedGaussian => {
-            EmitterKind::CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 }
+        EmitterName::Point => EmitterKind::Point(Point { half_angle: 0.5 }),
+        EmitterName::CollimatedTophat => {
+            EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 })
         }
-        EmitterName::ExtendedRectangle => EmitterKind::Extended { area: rectangle, half_angle: 0.5 },
+        EmitterName::CollimatedGaussian => {
+            EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 })
+        }
+        EmitterName::ExtendedRectangle => {
+            EmitterKind::Extended(Extended { area: rectangle, half_angle: 0.5 })
+        }
         EmitterName::ExtendedDisk => {
-            EmitterKind::Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 }
+            EmitterKind::Extended(Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 })
         }
     };
     assert_eq!(EmitterName::of(&kind), name);
@@ -561,7 +570,7 @@ pub fn emitter_of(name: EmitterName) -> EmitterKind {
 }
 
 fn ball() -> Shape {
-    Shape::Sphere { radius: 3.0, aperture_radius: None }
+    Shape::Sphere(Sphere { radius: 3.0, aperture_radius: None })
 }
 
 fn grid(splat: Splat) -> PixelGrid {

@@ -6,13 +6,13 @@
 //! most once on its way through, and decides by sides and media which face comes next.
 
 use crate::error::{Error, Result};
+use crate::model::shapes::{Level, Quadric};
 use crate::model::{
     Emitter, FAR_FIELD_RADIUS, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface,
     area_vector, unit_normal,
 };
 use crate::program::Precision;
 use crate::program::geometry::tree;
-use crate::program::layout::tables::{gradient, shape_constant};
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
@@ -206,7 +206,7 @@ impl<'a> Search<'a> {
         }
         let mut planes: HashMap<usize, Vec<u32>> = HashMap::new();
         let placed = ir.surfaces.iter().enumerate().filter_map(|(surface, of)| {
-            let Shape::Mesh(mesh) = of.shape else { return None };
+            let mesh = of.shape.mesh()?;
             let plane_of = planes.entry(mesh).or_insert_with(|| planes_of(&ir.meshes[mesh])).clone();
             Some(PlacedMesh::new(surface, &ir.meshes[mesh], &tree::relative(of.frame, centre), plane_of))
         });
@@ -546,35 +546,33 @@ impl Unit {
 /// A surface or a detector, relative to the scene's centre.
 struct Face {
     frame: Frame,
-    gradient: [f64; 3],
-    constant: f64,
+    shape: Shape,
     points: Vec<DVec3>,
     /// A ball that holds the face \[mm\].
     middle: DVec3,
     reach: f64,
     /// Largest coordinate of its points \[mm\].
     size: f64,
-    /// Distance of its quadric from the centre \[mm\], to first order.
+    /// Distance of its surface from the centre \[mm\], to first order.
     from_centre: f64,
 }
 
 impl Face {
-    /// None of a mesh.
+    /// None of a shape without sample points, such as a mesh.
     fn of(frame: Frame, shape: &Shape, centre: DVec3) -> Option<Self> {
         let frame = tree::relative(frame, centre);
         let points: Vec<DVec3> =
-            points_on(shape).into_iter().map(|p| frame.rotation * p + frame.origin).collect();
+            shape.samples().into_iter().map(|p| frame.rotation * p + frame.origin).collect();
         if points.is_empty() {
             return None;
         }
         let size = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let mut face = Face {
             frame,
-            gradient: gradient(shape),
-            constant: shape_constant(shape),
+            shape: *shape,
             points,
             middle: frame.origin,
-            reach: reach(shape),
+            reach: shape.extent(&[]).map_or(f64::INFINITY, |extent| extent.reach),
             size,
             from_centre: 0.0,
         };
@@ -582,23 +580,23 @@ impl Face {
         Some(face)
     }
 
-    fn slope(&self, p: DVec3) -> DVec3 {
+    fn level(&self, p: DVec3) -> Level {
         let local = self.frame.rotation.transpose() * (p - self.frame.origin);
-        let [radial, axial, offset] = self.gradient;
-        self.frame.rotation * DVec3::new(radial * local.x, radial * local.y, axial * local.z + offset)
+        self.shape.level(local).unwrap_or(Quadric::PLANE.level(local))
     }
 
-    /// Signed distance of a point from the quadric along its normal, to first order.
+    fn slope(&self, p: DVec3) -> DVec3 {
+        self.frame.rotation * self.level(p).gradient
+    }
+
+    /// Signed distance of a point from the shape along its normal, to first order.
     fn distance(&self, p: DVec3) -> f64 {
-        let local = self.frame.rotation.transpose() * (p - self.frame.origin);
-        let [radial, axial, offset] = self.gradient;
-        let r2 = local.x * local.x + local.y * local.y;
-        let value = 0.5 * (radial * r2 + axial * local.z * local.z + self.constant) + offset * local.z;
-        value / self.slope(p).length().max(f64::MIN_POSITIVE)
+        let Level { value, gradient, .. } = self.level(p);
+        value / (self.frame.rotation * gradient).length().max(f64::MIN_POSITIVE)
     }
 
     fn is_flat(&self) -> bool {
-        self.gradient[..2] == [0.0; 2]
+        self.shape.quadric().is_some_and(|quadric| quadric.is_flat())
     }
 
     fn overlaps(&self, other: &Face) -> bool {
@@ -794,57 +792,4 @@ fn is_resolved(corners: [DVec3; 3], within: f64) -> bool {
     let [a, b, c] = corners;
     let longest = (b - a).length().max((c - b).length()).max((a - c).length());
     area_vector(corners).length() > TIMES * within * longest
-}
-
-/// Radius of the ball about the local origin that holds the shape \[mm\].
-fn reach(shape: &Shape) -> f64 {
-    match *shape {
-        Shape::Conic { curvature, conic, aperture_radius } => {
-            aperture_radius.hypot(sag(curvature, conic, aperture_radius))
-        }
-        Shape::Plane(Outline::Infinite) => f64::INFINITY,
-        Shape::Plane(Outline::Rectangle { width, height }) => 0.5 * width.hypot(height),
-        Shape::Plane(Outline::Disk { radius }) => radius,
-        Shape::Annulus { outer_radius, z_offset, .. } => outer_radius.hypot(z_offset),
-        Shape::Frustum { r_front, r_back, z_front, z_back } => {
-            r_front.max(r_back).hypot(z_front.abs().max(z_back.abs()))
-        }
-        Shape::Sphere { radius, .. } => radius,
-        Shape::Mesh(_) => 0.0,
-    }
-}
-
-/// Height of a conic at this distance from its axis \[mm\].
-fn sag(curvature: f64, conic: f64, radius: f64) -> f64 {
-    let root = (1.0 - (1.0 + conic) * (curvature * radius).powi(2)).max(0.0).sqrt();
-    curvature * radius * radius / (1.0 + root)
-}
-
-/// Points of a shape, spread over its aperture, in its frame. None of a mesh, which is in no contact.
-fn points_on(shape: &Shape) -> Vec<DVec3> {
-    const TURNS: [f64; 4] = [0.0, 0.27, 0.55, 0.8];
-    let ring = |radius: f64, z: f64| {
-        TURNS.map(|turn| (DVec2::from_angle(turn * std::f64::consts::TAU) * radius).extend(z))
-    };
-    let rings = |rings: &[(f64, f64)]| rings.iter().flat_map(|&(radius, z)| ring(radius, z)).collect();
-    match *shape {
-        Shape::Conic { curvature, conic, aperture_radius } => {
-            let at = |share: f64| (share * aperture_radius, sag(curvature, conic, share * aperture_radius));
-            rings(&[0.3, 0.6, 0.9].map(at))
-        }
-        Shape::Plane(Outline::Infinite) => rings(&[(1.0, 0.0), (100.0, 0.0)]),
-        Shape::Plane(Outline::Rectangle { width, height }) => rings(&[(0.5 * width.min(height), 0.0)]),
-        Shape::Plane(Outline::Disk { radius }) => rings(&[(0.9 * radius, 0.0)]),
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            rings(&[(0.5 * (inner_radius + outer_radius), z_offset)])
-        }
-        Shape::Frustum { r_front, r_back, z_front, z_back } => rings(
-            &[0.1, 0.5, 0.9].map(|t| (r_front + t * (r_back - r_front), z_front + t * (z_back - z_front))),
-        ),
-        Shape::Sphere { radius, .. } => {
-            rings(&[-0.7, 0.1, 0.8].map(|z: f64| (radius * (1.0 - z * z).sqrt(), radius * z)))
-        }
-        // Triangles in contact with other faces are not looked for.
-        Shape::Mesh(_) => Vec::new(),
-    }
 }

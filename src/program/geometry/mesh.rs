@@ -1,6 +1,6 @@
 //! Meshes as shaders/shapes/mesh.wgsl reads them: one list of triangles, in the order of the trees over them.
 
-use crate::model::{Mesh, SceneIr, Shape, unit_normal};
+use crate::model::{Mesh, SceneIr, unit_normal};
 use crate::program::geometry::bvh::Forest;
 use glam::DVec3;
 use obvhs::aabb::Aabb;
@@ -69,18 +69,12 @@ pub fn root(mesh: usize) -> u32 {
 /// of a mesh in the scene.
 pub fn edge_slack(ir: &SceneIr, centre: DVec3) -> f64 {
     const ROUNDINGS: f64 = 16.0;
-    let size = |surface: &crate::model::Surface| match surface.shape {
-        Shape::Mesh(mesh) => {
-            let reach = ir.meshes[mesh].vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
-            (surface.frame.origin - centre).abs().max_element() + reach
-        }
-        Shape::Conic { .. }
-        | Shape::Plane(_)
-        | Shape::Annulus { .. }
-        | Shape::Frustum { .. }
-        | Shape::Sphere { .. } => 0.0,
+    let size = |surface: &crate::model::Surface| {
+        let mesh = surface.shape.mesh()?;
+        let reach = ir.meshes[mesh].vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
+        Some((surface.frame.origin - centre).abs().max_element() + reach)
     };
-    ROUNDINGS * 0.5 * f64::from(f32::EPSILON) * ir.surfaces.iter().map(size).fold(0.0, f64::max)
+    ROUNDINGS * 0.5 * f64::from(f32::EPSILON) * ir.surfaces.iter().filter_map(size).fold(0.0, f64::max)
 }
 
 fn boxes(mesh: &Mesh) -> Vec<Aabb> {

@@ -1,19 +1,17 @@
 //! What the shaders need of surfaces, sensors, primitives and media, as records. Origins are relative to the scene's centre.
 
 use crate::error::{Error, Result};
-use crate::model::{
-    Emitter, EmitterKind, Frame, Interaction, Medium, Outline, SceneIr, Sensor, SensorKind, Shape, Splat,
-    Surface,
-};
-use crate::program::features::{self, EmitterName, Features, ShapeKind};
+use crate::model::shapes::Quadric;
+use crate::model::{Frame, Interaction, Medium, SceneIr, Sensor, SensorKind, Shape, Splat, Surface};
+use crate::program::features::{self, Features};
 use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::records::Records;
 use glam::{DMat3, DVec3};
 
-/// A value beyond any distance of a scene that both tiers hold: "no limit".
-const UNLIMITED: f64 = 1e38;
+/// Columns for the numbers of shapes in every table of them.
+const SHAPE_ARGUMENTS: usize = 4;
 
 /// The sums that a trace keeps, as indices of cells.
 #[derive(Debug, Clone)]
@@ -213,19 +211,20 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     let mut records = Records::new("Surface", "surface", bindings::SURFACES);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
-    let gradients: Vec<[f64; 3]> = ir.surfaces.iter().map(|s| gradient(&s.shape)).collect();
-    records.real("radial", gradients.iter().map(|g| g[0]));
-    records.real("axial", gradients.iter().map(|g| g[1]));
-    records.real("offset", gradients.iter().map(|g| g[2]));
+    // Of a shape that is no quadric they are not read.
+    let quadrics = || ir.surfaces.iter().map(|s| s.shape.quadric().unwrap_or(Quadric::PLANE));
+    records.real("radial", quadrics().map(|q| q.radial));
+    records.real("axial", quadrics().map(|q| q.axial));
+    records.real("offset", quadrics().map(|q| q.offset));
     if features.tips {
-        let is_in_front =
-            |shape: &Shape| matches!(shape, Shape::Frustum { r_front, r_back, .. } if r_front < r_back);
-        let outward = |shape: &Shape| if is_in_front(shape) { -1.0 } else { 1.0 };
-        records.real("tip", ir.surfaces.iter().map(|s| outward(&s.shape)));
+        records.real("tip", ir.surfaces.iter().map(|s| s.shape.tip().unwrap_or(1.0)));
     }
     if features.has_meshes() {
-        let is_mesh = |shape: &Shape| u32::from(matches!(shape, Shape::Mesh(_)));
-        records.uint("mesh", ir.surfaces.iter().map(|s| is_mesh(&s.shape)));
+        records.uint("mesh", ir.surfaces.iter().map(|s| u32::from(s.shape.mesh().is_some())));
+    }
+    if features.has_own_normals() {
+        records.uint("shape", ir.surfaces.iter().map(|s| s.shape.kind().code()));
+        put_arguments(&mut records, "a", SHAPE_ARGUMENTS, ir.surfaces.iter().map(|s| s.shape.arguments()));
     }
     records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
     records.uint("back", ir.surfaces.iter().map(|s| s.back as u32));
@@ -312,33 +311,6 @@ pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
     (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
 }
 
-/// (radial, axial, offset) of shaders/geometry/quadric.wgsl: the gradient is (radial x, radial y, axial z + offset).
-pub fn gradient(shape: &Shape) -> [f64; 3] {
-    match *shape {
-        Shape::Conic { curvature, conic, .. } => [-curvature, -(1.0 + conic) * curvature, 1.0],
-        // Of a mesh it is not read.
-        Shape::Plane(_) | Shape::Annulus { .. } | Shape::Mesh(_) => [0.0, 0.0, 1.0],
-        Shape::Sphere { radius, .. } => [-1.0 / radius, -1.0 / radius, 0.0],
-        Shape::Frustum { .. } => {
-            let [r0, slope, ..] = frustum_arguments(shape);
-            [1.0, -slope * slope, -slope * r0]
-        }
-    }
-}
-
-/// The constant of the shape's quadric.
-pub fn shape_constant(shape: &Shape) -> f64 {
-    match *shape {
-        Shape::Conic { .. } | Shape::Plane(_) | Shape::Mesh(_) => 0.0,
-        Shape::Annulus { z_offset, .. } => -2.0 * z_offset,
-        Shape::Sphere { radius, .. } => radius,
-        Shape::Frustum { .. } => {
-            let [r0, ..] = frustum_arguments(shape);
-            -r0 * r0
-        }
-    }
-}
-
 /// The record of every primitive in contact. `facets`: see shaders/geometry/facets.touching.wgsl.
 pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
     let mut records = Records::new("Contact", "contact", bindings::CONTACTS);
@@ -386,7 +358,7 @@ impl FacetTable {
     ) -> Self {
         let mut table = FacetTable::default();
         for (i, surface) in ir.surfaces.iter().enumerate() {
-            let (Shape::Mesh(mesh), Some(facets)) = (surface.shape, contacts.facets.get(&i)) else {
+            let (Some(mesh), Some(facets)) = (surface.shape.mesh(), contacts.facets.get(&i)) else {
                 continue;
             };
             let (first, order) = triangles.of_mesh(mesh);
@@ -403,52 +375,18 @@ impl FacetTable {
     }
 
     fn first_of(&self, ir: &SceneIr, primitive: usize) -> u32 {
-        match ir.surfaces.get(primitive).map(|surface| surface.shape) {
-            Some(Shape::Mesh(_)) => self.firsts.get(&primitive).copied().unwrap_or(Self::NO_FACETS),
-            _ => Self::NO_MESH,
+        match ir.surfaces.get(primitive).and_then(|surface| surface.shape.mesh()) {
+            Some(_) => self.firsts.get(&primitive).copied().unwrap_or(Self::NO_FACETS),
+            None => Self::NO_MESH,
         }
     }
-}
-
-/// What the shape's distance function takes between the direction and `leaving`.
-pub fn shape_arguments(shape: &Shape) -> Vec<f64> {
-    match *shape {
-        Shape::Conic { curvature: 0.0, aperture_radius, .. } => vec![aperture_radius * aperture_radius],
-        Shape::Conic { curvature, conic, aperture_radius } => {
-            vec![curvature, (1.0 + conic) * curvature, aperture_radius * aperture_radius]
-        }
-        Shape::Plane(Outline::Infinite) => vec![],
-        Shape::Plane(Outline::Rectangle { width, height }) => vec![width / 2.0, height / 2.0],
-        Shape::Plane(Outline::Disk { radius }) => vec![radius * radius],
-        Shape::Annulus { inner_radius, outer_radius, z_offset } => {
-            vec![inner_radius * inner_radius, outer_radius * outer_radius, z_offset]
-        }
-        Shape::Frustum { .. } => frustum_arguments(shape).to_vec(),
-        Shape::Sphere { radius, aperture_radius } => {
-            vec![radius, aperture_radius.map_or(UNLIMITED, |a| a * a)]
-        }
-        Shape::Mesh(mesh) => vec![f64::from(crate::program::geometry::mesh::root(mesh))],
-    }
-}
-
-/// Radius at z = 0, slope, z_front, z_back. Without height nothing can be hit: an empty range of z.
-fn frustum_arguments(shape: &Shape) -> [f64; 4] {
-    let Shape::Frustum { r_front, r_back, z_front, z_back } = *shape else {
-        return [0.0; 4];
-    };
-    let height = z_back - z_front;
-    if height.abs() < 1e-15 {
-        return [r_front, 0.0, 1.0, -1.0];
-    }
-    let slope = (r_back - r_front) / height;
-    [r_front - slope * z_front, slope, z_front, z_back]
 }
 
 /// The emitters' records; `weights` are those that their rays are born with.
 pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
     let mut records = Records::new("Emitter", "emitter", bindings::EMITTER);
     let emitters = &ir.emitters;
-    records.uint("kind", emitters.iter().map(|e| EmitterName::of(&e.kind) as u32));
+    records.uint("kind", emitters.iter().map(|e| e.kind.kind() as u32));
     records.uint("medium", emitters.iter().map(|e| e.medium as u32));
     let firsts = emitters.iter().scan(0, |next, e| {
         let first = *next;
@@ -459,10 +397,7 @@ pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records 
     records.uint("spectrum_count", emitters.iter().map(|e| e.spectrum.cdf.len() as u32));
     records.real("weight", weights.iter().copied());
     put_frames(&mut records, emitters.iter().map(|e| &e.frame), centre);
-    let arguments: Vec<[f64; 3]> = emitters.iter().map(emitter_arguments).collect();
-    for (i, name) in ["p0", "p1", "p2"].into_iter().enumerate() {
-        records.real(name, arguments.iter().map(|a| a[i]));
-    }
+    put_arguments(&mut records, "p", 3, emitters.iter().map(|e| e.kind.arguments()));
     records
 }
 
@@ -477,12 +412,19 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     let mut primitives = primitives(ir);
     primitives.truncate(num);
     let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
-    records.uint("shape", primitives.iter().map(|(_, shape)| ShapeKind::of(shape) as u32));
+    records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
-    for (i, name) in ["a0", "a1", "a2", "a3"].into_iter().enumerate() {
-        records.real(name, primitives.iter().map(|(_, s)| shape_arguments(s).get(i).copied().unwrap_or(0.0)));
-    }
+    put_arguments(&mut records, "a", SHAPE_ARGUMENTS, primitives.iter().map(|(_, shape)| shape.arguments()));
     records
+}
+
+/// The numbers that functions of kinds take: as many columns as the row with the most has, and at least so many.
+fn put_arguments(records: &mut Records, name: &str, least: usize, rows: impl Iterator<Item = Vec<f64>>) {
+    let rows: Vec<Vec<f64>> = rows.collect();
+    let num = rows.iter().map(Vec::len).fold(least, usize::max);
+    for i in 0..num {
+        records.real(&format!("{name}{i}"), rows.iter().map(|row| row.get(i).copied().unwrap_or(0.0)));
+    }
 }
 
 /// The records of a tree's primitives, a permutation of the first ones, each with its number.
@@ -598,29 +540,4 @@ impl Grid {
             },
         }
     }
-}
-
-/// p0, p1, p2 of shaders/sources/.
-fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
-    match emitter.kind {
-        EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],
-        EmitterKind::CollimatedTophat { aperture_radius } => [aperture_radius, 0.0, 0.0],
-        EmitterKind::CollimatedGaussian { aperture_radius, sigma } => [aperture_radius, sigma, 0.0],
-        EmitterKind::Extended { area, half_angle } => {
-            const LAMBERTIAN: f64 = -1.0;
-            let height =
-                if half_angle >= std::f64::consts::FRAC_PI_2 { LAMBERTIAN } else { cap_height(half_angle) };
-            match area {
-                Outline::Rectangle { width, height: area_height } => [width, area_height, height],
-                Outline::Disk { radius } => [radius, 0.0, height],
-                Outline::Infinite => [0.0, 0.0, height],
-            }
-        }
-    }
-}
-
-/// 1 - cos(half angle), without cancellation.
-fn cap_height(half_angle: f64) -> f64 {
-    let s = (half_angle / 2.0).sin();
-    2.0 * s * s
 }

@@ -16,7 +16,8 @@ use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::extension::Extension;
 use crate::program::wgsl::library::{self, Integers, Real};
-use crate::program::wgsl::text::{Text, shader};
+use crate::program::wgsl::text::Text;
+use crate::shaders::shader;
 use glam::DVec3;
 
 /// The shader that prepares the next dispatch of a pass.
@@ -88,7 +89,11 @@ impl<'a> Composition<'a> {
         self.extension.add(self, &mut text)?;
         text.composed("program::wgsl::bins", &self.bins());
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
-        self.sums.cut(bindings::declared(&text.into_string()))
+        let mut text = text.into_string();
+        if self.features.has_own_normals() {
+            text = text.replace("fn quadric_normal(", "fn normal_of_quadric(");
+        }
+        self.sums.cut(bindings::declared(&text))
     }
 
     fn real_type(&self) -> Real {

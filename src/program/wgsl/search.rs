@@ -1,11 +1,11 @@
 //! The search for the primitive that a ray meets next: one call a primitive, or a loop over a table, or a tree.
 
 use crate::error::Result;
-use crate::model::{Frame, Shape};
-use crate::program::features::ShapeKind;
+use crate::model::shapes::Quadric;
+use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::layout::tables;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::dispatch::by_kind;
+use crate::program::wgsl::dispatch::{by_kind, quadric_of};
 use crate::program::wgsl::rows::frame_functions;
 use std::fmt::Write;
 use std::ops::Range;
@@ -52,7 +52,7 @@ impl Composition<'_> {
             let (frame, shape) = &primitives[i];
             let function = match nearer == Some(i) {
                 true => "nearer_conic_distance",
-                false => ShapeKind::of(shape).name().0,
+                false => &shape.kind().function("distance"),
             };
             text.push_str(&self.try_primitive(i, frame, shape, function, &leaving)?);
         }
@@ -87,7 +87,7 @@ impl Composition<'_> {
         let kind = ShapeKind::of(shape);
         let farthest = if kind.is_searched() { ", best.distance" } else { "" };
         let mut arguments = String::new();
-        for argument in tables::shape_arguments(shape) {
+        for argument in shape.arguments() {
             let _ = write!(arguments, "{}, ", self.real(argument)?);
         }
         let (o, d) = self.in_frame(frame)?;
@@ -101,10 +101,13 @@ impl Composition<'_> {
         }
         let mut leaving = leaving.to_string();
         if self.contacts.is_born_on(i) {
-            let [radial, axial, offset] = tables::gradient(shape);
-            let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
-            let constant = self.real(tables::shape_constant(shape))?;
-            let quadric = format!("Quadric({radial}, {axial}, {offset}, {constant})");
+            let quadric = match shape.quadric() {
+                Some(Quadric { radial, axial, offset, constant }) => {
+                    let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
+                    format!("Quadric({radial}, {axial}, {offset}, {})", self.real(constant)?)
+                }
+                None => quadric_of(kind, &o, arguments.trim_end_matches(", ")),
+            };
             leaving = format!("({leaving}) | is_born_on(ray, {o}, {quadric})");
         }
         if !self.contacts.touches(i) {
@@ -113,7 +116,7 @@ impl Composition<'_> {
             ));
         }
         let contact = self.contact_records().row(self.precision(), i)?;
-        let holds = kind.holds();
+        let holds = kind.function("holds");
         let stands = format!("({leaving}) | stands_on(here, {contact})");
         let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
         let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
@@ -132,37 +135,25 @@ impl Composition<'_> {
             "MISS",
             |kind, arguments| {
                 let farthest = if kind.is_searched() { ", farthest" } else { "" };
-                format!("{}(o, d{arguments}, leaving{farthest})", kind.name().0)
+                format!("{}(o, d{arguments}, leaving{farthest})", kind.function("distance"))
             },
         );
         if self.contacts.any() {
             let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
-            text +=
-                &by_kind(head, &kinds, "false", |kind, arguments| format!("{}(o{arguments})", kind.holds()));
-            text += &shape_quadric(&kinds);
+            text += &by_kind(head, &kinds, "false", |kind, a| format!("{}(o{a})", kind.function("holds")));
+            let head = "fn shape_quadric(p: Primitive, o: vec3<real>) -> Quadric";
+            let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
+            text += &by_kind(head, &kinds, flat, |kind, arguments| {
+                quadric_of(kind, "o", arguments.trim_start_matches(", "))
+            });
         }
         text
     }
 
     /// Facets of meshes are in contact, or sources lie on them.
     pub(super) fn searches_facets(&self) -> bool {
-        let is_mesh = |i: usize| matches!(self.ir.surfaces.get(i).map(|s| s.shape), Some(Shape::Mesh(_)));
+        let is_mesh = |i: usize| self.ir.surfaces.get(i).is_some_and(|s| s.shape.mesh().is_some());
         let births = (0..self.ir.surfaces.len()).any(|i| is_mesh(i) && self.contacts.is_born_on(i));
         births || !self.contacts.facets.is_empty()
     }
-}
-
-/// The quadric of a primitive of the table; of what has none, a plane.
-fn shape_quadric(kinds: &[ShapeKind]) -> String {
-    let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
-    by_kind("fn shape_quadric(p: Primitive) -> Quadric", kinds, flat, |kind, arguments| {
-        match kind.quadric() {
-            Some((function, num)) => {
-                let arguments: Vec<&str> = arguments.split(", ").skip(1).take(num).collect();
-                format!("{function}({})", arguments.join(", "))
-            }
-            None if kind == ShapeKind::Annulus => "Quadric(0.0, 0.0, 1.0, -2.0 * p.a2)".into(),
-            None => flat.into(),
-        }
-    })
 }

@@ -1,26 +1,7 @@
 //! The text of a module in parts, each below a comment that says where it comes from.
 
+use crate::shaders::ShaderFile;
 use std::fmt::Write;
-
-/// A file of shaders/, which the program holds.
-#[derive(Debug, Clone, Copy)]
-pub struct ShaderFile {
-    /// Its path below shaders/.
-    pub path: &'static str,
-    /// What it says.
-    pub text: &'static str,
-}
-
-/// The file of shaders/ at a path.
-macro_rules! shader {
-    ($($path:tt)+) => {
-        $crate::program::wgsl::text::ShaderFile {
-            path: concat!($($path)+),
-            text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $($path)+)),
-        }
-    };
-}
-pub(crate) use shader;
 
 /// The text of a module. The order of declarations means nothing to WGSL.
 #[derive(Debug, Default)]

@@ -1,11 +1,11 @@
 //! Which files of shaders/ a scene takes: one row a slot, with its twin files and the rule that picks one of them.
 
-use crate::program::features::{EmitterName, Features, Precision, ShapeKind};
+use crate::program::features::{Features, Precision};
 use crate::program::layout::bsdf::BsdfKind;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::text::{ShaderFile, shader};
 use crate::program::{PathSampling, ProgramOptions, SecondMoments};
+use crate::shaders::{ShaderFile, shader};
 
 /// Files of every scene.
 const ALWAYS: &[ShaderFile] = &[
@@ -128,14 +128,13 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self) -> [(bool, ShaderFile); 11] {
+    fn single(&self) -> [(bool, ShaderFile); 10] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
             (f.splits, shader!("stages/split.wgsl")),
             (f.reads_media(), shader!("optics/media.wgsl")),
             (f.has_bsdf_table(), shader!("optics/bsdf_table.wgsl")),
-            (f.has_meshes(), shader!("shapes/mesh.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
             (o.has_events(f), shader!("rows/events.wgsl")),
             (f.irradiance, shader!("detectors/irradiance.wgsl")),
@@ -182,9 +181,15 @@ impl Composition<'_> {
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         let pick = |slot: &Slot| self.extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
         files.extend(SLOTS.iter().filter_map(pick));
-        files.extend(self.features.shapes.iter().filter_map(|kind| shape_file(*kind)));
-        files.extend(self.features.emitters.iter().map(|name| emitter_file(*name)));
+        files.extend(self.features.emitters.iter().map(|name| name.wgsl().file));
         files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
+        // Several kinds of shapes may share a file.
+        for kind in &self.features.shapes {
+            let file = kind.wgsl().file;
+            if files.iter().all(|known| known.path != file.path) {
+                files.push(file);
+            }
+        }
         files
     }
 
@@ -199,27 +204,6 @@ impl Composition<'_> {
             true => branch.text.replace("fn draw_reflection(", "fn draw_branch("),
             false => String::new(),
         }
-    }
-}
-
-/// The file of a shape; those of planes and meshes stand in other rows.
-fn shape_file(kind: ShapeKind) -> Option<ShaderFile> {
-    match kind {
-        ShapeKind::Conic => Some(shader!("shapes/conic.wgsl")),
-        ShapeKind::Annulus => Some(shader!("shapes/annulus.wgsl")),
-        ShapeKind::Frustum => Some(shader!("shapes/frustum.wgsl")),
-        ShapeKind::Sphere => Some(shader!("shapes/sphere.wgsl")),
-        ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Mesh => None,
-    }
-}
-
-fn emitter_file(name: EmitterName) -> ShaderFile {
-    match name {
-        EmitterName::Point => shader!("sources/point.wgsl"),
-        EmitterName::CollimatedTophat => shader!("sources/collimated_tophat.wgsl"),
-        EmitterName::CollimatedGaussian => shader!("sources/collimated_gaussian.wgsl"),
-        EmitterName::ExtendedRectangle => shader!("sources/extended_rectangle.wgsl"),
-        EmitterName::ExtendedDisk => shader!("sources/extended_disk.wgsl"),
     }
 }
 

@@ -7,10 +7,9 @@
 //! quotients of the citardauq formula are backward stable (Higham, Accuracy and Stability of Numerical Algorithms, 2nd
 //! ed., section 1.8). So an |F| of [`ROUNDINGS`] of them all along the stretch shows that it holds no crossing.
 
-use crate::model::{Frame, Shape};
+use crate::model::shapes::{Quadric, Slab};
+use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::Precision;
-use crate::program::features::ShapeKind;
-use crate::program::layout::tables::{gradient, shape_constant};
 use crate::software::path::main_path::Way;
 use glam::DVec3;
 
@@ -102,8 +101,9 @@ impl Clearance {
         let largest = magnitude(shape, size);
         let margin = ROUNDINGS * epsilon * largest;
         // An f32 may not hold the terms of a huge quadric.
-        let has_quadric = ShapeKind::of(shape).quadric().is_some() && largest < f64::from(f32::MAX);
-        let inside = opening(shape).map(|radius| Sign::Inside {
+        let is_curved = shape.quadric().is_some_and(|quadric| !quadric.is_flat());
+        let has_quadric = is_curved && largest < f64::from(f32::MAX);
+        let inside = shape.opening().map(|radius| Sign::Inside {
             limit: radius * radius - margin - ROUNDINGS * epsilon * (size * size + radius * radius),
         });
         let beside = slab.map(|[low, high]| Sign::Beside { low, high });
@@ -190,8 +190,7 @@ impl Stretch {
 /// Whether nearly all rays end their stretches on a conic at the crossing that is nearer to their line's closest approach to
 /// its origin, and are seen to do so (`nearer_conic_distance` in the shader).
 pub fn end_at_nearer_crossing((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> bool {
-    ShapeKind::of(shape) == ShapeKind::Conic
-        && pilot.takes(frame, |stretch| ends_at_nearer_crossing(shape, stretch))
+    shape.kind() == ShapeKind::Conic && pilot.takes(frame, |stretch| ends_at_nearer_crossing(shape, stretch))
 }
 
 fn ends_at_nearer_crossing(shape: &Shape, stretch: &Stretch) -> bool {
@@ -277,13 +276,9 @@ impl<'a> Pilot<'a> {
 
 impl Along {
     fn of(shape: &Shape, o: DVec3, d: DVec3) -> Self {
-        let [radial, axial, offset] = gradient(shape);
+        let Quadric { radial, axial, offset, constant } = quadric(shape);
         let dot = |p: DVec3, q: DVec3| radial * (p.x * q.x + p.y * q.y) + axial * p.z * q.z;
-        Along {
-            a: dot(d, d),
-            g: dot(o, d) + offset * d.z,
-            f: dot(o, o) + 2.0 * offset * o.z + shape_constant(shape),
-        }
+        Along { a: dot(d, d), g: dot(o, d) + offset * d.z, f: dot(o, o) + 2.0 * offset * o.z + constant }
     }
 
     fn leaves(&self, distance: f64) -> bool {
@@ -302,21 +297,16 @@ impl Along {
 /// Where a shape that lies between two planes across z begins and ends, with room for so large a share of lengths, where no
 /// place is farther from the origin than `size`; none where there are no such planes, or too steep a rim tells badly where.
 fn slab(shape: &Shape, size: f64, share: f64) -> Option<[f64; 2]> {
-    let (ends, size) = match *shape {
-        Shape::Plane(_) => ([0.0; 2], size),
-        Shape::Annulus { z_offset, .. } => ([z_offset; 2], size),
-        Shape::Frustum { z_front, z_back, .. } => ([z_front, z_back], size),
-        Shape::Conic { curvature, conic, aperture_radius } => {
-            const LEAST_STEEPNESS: f64 = 0.1;
-            // Half the quadric's derivative by z at the rim: what the quadric is off there, z is by so much less.
-            let steepness = (1.0 - (1.0 + conic) * (curvature * aperture_radius).powi(2)).sqrt();
-            let sag = curvature * aperture_radius * aperture_radius / (1.0 + steepness);
-            if steepness.is_nan() || steepness < LEAST_STEEPNESS || !sag.is_finite() {
-                return None;
-            }
-            ([0.0, sag], size + magnitude(shape, size.max(sag.abs())) / (2.0 * steepness.min(1.0)))
+    const LEAST_STEEPNESS: f64 = 0.1;
+    let Slab { ends, steepness } = shape.slab()?;
+    // A height at a rim is off by what the quadric is off there, over its steepness.
+    let size = match steepness {
+        None => size,
+        Some(steepness) if steepness >= LEAST_STEEPNESS && ends.iter().all(|z| z.is_finite()) => {
+            let farthest = size.max(ends[0].abs()).max(ends[1].abs());
+            size + magnitude(shape, farthest) / (2.0 * steepness.min(1.0))
         }
-        Shape::Sphere { .. } | Shape::Mesh(_) => return None,
+        Some(_) => return None,
     };
     let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
     let room = share * size.max(low.abs()).max(high.abs());
@@ -324,24 +314,21 @@ fn slab(shape: &Shape, size: f64, share: f64) -> Option<[f64; 2]> {
     slab.iter().all(|z| z.abs() < f64::from(f32::MAX)).then_some(slab)
 }
 
-/// The radius around the axis of what a shape leaves open, if it surrounds it.
-fn opening(shape: &Shape) -> Option<f64> {
-    match *shape {
-        Shape::Frustum { r_front, r_back, .. } => Some(r_front.min(r_back)),
-        Shape::Annulus { inner_radius, .. } => Some(inner_radius),
-        Shape::Plane(_) | Shape::Conic { .. } | Shape::Sphere { .. } | Shape::Mesh(_) => None,
-    }
-}
-
 /// M: the largest sum of a quadric's terms within so far of the origin.
 fn magnitude(shape: &Shape, size: f64) -> f64 {
-    let [radial, axial, offset] = gradient(shape).map(f64::abs);
-    (radial + axial) * size * size + 2.0 * offset * size + shape_constant(shape).abs()
+    let Quadric { radial, axial, offset, constant } = quadric(shape);
+    (radial.abs() + axial.abs()) * size * size + 2.0 * offset.abs() * size + constant.abs()
+}
+
+/// The quadric of a shape. A main path is looked for where every shape has one.
+fn quadric(shape: &Shape) -> Quadric {
+    shape.quadric().unwrap_or(Quadric::PLANE)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{Annulus, Conic, Frustum, Sphere};
     use proptest::prelude::*;
 
     fn point(reach: f64) -> impl Strategy<Value = DVec3> {
@@ -350,18 +337,18 @@ mod tests {
 
     fn shape() -> impl Strategy<Value = Shape> {
         prop_oneof![
-            (-0.5..0.5f64, -3.0..2.0f64).prop_map(|(curvature, conic)| Shape::Conic {
+            (-0.5..0.5f64, -3.0..2.0f64).prop_map(|(curvature, conic)| Shape::Conic(Conic {
                 curvature,
                 conic,
                 aperture_radius: 4.0
-            }),
-            (1.0..5.0f64).prop_map(|radius| Shape::Sphere { radius, aperture_radius: None }),
-            (1.0..5.0f64, 1.0..5.0f64).prop_map(|(r_front, r_back)| Shape::Frustum {
+            })),
+            (1.0..5.0f64).prop_map(|radius| Shape::Sphere(Sphere { radius, aperture_radius: None })),
+            (1.0..5.0f64, 1.0..5.0f64).prop_map(|(r_front, r_back)| Shape::Frustum(Frustum {
                 r_front,
                 r_back,
                 z_front: -1.0,
                 z_back: 2.0
-            }),
+            })),
         ]
     }
 
@@ -373,14 +360,14 @@ mod tests {
     /// place of the shape.
     fn is_met(shape: &Shape, line: &Stretch) -> bool {
         let on_shape = |p: DVec3| match *shape {
-            Shape::Conic { curvature, conic, aperture_radius } => {
+            Shape::Conic(Conic { curvature, conic, aperture_radius }) => {
                 1.0 - (1.0 + conic) * curvature * p.z >= 0.0 && p.truncate().length() <= aperture_radius
             }
-            Shape::Frustum { z_front, z_back, .. } => (z_front..=z_back).contains(&p.z),
-            Shape::Annulus { inner_radius, outer_radius, .. } => {
+            Shape::Frustum(Frustum { z_front, z_back, .. }) => (z_front..=z_back).contains(&p.z),
+            Shape::Annulus(Annulus { inner_radius, outer_radius, .. }) => {
                 (inner_radius..=outer_radius).contains(&p.truncate().length())
             }
-            Shape::Plane(_) | Shape::Sphere { .. } | Shape::Mesh(_) => false,
+            _ => false,
         };
         let at = |i: u32| line.from.lerp(line.to, f64::from(i) / 20_000.0);
         let value = |p: DVec3| Along::of(shape, p, DVec3::Z).f;
@@ -432,10 +419,10 @@ mod tests {
         #[test]
         fn a_clearance_that_is_found_shows_that_nothing_is_met(
             shape in prop_oneof![
-                shape().prop_filter("a ball has no end", |shape| !matches!(shape, Shape::Sphere { .. })),
-                (1.0..4.0f64).prop_map(|inner_radius| Shape::Annulus {
+                shape().prop_filter("a ball has no end", |shape| !matches!(shape, Shape::Sphere(Sphere { .. }))),
+                (1.0..4.0f64).prop_map(|inner_radius| Shape::Annulus(Annulus {
                     inner_radius, outer_radius: 5.0, z_offset: 0.5,
-                }),
+                })),
             ],
             from in point(6.0), to in point(6.0), ends: bool,
         ) {
@@ -455,7 +442,7 @@ mod tests {
         fn a_ray_that_leaves_a_cap_meets_it_nowhere_where_that_is_seen(
             curvature in -0.2..0.2f64, conic in -3.0..1.0f64, x in -3.9..3.9f64, to in point(40.0), ends: bool,
         ) {
-            let shape = Shape::Conic { curvature, conic, aperture_radius: 4.0 };
+            let shape = Shape::Conic(Conic { curvature, conic, aperture_radius: 4.0 });
             let root = (1.0 - (1.0 + conic) * (curvature * x).powi(2)).sqrt();
             prop_assume!(root > 0.0);
             let from = DVec3::new(x, 0.0, curvature * x * x / (1.0 + root));

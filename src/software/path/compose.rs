@@ -1,11 +1,11 @@
 //! Composition of the stages that follow paths: the main path, and the side paths.
 
 use crate::error::{Error, Result};
+use crate::model::shapes::Normal;
 use crate::model::{Frame, Shape};
-use crate::program::features::ShapeKind;
 use crate::program::layout::tables;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::text::{ShaderFile, shader};
+use crate::shaders::{ShaderFile, shader};
 use crate::software::extension::SoftwareExtension;
 use crate::software::path::clearance::{Clearance, Exit, Sign};
 use crate::software::path::main_path::{Crossing, NominalEvent, NominalPath};
@@ -303,10 +303,10 @@ impl Stages<'_> {
     /// A call that gives a shape's quadric, as its search has it.
     fn quadric(&self, shape: &Shape) -> Result<String> {
         let no_quadric = || Error::Internal(format!("{shape:?} has no quadric to be clear of"));
-        let (function, num_arguments) = ShapeKind::of(shape).quadric().ok_or_else(no_quadric)?;
-        let arguments = tables::shape_arguments(shape).into_iter().take(num_arguments);
-        let arguments = arguments.map(|argument| self.real(argument)).collect::<Result<Vec<_>>>()?;
-        Ok(format!("{function}({})", arguments.join(", ")))
+        let Normal::Quadric(quadric) = shape.kind().wgsl().normal else { return Err(no_quadric()) };
+        let arguments = shape.arguments().into_iter().map(|argument| self.real(argument));
+        let arguments = arguments.collect::<Result<Vec<_>>>()?;
+        Ok(quadric(&arguments.iter().map(String::as_str).collect::<Vec<_>>()))
     }
 }
 

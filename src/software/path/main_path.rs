@@ -234,7 +234,7 @@ pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
     let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
     let cells = Cells::of(ir);
     options.moments == SecondMoments::None
-        && !features.has_meshes()
+        && features.has_quadrics_alone()
         && !options.has_events(&features)
         && EndLog::of(ir, &features, &cells, options, features.whole_weights).is_some()
 }

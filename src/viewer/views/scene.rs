@@ -1,13 +1,13 @@
 //! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
 
-use crate::model::{Frame as LocalFrame, Interaction, Outline, SceneIr, SensorKind, Shape as Surface};
+use crate::model::shapes::{Geometry, circle};
+use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr, SensorKind};
 use crate::result::PathColumns;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
 use crate::viewer::state::App;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
-use std::f64::consts::{PI, TAU};
 
 /// Points of a curve.
 type Curve = Vec<DVec3>;
@@ -93,25 +93,21 @@ impl Drawing {
                 Interaction::Reflective { .. } => Kind::Reflective,
                 Interaction::Absorbing => Kind::Absorbing,
             };
-            drawing.add(&curves(ir, &surface.frame, &surface.shape, plane), kind, plane);
+            drawing.add(&curves(&surface.frame, &*surface.shape, &ir.meshes, plane), kind, plane);
         }
         for sensor in &ir.sensors {
             // The disk of a far field is not a thing that stands somewhere.
             if matches!(sensor.kind, SensorKind::FarField { .. }) {
                 continue;
             }
-            let curves = curves(ir, &sensor.frame, &Surface::Plane(sensor.outline()), plane);
+            let curves = curves(&sensor.frame, &sensor.outline(), &[], plane);
             drawing.add(&curves, Kind::Detector, plane);
             drawing.name(&curves, &sensor.name, plane);
         }
         for emitter in &ir.emitters {
-            let curves = match emitter.kind {
-                crate::model::EmitterKind::CollimatedTophat { aperture_radius: radius }
-                | crate::model::EmitterKind::CollimatedGaussian { aperture_radius: radius, .. } => {
-                    outline(&emitter.frame, &Outline::Disk { radius })
-                }
-                crate::model::EmitterKind::Extended { area, .. } => outline(&emitter.frame, &area),
-                crate::model::EmitterKind::Point { .. } => vec![vec![emitter.frame.origin]],
+            let curves = match emitter.kind.is_point() {
+                true => vec![vec![emitter.frame.origin]],
+                false => curves(&emitter.frame, &emitter.kind.births(), &[], plane),
             };
             drawing.add(&curves, Kind::Source, plane);
             drawing.name(&curves, &emitter.name, plane);
@@ -190,77 +186,21 @@ impl Drawing {
     }
 }
 
-/// A surface as curves: its section with the plane through its axis that faces the viewer, and its rims.
-fn curves(ir: &SceneIr, frame: &LocalFrame, shape: &Surface, plane: Plane) -> Vec<Curve> {
-    let global = |point: DVec3| frame.rotation * point + frame.origin;
+/// A surface as curves: its section with the plane through its axis that faces the viewer, its rims and its edges.
+fn curves(frame: &LocalFrame, shape: &dyn Geometry, meshes: &[Mesh], plane: Plane) -> Vec<Curve> {
     let radial = radial(frame, plane);
-    let section = |from: f64, to: f64, sag: &dyn Fn(f64) -> f64| -> Curve {
-        const STEPS: i32 = 48;
-        // Closer together towards the rims, where a sphere is steep.
-        let part = |step: i32| 0.5 - 0.5 * (PI * f64::from(step) / f64::from(STEPS)).cos();
-        let at = |step: i32| from + (to - from) * part(step);
-        (0..=STEPS).map(|step| global(radial * at(step) + DVec3::Z * sag(at(step)))).collect()
-    };
+    let section = shape.section().into_iter();
+    let section = section.map(|curve| curve.iter().map(|p| radial * p.x + DVec3::Z * p.y).collect());
     // Seen from the side, a rim is a line through the surface that would only hide its shape.
     let (across, up) = plane.project(frame.rotation * DVec3::Z);
     let from_the_side = across.hypot(up) > 0.95;
-    let rings = |rims: &[(f64, f64)]| -> Vec<Curve> {
-        let rims = rims.iter().filter(|_| !from_the_side);
-        rims.map(|(radius, z)| circle(frame, *radius, *z)).collect()
-    };
-    let with = |mut curves: Vec<Curve>, more: Vec<Curve>| {
-        curves.extend(more);
-        curves
-    };
-    match *shape {
-        Surface::Conic { curvature, conic, aperture_radius } => {
-            let sag = |r: f64| {
-                let root = (1.0 - (1.0 + conic) * curvature * curvature * r * r).max(0.0).sqrt();
-                curvature * r * r / (1.0 + root)
-            };
-            with(
-                vec![section(-aperture_radius, aperture_radius, &sag)],
-                rings(&[(aperture_radius, sag(aperture_radius))]),
-            )
-        }
-        // An endless plane has no outline that could be drawn.
-        Surface::Plane(Outline::Infinite) => Vec::new(),
-        Surface::Plane(shape) => outline(frame, &shape),
-        Surface::Annulus { inner_radius, outer_radius, z_offset } => with(
-            vec![
-                section(inner_radius, outer_radius, &|_| z_offset),
-                section(-outer_radius, -inner_radius, &|_| z_offset),
-            ],
-            rings(&[(inner_radius, z_offset), (outer_radius, z_offset)]),
-        ),
-        Surface::Frustum { r_front, r_back, z_front, z_back } => {
-            let side = |sign: f64| {
-                vec![
-                    global(radial * (sign * r_front) + DVec3::Z * z_front),
-                    global(radial * (sign * r_back) + DVec3::Z * z_back),
-                ]
-            };
-            with(vec![side(1.0), side(-1.0)], rings(&[(r_front, z_front), (r_back, z_back)]))
-        }
-        Surface::Sphere { radius, aperture_radius } => {
-            let limit = aperture_radius.unwrap_or(radius).min(radius);
-            let height = |r: f64| (radius * radius - r * r).max(0.0).sqrt();
-            vec![section(-limit, limit, &|r| height(r)), section(-limit, limit, &|r| -height(r))]
-        }
-        Surface::Mesh(index) => mesh(ir, index, frame),
-    }
+    let rims = shape.rims().into_iter().filter(|_| !from_the_side).map(|(radius, z)| circle(radius, z));
+    let curves = section.chain(rims).chain(shape.edges(meshes));
+    curves.map(|curve: Curve| placed(frame, &curve)).collect()
 }
 
-/// The edges of a mesh; of a large one a part.
-fn mesh(ir: &SceneIr, index: usize, frame: &LocalFrame) -> Vec<Curve> {
-    const MOST_FACES: usize = 3000;
-    let mesh = &ir.meshes[index];
-    let step = mesh.faces.len().div_ceil(MOST_FACES).max(1);
-    let face = |face: &[u32; 3]| -> Curve {
-        let [a, b, c] = mesh.corners(*face).map(|corner| frame.rotation * corner + frame.origin);
-        vec![a, b, c, a]
-    };
-    mesh.faces.iter().step_by(step).map(face).collect()
+fn placed(frame: &LocalFrame, curve: &[DVec3]) -> Curve {
+    curve.iter().map(|&point| frame.rotation * point + frame.origin).collect()
 }
 
 /// The local direction, at a right angle to the axis, that is seen at its longest along the vertical of the view.
@@ -272,34 +212,6 @@ fn radial(frame: &LocalFrame, plane: Plane) -> DVec3 {
     let horizontal = DVec3::new(hx, hy, 0.0);
     let best = if vertical.length() >= horizontal.length() - 1e-9 { vertical } else { horizontal };
     best.try_normalize().unwrap_or(DVec3::Y)
-}
-
-fn circle(frame: &LocalFrame, radius: f64, z: f64) -> Curve {
-    const STEPS: i32 = 64;
-    let point = |step: i32| {
-        let (sin, cos) = (TAU * f64::from(step) / f64::from(STEPS)).sin_cos();
-        frame.rotation * DVec3::new(radius * cos, radius * sin, z) + frame.origin
-    };
-    (0..=STEPS).map(point).collect()
-}
-
-fn outline(frame: &LocalFrame, outline: &Outline) -> Vec<Curve> {
-    match *outline {
-        Outline::Infinite => Vec::new(),
-        Outline::Disk { radius } => vec![circle(frame, radius, 0.0)],
-        Outline::Rectangle { width, height } => {
-            let corner = |u: f64, v: f64| {
-                frame.rotation * DVec3::new(u * width / 2.0, v * height / 2.0, 0.0) + frame.origin
-            };
-            vec![vec![
-                corner(-1.0, -1.0),
-                corner(1.0, -1.0),
-                corner(1.0, 1.0),
-                corner(-1.0, 1.0),
-                corner(-1.0, -1.0),
-            ]]
-        }
-    }
 }
 
 /// The recorded rays, segment by segment.
