@@ -2,6 +2,8 @@
 # make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
 # make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
 # make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
+# make test-long   the tests that take long, which `make test` leaves out (LONG_ARGS: some of them)
+# make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
 # make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
 # make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
@@ -30,6 +32,8 @@ TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
 PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
 SECOND_DRIVER = VK_ADD_DRIVER_FILES=$(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
 RANDOM_SCENES = 200
+LONG_ARGS =
+REPORT_ARGS =
 RANDOM_SEED = 1
 # Demo and tests run the program that checks for overflows; times are those of the release (fast-binary), for which
 # BINARY and BUILD_ARGS change together.
@@ -38,7 +42,7 @@ BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
-.PHONY: demo docs bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers build adapter display rust-components clean
+.PHONY: demo docs bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long gpu-report build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
@@ -67,6 +71,12 @@ test-rust: adapter rust-components display
 	cargo clippy --all-targets -- -D warnings
 	cargo check --no-default-features
 	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
+
+test-long: adapter rust-components
+	$(PYTHON) tests/long.py $(LONG_ARGS)
+
+gpu-report:
+	$(PYTHON) benches/gpu_report.py --binary $(firstword $(wildcard $(FAST_BINARY)) $(BINARY)) -o gpu-report-out $(REPORT_ARGS)
 
 test-python: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
@@ -126,7 +136,7 @@ rust-components:
 
 clean:
 	cargo clean
-	rm -rf demo-out bench-out accuracy-out .venv .venv-torch .venv-docs .docs .drivers
+	rm -rf demo-out bench-out accuracy-out gpu-report-out .venv .venv-torch .venv-docs .docs .drivers
 
 # $(call python_environment,FOLDER,REQUIREMENTS): Debian packs ensurepip apart from Python.
 python_environment = \

@@ -4,9 +4,9 @@
 
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
-use nsq_gpu::gpu::AdapterInfo;
+use nsq_gpu::gpu::{AdapterChoice, AdapterInfo, Gpu};
 use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments};
-use nsq_gpu::{Error, Scene};
+use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
@@ -841,6 +841,48 @@ fn materials_tell_what_a_name_stands_for() {
 fn schema_is_one_json_document() {
     let schema = run(&["schema"]).json();
     assert!(schema["properties"]["nsq_schema_version"].is_object(), "{schema}");
+}
+
+/// Each part of what is printed stands below its file's name, and is that file; and the whole is what a trace compiles.
+#[test]
+fn shader_prints_what_a_trace_compiles_and_where_it_comes_from() {
+    if !has_adapter("shader") {
+        return;
+    }
+    for precision in [Precision::F32, Precision::F64] {
+        let name = "bench_lens";
+        let said = run(&["shader", scene_path(name).to_str().unwrap(), "--precision", precision.name()]);
+        let (head, printed) = said.succeeds().split_once('\n').unwrap();
+        assert!(head.contains("bench_lens.json") && head.contains(precision.name()), "{head}");
+        let mut num_files = 0;
+        for part in printed.split("// ==== ").skip(1) {
+            let (origin, text) = part.split_once('\n').unwrap();
+            if let Some(path) = origin.strip_prefix("shaders/") {
+                let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(path);
+                assert_eq!(text, format!("{}\n", std::fs::read_to_string(file).unwrap()), "{path}");
+                num_files += 1;
+            } else {
+                assert!(origin.starts_with("composed by "), "{origin}");
+            }
+        }
+        assert!(num_files > 30, "{num_files} files");
+        let ir = Scene::from_path(&scene_path(name)).unwrap().lower().unwrap();
+        let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
+        let max_depth = TraceOptions::depth_of(&ir);
+        let options = TraceOptions { max_depth, precision, ..Default::default() }.tuned(&gpu.info);
+        let tracer = Tracer::new(&gpu, &ir, &options).unwrap();
+        // The command may have chosen other vectors of lavapipe's, whose width is told by one constant.
+        let without_width = |text: &str| -> Vec<String> {
+            text.lines().filter(|line| !line.starts_with("const NO_COUNT")).map(String::from).collect()
+        };
+        assert_eq!(without_width(printed), without_width(&tracer.program().wgsl));
+    }
+}
+
+#[test]
+fn shader_refuses_what_is_no_scene() {
+    let (_folder, path) = file_with("{}");
+    run(&["shader", &path]).refuses(SCENE, &["scene.json"]);
 }
 
 #[test]

@@ -7,7 +7,7 @@
 // Zero, which no compiler knows: an exclusive or with it keeps a rounded result from being simplified away, as (a + b) - a
 // is to b, from being fused with what follows and from being reordered, on every platform. It lies in a storage buffer,
 // because drivers compile the contents of uniforms in (Mesa's lavapipe does); entry points copy it (program::df64).
-@group(0) @binding(30) var<storage, read> df64_zero_source: u32;
+@group(GROUP_SCENE) @binding(BINDING_DF64_ZERO) var<storage, read> df64_zero_source: u32;
 var<private> df64_zero: u32;
 
 fn df64_rounded(x: f32) -> f32 {

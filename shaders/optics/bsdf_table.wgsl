@@ -1,5 +1,5 @@
 // The tables of BSDFs, one after the other; a surface's record tells where its own begins.
-@group(0) @binding(14) var<storage, read> bsdf_table: array<real>;
+@group(GROUP_SCENE) @binding(BINDING_BSDF_TABLE) var<storage, read> bsdf_table: array<real>;
 
 // The interval of ascending knots that holds x: the last of those whose lower knot is not above x.
 fn interval_of(x: real, first: u32, count: u32) -> u32 {

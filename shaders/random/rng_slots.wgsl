@@ -16,7 +16,7 @@ const PATH_SAMPLE: u32 = 11u;
 // Per step k what the sampler needs of the seed and of k, from program::rng::step_table: of PCG the words (P.lo, P.hi,
 // Q.lo, Q.hi) of state_k = P_k + Q_k * inc, of Sobol (seed.lo, seed.hi, k, 0). It must hold one entry for every step that
 // is drawn: bounce + offset.
-@group(0) @binding(1) var<storage, read> rng_table: array<vec4<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_RNG_TABLE) var<storage, read> rng_table: array<vec4<u32>>;
 
 // The 32 bits of (ray, slot, step), where step = bounce + offset.
 fn draw(key: RayKey, slot: u32, step: u32) -> u32 {

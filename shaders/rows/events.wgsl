@@ -22,7 +22,7 @@ struct Event {
     direction_z: real,
 }
 
-@group(0) @binding(12) var<storage, read_write> events: array<Event>;
+@group(GROUP_SCENE) @binding(BINDING_EVENTS) var<storage, read_write> events: array<Event>;
 
 // The host cuts its ranges so that the events of one pass always fit; the test only keeps a defect from writing
 // elsewhere, and the host sees the count.

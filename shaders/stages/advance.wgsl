@@ -7,8 +7,8 @@ struct QueueCounts {
     cut: u32,
 }
 
-@group(0) @binding(0) var<storage, read_write> queue_counts: QueueCounts;
-@group(0) @binding(1) var<storage, read_write> workgroups: array<u32, 3>;
+@group(GROUP_BETWEEN) @binding(BINDING_COUNTS) var<storage, read_write> queue_counts: QueueCounts;
+@group(GROUP_BETWEEN) @binding(BINDING_WORKGROUPS) var<storage, read_write> workgroups: array<u32, 3>;
 
 override workgroup_size: u32 = 64u;
 

@@ -1,4 +1,4 @@
-// Counts of what a dispatch hands on: rays in the queues, rows for the host; and whether loops were cut (rounds.wgsl).
+// Counts of what a dispatch hands on: rays in the queues, rows for the host; and whether loops were cut (rounds.many.wgsl).
 
 struct QueueCounts {
     incoming: atomic<u32>,
@@ -7,4 +7,4 @@ struct QueueCounts {
     cut: atomic<u32>,
 }
 
-@group(1) @binding(0) var<storage, read_write> queue_counts: QueueCounts;
+@group(GROUP_QUEUES) @binding(BINDING_QUEUE_COUNTS) var<storage, read_write> queue_counts: QueueCounts;

@@ -11,7 +11,7 @@ const NO_QUANTA: vec3<u32> = vec3<u32>(0u, 0u, 0u);
 const INVALID_DEPOSITS: u32 = 0u;
 
 // Numbers of events.
-@group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_COUNTERS) var<storage, read_write> counters: array<atomic<u32>>;
 
 fn count(counter: u32) {
     atomicAdd(&counters[counter], 1u);

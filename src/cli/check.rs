@@ -2,7 +2,6 @@
 
 use crate::error::Result;
 use crate::format::shown;
-use crate::trace::TraceOptions;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -27,7 +26,7 @@ pub fn run(args: &Args) -> Result<String> {
     list("media", ir.media.iter().map(|m| shown(&m.name)).collect());
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));
-    let _ = writeln!(text, "  max_depth: {}, unless given", TraceOptions::depth_of(&ir));
+    let _ = writeln!(text, "  max_depth: {}, unless given", crate::model::depth::of_scene(&ir));
     for warning in &scene.warnings {
         let _ = writeln!(text, "  warning: {warning}");
     }

@@ -13,6 +13,7 @@ mod merge;
 mod progress;
 mod quantity;
 mod schema;
+mod shader;
 mod trace;
 #[cfg(feature = "viewer")]
 mod view;
@@ -56,6 +57,8 @@ enum Command {
     Bench(bench::Args),
     /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
     Materials(materials::Args),
+    /// Print the WGSL that a scene is traced by, with the file that each part of it comes from.
+    Shader(shader::Args),
     /// Print the JSON Schema of scene files.
     Schema,
     /// Print a completion script for a shell.
@@ -79,6 +82,7 @@ pub fn main() -> ExitCode {
         Command::Adapters(args) => adapters::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Materials(args) => materials::run(&args),
+        Command::Shader(args) => shader::run(&args),
         Command::Schema => schema::run(),
         Command::Completions(args) => completions::run::<Cli>(&args),
     };

@@ -215,7 +215,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
     let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
-    let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| TraceOptions::depth_of(&ir));
+    let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| crate::model::depth::of_scene(&ir));
     let options = TraceOptions { max_depth, ..options(args)? }.tuned(&gpu.info);
     let (result, tally, identity, checkpointed) = std::thread::scope(|scope| {
         let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
@@ -387,7 +387,8 @@ fn adapter_choice(args: &Args) -> AdapterChoice {
     AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() }
 }
 
-fn wanted(precision: PrecisionArg) -> Wanted {
+/// The precision that the argument asks for.
+pub fn wanted(precision: PrecisionArg) -> Wanted {
     match precision {
         PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
         PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),

@@ -4,6 +4,7 @@ use crate::engine::intake::Intake;
 use crate::engine::sums::DeviceSums;
 use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};
+use crate::program::layout::bindings;
 use crate::program::{self, Program, SecondMoments};
 use std::cell::{Cell, OnceCell};
 
@@ -96,7 +97,7 @@ impl Compiler {
     fn new(gpu: &Gpu, program: &Program, strict: bool) -> Result<Self> {
         let bindings = gpu::compute::bindings_of(&program.module);
         check_bindings(gpu, program, &bindings)?;
-        let layouts = [("scene", 0), ("queues", 1)];
+        let layouts = [("scene", bindings::SCENE), ("queues", bindings::QUEUES)];
         let layouts = layouts.map(|(label, group)| gpu.bind_group_layout(label, &bindings, group));
         let shader = (!strict).then(|| gpu.shader("trace", program.source()));
         Ok(Compiler { gpu: gpu.clone(), bindings, layouts, shader })
@@ -152,7 +153,9 @@ impl DeviceState {
             false => None,
         };
         let is_image = |number: u32| {
-            let is_it = |binding: &gpu::compute::Binding| (binding.group, binding.number) == (0, number);
+            let is_it = |binding: &gpu::compute::Binding| {
+                (binding.group, binding.number) == (bindings::SCENE, number)
+            };
             compiler
                 .bindings
                 .iter()
@@ -166,7 +169,8 @@ impl DeviceState {
         let buffer = |(number, bytes): &(u32, Vec<u8>)| Ok((*number, gpu.scene_buffer(bytes)?));
         let constants: Vec<(u32, wgpu::Buffer)> = buffers.into_iter().map(buffer).collect::<Result<_>>()?;
         let rng_table = gpu.constant_buffer("draws", &program.rng_table);
-        let mut scene: Vec<(u32, &wgpu::Buffer)> = vec![(0, &range), (program::RNG_TABLE, &rng_table)];
+        let mut scene: Vec<(u32, &wgpu::Buffer)> =
+            vec![(bindings::RANGE, &range), (bindings::RNG_TABLE, &rng_table)];
         scene.extend(
             [Some(&sums), tops.as_ref(), Some(&counters)]
                 .into_iter()
@@ -174,9 +178,9 @@ impl DeviceState {
                 .flat_map(DeviceSums::bindings),
         );
         if !program.emitters.is_empty() {
-            scene.push((crate::program::layout::tables::EMITTER, &emitter));
+            scene.push((bindings::EMITTER, &emitter));
         }
-        scene.extend(events.as_ref().map(|events| (12, events)));
+        scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let group = |added: &Vec<(u32, wgpu::Buffer)>| {
             let added = added.iter().map(|(number, buffer)| (*number, buffer));
@@ -188,9 +192,9 @@ impl DeviceState {
         let queue =
             [gpu.buffer("the first queue", queue_bytes)?, gpu.buffer("the second queue", queue_bytes)?];
         let direction = |from: usize, to: usize| {
-            let mut buffers = vec![(0, &counts)];
+            let mut buffers = vec![(bindings::QUEUE_COUNTS, &counts)];
             if has_queue {
-                buffers.extend([(1, &queue[from]), (2, &queue[to])]);
+                buffers.extend([(bindings::QUEUE_IN, &queue[from]), (bindings::QUEUE_OUT, &queue[to])]);
             }
             gpu.bind_group("queues", queue_layout, buffers, &[])
         };
@@ -306,16 +310,21 @@ impl Rounds {
         trace_queued: wgpu::ComputePipeline,
     ) -> Result<Self> {
         let workgroups = gpu.buffer("workgroups", 12)?;
-        let bindings = [0, 1].map(|number| gpu::compute::Binding {
-            group: 0,
+        let bindings = [bindings::COUNTS, bindings::WORKGROUPS].map(|number| gpu::compute::Binding {
+            group: bindings::BETWEEN,
             number,
             access: gpu::compute::Access::ReadWrite,
         });
-        let layout = gpu.bind_group_layout("advance", &bindings, 0);
-        let shader = gpu.shader("advance", crate::program::wgsl::compose::ADVANCE);
+        let layout = gpu.bind_group_layout("advance", &bindings, bindings::BETWEEN);
+        let shader = gpu.shader("advance", &crate::program::wgsl::compose::advance());
         let size = f64::from(program.options.workgroup_size);
         let advance = gpu.pipeline("advance", &shader, &[&layout], &[("workgroup_size", size)]);
-        let advancing = gpu.bind_group("advance", &layout, [(0, counts), (1, &workgroups)], &[]);
+        let advancing = gpu.bind_group(
+            "advance",
+            &layout,
+            [(bindings::COUNTS, counts), (bindings::WORKGROUPS, &workgroups)],
+            &[],
+        );
         Ok(Rounds { advance, advancing, trace_queued, workgroups })
     }
 }

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::compute::bindings_of;
 use crate::program::df64::{self, join, split};
+use crate::program::layout::bindings;
 use std::fmt::Write;
 
 /// Pairs of numbers that every operation is tried on.
@@ -52,7 +53,7 @@ const OPERATIONS: [Operation; 14] = [
 
 /// Exact sum and product, and the operations, on every pair.
 fn source() -> String {
-    let mut text = String::from(df64::LIBRARY);
+    let mut text = bindings::declared(df64::LIBRARY);
     text.push_str(
         "@group(0) @binding(0) var<storage, read> pairs: array<vec4<f32>>;\n\
          @group(0) @binding(1) var<storage, read_write> results: array<vec2<f32>>;\n",

@@ -3,7 +3,7 @@
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, Gpu};
-use crate::model::{Interaction, SceneIr};
+use crate::model::depth;
 use crate::program::{PathSampling, Precision, Sampler};
 use crate::result::RunInfo;
 
@@ -20,7 +20,7 @@ pub struct TraceOptions {
     pub of_rays: Option<u64>,
     /// Seed of every draw.
     pub seed: u64,
-    /// Largest number of events of a ray. The default is Optiland's; the command takes [`TraceOptions::depth_of`] a scene.
+    /// Largest number of events of a ray. The default is Optiland's; the command takes [`depth::of_scene`].
     pub max_depth: u32,
     /// Roulette starts below the larger of this and the scene's `rr_start_flux`, times the mean flux of a new ray.
     pub min_flux_fraction: f64,
@@ -108,7 +108,7 @@ impl Default for TraceOptions {
             first_ray: 0,
             of_rays: None,
             seed: 0,
-            max_depth: TraceOptions::OPTILANDS_DEPTH,
+            max_depth: depth::OPTILANDS,
             min_flux_fraction: 1e-6,
             batch_size: None,
             precision: Precision::F64,
@@ -127,25 +127,6 @@ impl Default for TraceOptions {
 }
 
 impl TraceOptions {
-    /// Optiland's largest number of events of a ray, where none is given.
-    pub const OPTILANDS_DEPTH: u32 = 16;
-
-    /// The largest number of events of a ray that commands take for a scene, where none is given. A ray may go through
-    /// every surface, and through half of them forth and back, before it comes to a detector.
-    pub fn depth_of(ir: &SceneIr) -> u32 {
-        let go_on = ir.surfaces.iter().filter(|surface| surface.interaction != Interaction::Absorbing);
-        let twice = u32::try_from(2 * go_on.count()).unwrap_or(MAX_DEPTH_LIMIT);
-        twice.clamp(TraceOptions::OPTILANDS_DEPTH, MAX_DEPTH_LIMIT)
-    }
-
-    /// The number to give where the depth limit takes light: that of the scene, or twice what was given.
-    pub(crate) fn deeper(ir: &SceneIr, max_depth: u32) -> u32 {
-        match TraceOptions::depth_of(ir) {
-            depth if depth > max_depth => depth,
-            _ => max_depth.saturating_mul(2).min(MAX_DEPTH_LIMIT),
-        }
-    }
-
     /// With the work cut as suits an adapter.
     pub fn tuned(self, adapter: &AdapterInfo) -> Self {
         let Tuning { workgroup_size, events_per_dispatch } = Tuning::of(adapter);
@@ -199,9 +180,6 @@ impl RecordPaths {
 /// NumPy and Optiland keep ray ids in signed integers.
 const MAX_RAY_ID: u64 = 1 << 63;
 
-/// The table of draws has a row an event: 16 bytes each.
-const MAX_DEPTH_LIMIT: u32 = 1 << 20;
-
 /// Refuses what no device could do, or what this one cannot.
 pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     let usage = |message: String| Err(Error::Usage(message));
@@ -223,8 +201,8 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
             options.num_rays, options.first_ray
         ));
     }
-    if options.max_depth == 0 || options.max_depth > MAX_DEPTH_LIMIT {
-        return usage(format!("max_depth is {}; it must lie in 1..={MAX_DEPTH_LIMIT}", options.max_depth));
+    if options.max_depth == 0 || options.max_depth > depth::LIMIT {
+        return usage(format!("max_depth is {}; it must lie in 1..={}", options.max_depth, depth::LIMIT));
     }
     if !(0.0..=1.0).contains(&options.min_flux_fraction) {
         return usage(format!("min_flux_fraction is {}; it must lie in 0..=1", options.min_flux_fraction));

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::gpu::compute::bindings_of;
+use crate::program::layout::bindings;
 use crate::program::{Precision, df64};
 use std::time::Instant;
 
@@ -55,7 +56,8 @@ impl Gpu {
                 (parse(&wgsl)?, wgsl)
             }
             Precision::Df64 => {
-                df64::rewrite(&parse(&format!("alias real = f64;{}{SHADER}", df64::LIBRARY))?)?
+                let library = bindings::declared(df64::LIBRARY);
+                df64::rewrite(&parse(&format!("alias real = f64;{library}{SHADER}"))?)?
             }
         };
         let layout = self.bind_group_layout("rates", &bindings_of(&module), 0);

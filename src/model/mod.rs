@@ -7,9 +7,11 @@
 
 mod bsdf;
 pub(crate) mod checks;
+pub mod depth;
 mod list;
 pub(crate) mod mesh;
 pub mod ray_id;
+pub mod shader_file;
 pub mod shapes;
 pub mod sources;
 

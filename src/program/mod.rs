@@ -6,11 +6,12 @@ pub mod events;
 pub mod features;
 pub mod geometry;
 pub mod layout;
+pub mod prepared;
 pub mod wgsl;
 
 use crate::error::{Error, Result};
 pub use crate::model::EmitterName;
-use crate::model::{SceneIr, SensorKind, Surface, ray_id};
+use crate::model::{SceneIr, SensorKind, Surface};
 pub use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
 use crate::program::layout::records::{Records, StructLayout, put_real};
@@ -18,12 +19,13 @@ pub use crate::program::layout::rng::Sampler;
 pub use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 pub use crate::program::layout::tables::Cells;
-use crate::program::layout::{bsdf, rng, tables};
+use crate::program::layout::{bindings, bsdf, rng, tables};
+use crate::program::prepared::Prepared;
 use crate::program::wgsl::compose::Composition;
+use crate::software::extension::SoftwareExtension;
 use crate::software::log::format::EndLog;
 use crate::software::path::main_path::{NominalPath, PilotPath};
-use crate::software::path::path_log;
-use crate::software::path::path_log::{LoggedScene, PathLog};
+use crate::software::path::path_log::PathLog;
 use crate::software::path::side_path::SidePath;
 use glam::DVec3;
 
@@ -81,7 +83,7 @@ pub struct ProgramOptions {
     /// An invocation follows two rays of the nominal path side by side, where it can
     /// ([`ProgramOptions::goes_side_by_side`]). The results are the same bits.
     pub side_by_side: bool,
-    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes_together.wgsl); 1 if each
+    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes.together.wgsl); 1 if each
     /// stores its own. The results are the same bits.
     pub lanes: u32,
     /// Lanes of the driver's vectors, where their number can change: with it, shaders do. The results are the same bits.
@@ -110,7 +112,7 @@ pub enum SecondMoments {
     None,
     /// The squares of what each ray leaves. Where a detector lets rays pass, no ray may outlive a dispatch.
     Squares,
-    /// The detectors' cells of each of [`ray_id::NUM_REPLICATES`] independent scrambles of Sobol points.
+    /// The detectors' cells of each of [`crate::model::ray_id::NUM_REPLICATES`] independent scrambles of Sobol points.
     Replicates,
 }
 
@@ -170,7 +172,7 @@ impl ProgramOptions {
         self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.wgsl): not if
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.many.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;
@@ -184,7 +186,7 @@ impl ProgramOptions {
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
-    /// remembers a ray's visits (shaders/sums/visits.wgsl).
+    /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;
@@ -246,7 +248,7 @@ pub struct Program {
     pub centre: DVec3,
     /// The random generator's table, which depends on the seed.
     pub rng_table: Vec<u8>,
-    /// Contents of the other read-only buffers and images of group 0, by binding.
+    /// Contents of the other read-only buffers and images of the scene, by binding.
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Every ray has at all times the weight that all are born with: sums are counts of it.
     pub constant_weights: bool,
@@ -260,13 +262,6 @@ pub struct Program {
 
 /// Texels of an image from one line to the next.
 pub const TEXELS_PER_LINE: u32 = 4096;
-
-/// Binding of the random generator's table.
-pub const RNG_TABLE: u32 = 1;
-const SPECTRA: u32 = 6;
-const REFLECTANCES: u32 = 7;
-const SPECTRAL_BINS: u32 = 8;
-const BSDF_TABLE: u32 = 14;
 
 impl Program {
     /// Rays that an invocation of trace_nominal follows, side by side or one after the other.
@@ -300,88 +295,34 @@ impl Program {
     #[doc(hidden)]
     pub fn with_wgsl_edit(
         ir: &SceneIr,
-        mut options: ProgramOptions,
+        options: ProgramOptions,
         seed: u64,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
-        let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
-        if splitting.is_some() {
-            // A family waits in registers, and so stays with its invocation to its end.
-            options.events_per_dispatch = options.max_depth;
-        }
-        let centre = centre_of(ir);
-        let cells = match options.moments {
-            SecondMoments::None => Cells::of(ir),
-            SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
-            SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
-        };
-        let in_tree = options.tree_primitives(ir);
-        let has_tree = !in_tree.is_empty();
-        // Of meshes that no surface has nothing is searched.
-        let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
-        let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
-        let triangles = mesh::Triangles::of(meshes, &mut forest);
-        let contacts = contact::Contacts::of(ir, centre, options.precision)?;
-        let facets = tables::FacetTable::of(ir, &contacts, &triangles);
-        let tree = match has_tree {
-            true => {
-                let boxes = tree::boxes(ir, centre, &contacts);
-                let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len());
-                let num_others = forest.num_rows() + triangles.num_rows();
-                tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
-                Some(tree)
-            }
-            false => None,
-        };
-        // Squares are sums that no count tells.
-        let constant_weights = features.whole_weights
-            && options.moments != SecondMoments::Squares
-            && options.weights.iter().all(|weight| *weight == options.weights[0]);
-        let end_log = EndLog::of(ir, &features, &cells, &options, constant_weights);
-        let pilot = options.nominal.as_ref();
-        let nominal = pilot.and_then(|pilot| NominalPath::of(ir, centre, &contacts, &options, pilot));
-        let logged = |log| LoggedScene { ir, cells: &cells, log, options: &options, features: &features };
-        let path = end_log.as_ref().map(logged).zip(nominal.as_ref());
-        let path_log = path.zip(pilot).and_then(|((scene, path), pilot)| PathLog::of(&scene, path, pilot));
-        let side_paths = path.map_or_else(Vec::new, |(scene, path)| {
-            SidePath::of(&scene, centre, &contacts, path, path_log.as_ref())
-        });
+        let scene = Prepared::of(ir, options)?;
+        let extension = SoftwareExtension::of(&scene);
         // Sums that follow from counts are none of the device's.
-        let num_sums = if constant_weights { 0 } else { cells.num_sums };
-        let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
-        let composition = Composition {
-            ir,
-            features: &features,
-            centre,
-            cells: &cells,
-            sums: &sums,
-            forest: &forest,
-            triangles: &triangles,
-            contacts: &contacts,
-            facets: &facets,
-            tree: tree.as_ref(),
-            constant_weights,
-            end_log: end_log.as_ref(),
-            nominal: nominal.as_ref(),
-            path_log: path_log.as_ref(),
-            side_paths: &side_paths,
-            media_absorb_weakly: pilot.is_some_and(path_log::media_absorb_weakly)
-                && side_paths.iter().all(|side| side.media_absorb_weakly),
-            options: &options,
-        };
-        let wgsl = edit(composition.compose()?);
+        let num_sums = if scene.constant_weights { 0 } else { scene.cells.num_sums };
+        let sums = SumBuffers::of(
+            num_sums,
+            scene.cells.num_counters,
+            scene.options.native,
+            scene.options.part_bytes,
+        )?;
+        let wgsl = edit(Composition::of(&scene, &sums, &extension).compose()?);
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
-        let (module, rewritten) = match options.precision {
+        let (module, rewritten) = match scene.options.precision {
             Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,
             Precision::F32 | Precision::F64 => (module, None),
         };
-        let max_events_per_ray = max_events_per_ray(ir, &features, &options);
+        let SoftwareExtension { end_log, nominal, path_log, side_paths, .. } = extension;
+        let Prepared { options, features, splitting, centre, cells, constant_weights, .. } = scene;
         let mut program = Program {
             wgsl,
             rewritten,
             module,
+            max_events_per_ray: max_events_per_ray(ir, &features, &options),
             features,
             options,
             splitting,
@@ -395,14 +336,13 @@ impl Program {
             rng_table: Vec::new(),
             buffers: Vec::new(),
             constant_weights,
-            max_events_per_ray,
             emitters: Vec::new(),
             first_step: [0; 4],
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
-        program.buffers = program.pack(ir, &contacts, &facets, tree.as_ref())?;
-        program.buffers.extend(program.trees(&forest, &triangles, tree.as_ref())?);
+        program.buffers = program.pack(ir, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
+        program.buffers.extend(program.trees(&scene.forest, &scene.triangles, scene.tree.as_ref())?);
         program.emitters = program.pack_emitters(ir)?;
         Ok(program)
     }
@@ -416,23 +356,23 @@ impl Program {
     ) -> Result<Vec<(u32, Vec<u8>)>> {
         let mut buffers = Vec::new();
         if self.options.precision == Precision::Df64 {
-            buffers.push((df64::ZERO, vec![0; 16]));
+            buffers.push((bindings::DF64_ZERO, vec![0; 16]));
         }
         if self.features.polychromatic {
-            buffers.push((SPECTRA, spectra(ir)));
+            buffers.push((bindings::SPECTRA, spectra(ir)));
         }
         if self.features.spectral_reflectance {
-            buffers.push((REFLECTANCES, self.reflectances(ir)?));
+            buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
         if self.features.has_bsdf_table() {
-            buffers.push((BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
+            buffers.push((bindings::BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
         }
         if self.features.spectral {
-            buffers.push((SPECTRAL_BINS, spectral_bins(ir)));
+            buffers.push((bindings::SPECTRAL_BINS, spectral_bins(ir)));
         }
         if !facets.words.is_empty() {
             buffers
-                .push((contact::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
+                .push((bindings::FACETS, facets.words.iter().flat_map(|word| word.to_le_bytes()).collect()));
         }
         let mut tables = Vec::new();
         if self.features.reads_media() && !self.options.bakes_media(ir) {
@@ -469,7 +409,7 @@ impl Program {
         if let Some(tree) = tree {
             rows.extend(tree.words(self.options.precision)?.into_iter().flat_map(u32::to_le_bytes));
         }
-        let buffers = [(mesh::ROWS, of_triangles), (bvh::ROWS, rows)];
+        let buffers = [(bindings::MESH_ROWS, of_triangles), (bindings::TREE_ROWS, rows)];
         Ok(buffers.into_iter().filter(|(_, bytes)| !bytes.is_empty()).collect())
     }
 

@@ -9,11 +9,10 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
-use crate::result::Report;
-use crate::result::output::REPORT;
+use crate::result::names::REPORT;
 
 /// Stands in the place of the report's own hash while that is computed.
-const NO_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+pub(crate) const NO_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// What a report knows of the files of its result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,16 +43,6 @@ pub fn hash_of(path: &Path) -> io::Result<FileHash> {
     let mut hasher = Sha256::new();
     let bytes = io::copy(&mut File::open(path)?, &mut hasher)?;
     Ok(FileHash { bytes, sha256: hex(&hasher.finalize()) })
-}
-
-/// The text of a report that knows its files, and itself.
-pub fn sealed(mut report: Report, files: BTreeMap<String, FileHash>) -> String {
-    report.meta = Some(Meta { files, sha256: NO_HASH.into() });
-    let text = report.to_json();
-    // Names of files and scenes stand before it, and might be zeros as well.
-    let Some(place) = text.rfind(NO_HASH) else { return text };
-    let hash = hex(&Sha256::digest(text.as_bytes()));
-    [&text[..place], &hash, &text[place + NO_HASH.len()..]].concat()
 }
 
 /// Refuses the text of a report that is not as it was written.
@@ -107,6 +96,6 @@ pub fn check_folder(dir: &Path) -> Result<bool> {
     Ok(true)
 }
 
-fn hex(bytes: &[u8]) -> String {
+pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -9,20 +9,27 @@
 //! ```
 
 pub mod comparison;
+mod detector;
+mod diagnose;
 pub mod diagnostics;
 pub mod far_field;
+mod flux_unit;
 pub mod integrity;
 pub mod irradiance;
 pub mod ledger;
+pub(crate) mod names;
 pub mod npz;
+pub mod npz_files;
 pub mod output;
 pub mod png;
 pub mod ray_database;
 pub mod ray_paths;
 mod ray_set;
+mod read_out;
 mod reader;
 pub mod report;
 pub mod rows;
+mod run_info;
 pub mod spectral;
 mod stopped_by;
 pub mod tally;
@@ -30,8 +37,10 @@ mod text;
 mod trace_result;
 pub mod uncertainty;
 
+pub use crate::result::detector::{Detector, DetectorData};
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
 pub use crate::result::far_field::FarFieldPattern;
+pub use crate::result::flux_unit::FluxUnit;
 pub use crate::result::irradiance::IrradianceMap;
 pub use crate::result::ledger::{Entry, Ledger};
 pub use crate::result::ray_database::{RayColumns, RayDatabase};
@@ -39,15 +48,14 @@ pub use crate::result::ray_paths::{PathColumns, RayPaths};
 pub use crate::result::ray_set::{RaySet, RaySpan};
 pub use crate::result::report::Report;
 pub use crate::result::rows::{Recorded, Recording, RowWriter, Rows};
+pub use crate::result::run_info::{RunInfo, StageTime};
 pub use crate::result::spectral::SpectralMap;
 pub use crate::result::stopped_by::StoppedBy;
+pub(crate) use crate::result::tally::check_shape;
 pub use crate::result::tally::{
     Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally,
 };
-pub(crate) use crate::result::trace_result::check_shape;
-pub use crate::result::trace_result::{
-    Detector, DetectorData, FluxUnit, RunInfo, StageTime, SurfaceResult, TraceResult,
-};
+pub use crate::result::trace_result::{SurfaceResult, TraceResult};
 pub(crate) use crate::result::uncertainty::Uncertainty;
 
 /// Quanta in one unit of weight: 2^52, so that an f64 weight of order one is counted to its last bits.

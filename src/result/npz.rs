@@ -9,20 +9,12 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use ndarray::arr0;
 use ndarray_npy::{NpzWriter, WriteNpyError, WriteNpyExt};
-use serde_json::json;
 use zip::write::SimpleFileOptions;
 
 use crate::error::{Error, Result};
 use crate::placing::step;
 use crate::result::rows::{self, Rows};
-use crate::result::{
-    Detector, DetectorData, FarFieldPattern, IrradianceMap, RayDatabase, RayPaths, SpectralMap, TraceResult,
-};
-
-/// Version of the layout of the files.
-pub const SCHEMA: u32 = 1;
 
 /// An `.npz` file in the making.
 pub(crate) struct NpzFile {
@@ -82,7 +74,7 @@ impl Seek for UntilFailure {
 }
 
 impl NpzFile {
-    fn create(path: &Path) -> Result<Self> {
+    pub(crate) fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).map_err(|error| Error::file(path, error))?;
         Ok(NpzFile { path: path.into(), writer: NpzWriter::new(BufWriter::new(UntilFailure::new(file))) })
     }
@@ -128,11 +120,11 @@ impl NpzFile {
     }
 
     /// Adds one string, 0-d.
-    fn add_string(&mut self, name: &str, value: &str) -> Result<()> {
+    pub(crate) fn add_string(&mut self, name: &str, value: &str) -> Result<()> {
         self.add(name, &Text(value))
     }
 
-    fn finish(self) -> Result<()> {
+    pub(crate) fn finish(self) -> Result<()> {
         let path = self.path;
         let buffer = self.writer.finish().map_err(|error| Error::file(&path, error))?;
         let inner = buffer.into_inner().map_err(|error| Error::file(&path, error.error()))?;
@@ -230,61 +222,4 @@ fn npy_header(descr: &str, shape: &str) -> Vec<u8> {
     header.extend((length as u16).to_le_bytes());
     header.extend(format!("{dictionary:<width$}\n", width = length - 1).into_bytes());
     header
-}
-
-/// Writes what one detector recorded to `path`.
-///
-/// # Errors
-/// [`Error::File`] if the file cannot be written.
-pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) -> Result<()> {
-    let mut file = NpzFile::create(path)?;
-    let units = match &detector.data {
-        DetectorData::Irradiance(map) => map.write(&mut file).map(|()| IrradianceMap::UNITS),
-        DetectorData::Spectral(map) => map.write(&mut file).map(|()| SpectralMap::UNITS),
-        DetectorData::FarField(pattern) => pattern.write(&mut file).map(|()| FarFieldPattern::UNITS),
-        DetectorData::RayDatabase(rays) => rays.write(&mut file).map(|()| RayDatabase::UNITS),
-    }?;
-    // Optiland's ray database has no sums of its own: they follow from its columns.
-    if !matches!(detector.data, DetectorData::RayDatabase(_)) {
-        file.add("total_flux", &arr0(detector.total_flux))?;
-        file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
-        file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
-    }
-    file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, units))?;
-    file.finish()
-}
-
-/// Writes the recorded paths to `path`.
-///
-/// # Errors
-/// [`Error::File`] if the file cannot be written.
-pub fn write_ray_paths(path: &Path, result: &TraceResult, paths: &RayPaths) -> Result<()> {
-    let mut file = NpzFile::create(path)?;
-    paths.write(&mut file)?;
-    file.add_string("meta", &meta(result, "ray_paths", "ray_paths", RayPaths::UNITS))?;
-    file.finish()
-}
-
-fn meta(result: &TraceResult, kind: &str, name: &str, units: &[(&str, &str)]) -> String {
-    let run = &result.run;
-    let units: serde_json::Map<String, serde_json::Value> =
-        units.iter().map(|(key, unit)| (key.to_string(), json!(unit))).collect();
-    json!({
-        "schema": SCHEMA,
-        "kind": kind,
-        "name": name,
-        "units": units,
-        "num_rays": result.num_rays_total,
-        "partial": run.partial,
-        "seed": run.seed,
-        "max_depth": run.max_depth,
-        "min_flux_fraction": run.min_flux_fraction,
-        "precision": run.precision,
-        "sampler": run.sampler,
-        "adapter": run.adapter,
-        "driver": run.driver,
-        "program": run.program,
-        "version": run.version,
-    })
-    .to_string()
 }

@@ -13,18 +13,14 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::placing::{self, Journal, Lock, Scratch, step};
-use crate::result::integrity::{self, FileHash, Meta};
+use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
+pub use crate::result::names::{RAY_PATHS, REPORT, TALLY};
 use crate::result::report::Files;
-use crate::result::{Detector, DetectorData, Report, TraceResult, npz, png};
+use crate::result::{Detector, DetectorData, Report, TraceResult, npz_files, png};
 use rayon::prelude::*;
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 
-/// Name of the document in the folder.
-pub const REPORT: &str = "report.json";
-/// Name of the file of recorded paths.
-pub const RAY_PATHS: &str = "ray_paths.npz";
-/// Name of the file of raw sums.
-pub const TALLY: &str = "tally.bin";
 /// With which a file of raw sums begins.
 pub const SUMS_MAGIC: &[u8; 8] = b"NSQTALLY";
 
@@ -398,7 +394,7 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
     {
         let data = format!("{stem}.npz");
         step();
-        npz::write_detector(&folder.join(&data), result, detector)?;
+        npz_files::write_detector(&folder.join(&data), result, detector)?;
         files.detectors.insert(detector.name.clone(), data.clone());
         names.push(data);
         if extras.pictures {
@@ -417,7 +413,7 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
     }
     draw(&pictures)?;
     if let Some(paths) = &result.ray_paths {
-        npz::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
+        npz_files::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
         files.ray_paths = Some(RAY_PATHS.into());
         names.push(RAY_PATHS.into());
     }
@@ -430,7 +426,7 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         integrity::hash_of(&path).map(|hash| (name.clone(), hash)).map_err(|error| Error::file(path, error))
     };
     let hashes = names.par_iter().map(hash).collect::<Result<_>>()?;
-    let report = integrity::sealed(Report::new(result, &files), hashes);
+    let report = sealed(Report::new(result, &files), hashes);
     write_bytes(&folder.join(REPORT), report.as_bytes())?;
     names.push(REPORT.into());
     for name in &names {
@@ -499,4 +495,14 @@ fn safe_stem(name: &str) -> String {
         stem if stem.starts_with(['.', '-']) || reserved(&stem) => format!("_{stem}"),
         stem => stem,
     }
+}
+
+/// The text of a report that knows its files, and itself.
+fn sealed(mut report: Report, files: BTreeMap<String, FileHash>) -> String {
+    report.meta = Some(Meta { files, sha256: NO_HASH.into() });
+    let text = report.to_json();
+    // Names of files and scenes stand before it, and might be zeros as well.
+    let Some(place) = text.rfind(NO_HASH) else { return text };
+    let hash = hex(&Sha256::digest(text.as_bytes()));
+    [&text[..place], &hash, &text[place + NO_HASH.len()..]].concat()
 }

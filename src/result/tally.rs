@@ -1,5 +1,6 @@
 //! Exact, additive sums of a trace: the value that the fold over passes accumulates.
 
+use crate::error::{Error, Result};
 use std::ops::AddAssign;
 
 use serde::{Deserialize, Serialize};
@@ -261,5 +262,18 @@ impl SensorTally {
             count: self.recorded.count + self.hits.iter().sum::<u64>(),
             quanta: self.recorded.quanta + self.quanta.iter().sum::<u128>(),
         }
+    }
+}
+
+/// Refuses sums that are not of this scene.
+pub(crate) fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {
+    let sensors_fit = ir.sensors.len() == tally.sensors.len()
+        && ir.sensors.iter().zip(&tally.sensors).all(|(sensor, sums)| {
+            sums.quanta.len() == sensor.num_cells() && sums.hits.len() == sensor.num_cells()
+        });
+    if sensors_fit && ir.surfaces.len() == tally.surfaces.len() {
+        Ok(())
+    } else {
+        Err(Error::Internal("the sums of the trace do not have the shape of the scene".into()))
     }
 }

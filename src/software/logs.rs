@@ -1,10 +1,11 @@
-//! Adds up the log of where rays end (`shaders/software/log/ends_logged.wgsl`), on devices whose memory is the host's.
+//! Adds up the log of where rays end (`shaders/software/log/ends.logged.wgsl`), on devices whose memory is the host's.
 
 use crate::error::{Error, Result};
 use crate::gpu::{Gpu, processors};
+use crate::program::layout::bindings;
 use crate::program::{Cells, RayRange};
 use crate::software::log::adder::{EndSums, LoggedRays, RejectedRay};
-use crate::software::log::format::{self, EndLog};
+use crate::software::log::format::EndLog;
 use crate::software::path::path_log::PathLog;
 use crate::software::path::rejected::Rejected;
 use crate::software::path::side_path::SidePath;
@@ -330,7 +331,7 @@ impl DeviceLogs {
 
     /// The buffers, by binding.
     pub fn bindings(&self) -> [(u32, &wgpu::Buffer); LOGS_PER_DEVICE] {
-        self.buffers.each_ref().map(|buffer| (format::LOG, buffer))
+        self.buffers.each_ref().map(|buffer| (bindings::LOG, buffer))
     }
 }
 

@@ -6,6 +6,7 @@
 //! The lens of `bench` is so traced at 87 million rays a second instead of 28.
 
 pub mod choices;
+pub mod extension;
 pub mod log;
 pub mod logs;
 pub mod path;
@@ -25,10 +26,11 @@ use crate::engine::submit::Way;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
+use crate::program::layout::bindings;
 use crate::program::{Program, ProgramOptions, RayRange};
 use crate::result::Tally;
 use crate::software::logs::{DeviceLogs, EndLogs, Rays};
-use crate::software::path::{main_path, pilot, side_path};
+use crate::software::path::{pilot, side_path};
 use crate::software::profile::Profile;
 
 /// Rays of a dispatch where they log their ends: the log stays in a processor's caches, and dispatches are long against what
@@ -81,7 +83,7 @@ impl Software {
         let mut shared = Vec::new();
         if program.nominal.is_some() {
             let ids = gpu.buffer("rejected rays", u64::from(plan.batch) * 8)?;
-            shared.push((main_path::STRAYS, ids.clone()));
+            shared.push((bindings::REJECTED, ids.clone()));
             self.ids.push(ids);
         }
         let logs = logs.bindings().map(|(number, log)| (number, log.clone()));

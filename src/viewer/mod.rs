@@ -24,6 +24,7 @@ pub mod scale;
 pub mod screenshot;
 pub mod settings;
 pub mod spots;
+pub mod state;
 pub mod tracing;
 mod views;
 

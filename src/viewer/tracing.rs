@@ -73,7 +73,7 @@ impl Default for RunOptions {
 impl RunOptions {
     /// Those of a trace of this scene by the command.
     pub fn of(ir: &SceneIr) -> Self {
-        RunOptions { max_depth: TraceOptions::depth_of(ir), ..RunOptions::default() }
+        RunOptions { max_depth: crate::model::depth::of_scene(ir), ..RunOptions::default() }
     }
 }
 

@@ -6,11 +6,10 @@ use naga::proc::Layouter;
 use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{SceneIr, Shape};
+use nsq_gpu::program::layout::bindings;
 use nsq_gpu::program::layout::records::StructLayout;
 use nsq_gpu::program::layout::tables;
-use nsq_gpu::program::{PathSampling, Precision, Program, RNG_TABLE, RayRange, Sampler};
-use nsq_gpu::software::log::format;
-use nsq_gpu::software::path::main_path;
+use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler};
 
 /// A field of a struct of a module.
 #[derive(Debug, PartialEq)]
@@ -186,7 +185,7 @@ fn a_queued_ray_is_small() {
 
 #[test]
 fn both_shaders_have_the_same_queue_counts() {
-    let advance = naga::front::wgsl::parse_str(nsq_gpu::program::wgsl::compose::ADVANCE).unwrap();
+    let advance = naga::front::wgsl::parse_str(&nsq_gpu::program::wgsl::compose::advance()).unwrap();
     let trace = everything().program(tiers_in_tables()[0]).module;
     assert_eq!(fields(&advance, "QueueCounts"), fields(&trace, "QueueCounts"));
     // The host reads the number of rows from byte 8 on, whether loops were cut from byte 12 on.
@@ -410,7 +409,14 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
     // Of the trace, not of the program: range, draws, rows, emitter, the log of ends, the rays that strayed; and the sums.
-    let traced = [0, RNG_TABLE, 12, tables::EMITTER, format::LOG, main_path::STRAYS];
+    let traced = [
+        bindings::RANGE,
+        bindings::RNG_TABLE,
+        bindings::EVENTS,
+        bindings::EMITTER,
+        bindings::LOG,
+        bindings::REJECTED,
+    ];
     for tier in Tier::all() {
         for (name, variant) in
             Choice::all().into_iter().map(Variant::of_choice).chain([("all".into(), everything())])

@@ -148,7 +148,7 @@ fn the_shader_between_dispatches_is_valid_everywhere() {
 /// No file of shaders/ is dead: each is part of some variant as it is.
 #[test]
 fn every_shader_file_is_composed_by_some_variant() {
-    let mut texts = vec![nsq_gpu::program::wgsl::compose::ADVANCE.to_string()];
+    let mut texts = vec![nsq_gpu::program::wgsl::compose::advance()];
     for tier in Tier::all() {
         let whole = [everything(), everything_split()].map(|variant| (String::new(), variant));
         for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {
@@ -176,9 +176,11 @@ fn what_is_private_has_a_first_value_in_its_line() {
         let declares = |line: &&str| line.starts_with("var<private> ") && line.ends_with(';');
         text.lines().filter(declares).filter(|line| line.contains(": ") && line.contains(" = ")).count()
     };
-    for file in
-        ["software/path/path.wgsl", "software/path/path_places.wgsl", "software/path/path_losses_told.wgsl"]
-    {
+    for file in [
+        "software/path/main_path.wgsl",
+        "software/path/path_log.arrivals.wgsl",
+        "software/path/path_losses.reported.wgsl",
+    ] {
         let files = snapshots::shader_files();
         let (_, text) = files.iter().find(|(path, _)| path == file).unwrap();
         assert_eq!(found(text), private(text), "{file}");

@@ -4,8 +4,8 @@ use naga::back::{hlsl, msl, pipeline_constants, spv, wgsl};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module};
+use nsq_gpu::program::layout::bindings;
 use nsq_gpu::program::{Precision, Program, ProgramOptions};
-use nsq_gpu::software::log::format;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Storage buffers that plain WebGPU binds per stage.
@@ -70,7 +70,7 @@ pub fn validate(name: &str, program: &Program) -> ModuleInfo {
     for (_, variable) in program.module.global_variables.iter() {
         if let Some(binding) = variable.binding {
             assert!(
-                bindings.insert((binding.group, binding.binding)) || binding.binding == format::LOG,
+                bindings.insert((binding.group, binding.binding)) || binding.binding == bindings::LOG,
                 "{name}: two variables at {binding:?}"
             );
         }
@@ -191,7 +191,7 @@ fn numbered(module: &Module) -> impl Iterator<Item = (usize, naga::ResourceBindi
 
 /// The shader between two dispatches, its workgroup size filled in.
 pub fn check_advance() {
-    let text = nsq_gpu::program::wgsl::compose::ADVANCE;
+    let text = &nsq_gpu::program::wgsl::compose::advance();
     let module = naga::front::wgsl::parse_str(text).unwrap();
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module).unwrap();
     let constants = [("workgroup_size".to_string(), 128.0)].into_iter().collect();

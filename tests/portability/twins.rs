@@ -7,8 +7,8 @@ use crate::variants::{
 use naga::{Expression, Literal, Module};
 use nsq_gpu::engine::sums;
 use nsq_gpu::model::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
-use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, sensor_code};
+use nsq_gpu::program::layout::{bindings, rng};
 use nsq_gpu::program::{Precision, Program, events};
 
 fn tables() -> (Variant, Program) {
@@ -216,7 +216,7 @@ fn cells_of_fates_are_in_the_order_of_fates() {
 fn draws_have_a_table_row_for_every_step() {
     let (_, program) = tables();
     assert_eq!(constant(&program.module, "PATH_SAMPLE"), f64::from(rng::PATH_SAMPLE));
-    assert_eq!(binding(&program, "rng_table"), nsq_gpu::program::RNG_TABLE);
+    assert_eq!(binding(&program, "rng_table"), bindings::RNG_TABLE);
     let bytes = &program.rng_table;
     // Roulette draws at the count after the last event; a Gaussian beam falls back after its last attempt.
     let events = f64::from(program.options.max_depth) + 1.0;

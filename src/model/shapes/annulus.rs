@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
     section_between,
@@ -14,7 +15,7 @@ use serde::Deserialize;
 /// The ring.
 pub const ANNULUS: ShapeWgsl = ShapeWgsl {
     name: "annulus",
-    text: include_str!("../../../shaders/shapes/annulus.wgsl"),
+    file: shader!("shapes/annulus.wgsl"),
     num_arguments: 3,
     normal: Normal::Quadric(|a| format!("Quadric(0.0, 0.0, 1.0, -2.0 * {})", a[2])),
 };

@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
     section_between,
@@ -14,7 +15,7 @@ use serde::Deserialize;
 /// The curved conic; a flat one is drawn by [`crate::model::shapes::plane::DISK`].
 pub const CONIC: ShapeWgsl = ShapeWgsl {
     name: "conic",
-    text: include_str!("../../../shaders/shapes/conic.wgsl"),
+    file: shader!("shapes/conic.wgsl"),
     num_arguments: 3,
     normal: Normal::Quadric(|a| format!("conic_quadric({}, {})", a[0], a[1])),
 };

@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
 };
@@ -13,7 +14,7 @@ use serde::Deserialize;
 /// The cone.
 pub const FRUSTUM: ShapeWgsl = ShapeWgsl {
     name: "frustum",
-    text: include_str!("../../../shaders/shapes/frustum.wgsl"),
+    file: shader!("shapes/frustum.wgsl"),
     num_arguments: 4,
     normal: Normal::Quadric(|a| format!("frustum_quadric({}, {})", a[0], a[1])),
 };

@@ -1,6 +1,7 @@
 //! A triangle mesh of the scene, where a surface places it.
 
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{Entry, Extent, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -8,12 +9,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// The mesh, by the root of the tree over its triangles.
-pub const MESH: ShapeWgsl = ShapeWgsl {
-    name: "mesh",
-    text: include_str!("../../../shaders/shapes/mesh.wgsl"),
-    num_arguments: 1,
-    normal: Normal::Facet,
-};
+pub const MESH: ShapeWgsl =
+    ShapeWgsl { name: "mesh", file: shader!("shapes/mesh.wgsl"), num_arguments: 1, normal: Normal::Facet };
 
 /// An index into [`crate::model::SceneIr::meshes`]. The normal of a face points to the side from which its corners run
 /// counter-clockwise.

@@ -26,6 +26,7 @@ pub use crate::model::shapes::sphere::Sphere;
 use crate::Result;
 use crate::model::list::kinds;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::ShaderFile;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
@@ -88,8 +89,8 @@ pub struct ShapeWgsl {
     /// distance from o along d to the first crossing, or MISS; and `<name>_holds(p, arguments) -> bool`, true if a point
     /// of the surface without its limits belongs to the shape.
     pub name: &'static str,
-    /// The text of the file that holds them.
-    pub text: &'static str,
+    /// The file that holds them.
+    pub file: ShaderFile,
     /// How many numbers [`Geometry::arguments`] gives.
     pub num_arguments: usize,
     /// Where its normal comes from.

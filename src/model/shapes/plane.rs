@@ -2,6 +2,7 @@
 
 use crate::model::checks;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Flat, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, circle, ring_samples,
 };
@@ -13,7 +14,7 @@ use serde::Deserialize;
 /// The plane without an end.
 pub const PLANE: ShapeWgsl = ShapeWgsl {
     name: "plane",
-    text: include_str!("../../../shaders/shapes/plane.wgsl"),
+    file: shader!("shapes/plane.wgsl"),
     num_arguments: 0,
     normal: Normal::Quadric(|_| FLAT.into()),
 };

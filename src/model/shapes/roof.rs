@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{Entry, Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
 use glam::{DMat3, DVec3};
 use schemars::JsonSchema;
@@ -11,7 +12,7 @@ use serde::Deserialize;
 /// The roof.
 pub const ROOF: ShapeWgsl = ShapeWgsl {
     name: "roof",
-    text: include_str!("../../../tests/fixtures/roof.wgsl"),
+    file: shader!("../tests/fixtures/roof.wgsl"),
     num_arguments: 3,
     normal: Normal::Own,
 };

@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
+use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
 };
@@ -13,7 +14,7 @@ use serde::Deserialize;
 /// The sphere.
 pub const SPHERE: ShapeWgsl = ShapeWgsl {
     name: "sphere",
-    text: include_str!("../../../shaders/shapes/sphere.wgsl"),
+    file: shader!("shapes/sphere.wgsl"),
     num_arguments: 2,
     normal: Normal::Quadric(|a| format!("sphere_quadric({})", a[0])),
 };

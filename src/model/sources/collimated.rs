@@ -1,19 +1,17 @@
 //! Parallel beams.
 
 use crate::model::Outline;
+use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl};
 
 /// The uniform beam.
-pub const TOPHAT: EmitterWgsl = EmitterWgsl {
-    name: "collimated_tophat",
-    text: include_str!("../../../shaders/sources/collimated_tophat.wgsl"),
-    num_steps: 1,
-};
+pub const TOPHAT: EmitterWgsl =
+    EmitterWgsl { name: "collimated_tophat", file: shader!("sources/collimated_tophat.wgsl"), num_steps: 1 };
 
 /// The Gaussian beam: it attempts 32 times, and then falls back on the rim.
 pub const GAUSSIAN: EmitterWgsl = EmitterWgsl {
     name: "collimated_gaussian",
-    text: include_str!("../../../shaders/sources/collimated_gaussian.wgsl"),
+    file: shader!("sources/collimated_gaussian.wgsl"),
     num_steps: 33,
 };
 

@@ -1,22 +1,20 @@
 //! Emitting areas.
 
 use crate::model::Outline;
+use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
 use std::f64::consts::FRAC_PI_2;
 
 /// The rectangle.
 pub const RECTANGLE: EmitterWgsl = EmitterWgsl {
     name: "extended_rectangle",
-    text: include_str!("../../../shaders/sources/extended_rectangle.wgsl"),
+    file: shader!("sources/extended_rectangle.wgsl"),
     num_steps: 1,
 };
 
 /// The disk.
-pub const DISK: EmitterWgsl = EmitterWgsl {
-    name: "extended_disk",
-    text: include_str!("../../../shaders/sources/extended_disk.wgsl"),
-    num_steps: 1,
-};
+pub const DISK: EmitterWgsl =
+    EmitterWgsl { name: "extended_disk", file: shader!("sources/extended_disk.wgsl"), num_steps: 1 };
 
 /// Rays from an area at local z = 0; uniform in a cap below 90 degrees of half-angle, else Lambertian.
 #[derive(Debug, Clone, Copy, PartialEq)]

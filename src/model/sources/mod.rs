@@ -14,6 +14,7 @@ pub use crate::model::sources::point::Point;
 
 use crate::model::Outline;
 use crate::model::list::kinds;
+use crate::model::shader_file::ShaderFile;
 
 kinds! {
     EmitterKind: Emission, functions EmitterName: EmitterWgsl;
@@ -32,8 +33,8 @@ kinds! {
 pub struct EmitterWgsl {
     /// Its function is `emit_<name>(key: RayKey, e: Emitter) -> LocalRay`, which reads `e.p0`, `e.p1` and so on.
     pub name: &'static str,
-    /// The text of the file that holds it.
-    pub text: &'static str,
+    /// The file that holds it.
+    pub file: ShaderFile,
     /// Steps of the random generator that it may take.
     pub num_steps: u32,
 }

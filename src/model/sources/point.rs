@@ -1,11 +1,12 @@
 //! A point source.
 
 use crate::model::Outline;
+use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
 
 /// The point.
 pub const POINT: EmitterWgsl =
-    EmitterWgsl { name: "point", text: include_str!("../../../shaders/sources/point.wgsl"), num_steps: 1 };
+    EmitterWgsl { name: "point", file: shader!("sources/point.wgsl"), num_steps: 1 };
 
 /// Rays from the local origin, uniform in solid angle within a cap about local +z.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -8,14 +8,12 @@ mod function;
 
 use crate::error::{Error, Result};
 use crate::program::df64::function::rewrite_function;
+pub use crate::program::layout::bindings::DF64_ZERO as ZERO;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{Expression, Handle, Literal, Module, Scalar, Span, Type, TypeInner, VectorSize};
 use std::collections::HashMap;
 
-/// Binding in group 0 of the word that compilers must not know to be zero (`shaders/math/df64.wgsl`).
-pub const ZERO: u32 = 30;
-
-/// Double-word arithmetic.
+/// Double-word arithmetic, which reads [`ZERO`].
 pub const LIBRARY: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/math/df64.wgsl"));
 
 /// Names of the library's functions begin with this.

@@ -10,8 +10,6 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use std::ops::Range;
 
-/// Binding of the rows in group 0.
-pub const ROWS: u32 = 19;
 /// Rows of a node, four words each.
 const NODE_ROWS: usize = 3;
 /// Most children of a node.

@@ -5,8 +5,6 @@ use crate::program::geometry::bvh::Forest;
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
-/// Binding of the triangles in group 0.
-pub const ROWS: u32 = 17;
 /// Rows of a triangle: three times a corner and a component of the normal.
 const TRIANGLE_ROWS: usize = 3;
 

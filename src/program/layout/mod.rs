@@ -1,8 +1,10 @@
 //! What the device reads and sums: records, tables, cells, and the buffers that they lie in.
 
+pub mod bindings;
 pub mod bsdf;
 pub mod records;
 pub mod rng;
 pub mod splitting;
 pub mod sums;
 pub mod tables;
+pub mod words;

@@ -1,6 +1,7 @@
 //! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
 
 use crate::error::{Error, Result};
+use crate::program::layout::bindings;
 use crate::program::{Precision, df64};
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -13,7 +14,7 @@ pub struct Records {
     pub name: &'static str,
     /// Name of the variable and, with `_of`, of the function that gives a row.
     pub rows: &'static str,
-    /// Binding in group 0 where the table lies in a buffer.
+    /// Binding, of those of the scene, where the table lies in a buffer.
     pub binding: u32,
     columns: Vec<Column>,
 }
@@ -92,7 +93,7 @@ impl Records {
                 text.push_str(&declaration(&format!("{name}Row"), varying.iter().copied()));
                 format!("var<storage, read> {rows}_table: array<{name}Row>")
             };
-            let _ = writeln!(text, "@group(0) @binding({}) {memory};", self.binding);
+            let _ = writeln!(text, "@group({}) @binding({}) {memory};", bindings::SCENE, self.binding);
             row = "let row = {rows}_table[i];\n    ";
         }
         let field = |column: &Column| -> Result<String> {
@@ -171,8 +172,9 @@ impl Records {
     /// The struct, and a uniform that holds one row.
     pub fn uniform(&self) -> String {
         format!(
-            "{}@group(0) @binding({}) var<uniform> {}_uniform: {};\n",
+            "{}@group({}) @binding({}) var<uniform> {}_uniform: {};\n",
             declaration(self.name, self.columns.iter()),
+            bindings::SCENE,
             self.binding,
             self.rows,
             self.name

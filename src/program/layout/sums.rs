@@ -4,12 +4,10 @@
 //! the high bits of an index choose the part and the low bits the element in it. The composed text is rewritten for it, so
 //! that shaders/ knows nothing of parts, and a scene whose sums fit has the text of the files.
 
-use crate::engine::sums::Words;
 use crate::error::{Error, Result};
-use std::fmt::Write;
-
-/// Binding of the second of all parts; the first of each buffer has the buffer's own.
-const SECOND_PART: u32 = 32;
+use crate::program::layout::bindings;
+use crate::program::layout::words::Words;
+use std::fmt::{Display, Write};
 
 /// The buffers of a program's sums.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,7 +49,7 @@ impl SumBuffers {
     /// # Errors
     /// [`Error::Usage`] if there are too many cells for 32 bits.
     pub fn of(num_sums: u32, num_counters: u32, native: bool, part_bytes: u64) -> Result<Self> {
-        let mut next = SECOND_PART;
+        let mut next = bindings::SECOND_PART;
         let mut buffer = |name, binding, words: Words, num_cells: u32| -> Result<SumBuffer> {
             let num_elements = u64::from(num_cells) * words.per_cell();
             if num_elements > 1 << 32 {
@@ -68,9 +66,9 @@ impl SumBuffers {
         };
         let (words, tops) = if native { (Words::Low, Some(Words::Top)) } else { (Words::All, None) };
         Ok(SumBuffers {
-            sums: buffer("sums", 2, words, num_sums)?,
-            tops: tops.map(|words| buffer("tops", 3, words, num_sums)).transpose()?,
-            counters: buffer("counters", 4, Words::Counter, num_counters)?,
+            sums: buffer("sums", bindings::SUMS, words, num_sums)?,
+            tops: tops.map(|words| buffer("tops", bindings::TOPS, words, num_sums)).transpose()?,
+            counters: buffer("counters", bindings::COUNTERS, Words::Counter, num_counters)?,
         })
     }
 
@@ -104,9 +102,11 @@ impl SumBuffer {
         if self.words.element_bytes() == 8 { "u64" } else { "u32" }
     }
 
-    fn declaration(&self, binding: u32, name: &str) -> String {
+    fn declaration(&self, binding: impl Display, name: &str) -> String {
         let scalar = self.scalar();
-        format!("@group(0) @binding({binding}) var<storage, read_write> {name}: array<atomic<{scalar}>>;")
+        format!(
+            "@group(GROUP_SCENE) @binding({binding}) var<storage, read_write> {name}: array<atomic<{scalar}>>;"
+        )
     }
 
     fn part_name(&self, part: usize) -> String {
@@ -114,7 +114,7 @@ impl SumBuffer {
     }
 
     fn cut(&self, text: &str) -> Option<String> {
-        let whole = self.declaration(self.bindings[0], self.name);
+        let whole = self.declaration(format_args!("BINDING_{}", self.name.to_uppercase()), self.name);
         let (before, after) = text.split_once(&whole)?;
         let (before, after) = (self.call_functions(before)?, self.call_functions(after)?);
         let mut cut = before;
@@ -181,7 +181,8 @@ mod tests {
     use super::*;
 
     fn buffer(num_elements: u64, part_bits: u32, num_parts: u32) -> SumBuffer {
-        let bindings = std::iter::once(4).chain(32..31 + num_parts).collect();
+        let parts = bindings::SECOND_PART..bindings::SECOND_PART + num_parts - 1;
+        let bindings = std::iter::once(bindings::COUNTERS).chain(parts).collect();
         SumBuffer { name: "counters", words: Words::Counter, num_elements, part_bits, bindings }
     }
 
@@ -208,11 +209,11 @@ mod tests {
 
     #[test]
     fn what_is_cut_is_valid() {
-        let text = "@group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;\n\
+        let text = "@group(GROUP_SCENE) @binding(BINDING_COUNTERS) var<storage, read_write> counters: array<atomic<u32>>;\n\
             @compute @workgroup_size(1) fn main() {\n\
             if atomicLoad(&counters[7u]) == 0u { atomicStore(&counters[8u], atomicAdd(&counters[1u], 2u)); }\n\
             atomicOr(&counters[5u], 3u);\n}";
-        let cut = buffer(9, 2, 3).cut(text).unwrap();
+        let cut = bindings::declared(&buffer(9, 2, 3).cut(text).unwrap());
         let module =
             naga::front::wgsl::parse_str(&cut).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&cut)));
         let bindings = crate::gpu::compute::bindings_of(&module);

@@ -5,18 +5,10 @@ use crate::model::shapes::Quadric;
 use crate::model::{Frame, Interaction, Medium, SceneIr, Sensor, SensorKind, Shape, Splat, Surface};
 use crate::program::features::{self, Features};
 use crate::program::geometry::contact::{self, Contacts};
+use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::records::Records;
 use glam::{DMat3, DVec3};
-
-/// Binding numbers in group 0 that the records take.
-const MEDIA: u32 = 5;
-const SURFACES: u32 = 9;
-const SENSORS: u32 = 10;
-const PRIMITIVES: u32 = 11;
-const CONTACTS: u32 = 16;
-/// Binding of the emitter of a dispatch.
-pub const EMITTER: u32 = 13;
 
 /// Columns for the numbers of shapes in every table of them.
 const SHAPE_ARGUMENTS: usize = 4;
@@ -44,7 +36,7 @@ pub struct Cells {
     pub num_sums: u32,
 }
 
-/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.wgsl).
+/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.on.wgsl).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReplicateCells {
     /// From a cell of a detector to its cell in the next copy.
@@ -53,7 +45,7 @@ pub struct ReplicateCells {
     pub num: u32,
 }
 
-/// Cells of second moments (shaders/sums/moments.wgsl), behind all others.
+/// Cells of second moments (shaders/sums/moments.on.wgsl), behind all others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MomentCells {
     /// From a cell of a detector to the cell of its squares.
@@ -216,7 +208,7 @@ pub fn is_rotated(rotation: DMat3) -> bool {
 
 /// The surfaces' records.
 pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Records {
-    let mut records = Records::new("Surface", "surface", SURFACES);
+    let mut records = Records::new("Surface", "surface", bindings::SURFACES);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
     // Of a shape that is no quadric they are not read.
@@ -260,7 +252,7 @@ pub fn medium_records(ir: &SceneIr) -> Records {
         |medium: &Medium, w: usize| 4.0 * std::f64::consts::PI * medium.k[w] / ir.wavelengths[w] * UM_PER_MM;
     let wavelengths = 0..ir.wavelengths.len();
     let rows = || ir.media.iter().flat_map(|medium| wavelengths.clone().map(move |w| (medium, w)));
-    let mut records = Records::new("Medium", "medium", MEDIA);
+    let mut records = Records::new("Medium", "medium", bindings::MEDIA);
     records.real("n", rows().map(|(medium, w)| medium.n[w]));
     records.real("absorption", rows().map(|(medium, w)| absorption(medium, w)));
     records
@@ -319,9 +311,9 @@ pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
     (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
 }
 
-/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.wgsl.
+/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.touching.wgsl.
 pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
-    let mut records = Records::new("Contact", "contact", CONTACTS);
+    let mut records = Records::new("Contact", "contact", bindings::CONTACTS);
     let primitives = &contacts.primitives;
     records.uint("group", primitives.iter().map(|c| c.group));
     records.uint("layer", primitives.iter().map(|c| 1 << c.layer));
@@ -392,7 +384,7 @@ impl FacetTable {
 
 /// The emitters' records; `weights` are those that their rays are born with.
 pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
-    let mut records = Records::new("Emitter", "emitter", EMITTER);
+    let mut records = Records::new("Emitter", "emitter", bindings::EMITTER);
     let emitters = &ir.emitters;
     records.uint("kind", emitters.iter().map(|e| e.kind.kind() as u32));
     records.uint("medium", emitters.iter().map(|e| e.medium as u32));
@@ -419,7 +411,7 @@ pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
 pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     let mut primitives = primitives(ir);
     primitives.truncate(num);
-    let mut records = Records::new("Primitive", "primitive", PRIMITIVES);
+    let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
     put_arguments(&mut records, "a", SHAPE_ARGUMENTS, primitives.iter().map(|(_, shape)| shape.arguments()));
@@ -444,7 +436,7 @@ pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32
 
 /// The sensors' records.
 pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
-    let mut records = Records::new("Sensor", "sensor", SENSORS);
+    let mut records = Records::new("Sensor", "sensor", bindings::SENSORS);
     let sensors = &ir.sensors;
     records.uint("kind", sensors.iter().map(|s| sensor_code(&s.kind)));
     records.uint("absorb", sensors.iter().map(|s| u32::from(s.absorb)));

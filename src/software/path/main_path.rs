@@ -1,4 +1,4 @@
-//! The main path: what most rays of a scene do, which shaders/software/path/path.wgsl follows without a loop.
+//! The main path: what most rays of a scene do, which shaders/software/path/main_path.wgsl follows without a loop.
 //!
 //! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
 //! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (crate::program::geometry::tree),
@@ -14,9 +14,6 @@ use crate::software::log::format::{self, EndLog};
 use crate::software::path::clearance::{self, Clearance, Pilot};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
-
-/// Binding of the rays that were rejected.
-pub const STRAYS: u32 = 22;
 
 /// A longer path is not followed: its code would grow with it.
 pub const MAX_EVENTS: u32 = 32;

@@ -1,10 +1,10 @@
 //! Above a plot: what dragging does, and how values become colours.
 
 use crate::result::DetectorData;
-use crate::viewer::app::App;
 use crate::viewer::model::Picture;
 use crate::viewer::scale::{ColorMap, ScaleKind};
 use crate::viewer::settings::Tool;
+use crate::viewer::state::App;
 use eframe::egui::{self, ComboBox, DragValue, Slider, Ui};
 
 /// The line of controls above a detector.

@@ -1,7 +1,6 @@
 //! Below a detector: values along the line, the spectrum, and the encircled energy.
 
 use crate::format::si_prefix;
-use crate::viewer::app::App;
 use crate::viewer::compare::Scores;
 use crate::viewer::field::Field;
 use crate::viewer::model::Picture;
@@ -10,6 +9,7 @@ use crate::viewer::profile::{Line, Sample, profile};
 use crate::viewer::region::EncircledEnergy;
 use crate::viewer::scale::ScaleKind;
 use crate::viewer::spots::Spots;
+use crate::viewer::state::App;
 use crate::viewer::views::detector::default_line;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Rect, Sense, Stroke, Ui, pos2};
 

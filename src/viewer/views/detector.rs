@@ -1,7 +1,6 @@
 //! The plot of a detector: a map or a spot diagram, with what the user marks in it.
 
 use crate::format::si_prefix;
-use crate::viewer::app::{App, Cursor, Grab, Painted};
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::model::{Marks, Picture};
 use crate::viewer::plot::{self, Frame, Plot, Shown, View};
@@ -10,6 +9,7 @@ use crate::viewer::region::{Outline, Region};
 use crate::viewer::scale::{ColorMap, Scale, ScaleKind};
 use crate::viewer::settings::Tool;
 use crate::viewer::spots::Spots;
+use crate::viewer::state::{App, Cursor, Grab, Painted};
 use crate::viewer::views::{controls, value};
 use eframe::egui::{
     self, Align2, Color32, FontId, Painter, PointerButton, Pos2, Rect, Shape, Stroke, TextureOptions, Ui,

@@ -3,9 +3,9 @@
 use crate::format::with_prefix;
 use crate::program::Precision;
 use crate::result::Detector;
-use crate::viewer::app::App;
 use crate::viewer::compare::Comparison;
 use crate::viewer::model::{Model, Subject, count};
+use crate::viewer::state::App;
 use crate::viewer::views::{quiet, title, value};
 use eframe::egui::{self, DragValue, ScrollArea, TextEdit, Ui};
 use std::path::PathBuf;

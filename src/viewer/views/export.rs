@@ -1,10 +1,10 @@
 //! Files of what is shown.
 
 use crate::error::{Error, Result};
-use crate::result::{TraceResult, npz, output, png};
-use crate::viewer::app::App;
+use crate::result::{TraceResult, npz_files, output, png};
 use crate::viewer::export::{fields_csv, free_path, spots_csv};
 use crate::viewer::model::{Picture, Subject};
+use crate::viewer::state::App;
 use eframe::egui::{TextEdit, Ui};
 use std::path::{Path, PathBuf};
 
@@ -75,7 +75,7 @@ fn write_detector(result: &TraceResult, name: &str, folder: &Path, format: Forma
         }
         _ => {
             let path = free_path(folder, name, ".npz");
-            npz::write_detector(&path, result, detector).map(|()| path)
+            npz_files::write_detector(&path, result, detector).map(|()| path)
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use crate::format::{percent, significant, thousands};
 use crate::result::{Entry, TraceResult};
-use crate::viewer::app::App;
 use crate::viewer::field::Labels;
 use crate::viewer::model::{Picture, RegionFigures, Subject};
 use crate::viewer::region::{EncircledEnergy, Outline, Statistics};
+use crate::viewer::state::App;
 use crate::viewer::views::{quiet, row, table, title, value, with_error};
 use eframe::egui::{ScrollArea, Ui};
 

@@ -2,8 +2,8 @@
 
 use crate::format::{significant, thousands};
 use crate::result::StoppedBy;
-use crate::viewer::app::App;
 use crate::viewer::model::Model;
+use crate::viewer::state::App;
 use crate::viewer::tracing::State;
 use crate::viewer::views::export;
 use eframe::egui::{self, ProgressBar, RichText, Ui};

@@ -3,9 +3,9 @@
 use crate::model::shapes::{Geometry, circle};
 use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr, SensorKind};
 use crate::result::PathColumns;
-use crate::viewer::app::App;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
+use crate::viewer::state::App;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
 

@@ -1,0 +1,27 @@
+// A discrete spectrum per emitter: entries (threshold, wavelength), where the first entry with
+// bits <= threshold = floor(cdf 2^32) is drawn: the same decision as u <= cdf, in integers.
+
+@group(GROUP_SCENE) @binding(BINDING_SPECTRA) var<storage, read> spectra: array<vec2<u32>>;
+
+fn draw_wavelength(key: RayKey, e: Emitter) -> u32 {
+    // Optiland draws nothing for a spectrum of one line; nor does it matter, since draws are keyed by their slot.
+    let bits = draw_first(key, SOURCE_WAVELENGTH);
+    var low = 0u;
+    var high = e.spectrum_count - 1u;
+    var step = 0u;
+    loop {
+        let middle = (low + high) / 2u;
+        if is_dispatched() & (low < high) {
+            if spectra[e.spectrum_first + middle].x >= bits {
+                high = middle;
+            } else {
+                low = middle + 1u;
+            }
+        }
+        step += 1u;
+        if step >= 32u || low >= high {
+            break;
+        }
+    }
+    return spectra[e.spectrum_first + low].y;
+}

@@ -1,0 +1,47 @@
+//! `nsq-gpu shader`: the WGSL that a scene is traced by, with the file that each part of it comes from.
+
+use crate::cli::choose_vectors;
+use crate::cli::trace::{PrecisionArg, wanted};
+use crate::error::Result;
+use crate::gpu::{AdapterChoice, Gpu, Native};
+use crate::program::Precision;
+use crate::software::vector_width::Width;
+use crate::trace::{TraceOptions, Tracer, auto_precision};
+use std::path::PathBuf;
+
+/// Arguments of `nsq-gpu shader`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The scene file.
+    scene: PathBuf,
+    /// Arithmetic: auto takes what `trace` would take. In df64 the text has f64, of which pairs of 32-bit floats are made
+    /// before it is compiled.
+    #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
+    precision: PrecisionArg,
+    /// Part of the adapter's name (see `nsq-gpu adapters`): what is composed depends on what it can do.
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Use no native 64-bit integers or atomics of the device.
+    #[arg(long)]
+    portable: bool,
+}
+
+/// The composed text, as `trace` compiles it with no other options.
+pub fn run(args: &Args) -> Result<String> {
+    let ir = crate::cli::read_scene(&args.scene)?.lower()?;
+    let options = TraceOptions { max_depth: TraceOptions::depth_of(&ir), ..Default::default() };
+    let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
+    choose_vectors(Width::of_command(&ir, options.num_rays, in_f64));
+    let native = if args.portable { Native::Off } else { Native::Allowed };
+    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), native, ..Default::default() })?;
+    let options = options.tuned(&gpu.info);
+    let precision = auto_precision::choose(&gpu, &ir, &options, wanted(args.precision))?.precision;
+    let tracer = Tracer::new(&gpu, &ir, &TraceOptions { precision, ..options })?;
+    let program = tracer.program();
+    let pairs = match precision {
+        Precision::Df64 => ", whose f64 are then rewritten as pairs of f32 (program::df64)",
+        Precision::F32 | Precision::F64 => "",
+    };
+    let of = args.scene.display();
+    Ok(format!("// {of} in {} on {}{pairs}\n{}", precision.name(), gpu.info.name, program.wgsl))
+}

@@ -1,0 +1,94 @@
+//! A scene as its program has it, before any WGSL is composed: features, cells, trees and contacts.
+
+use crate::error::Result;
+use crate::model::{SceneIr, ray_id};
+use crate::program::features::Features;
+use crate::program::geometry::contact::Contacts;
+use crate::program::geometry::{bvh, mesh, tree};
+use crate::program::layout::splitting::Splitting;
+use crate::program::layout::tables::{Cells, FacetTable};
+use crate::program::{ProgramOptions, SecondMoments, centre_of};
+use glam::DVec3;
+
+/// What compositions and their extensions are made from.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    /// The scene.
+    pub ir: &'a SceneIr,
+    /// How to specialise.
+    pub options: ProgramOptions,
+    /// Its features.
+    pub features: Features,
+    /// Limits of splitting, where rays are split.
+    pub splitting: Option<Splitting>,
+    /// The centre of the scene \[mm\].
+    pub centre: DVec3,
+    /// Its cells.
+    pub cells: Cells,
+    /// The trees over its meshes and its primitives.
+    pub forest: bvh::Forest,
+    /// The triangles of its meshes.
+    pub triangles: mesh::Triangles,
+    /// Which of its faces are in contact.
+    pub contacts: Contacts,
+    /// The contacts of facets.
+    pub facets: FacetTable,
+    /// The tree over its primitives, if they are searched by one.
+    pub tree: Option<tree::PrimitiveTree>,
+    /// Every ray has at all times the weight that all are born with.
+    pub constant_weights: bool,
+}
+
+impl<'a> Prepared<'a> {
+    /// Prepares a scene.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if there are too many cells to number, or the precision cannot hold one of the scene's numbers.
+    pub fn of(ir: &'a SceneIr, mut options: ProgramOptions) -> Result<Self> {
+        let features = Features::of(ir, &options.weights, options.roulette_threshold, options.max_depth);
+        let splitting = features.splits.then(|| Splitting::of(&ir.sampling));
+        if splitting.is_some() {
+            // A family waits in registers, and so stays with its invocation to its end.
+            options.events_per_dispatch = options.max_depth;
+        }
+        let centre = centre_of(ir);
+        let cells = match options.moments {
+            SecondMoments::None => Cells::of(ir),
+            SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
+            SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
+        };
+        let has_tree = !options.tree_primitives(ir).is_empty();
+        // Of meshes that no surface has nothing is searched.
+        let meshes = if features.has_meshes() { &ir.meshes[..] } else { &[] };
+        let mut forest = bvh::Forest::of_roots(meshes.len() + usize::from(has_tree));
+        let triangles = mesh::Triangles::of(meshes, &mut forest);
+        let contacts = Contacts::of(ir, centre, options.precision)?;
+        let facets = FacetTable::of(ir, &contacts, &triangles);
+        let tree = has_tree.then(|| {
+            let boxes = tree::boxes(ir, centre, &contacts);
+            let in_tree = options.tree_primitives(ir);
+            let mut tree = tree::PrimitiveTree::of(&boxes[in_tree], &mut forest, meshes.len());
+            let num_others = forest.num_rows() + triangles.num_rows();
+            tree.records = options.records_in_texels(ir, centre, tree.primitives(), num_others);
+            tree
+        });
+        // Squares are sums that no count tells.
+        let constant_weights = features.whole_weights
+            && options.moments != SecondMoments::Squares
+            && options.weights.iter().all(|weight| *weight == options.weights[0]);
+        Ok(Prepared {
+            ir,
+            options,
+            features,
+            splitting,
+            centre,
+            cells,
+            forest,
+            triangles,
+            contacts,
+            facets,
+            tree,
+            constant_weights,
+        })
+    }
+}

@@ -1,0 +1,38 @@
+//! The text of a module in parts, each below a comment that says where it comes from.
+
+pub use crate::model::shader_file::ShaderFile;
+pub(crate) use crate::model::shader_file::shader;
+use std::fmt::Write;
+
+/// The text of a module. The order of declarations means nothing to WGSL.
+#[derive(Debug, Default)]
+pub struct Text(String);
+
+impl Text {
+    /// Adds a file as it is.
+    pub fn file(&mut self, file: ShaderFile) {
+        let _ = writeln!(self.0, "// ==== shaders/{}\n{}", file.path, file.text);
+    }
+
+    /// Adds files as they are.
+    pub fn files(&mut self, files: impl IntoIterator<Item = ShaderFile>) {
+        files.into_iter().for_each(|file| self.file(file));
+    }
+
+    /// Adds what the host composes, if anything; `by` names the module that does.
+    pub fn composed(&mut self, by: &str, text: &str) {
+        if !text.is_empty() {
+            let _ = writeln!(self.0, "// ==== composed by {by}\n{text}");
+        }
+    }
+
+    /// Gives what was declared so far another name.
+    pub fn rename(&mut self, before: &str, after: &str) {
+        self.0 = self.0.replace(before, after);
+    }
+
+    /// The whole text.
+    pub fn into_string(self) -> String {
+        self.0
+    }
+}

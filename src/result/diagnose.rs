@@ -1,0 +1,300 @@
+//! What should be read with care in a result, with Optiland's thresholds.
+
+use crate::format::{percent, shown, significant, thousands};
+use crate::model::{SceneIr, depth};
+use crate::result::{
+    Detector, DetectorData, DetectorDiagnostic, Diagnostics, SensorTally, StoppedBy, Tally, TraceResult,
+    Uncertainty,
+};
+
+/// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
+const DEPTH_TRUNCATION: f64 = 1e-3;
+/// Warn when roulette ended more than this fraction of the launched flux: unbiased, but noisy.
+const ROULETTE: f64 = 1e-3;
+/// Optiland calls a detector undersampled below this mean number of hits per pixel.
+const UNDERSAMPLED_HITS: f64 = 10.0;
+/// Warn when the error of a map is above this: that of 10 hits in each pixel that is lit.
+const UNDERSAMPLED_ERROR: f64 = 0.32;
+/// The warning says how many rays bring it to this.
+const GOOD_ERROR: f64 = 0.05;
+/// Names in a warning; of more, their number is told.
+const MOST_NAMES: usize = 8;
+/// Hits per pixel for 5 % relative error: 1 / 0.05^2.
+const TARGET_HITS: f64 = 400.0;
+
+/// The signs in a result, made of these sums.
+pub(crate) fn diagnose(
+    ir: &SceneIr,
+    result: &TraceResult,
+    tally: &Tally,
+    uncertainty: &Uncertainty,
+) -> Diagnostics {
+    Diagnostics::of(ir, result, tally, uncertainty)
+}
+
+impl DetectorDiagnostic {
+    fn new(detector: &Detector, num_rays_total: u64) -> Self {
+        let num_rays_hit = match detector.data {
+            DetectorData::RayDatabase(_) => 0,
+            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
+                detector.num_rays_hit
+            }
+        };
+        let num_pixels = detector.data.num_pixels();
+        let mean = num_pixels.map(|pixels| num_rays_hit as f64 / pixels as f64);
+        DetectorDiagnostic {
+            name: detector.name.clone(),
+            num_rays_hit,
+            num_pixels,
+            mean_hits_per_pixel: mean,
+            undersampled: mean.is_some_and(|mean| mean < UNDERSAMPLED_HITS),
+            rays_needed_for_5pct: mean
+                .filter(|mean| *mean > 0.0)
+                .map(|mean| (num_rays_total as f64 * (TARGET_HITS / mean)) as u64),
+        }
+    }
+}
+
+/// Says which maps are mostly noise. Where second moments were not summed, a cell's error is its value over the root of its
+/// hits.
+fn undersampled(
+    detector: &Detector,
+    sums: &SensorTally,
+    uncertainty: &Uncertainty,
+    num_rays: u64,
+) -> Option<String> {
+    let map = uncertainty.of_map(sums).or_else(|| uncertainty.of_map_by_hits(sums))?;
+    let error = Some(map.relative()).filter(|error| error.is_finite() && *error > UNDERSAMPLED_ERROR)?;
+    let remedy = map.factor_to(GOOD_ERROR).map_or(String::new(), |factor| {
+        format!("; about {} rays would bring it to 5 %", thousands(rounded(num_rays as f64 * factor)))
+    });
+    Some(format!(
+        "detector '{}' is undersampled: the standard errors of its cells add up to {} % of what they hold, so that its map is \
+         mostly shot noise{remedy}",
+        shown(&detector.name),
+        significant(100.0 * error, 2),
+    ))
+}
+
+/// A number to two digits, as no estimate is better than that.
+fn rounded(count: f64) -> u64 {
+    let unit = 10_f64.powf((count.max(1.0).log10().floor() - 1.0).max(0.0));
+    ((count / unit).round() * unit) as u64
+}
+
+/// Names for a sentence.
+fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
+    let more = names.len().saturating_sub(MOST_NAMES);
+    let names: Vec<&str> = names.take(MOST_NAMES).collect();
+    let names = names.join(", ");
+    if more > 0 { format!("{names} and {} more", thousands(more as u64)) } else { names }
+}
+
+impl Diagnostics {
+    fn of(ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) -> Self {
+        let unreached = result.surfaces.iter().filter(|surface| !surface.reached);
+        let mut diagnostics = Diagnostics {
+            depth_truncated_flux_fraction: result.fraction_of_launched(result.ledger.depth.flux),
+            rr_killed_flux_fraction: result.fraction_of_launched(result.ledger.roulette_loss.flux),
+            flux_conservation_error: result.flux_conservation_error,
+            unreached_geometry: unreached.map(|surface| surface.name.clone()).collect(),
+            detectors: result
+                .detectors
+                .iter()
+                .map(|detector| DetectorDiagnostic::new(detector, result.num_rays_total))
+                .collect(),
+            medium_stack_underflows: tally.medium_stack_underflows,
+            split_budget_saturated: tally.split_budget_saturated,
+            stage_times: result.run.stage_times.clone(),
+            warnings: Vec::new(),
+            grave: Vec::new(),
+        };
+        diagnostics.warn(ir, result, tally, uncertainty);
+        diagnostics
+    }
+
+    fn warn(&mut self, ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) {
+        let mut grave = broken_books(result);
+        let mut warnings = grave.clone();
+        warnings.extend(partial(result));
+        warnings.extend(result.run.precision_warning.iter().cloned());
+        warnings.extend(result.run.scene_warnings.iter().cloned());
+        let maps =
+            result.detectors.iter().zip(&tally.sensors).filter_map(|(detector, sums)| {
+                undersampled(detector, sums, uncertainty, result.num_rays_total)
+            });
+        let without_rays = sources_without_rays(ir, result, tally);
+        let unfinished: Vec<String> = without_rays
+            .into_iter()
+            .chain(self.cut_off(ir, result))
+            .chain(unlit(result))
+            .chain(maps)
+            .collect();
+        warnings.extend(unfinished.iter().cloned());
+        warnings.extend(self.roulette());
+        warnings.extend(self.unreached());
+        warnings.extend(result.detectors.iter().filter_map(truncated_database));
+        warnings.extend(self.underflows());
+        warnings.extend(self.saturated());
+        grave.extend(unfinished);
+        (self.warnings, self.grave) = (warnings, grave);
+    }
+
+    /// Light that the depth limit took, where it is much, or where a detector is dark that it might have lit.
+    fn cut_off(&self, ir: &SceneIr, result: &TraceResult) -> Option<String> {
+        let fraction = self.depth_truncated_flux_fraction;
+        let dark = dark_detectors(result);
+        if fraction <= DEPTH_TRUNCATION && (dark.is_empty() || fraction == 0.0) {
+            return None;
+        }
+        let dark = match dark.as_slice() {
+            [] => "paths with more events are missing".into(),
+            dark => format!(
+                "paths with more events are missing, and {} got no light",
+                listed(dark.iter().map(String::as_str))
+            ),
+        };
+        let max_depth = result.run.max_depth;
+        Some(format!(
+            "{} of the launched flux ended at the depth limit of {max_depth} events: {dark}; give --max-depth {deeper}, in \
+             Python NsqGpuBackend(max_depth={deeper})",
+            percent(fraction),
+            deeper = depth::deeper(ir, max_depth),
+        ))
+    }
+
+    fn roulette(&self) -> Option<String> {
+        (self.rr_killed_flux_fraction > ROULETTE).then(|| {
+            format!(
+                "Russian roulette ended {} of the launched flux: unbiased, but noisy; lower rr_start_flux if the noise \
+                 matters",
+                percent(self.rr_killed_flux_fraction)
+            )
+        })
+    }
+
+    fn unreached(&self) -> Option<String> {
+        (!self.unreached_geometry.is_empty()).then(|| {
+            format!(
+                "no ray hit {} surface(s): {}; check where they stand and how they are turned, unless they are spare",
+                self.unreached_geometry.len(),
+                self.unreached_geometry.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", ")
+            )
+        })
+    }
+
+    fn saturated(&self) -> Option<String> {
+        self.split_budget_saturated.then(|| {
+            "splitting used up the split_budget of some launched rays, whose later branches were drawn: unbiased, but \
+             noisier; raise split_budget if the noise matters"
+                .into()
+        })
+    }
+
+    fn underflows(&self) -> Option<String> {
+        (self.medium_stack_underflows > 0).then(|| {
+            format!(
+                "{} time(s) a ray left a solid that it had never entered: expected of rays born inside a solid, where faces \
+                 of a solid scatter, and at a lone face in air, such as a coated pellicle; otherwise the sides of some \
+                 surface have the wrong media",
+                thousands(self.medium_stack_underflows)
+            )
+        })
+    }
+}
+
+/// What must never happen, in capitals, because no figure of such a result can be trusted.
+fn broken_books(result: &TraceResult) -> Vec<String> {
+    let ledger = &result.ledger;
+    let mut warnings = Vec::new();
+    if ledger.imbalance_quanta != 0 {
+        warnings.push(format!(
+            "THE LEDGER DOES NOT CLOSE: {} quanta ({} W) unaccounted for; this is a defect of the program, please report \
+             it with the scene",
+            ledger.imbalance_quanta,
+            significant(ledger.imbalance_flux, 6)
+        ));
+    }
+    if ledger.invalid_deposits > 0 {
+        warnings.push(format!(
+            "INVALID DEPOSITS: {} deposits were not finite or too large for any sum, or rays ended nowhere; this is a \
+             defect of the program, please report it with the scene",
+            thousands(ledger.invalid_deposits)
+        ));
+    }
+    if !result.run.partial && result.num_rays_total != result.run.num_rays {
+        warnings.push(format!(
+            "RAYS ARE MISSING: {} launched, {} requested; this is a defect of the program, please report it with the scene",
+            thousands(result.num_rays_total),
+            thousands(result.run.num_rays)
+        ));
+    }
+    warnings
+}
+
+fn partial(result: &TraceResult) -> Option<String> {
+    let why = match result.run.stopped_by {
+        Some(StoppedBy::TargetError) => return None,
+        Some(StoppedBy::TimeLimit) => "stopped at the time limit",
+        Some(StoppedBy::Interrupt) | None => "partial result",
+    };
+    result.run.partial.then(|| {
+        format!(
+            "{why}: {} of {} rays; fluxes are scaled to all that the sources emit",
+            thousands(result.num_rays_total),
+            thousands(result.run.num_rays)
+        )
+    })
+}
+
+fn dark_detectors(result: &TraceResult) -> Vec<String> {
+    let dark = result.detectors.iter().filter(|detector| detector.num_rays_hit == 0);
+    dark.map(|detector| shown(&detector.name)).collect()
+}
+
+fn unlit(result: &TraceResult) -> Option<String> {
+    let names = dark_detectors(result);
+    (!names.is_empty()).then(|| {
+        format!(
+            "no ray reached {} detector(s): {}; check where they stand and how they are turned",
+            names.len(),
+            names.join(", ")
+        )
+    })
+}
+
+/// Sources that no ray was left for. A lone source has all rays, and a part of a trace may have none of a source.
+fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Option<String> {
+    let is_part = result.run.of_rays.is_some_and(|all| all > result.num_rays_total);
+    if is_part || ir.emitters.len() < 2 {
+        return None;
+    }
+    let counts = tally.rays.counts(ir.emitters.len());
+    let without = ir.emitters.iter().zip(counts).filter(|(_, count)| *count == 0);
+    let names: Vec<String> = without.map(|(emitter, _)| shown(&emitter.name)).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} of {} sources have no ray: {}; their light is missing; launch at least {} rays, and a thousand times as many \
+             for a result",
+            thousands(names.len() as u64),
+            thousands(ir.emitters.len() as u64),
+            listed(names.iter().map(String::as_str)),
+            thousands(ir.emitters.len() as u64)
+        )
+    })
+}
+
+fn truncated_database(detector: &Detector) -> Option<String> {
+    match &detector.data {
+        DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
+            "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
+            shown(&detector.name),
+            thousands(rays.num_rays()),
+            thousands(detector.num_rays_hit)
+        )),
+        DetectorData::RayDatabase(_)
+        | DetectorData::Irradiance(_)
+        | DetectorData::Spectral(_)
+        | DetectorData::FarField(_) => None,
+    }
+}

@@ -1,0 +1,8 @@
+//! Names of the files of a result.
+
+/// Name of the document in the folder.
+pub const REPORT: &str = "report.json";
+/// Name of the file of recorded paths.
+pub const RAY_PATHS: &str = "ray_paths.npz";
+/// Name of the file of raw sums.
+pub const TALLY: &str = "tally.bin";

@@ -1,0 +1,72 @@
+//! The `.npz` files of a result: one a detector, and one of recorded paths.
+
+use std::path::Path;
+
+use ndarray::arr0;
+use serde_json::json;
+
+use crate::error::Result;
+use crate::result::npz::NpzFile;
+use crate::result::{
+    Detector, DetectorData, FarFieldPattern, IrradianceMap, RayDatabase, RayPaths, SpectralMap, TraceResult,
+};
+
+/// Version of the layout of the files.
+pub const SCHEMA: u32 = 1;
+
+/// Writes what one detector recorded to `path`.
+///
+/// # Errors
+/// [`crate::Error::File`] if the file cannot be written.
+pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) -> Result<()> {
+    let mut file = NpzFile::create(path)?;
+    let units = match &detector.data {
+        DetectorData::Irradiance(map) => map.write(&mut file).map(|()| IrradianceMap::UNITS),
+        DetectorData::Spectral(map) => map.write(&mut file).map(|()| SpectralMap::UNITS),
+        DetectorData::FarField(pattern) => pattern.write(&mut file).map(|()| FarFieldPattern::UNITS),
+        DetectorData::RayDatabase(rays) => rays.write(&mut file).map(|()| RayDatabase::UNITS),
+    }?;
+    // Optiland's ray database has no sums of its own: they follow from its columns.
+    if !matches!(detector.data, DetectorData::RayDatabase(_)) {
+        file.add("total_flux", &arr0(detector.total_flux))?;
+        file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
+        file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
+    }
+    file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, units))?;
+    file.finish()
+}
+
+/// Writes the recorded paths to `path`.
+///
+/// # Errors
+/// [`crate::Error::File`] if the file cannot be written.
+pub fn write_ray_paths(path: &Path, result: &TraceResult, paths: &RayPaths) -> Result<()> {
+    let mut file = NpzFile::create(path)?;
+    paths.write(&mut file)?;
+    file.add_string("meta", &meta(result, "ray_paths", "ray_paths", RayPaths::UNITS))?;
+    file.finish()
+}
+
+fn meta(result: &TraceResult, kind: &str, name: &str, units: &[(&str, &str)]) -> String {
+    let run = &result.run;
+    let units: serde_json::Map<String, serde_json::Value> =
+        units.iter().map(|(key, unit)| (key.to_string(), json!(unit))).collect();
+    json!({
+        "schema": SCHEMA,
+        "kind": kind,
+        "name": name,
+        "units": units,
+        "num_rays": result.num_rays_total,
+        "partial": run.partial,
+        "seed": run.seed,
+        "max_depth": run.max_depth,
+        "min_flux_fraction": run.min_flux_fraction,
+        "precision": run.precision,
+        "sampler": run.sampler,
+        "adapter": run.adapter,
+        "driver": run.driver,
+        "program": run.program,
+        "version": run.version,
+    })
+    .to_string()
+}

@@ -1,0 +1,98 @@
+//! From exact sums to what users read.
+
+use crate::error::Result;
+use crate::model::{Interaction, SceneIr};
+use crate::result::diagnose::diagnose;
+use crate::result::uncertainty::worst_relative_error;
+use crate::result::{
+    Detector, Diagnostics, FluxUnit, Ledger, RayPaths, Recorded, RunInfo, SurfaceResult, Tally, TraceResult,
+    Uncertainty, check_shape,
+};
+
+impl TraceResult {
+    /// Reads the sums of a trace of `ir` out into physical units, with the rows that the tally holds.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if the tally is not one of this scene.
+    pub fn new(ir: &SceneIr, run: &RunInfo, tally: &Tally) -> Result<TraceResult> {
+        check_shape(ir, tally)?;
+        TraceResult::with_rows(ir, run, tally, &Recorded::of_tally(ir, tally)?)
+    }
+
+    /// As [`TraceResult::new`], with rows that were recorded apart from the tally.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if tally or rows are not those of this scene, [`Error::File`] if the rows cannot be read.
+    pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
+        check_shape(ir, tally)?;
+        let emitted: f64 = ir.emitters.iter().map(|emitter| emitter.total_flux).sum();
+        let unit = FluxUnit::new(emitted, if run.partial { tally.launched.count } else { run.num_rays });
+        let uncertainty = Uncertainty::new(ir, tally, unit);
+        let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { emitted };
+
+        let detectors: Vec<Detector> = ir
+            .sensors
+            .iter()
+            .zip(&tally.sensors)
+            .zip(&recorded.databases)
+            .map(|((sensor, sums), rows)| {
+                Detector::new(sensor, sums, rows.as_ref(), unit, &uncertainty, &ir.wavelengths)
+            })
+            .collect::<Result<_>>()?;
+        let surfaces = surfaces(ir, tally, unit);
+        let ledger = Ledger::new(ir, tally, unit);
+        let total_flux_detected = total_flux(detectors.iter());
+        let total_flux_tapped = total_flux(detectors.iter().filter(|detector| !detector.absorb));
+        let total_flux_lost = ledger.depth.flux + ledger.roulette_loss.flux;
+
+        let mut result = TraceResult {
+            run: run.clone(),
+            detectors,
+            surfaces,
+            num_rays_total: tally.launched.count,
+            num_rays_absorbed: ledger.absorbed.count,
+            num_rays_escaped: ledger.escaped.count,
+            num_rays_flux_killed: ledger.roulette_loss.count,
+            num_rays_depth_killed: ledger.depth.count,
+            total_flux_in,
+            total_flux_detected,
+            total_flux_tapped,
+            total_flux_absorbed: ledger.absorbed.flux,
+            total_flux_bulk_absorbed: ledger.bulk.flux,
+            total_flux_escaped: ledger.escaped.flux,
+            total_flux_lost,
+            flux_conservation_error: 0.0,
+            relative_error: worst_relative_error(ir, tally).filter(|error| error.is_finite()),
+            ledger,
+            diagnostics: Diagnostics::default(),
+            ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
+        };
+        result.flux_conservation_error = result.conservation_error();
+        result.diagnostics = diagnose(ir, &result, tally, &uncertainty);
+        Ok(result)
+    }
+}
+
+/// Starts at 0, since the empty sum of floats is -0.
+fn total_flux<'a>(detectors: impl Iterator<Item = &'a Detector>) -> f64 {
+    detectors.fold(0.0, |sum, detector| sum + detector.total_flux)
+}
+
+fn surfaces(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Vec<SurfaceResult> {
+    ir.surfaces
+        .iter()
+        .zip(&tally.surfaces)
+        .enumerate()
+        .map(|(index, (surface, sums))| SurfaceResult {
+            name: if surface.name.is_empty() { format!("component_{index}") } else { surface.name.clone() },
+            kind: match surface.interaction {
+                Interaction::Refractive => "refractive",
+                Interaction::Reflective { .. } => "reflective",
+                Interaction::Absorbing => "absorbing",
+            },
+            reached: sums.reached,
+            num_rays_absorbed: sums.absorbed.count,
+            total_flux_absorbed: unit.watts(sums.absorbed.quanta),
+        })
+        .collect()
+}

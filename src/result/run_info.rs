@@ -1,0 +1,116 @@
+//! How a trace was run: what a report says beside the numbers.
+
+use crate::result::stopped_by::StoppedBy;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// How the trace was run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunInfo {
+    /// Path of the scene file, if the scene came from one.
+    pub scene: Option<String>,
+    /// Rays that the trace was planned with.
+    pub num_rays: u64,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Largest number of events per ray.
+    pub max_depth: u32,
+    /// Roulette threshold that was asked for, as a fraction of the mean flux of a new ray.
+    pub min_flux_fraction: f64,
+    /// Arithmetic of the trace: `f32` or `f64`.
+    pub precision: String,
+    /// What the draws were: `pcg` or `sobol`.
+    pub sampler: String,
+    /// Why this arithmetic was taken; empty if nobody said.
+    pub precision_reason: String,
+    /// What to beware of in it.
+    pub precision_warning: Option<String>,
+    /// Name of the adapter.
+    pub adapter: String,
+    /// Its driver and version.
+    pub driver: String,
+    /// Wall-clock time of the trace \[s\], without that of a trace that it went on from; 0 where nobody measured it.
+    pub trace_time_sec: f64,
+    /// Rays of the trace that this one went on from.
+    pub num_rays_before: u64,
+    /// From the start of the command to the end of its first dispatch of rays \[s\]; none where nobody measured it.
+    pub first_rays_sec: Option<f64>,
+    /// What the stages took on the device, if they were timed.
+    pub stage_times: Vec<StageTime>,
+    /// What the scene's reader found worth a warning.
+    pub scene_warnings: Vec<String>,
+    /// True if the trace stopped before all its rays were launched.
+    pub partial: bool,
+    /// Why it stopped, if it did.
+    pub stopped_by: Option<StoppedBy>,
+    /// The target for the relative error, if there was one.
+    pub target_error: Option<f64>,
+    /// Number of the first ray.
+    pub first_ray: u64,
+    /// The rays are a part of a trace of so many, if they are.
+    pub of_rays: Option<u64>,
+    /// No GPU was found, so that a processor traced.
+    pub has_no_gpu: bool,
+    /// Read from files without hashes, as older versions wrote them: damage would not be noticed.
+    pub is_unchecked: bool,
+    /// Name of the program.
+    pub program: String,
+    /// Version of the program.
+    pub version: String,
+}
+
+/// What one stage of a trace took on the device.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StageTime {
+    /// The stage: `trace_new`, `advance` or `trace_queued`.
+    pub stage: String,
+    /// Times that it was dispatched.
+    pub num_dispatches: u64,
+    /// Time on the device \[s\].
+    pub time_sec: f64,
+}
+
+impl Default for RunInfo {
+    fn default() -> Self {
+        RunInfo {
+            scene: None,
+            num_rays: 0,
+            seed: 0,
+            max_depth: 16,
+            min_flux_fraction: 1e-6,
+            precision: "f32".into(),
+            sampler: "pcg".into(),
+            precision_reason: String::new(),
+            precision_warning: None,
+            adapter: String::new(),
+            driver: String::new(),
+            trace_time_sec: 0.0,
+            num_rays_before: 0,
+            first_rays_sec: None,
+            stage_times: Vec::new(),
+            scene_warnings: Vec::new(),
+            partial: false,
+            stopped_by: None,
+            target_error: None,
+            first_ray: 0,
+            of_rays: None,
+            has_no_gpu: false,
+            is_unchecked: false,
+            program: env!("CARGO_PKG_NAME").into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+        }
+    }
+}
+
+impl RunInfo {
+    /// What is to be said of results that [`RunInfo::is_unchecked`].
+    pub fn unchecked_notice(&self, dir: &Path) -> String {
+        format!("{} is of an older version, without hashes: damage would not be noticed", dir.display())
+    }
+
+    /// Rays launched per second, of `launched` in all; 0 where no time was measured.
+    pub fn rays_per_sec(&self, launched: u64) -> f64 {
+        let own = launched.saturating_sub(self.num_rays_before);
+        if self.trace_time_sec > 0.0 { own as f64 / self.trace_time_sec } else { 0.0 }
+    }
+}

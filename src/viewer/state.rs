@@ -1,0 +1,135 @@
+//! What the window holds: the model, and what the user does with it at the moment.
+
+use crate::viewer::field::Cell;
+use crate::viewer::model::{Analysis, Model, Picture};
+use crate::viewer::plot::{Frame, View};
+use crate::viewer::raster;
+use crate::viewer::region::Region;
+use crate::viewer::spots::Spot;
+use eframe::egui::TextureHandle;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// The window over a [`Model`].
+pub struct App {
+    /// What is shown.
+    pub model: Model,
+    /// Views that the user has moved, by plot.
+    pub(super) views: HashMap<String, Option<View>>,
+    /// What the cursor reads.
+    pub(super) cursor: Option<Cursor>,
+    /// What is being dragged.
+    pub(super) grab: Option<Grab>,
+    /// Where the plot in the middle was in the last frame.
+    pub(super) frame: Option<Frame>,
+    pub(super) painted: Option<Painted>,
+    pub(super) figures: Option<CachedFigures>,
+    /// Folder of B, as it is typed.
+    pub(super) compare_path: String,
+    /// Folder of exports, as it is typed.
+    pub(super) export_folder: String,
+    /// The rays of the next trace, as they are typed.
+    pub(super) num_rays: String,
+    /// The window should be closed after so many frames: for tests in a real window.
+    pub frames_left: Option<u32>,
+}
+
+/// What the cursor reads.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cursor {
+    /// Where it is.
+    pub at: (f64, f64),
+    /// The cell, of a map.
+    pub cell: Option<Cell>,
+    /// Value, hits and standard error of the cell.
+    pub value: Option<(f64, u64, f64)>,
+    /// The ray, of a database.
+    pub spot: Option<Spot>,
+    /// It stays where the user clicked.
+    pub pinned: bool,
+}
+
+/// What the pointer holds while it drags in the plot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Grab {
+    /// A corner of a region; the other one stays.
+    Corner { fixed: (f64, f64) },
+    /// A whole region: where the pointer was.
+    Region { last: (f64, f64) },
+    /// An end of the line.
+    End(usize),
+    /// The whole line: where the pointer was.
+    Line { last: (f64, f64) },
+}
+
+/// A picture as a texture, and what it was made from.
+pub(super) struct Painted {
+    pub picture: Arc<Picture>,
+    pub view: View,
+    pub size: [usize; 2],
+    pub colors: raster::Colors,
+    pub texture: TextureHandle,
+}
+
+/// Figures of a region, and what they were made from.
+pub(super) struct CachedFigures {
+    pub picture: Arc<Picture>,
+    pub region: Region,
+    pub analysis: Analysis,
+}
+
+impl Cursor {
+    /// What it reads, to the bit: a value that is not known equals itself.
+    pub(super) fn reads(&self) -> impl PartialEq + use<> {
+        let value = self.value.map(|(value, hits, sigma)| (value.to_bits(), hits, sigma.to_bits()));
+        (self.at, self.cell, value, self.spot, self.pinned)
+    }
+}
+
+impl App {
+    /// The window of a model.
+    pub fn new(model: Model) -> Self {
+        App {
+            num_rays: model.run.num_rays.to_string(),
+            export_folder: ".".into(),
+            compare_path: String::new(),
+            model,
+            views: HashMap::new(),
+            cursor: None,
+            grab: None,
+            frame: None,
+            painted: None,
+            figures: None,
+            frames_left: None,
+        }
+    }
+
+    /// Where exports go.
+    pub fn set_export_folder(&mut self, folder: &std::path::Path) {
+        self.export_folder = folder.display().to_string();
+    }
+
+    /// What the cursor reads.
+    pub fn cursor(&self) -> Option<&Cursor> {
+        self.cursor.as_ref()
+    }
+
+    /// Where the plot in the middle was drawn last.
+    pub fn frame(&self) -> Option<Frame> {
+        self.frame
+    }
+
+    /// Figures of the region that is shown, and how its flux lies about the centroid.
+    pub fn region_figures(&mut self) -> Option<Analysis> {
+        let picture = self.model.picture().ok()?;
+        let Some(region) = self.model.marks().region else {
+            return self.model.analysis();
+        };
+        let cached = self.figures.as_ref();
+        if !cached.is_some_and(|cached| Arc::ptr_eq(&cached.picture, &picture) && cached.region == region) {
+            let analysis = picture.analysis(Some(region));
+            self.figures = Some(CachedFigures { picture, region, analysis });
+        }
+        self.figures.as_ref().map(|cached| cached.analysis.clone())
+    }
+}
