@@ -2,13 +2,13 @@
 //! side paths.
 
 use crate::error::Result;
+use crate::model::shader_file::{ShaderFile, shader};
 use crate::program::Precision;
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::compose::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::extension::Extension;
 use crate::program::wgsl::text::Text;
-use crate::shaders::{ShaderFile, shader};
 use crate::software::log::format::{EndLog, Form};
 use crate::software::path::compose::Stages;
 use crate::software::path::main_path::NominalPath;

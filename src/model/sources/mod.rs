@@ -14,7 +14,7 @@ pub use crate::model::sources::point::Point;
 
 use crate::model::Outline;
 use crate::model::list::kinds;
-use crate::shaders::ShaderFile;
+use crate::model::shader_file::ShaderFile;
 
 kinds! {
     EmitterKind: Emission, functions EmitterName: EmitterWgsl;

@@ -3,6 +3,7 @@
 
 use crate::error::Result;
 use crate::model::SceneIr;
+use crate::model::shader_file::shader;
 use crate::program::ProgramOptions;
 use crate::program::features::{Features, Precision};
 use crate::program::geometry::bvh::Forest;
@@ -17,7 +18,6 @@ use crate::program::prepared::Prepared;
 use crate::program::wgsl::extension::Extension;
 use crate::program::wgsl::library::{self, Integers, Real};
 use crate::program::wgsl::text::Text;
-use crate::shaders::shader;
 use glam::DVec3;
 
 /// The shader that prepares the next dispatch of a pass.
@@ -82,6 +82,10 @@ impl<'a> Composition<'a> {
         library::add(&mut text, self.real_type(), self.integers(), self.options.sampler);
         text.composed("program::wgsl::constants", &self.constants()?);
         text.files(self.files());
+        if self.features.has_own_normals() {
+            // To which the function for all shapes turns (`dispatch`).
+            text.rename("fn quadric_normal(", "fn normal_of_quadric(");
+        }
         text.composed("program::wgsl::variants", &self.drawn_branch());
         text.composed("program::wgsl::rows", &self.rows()?);
         text.composed("program::wgsl::search", &self.nearest_primitive()?);

@@ -4,9 +4,9 @@
 //! a slot's ([`crate::program::wgsl::variants`]), and may add entry points beside the plain ones. It never changes a result.
 
 use crate::error::Result;
+use crate::model::shader_file::ShaderFile;
 use crate::program::wgsl::compose::Composition;
 use crate::program::wgsl::text::Text;
-use crate::shaders::ShaderFile;
 
 /// What is added to the plain module of a scene. Each method says what the plain module has unless an extension overrides it.
 pub trait Extension: std::fmt::Debug {

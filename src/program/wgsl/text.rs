@@ -1,6 +1,7 @@
 //! The text of a module in parts, each below a comment that says where it comes from.
 
-use crate::shaders::ShaderFile;
+pub use crate::model::shader_file::ShaderFile;
+pub(crate) use crate::model::shader_file::shader;
 use std::fmt::Write;
 
 /// The text of a module. The order of declarations means nothing to WGSL.
@@ -23,6 +24,11 @@ impl Text {
         if !text.is_empty() {
             let _ = writeln!(self.0, "// ==== composed by {by}\n{text}");
         }
+    }
+
+    /// Gives what was declared so far another name.
+    pub fn rename(&mut self, before: &str, after: &str) {
+        self.0 = self.0.replace(before, after);
     }
 
     /// The whole text.

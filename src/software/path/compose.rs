@@ -1,11 +1,11 @@
 //! Composition of the stages that follow paths: the main path, and the side paths.
 
 use crate::error::{Error, Result};
+use crate::model::shader_file::{ShaderFile, shader};
 use crate::model::shapes::Normal;
 use crate::model::{Frame, Shape};
 use crate::program::layout::tables;
 use crate::program::wgsl::compose::Composition;
-use crate::shaders::{ShaderFile, shader};
 use crate::software::extension::SoftwareExtension;
 use crate::software::path::clearance::{Clearance, Exit, Sign};
 use crate::software::path::main_path::{Crossing, NominalEvent, NominalPath};
