@@ -7,11 +7,12 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::model::shapes;
 use crate::model::{Frame, Interaction, Mesh, Outline, Shape, area_vector};
+use crate::scene::detectors::sensor;
 use crate::scene::frame::frame_of;
 use crate::scene::json::{SceneFile, Source};
-use crate::scene::lower::{emitter_kind, sensor};
 use crate::scene::media::MediaTable;
 use crate::scene::place::quoted;
+use crate::scene::sources::emitter_kind;
 use crate::scene::surfaces::SceneSurface;
 
 /// What `check` and `trace` say of them. The tracer meets what is named here first (program::contact).

@@ -8,15 +8,17 @@ mod coincidence;
 mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
+pub(crate) mod detectors;
 mod files;
 mod frame;
 pub mod json;
-pub(crate) mod lower;
+mod lower;
 pub mod materials;
 mod media;
 mod mesh_files;
 mod meshes;
 mod place;
+pub(crate) mod sources;
 mod surfaces;
 mod text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
@@ -30,8 +32,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::model::{Mesh, SceneIr};
-pub(crate) use crate::scene::frame::frame_of;
+use crate::model::Mesh;
 use crate::scene::json::SceneFile;
 pub(crate) use crate::scene::media::MediaTable;
 pub(crate) use crate::scene::surfaces::SceneSurface;
@@ -98,14 +99,6 @@ impl Scene {
     /// A path that the scene names, such as that of a mesh.
     pub fn resolve(&self, named: &str) -> PathBuf {
         self.folder.join(named)
-    }
-
-    /// The scene as the tracer sees it.
-    ///
-    /// # Errors
-    /// [`Error::Internal`] if the scene names something that reading it did not resolve.
-    pub fn lower(&self) -> Result<SceneIr> {
-        crate::scene::lower::lower(self)
     }
 }
 
