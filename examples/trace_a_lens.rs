@@ -19,7 +19,7 @@ fn main() -> Result<()> {
     let gpu = Gpu::open(&AdapterChoice::default())?;
     let options = TraceOptions {
         num_rays: 1_000_000,
-        max_depth: TraceOptions::depth_of(&model),
+        max_depth: nsq_gpu::model::depth::of_scene(&model),
         standard_error: StandardError::On,
         ..TraceOptions::default()
     }

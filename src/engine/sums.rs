@@ -64,34 +64,3 @@ impl DeviceSums {
         Ok(bytemuck::pod_read_unaligned(&bytes))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::program::layout::words::Words;
-
-    #[test]
-    fn both_layouts_give_the_same_cells() {
-        let expected = [1_u128, 0, (0x99AA_BBCC << 64) | 0x1122_3344_5566_7788];
-        let bytes = |shift: u32, num: usize| -> Vec<u8> {
-            expected.iter().flat_map(|cell| (cell >> shift).to_le_bytes()[..num].to_vec()).collect()
-        };
-        let cells = |buffers: &[(Words, u64, &[u8])]| {
-            let mut cells = [0; 3];
-            for (words, first, bytes) in buffers {
-                words.values(*first, bytes).for_each(|(cell, value)| cells[cell] += value);
-            }
-            cells
-        };
-        assert_eq!(cells(&[(Words::Low, 0, &bytes(0, 8)), (Words::Top, 0, &bytes(64, 4))]), expected);
-        // Parts end where they end, also within a cell.
-        let words = bytes(0, 12);
-        assert_eq!(cells(&[(Words::All, 0, &words[..28]), (Words::All, 7, &words[28..])]), expected);
-    }
-
-    #[test]
-    fn zeros_are_passed_over() {
-        let bytes = [0, 5, 0, 0, 7_u32].map(u32::to_le_bytes).concat();
-        assert_eq!(Words::Counter.values(10, &bytes).collect::<Vec<_>>(), [(11, 5), (14, 7)]);
-    }
-}

@@ -3,10 +3,10 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
 };
+use crate::shaders::shader;
 use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
 use serde::Deserialize;

@@ -1,8 +1,8 @@
 //! Parallel beams.
 
 use crate::model::Outline;
-use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl};
+use crate::shaders::shader;
 
 /// The uniform beam.
 pub const TOPHAT: EmitterWgsl =

@@ -1,8 +1,8 @@
 //! Emitting areas.
 
 use crate::model::Outline;
-use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
+use crate::shaders::shader;
 use std::f64::consts::FRAC_PI_2;
 
 /// The rectangle.

@@ -1,8 +1,8 @@
 //! A point source.
 
 use crate::model::Outline;
-use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
+use crate::shaders::shader;
 
 /// The point.
 pub const POINT: EmitterWgsl =

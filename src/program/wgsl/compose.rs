@@ -16,7 +16,8 @@ use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::extension::Extension;
 use crate::program::wgsl::library::{self, Integers, Real};
-use crate::program::wgsl::text::{Text, shader};
+use crate::program::wgsl::text::Text;
+use crate::shaders::shader;
 use glam::DVec3;
 
 /// The shader that prepares the next dispatch of a pass.
@@ -82,7 +83,7 @@ impl<'a> Composition<'a> {
         text.composed("program::wgsl::constants", &self.constants()?);
         text.files(self.files());
         if self.features.has_own_normals() {
-            // To which the function for all shapes turns (`dispatch`).
+            // To which the function for all shapes turns (`dispatch`), so before that one is declared.
             text.rename("fn quadric_normal(", "fn normal_of_quadric(");
         }
         text.composed("program::wgsl::variants", &self.drawn_branch());

@@ -5,7 +5,8 @@
 
 use crate::error::Result;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::text::{ShaderFile, Text};
+use crate::program::wgsl::text::Text;
+use crate::shaders::ShaderFile;
 
 /// What is added to the plain module of a scene. Each method says what the plain module has unless an extension overrides it.
 pub trait Extension: std::fmt::Debug {

@@ -2,7 +2,8 @@
 
 use crate::program::layout::bindings;
 use crate::program::layout::rng::Sampler;
-use crate::program::wgsl::text::{ShaderFile, Text, shader};
+use crate::program::wgsl::text::Text;
+use crate::shaders::{ShaderFile, shader};
 
 /// Precision of `real` in the shaders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

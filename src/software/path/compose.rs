@@ -5,7 +5,7 @@ use crate::model::shapes::Normal;
 use crate::model::{Frame, Shape};
 use crate::program::layout::tables;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::text::{ShaderFile, shader};
+use crate::shaders::{ShaderFile, shader};
 use crate::software::extension::SoftwareExtension;
 use crate::software::path::clearance::{Clearance, Exit, Sign};
 use crate::software::path::main_path::{Crossing, NominalEvent, NominalPath};

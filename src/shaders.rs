@@ -1,7 +1,7 @@
-//! Files of shaders/, which the program holds.
+//! The files of shaders/, which the program holds.
 
-/// A file of shaders/.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A file of shaders/, which the program holds.
+#[derive(Debug, Clone, Copy)]
 pub struct ShaderFile {
     /// Its path below shaders/.
     pub path: &'static str,
@@ -12,7 +12,7 @@ pub struct ShaderFile {
 /// The file of shaders/ at a path.
 macro_rules! shader {
     ($($path:tt)+) => {
-        $crate::model::shader_file::ShaderFile {
+        $crate::shaders::ShaderFile {
             path: concat!($($path)+),
             text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $($path)+)),
         }
