@@ -1,7 +1,6 @@
 //! A triangle mesh of the scene, where a surface places it.
 
 use crate::model::mesh::Mesh;
-use crate::model::shader_file::shader;
 use crate::model::shapes::{Entry, Extent, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
 use crate::{Error, Result};
 use glam::DVec3;

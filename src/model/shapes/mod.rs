@@ -26,7 +26,7 @@ pub use crate::model::shapes::sphere::Sphere;
 use crate::Result;
 use crate::model::list::kinds;
 use crate::model::mesh::Mesh;
-use crate::model::shader_file::ShaderFile;
+use crate::shaders::ShaderFile;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 

@@ -2,7 +2,6 @@
 
 use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Flat, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, circle, ring_samples,
 };

@@ -3,8 +3,8 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shader_file::shader;
 use crate::model::shapes::{Entry, Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::shaders::ShaderFile;
 use glam::{DMat3, DVec3};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -12,7 +12,10 @@ use serde::Deserialize;
 /// The roof.
 pub const ROOF: ShapeWgsl = ShapeWgsl {
     name: "roof",
-    file: shader!("../tests/fixtures/roof.wgsl"),
+    file: ShaderFile {
+        path: "../tests/fixtures/roof.wgsl",
+        text: include_str!("../../../tests/fixtures/roof.wgsl"),
+    },
     num_arguments: 3,
     normal: Normal::Own,
 };

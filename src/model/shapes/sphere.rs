@@ -3,7 +3,6 @@
 use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
-use crate::model::shader_file::shader;
 use crate::model::shapes::{
     Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
 };

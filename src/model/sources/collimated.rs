@@ -1,7 +1,6 @@
 //! Parallel beams.
 
 use crate::model::Outline;
-use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl};
 
 /// The uniform beam.

@@ -1,7 +1,6 @@
 //! Emitting areas.
 
 use crate::model::Outline;
-use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
 use std::f64::consts::FRAC_PI_2;
 

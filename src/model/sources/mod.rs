@@ -14,7 +14,7 @@ pub use crate::model::sources::point::Point;
 
 use crate::model::Outline;
 use crate::model::list::kinds;
-use crate::model::shader_file::ShaderFile;
+use crate::shaders::ShaderFile;
 
 kinds! {
     EmitterKind: Emission, functions EmitterName: EmitterWgsl;

@@ -1,7 +1,6 @@
 //! A point source.
 
 use crate::model::Outline;
-use crate::model::shader_file::shader;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
 
 /// The point.

@@ -83,7 +83,7 @@ impl<'a> Composition<'a> {
         text.composed("program::wgsl::constants", &self.constants()?);
         text.files(self.files());
         if self.features.has_own_normals() {
-            // To which the function for all shapes turns (`dispatch`).
+            // To which the function for all shapes turns (`dispatch`), so before that one is declared.
             text.rename("fn quadric_normal(", "fn normal_of_quadric(");
         }
         text.composed("program::wgsl::variants", &self.drawn_branch());
@@ -93,11 +93,7 @@ impl<'a> Composition<'a> {
         self.extension.add(self, &mut text)?;
         text.composed("program::wgsl::bins", &self.bins());
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
-        let mut text = text.into_string();
-        if self.features.has_own_normals() {
-            text = text.replace("fn quadric_normal(", "fn normal_of_quadric(");
-        }
-        self.sums.cut(bindings::declared(&text))
+        self.sums.cut(bindings::declared(&text.into_string()))
     }
 
     fn real_type(&self) -> Real {

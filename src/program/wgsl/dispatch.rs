@@ -1,6 +1,7 @@
 //! Dispatch over the kinds that occur in a scene: of detectors, sources, BSDFs and shapes.
 
 use crate::error::Result;
+use crate::model::shapes::Normal;
 use crate::model::{ReflectProb, ShapeKind};
 use crate::program::wgsl::compose::Composition;
 use std::fmt::Write;
@@ -8,8 +9,28 @@ use std::fmt::Write;
 impl Composition<'_> {
     /// All but that over shapes, which belongs to the search.
     pub(super) fn dispatch(&self) -> Result<String> {
-        let of_scene = [self.record(), self.emit(), self.sample_bsdf(), self.reflect_probability()?];
-        Ok(of_scene.concat() + &self.normal())
+        let others = [self.record(), self.emit(), self.sample_bsdf(), self.reflect_probability()?];
+        Ok(self.normal_by_kind() + &others.concat())
+    }
+
+    /// Over the kinds of shapes that have a function for their normal; the others are quadrics, whose function has another
+    /// name then ([`Composition::compose`]).
+    fn normal_by_kind(&self) -> String {
+        if !self.features.has_own_normals() {
+            return String::new();
+        }
+        let mut text = String::from(
+            "fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {\n    \
+             let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);\n    \
+             let p = to_surface(surface, position - origin);\n",
+        );
+        for kind in self.features.shapes.iter().filter(|kind| kind.has_own_normal()) {
+            let arguments: String = (0..kind.num_arguments()).map(|i| format!(", surface.a{i}")).collect();
+            let (code, function) = (kind.code(), kind.function("normal"));
+            let normal = format!("from_surface(surface, {function}(p{arguments}))");
+            let _ = writeln!(text, "    if surface.shape == {code}u {{ return {normal}; }}");
+        }
+        text + "    return normal_of_quadric(surface, position);\n}\n"
     }
 
     /// Over the kinds of detectors; the codes are those of [`crate::program::layout::tables::sensor_code`].
@@ -58,25 +79,6 @@ impl Composition<'_> {
         text
     }
 
-    /// Over the kinds of shapes that have a function for their normal; the others are quadrics.
-    fn normal(&self) -> String {
-        if !self.features.has_own_normals() {
-            return String::new();
-        }
-        let mut text = String::from(
-            "fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {\n    \
-             let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);\n    \
-             let p = to_surface(surface, position - origin);\n",
-        );
-        for kind in self.features.shapes.iter().filter(|kind| kind.has_own_normal()) {
-            let arguments: String = (0..kind.num_arguments()).map(|i| format!(", surface.a{i}")).collect();
-            let (code, function) = (kind.code(), kind.function("normal"));
-            let normal = format!("from_surface(surface, {function}(p{arguments}))");
-            let _ = writeln!(text, "    if surface.shape == {code}u {{ return {normal}; }}");
-        }
-        text + "    return normal_of_quadric(surface, position);\n}\n"
-    }
-
     /// How often reflection is drawn, where that is not its own probability.
     fn reflect_probability(&self) -> Result<String> {
         if !self.features.importance {
@@ -88,6 +90,19 @@ impl Composition<'_> {
             ReflectProb::Constant(p) => self.real(p)?,
         };
         Ok(format!("fn reflect_probability(reflectance: real) -> real {{\n    return {probability};\n}}\n"))
+    }
+}
+
+/// A `Quadric` that tells in WGSL how far a point `o` is from a shape with these arguments: the shape's own one, or for
+/// a shape that is none a plane at the shape's height above the point.
+pub(super) fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
+    match kind.wgsl().normal {
+        Normal::Quadric(quadric) => quadric(&arguments.split(", ").collect::<Vec<_>>()),
+        Normal::Facet => "Quadric(0.0, 0.0, 1.0, 0.0)".into(),
+        Normal::Own => {
+            let height = kind.function("height");
+            format!("Quadric(0.0, 0.0, 1.0, 2.0 * ({height}({o}, {arguments}) - ({o}).z))")
+        }
     }
 }
 

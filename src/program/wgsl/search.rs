@@ -1,11 +1,11 @@
 //! The search for the primitive that a ray meets next: one call a primitive, or a loop over a table, or a tree.
 
 use crate::error::Result;
-use crate::model::shapes::{Normal, Quadric};
+use crate::model::shapes::Quadric;
 use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::layout::tables;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::dispatch::by_kind;
+use crate::program::wgsl::dispatch::{by_kind, quadric_of};
 use crate::program::wgsl::rows::frame_functions;
 use std::fmt::Write;
 use std::ops::Range;
@@ -84,7 +84,7 @@ impl Composition<'_> {
         function: &str,
         leaving: &str,
     ) -> Result<String> {
-        let kind = shape.kind();
+        let kind = ShapeKind::of(shape);
         let farthest = if kind.is_searched() { ", best.distance" } else { "" };
         let mut arguments = String::new();
         for argument in shape.arguments() {
@@ -141,7 +141,11 @@ impl Composition<'_> {
         if self.contacts.any() {
             let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
             text += &by_kind(head, &kinds, "false", |kind, a| format!("{}(o{a})", kind.function("holds")));
-            text += &shape_quadric(&kinds);
+            let head = "fn shape_quadric(p: Primitive, o: vec3<real>) -> Quadric";
+            let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
+            text += &by_kind(head, &kinds, flat, |kind, arguments| {
+                quadric_of(kind, "o", arguments.trim_start_matches(", "))
+            });
         }
         text
     }
@@ -151,26 +155,5 @@ impl Composition<'_> {
         let is_mesh = |i: usize| self.ir.surfaces.get(i).is_some_and(|s| s.shape.mesh().is_some());
         let births = (0..self.ir.surfaces.len()).any(|i| is_mesh(i) && self.contacts.is_born_on(i));
         births || !self.contacts.facets.is_empty()
-    }
-}
-
-/// A quadric that tells how far a point is from a primitive of the table.
-fn shape_quadric(kinds: &[ShapeKind]) -> String {
-    let head = "fn shape_quadric(p: Primitive, o: vec3<real>) -> Quadric";
-    by_kind(head, kinds, PLANE, |kind, arguments| quadric_of(kind, "o", arguments.trim_start_matches(", ")))
-}
-
-/// [`Quadric::PLANE`].
-const PLANE: &str = "Quadric(0.0, 0.0, 1.0, 0.0)";
-
-/// The quadric of a shape with these arguments; for one that is none, a plane at the shape's height above the point `o`.
-fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
-    match kind.wgsl().normal {
-        Normal::Quadric(quadric) => quadric(&arguments.split(", ").collect::<Vec<_>>()),
-        Normal::Facet => PLANE.into(),
-        Normal::Own => {
-            let height = kind.function("height");
-            format!("Quadric(0.0, 0.0, 1.0, 2.0 * ({height}({o}, {arguments}) - ({o}).z))")
-        }
     }
 }

@@ -1,7 +1,6 @@
 //! The text of a module in parts, each below a comment that says where it comes from.
 
-pub use crate::model::shader_file::ShaderFile;
-pub(crate) use crate::model::shader_file::shader;
+use crate::shaders::ShaderFile;
 use std::fmt::Write;
 
 /// The text of a module. The order of declarations means nothing to WGSL.

@@ -4,8 +4,8 @@ use crate::program::features::{Features, Precision};
 use crate::program::layout::bsdf::BsdfKind;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::text::{ShaderFile, shader};
 use crate::program::{PathSampling, ProgramOptions, SecondMoments};
+use crate::shaders::{ShaderFile, shader};
 
 /// Files of every scene.
 const ALWAYS: &[ShaderFile] = &[
@@ -128,14 +128,13 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self) -> [(bool, ShaderFile); 11] {
+    fn single(&self) -> [(bool, ShaderFile); 10] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
             (f.splits, shader!("stages/split.wgsl")),
             (f.reads_media(), shader!("optics/media.wgsl")),
             (f.has_bsdf_table(), shader!("optics/bsdf_table.wgsl")),
-            (f.has_meshes(), shader!("shapes/mesh.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
             (o.has_events(f), shader!("rows/events.wgsl")),
             (f.irradiance, shader!("detectors/irradiance.wgsl")),
@@ -182,14 +181,15 @@ impl Composition<'_> {
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         let pick = |slot: &Slot| self.extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
         files.extend(SLOTS.iter().filter_map(pick));
-        for kind in &self.features.shapes {
-            // Several kinds of shapes share a file.
-            if !files.contains(&kind.wgsl().file) {
-                files.push(kind.wgsl().file);
-            }
-        }
         files.extend(self.features.emitters.iter().map(|name| name.wgsl().file));
         files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
+        // Several kinds of shapes may share a file.
+        for kind in &self.features.shapes {
+            let file = kind.wgsl().file;
+            if files.iter().all(|known| known.path != file.path) {
+                files.push(file);
+            }
+        }
         files
     }
 
@@ -207,7 +207,6 @@ impl Composition<'_> {
     }
 }
 
-/// The file of a shape; those of planes and meshes stand in other rows.
 fn bsdf_file(kind: BsdfKind) -> ShaderFile {
     match kind {
         BsdfKind::Specular => shader!("bsdfs/specular.wgsl"),
