@@ -868,7 +868,7 @@ fn shader_prints_what_a_trace_compiles_and_where_it_comes_from() {
         assert!(num_files > 30, "{num_files} files");
         let ir = Scene::from_path(&scene_path(name)).unwrap().lower().unwrap();
         let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
-        let max_depth = TraceOptions::depth_of(&ir);
+        let max_depth = nsq_gpu::model::depth::of_scene(&ir);
         let options = TraceOptions { max_depth, precision, ..Default::default() }.tuned(&gpu.info);
         let tracer = Tracer::new(&gpu, &ir, &options).unwrap();
         // The command may have chosen other vectors of lavapipe's, whose width is told by one constant.

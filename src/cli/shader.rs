@@ -1,6 +1,6 @@
 //! `nsq-gpu shader`: the WGSL that a scene is traced by, with the file that each part of it comes from.
 
-use crate::cli::choose_vectors;
+use crate::cli::console::{choose_vectors, read_scene};
 use crate::cli::trace::{PrecisionArg, wanted};
 use crate::error::Result;
 use crate::gpu::{AdapterChoice, Gpu, Native};
@@ -28,8 +28,8 @@ pub struct Args {
 
 /// The composed text, as `trace` compiles it with no other options.
 pub fn run(args: &Args) -> Result<String> {
-    let ir = crate::cli::read_scene(&args.scene)?.lower()?;
-    let options = TraceOptions { max_depth: TraceOptions::depth_of(&ir), ..Default::default() };
+    let ir = read_scene(&args.scene)?.lower()?;
+    let options = TraceOptions { max_depth: crate::model::depth::of_scene(&ir), ..Default::default() };
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
     choose_vectors(Width::of_command(&ir, options.num_rays, in_f64));
     let native = if args.portable { Native::Off } else { Native::Allowed };
