@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::model::ReflectProb;
 use crate::program::features::ShapeKind;
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
 
 impl Composition<'_> {
