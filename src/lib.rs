@@ -39,6 +39,7 @@ pub mod program;
 pub mod result;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod scene;
+pub mod shaders;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod software;
 pub mod trace;

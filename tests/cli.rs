@@ -955,14 +955,9 @@ fn compose(text: &str) -> Result<(), Error> {
             paths: PathSampling::None,
             weights: vec![1.0; ir.emitters.len()],
             sampler: Sampler::Pcg,
-            host_sums: baked,
             most_rays_per_invocation: 1,
-            side_by_side: false,
-            lanes: 1,
             vector_lanes: 0,
             moments: SecondMoments::None,
-            nominal: None,
-            side_paths: Vec::new(),
             part_bytes: 1 << 27,
         };
         let program = Program::new(&ir, options, 0)?;

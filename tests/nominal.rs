@@ -16,6 +16,7 @@ use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
 use nsq_gpu::result::Tally;
 use nsq_gpu::software::When;
+use nsq_gpu::software::added::SoftwareExtension;
 use nsq_gpu::software::path::clearance::{Clearance, Sign};
 use nsq_gpu::software::path::main_path::{Crossing, NominalPath};
 use nsq_gpu::software::path::side_path::SidePath;
@@ -37,13 +38,13 @@ fn options(precision: Precision) -> TraceOptions {
 fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<NominalPath>) {
     let mut tracer = options.tracer(zoo::gpu(), ir).unwrap();
     let tally = tracer.trace(|_| true).unwrap();
-    (tally, tracer.program().nominal.clone())
+    (tally, SoftwareExtension::of_program(tracer.program()).nominal.clone())
 }
 
 /// Of each place that the path's rays log, how often they arrive there; none where they log entries.
 fn arrivals(ir: &SceneIr, options: &impl Asked) -> Option<Vec<usize>> {
     let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
-    let log = tracer.program().path_log.as_ref()?;
+    let log = SoftwareExtension::of_program(tracer.program()).path_log.as_ref()?;
     Some(log.places.iter().map(|place| place.arrivals.len()).collect())
 }
 
@@ -192,7 +193,10 @@ fn so_do_rays_side_by_side() {
                 let mut tracer = with.tracer(zoo::gpu(), ir).unwrap();
                 let has_pairs = tracer.program().wgsl.contains("follow_pair");
                 assert_eq!(has_pairs, side_by_side && is_possible, "{name}, {num_rays} rays");
-                assert!(tracer.program().nominal.is_some(), "{name} has no path");
+                assert!(
+                    SoftwareExtension::of_program(tracer.program()).nominal.is_some(),
+                    "{name} has no path"
+                );
                 let traced = tracer.trace(|_| true).unwrap();
                 assert!(traced == tally, "{name}, {num_rays} rays in {precision:?}: other bits");
             }
@@ -302,7 +306,7 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
 /// not.
 fn attenuating_legs(ir: &SceneIr, options: &TraceOptions) -> Option<u32> {
     let tracer = with_main_path(options).tracer(zoo::gpu(), ir).unwrap();
-    tracer.program().path_log.as_ref()?.attenuating_legs
+    SoftwareExtension::of_program(tracer.program()).path_log.as_ref()?.attenuating_legs
 }
 
 /// A lens whose glass takes a tenth of the light.
@@ -464,7 +468,7 @@ fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
         let primitives = side.path.events.iter().map(|event| event.primitive).collect();
         (side.rejected_at, primitives, side.path.missed.is_some())
     };
-    tracer.program().side_paths.iter().map(of).collect()
+    SoftwareExtension::of_program(tracer.program()).side_paths.iter().map(of).collect()
 }
 
 /// What a lens reflects back at its faces has stages of its own: nearly nothing is left to the stage of all others.
@@ -486,8 +490,10 @@ fn rays_that_stray_alike_follow_side_paths() {
             let rays = rays.with(|choices| choices.stores_together = When::forced(stores_together));
             let mut tracer = with_main_path(&rays).tracer(zoo::gpu(), &ir).unwrap();
             assert_eq!(side_paths(&tracer)[..2], there_and_back, "{precision:?}");
-            let legs =
-                tracer.program().side_paths.iter().map(|side| side.log.as_ref().unwrap().attenuating_legs);
+            let legs = SoftwareExtension::of_program(tracer.program())
+                .side_paths
+                .iter()
+                .map(|side| side.log.as_ref().unwrap().attenuating_legs);
             assert!(legs.take(2).eq(attenuating_legs), "not {attenuating_legs:?}");
             let without = with_main_path(&rays).with(|choices| choices.side_paths = When::Never);
             assert_eq!(side_paths(&without.tracer(zoo::gpu(), &ir).unwrap()), []);
@@ -550,7 +556,7 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
             let options = TraceOptions { num_rays: 100_000, ..options(precision) };
             let with = with_main_path(&options);
             let mut tracer = with.tracer(zoo::gpu(), &ir).unwrap();
-            let sides = &tracer.program().side_paths;
+            let sides = &SoftwareExtension::of_program(tracer.program()).side_paths;
             let reflected = sides.iter().find(|side| side.rejected_at == 0 && side.path.events.len() == 1);
             let missed = reflected.and_then(|side| side.path.missed.as_ref()).unwrap();
             let passed = missed.passed.iter().find(|(i, _)| *i == 3).map(|(_, passed)| kind(passed));

@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::layout::tables::ReachedMarks;
+use crate::program::wgsl::extension::Extend;
 use crate::program::{self, Features, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{Booking, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 
@@ -65,16 +66,17 @@ impl Draft {
         Ok(Draft { options: options.clone(), rays, moments, program })
     }
 
-    /// Composes the program. `edit` changes the composed text, and `limits` says how large its dispatches should be.
+    /// Composes the program, with an extension. `edit` changes the composed text, and `limits` says how large its dispatches should be.
     pub(crate) fn compose(
         self,
         gpu: &Gpu,
         ir: &SceneIr,
+        extend: &dyn Extend,
         edit: impl FnOnce(String) -> String,
         limits: impl FnOnce(&Program) -> DispatchLimits,
     ) -> Result<Plan> {
         let Draft { options, rays, moments, program } = self;
-        let program = Program::with_wgsl_edit(ir, program, options.seed, edit)?;
+        let program = Program::extended(ir, program, extend, options.seed, edit)?;
         check_families(&program, &options)?;
         let limits = limits(&program);
         Ok(Plan {
@@ -106,7 +108,6 @@ fn plain(
     ProgramOptions {
         precision: options.precision,
         native: gpu.int64,
-        host_sums: false,
         baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
         tree: options.tree.unwrap_or(true),
         uniform_bytes: 0,
@@ -116,15 +117,11 @@ fn plain(
         events_per_dispatch,
         workgroup_size: options.workgroup_size,
         most_rays_per_invocation: 1,
-        side_by_side: false,
-        lanes: 1,
         vector_lanes: gpu.vector_lanes(),
         paths: options.paths.sampling(options.budget()),
         weights,
         sampler: options.sampler,
         moments: moments.on_device(),
-        nominal: None,
-        side_paths: Vec::new(),
         part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
     }
 }

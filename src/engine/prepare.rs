@@ -17,8 +17,8 @@ pub(crate) fn prepare<'a>(
     edit: impl FnOnce(String) -> String,
 ) -> Result<Engine<'a>> {
     let mut draft = Draft::new(gpu, ir, options)?;
-    strategy.specialise(gpu, ir, options, &mut draft.program)?;
-    let plan = draft.compose(gpu, ir, edit, |program| strategy.limits(program))?;
+    let extend = strategy.specialise(gpu, ir, options, &mut draft.program)?;
+    let plan = draft.compose(gpu, ir, extend.as_ref(), edit, |program| strategy.limits(program))?;
     let additions = strategy.open(gpu, &plan)?;
     let device = plan.open(gpu, &additions)?;
     Ok(Engine::new(gpu, ir, plan, device))

@@ -11,6 +11,7 @@ use crate::engine::plan::Plan;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
+use crate::program::wgsl::extension::{Extend, NoExtension};
 use crate::program::{Features, Program, ProgramOptions, RayRange};
 use crate::result::Tally;
 
@@ -22,15 +23,15 @@ pub(crate) trait Strategy {
         true
     }
 
-    /// Changes how the program is to be composed, before it is.
+    /// Changes how the program is to be composed, before it is, and gives what is to be added to it.
     fn specialise(
         &mut self,
         _gpu: &Gpu,
         _ir: &SceneIr,
         _options: &TraceOptions,
         _program: &mut ProgramOptions,
-    ) -> Result<()> {
-        Ok(())
+    ) -> Result<Box<dyn Extend>> {
+        Ok(Box::new(NoExtension))
     }
 
     /// How large dispatches should be.

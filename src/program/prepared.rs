@@ -6,8 +6,9 @@ use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
 use crate::program::layout::splitting::Splitting;
+use crate::program::layout::tables;
 use crate::program::layout::tables::{Cells, FacetTable};
-use crate::program::{ProgramOptions, SecondMoments, centre_of};
+use crate::program::options::{ProgramOptions, SecondMoments};
 use glam::DVec3;
 
 /// What compositions and their extensions are made from.
@@ -91,4 +92,15 @@ impl<'a> Prepared<'a> {
             constant_weights,
         })
     }
+}
+
+/// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
+pub fn centre_of(ir: &SceneIr) -> DVec3 {
+    let frames = tables::primitives(ir).into_iter().map(|(frame, _)| frame);
+    let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
+    let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
+        None => Some((origin, origin)),
+        Some((low, high)) => Some((low.min(origin), high.max(origin))),
+    });
+    bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }

@@ -2,85 +2,32 @@
 //! side paths.
 
 use crate::error::Result;
-use crate::model::shader_file::{ShaderFile, shader};
 use crate::program::Precision;
 use crate::program::prepared::Prepared;
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
-use crate::program::wgsl::extension::Extension;
+use crate::program::wgsl::extension::{Extend, Extension};
 use crate::program::wgsl::text::Text;
-use crate::software::log::format::{EndLog, Form};
+use crate::shaders::{ShaderFile, shader};
+use crate::software::added::{SoftwareExtension, Wanted};
+use crate::software::log::format::Form;
 use crate::software::path::compose::Stages;
-use crate::software::path::main_path::NominalPath;
-use crate::software::path::path_log::{self, LoggedScene, PathLog};
-use crate::software::path::side_path::SidePath;
+use std::sync::Arc;
 
-/// What is added for a scene. Paths are there only where there is a log.
-#[derive(Debug, Clone, Default)]
-pub struct SoftwareExtension {
-    /// The log of where rays end, if the host adds it up.
-    pub end_log: Option<EndLog>,
-    /// The main path, if it has a stage of its own.
-    pub nominal: Option<NominalPath>,
-    /// What that stage logs, where positions tell all, alone or with weights.
-    pub path_log: Option<PathLog>,
-    /// The paths that most of the others take.
-    pub side_paths: Vec<SidePath>,
-    /// Media take little from the rays of all these paths on each of their ways.
-    pub media_absorb_weakly: bool,
+impl Extend for Wanted {
+    fn extension(&self, scene: &Prepared) -> Arc<dyn Extension> {
+        Arc::new(SoftwareExtension::of(scene, self))
+    }
 }
 
 impl SoftwareExtension {
-    /// What is added for a scene that asks for it in its options.
-    pub fn of(scene: &Prepared) -> Self {
-        let Prepared { ir, options, features, cells, contacts, .. } = scene;
-        let Some(log) = EndLog::of(ir, features, cells, options, scene.constant_weights) else {
-            return SoftwareExtension::default();
-        };
-        let pilot = options.nominal.as_ref();
-        let is_weak = pilot.is_some_and(path_log::media_absorb_weakly);
-        let alone = SoftwareExtension {
-            end_log: Some(log.clone()),
-            media_absorb_weakly: is_weak,
-            ..Default::default()
-        };
-        let Some(pilot) = pilot else { return alone };
-        let Some(nominal) = NominalPath::of(ir, scene.centre, contacts, options, pilot) else { return alone };
-        let logged = LoggedScene { ir, cells, log: &log, options, features };
-        let path_log = PathLog::of(&logged, &nominal, pilot);
-        let side_paths = SidePath::of(&logged, scene.centre, contacts, &nominal, path_log.as_ref());
-        let media_absorb_weakly = is_weak && side_paths.iter().all(|side| side.media_absorb_weakly);
-        SoftwareExtension { nominal: Some(nominal), path_log, side_paths, media_absorb_weakly, ..alone }
-    }
-
-    /// Lanes of a subgroup store their arrivals together.
-    fn stores_together(&self, composition: &Composition) -> bool {
-        self.path_log.is_some() && composition.options.lanes > 1
-    }
-
-    /// Rays of the main path log what they weigh.
-    pub(crate) fn logs_weights(&self) -> bool {
-        self.path_log.as_ref().is_some_and(|log| log.attenuating_legs.is_some())
-    }
-
-    /// An invocation follows two rays of the main path.
-    pub(crate) fn goes_side_by_side(&self, composition: &Composition) -> bool {
-        let (options, features) = (composition.options, composition.features);
-        self.nominal.is_some() && options.goes_side_by_side(features, self.path_log.as_ref())
-    }
-
-    /// Rays that an invocation follows along a path.
-    pub(crate) fn path_rays_per_invocation(&self, composition: &Composition) -> u32 {
-        composition.options.path_rays_per_invocation(composition.features, self.path_log.as_ref())
-    }
-
     fn constants(&self, composition: &Composition) -> Constants {
         let mut constants = Constants::default();
         if self.nominal.is_some() {
-            constants.uint("PATH_RAYS_PER_INVOCATION", self.path_rays_per_invocation(composition));
+            constants.uint("PATH_RAYS_PER_INVOCATION", self.rays_per_invocation);
         }
-        if self.stores_together(composition) {
-            constants.uint("LANES", composition.options.lanes);
+        if self.stores_together() {
+            constants.uint("LANES", self.lanes);
             // Half of a vector of f32, or of one of f64, of which there are two.
             constants.uint("LANES_TOGETHER", if composition.precision() == Precision::F64 { 4 } else { 2 });
         }
@@ -100,12 +47,12 @@ impl SoftwareExtension {
             return entries.into_iter().collect();
         }
         let pick = |condition, yes, no| if condition { yes } else { no };
-        let several = self.path_rays_per_invocation(composition) > 1;
+        let several = self.rays_per_invocation > 1;
         let optional = [
             entries,
             self.path_log.as_ref().map(|_| self.arrivals_file(composition)),
             several.then_some(shader!("software/path/path_rays.wgsl")),
-            self.goes_side_by_side(composition).then_some(shader!("software/path/ray_pair.wgsl")),
+            self.has_pairs.then_some(shader!("software/path/ray_pair.wgsl")),
         ];
         let always = [
             shader!("software/path/main_path.wgsl"),
@@ -116,7 +63,7 @@ impl SoftwareExtension {
                 shader!("software/path/path_log.entries.wgsl"),
             ),
             pick(
-                self.stores_together(composition),
+                self.stores_together(),
                 shader!("software/path/lanes.together.wgsl"),
                 shader!("software/path/lanes.alone.wgsl"),
             ),
@@ -130,7 +77,7 @@ impl SoftwareExtension {
     }
 
     fn arrivals_file(&self, composition: &Composition) -> ShaderFile {
-        let together = self.stores_together(composition);
+        let together = self.stores_together();
         let reals = composition.precision() == Precision::F64;
         match (self.logs_weights(), together, reals, composition.options.native) {
             (true, true, ..) => shader!("software/log/arrivals.weighted_together.wgsl"),

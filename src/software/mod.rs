@@ -5,6 +5,7 @@
 //! that leave it are rejected and traced again ([`path`]). In the largest traces a second device takes turns with the first.
 //! The lens of `bench` is so traced at 87 million rays a second instead of 28.
 
+pub mod added;
 pub mod choices;
 pub mod extension;
 pub mod log;
@@ -27,8 +28,10 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::layout::bindings;
+use crate::program::wgsl::extension::Extend;
 use crate::program::{Program, ProgramOptions, RayRange};
 use crate::result::Tally;
+use crate::software::added::{SoftwareExtension, Wanted};
 use crate::software::logs::{DeviceLogs, EndLogs, Rays};
 use crate::software::path::{pilot, side_path};
 use crate::software::profile::Profile;
@@ -81,7 +84,7 @@ impl Software {
     fn additions(&mut self, gpu: &Gpu, plan: &Plan, logs: &DeviceLogs) -> Result<Additions> {
         let program = &plan.program;
         let mut shared = Vec::new();
-        if program.nominal.is_some() {
+        if SoftwareExtension::of_program(program).nominal.is_some() {
             let ids = gpu.buffer("rejected rays", u64::from(plan.batch) * 8)?;
             shared.push((bindings::REJECTED, ids.clone()));
             self.ids.push(ids);
@@ -105,10 +108,11 @@ impl Software {
     /// How the device whose turn it is traces such rays.
     fn way(&self, program: &Program, rays: &Rays) -> Way {
         let (_, group) = self.turn();
-        let side_rays = program.side_rays_per_invocation();
+        let added = SoftwareExtension::of_program(program);
+        let side_rays = added.side_rays_per_invocation();
         match rays {
-            Rays::OfRange if program.nominal.is_some() => {
-                let rays_per_invocation = program.nominal_rays_per_invocation();
+            Rays::OfRange if added.nominal.is_some() => {
+                let rays_per_invocation = added.nominal_rays_per_invocation();
                 Way { group, added: Some(MAIN_PATH), rays_per_invocation }
             }
             Rays::OfSide { side, .. } => {
@@ -164,7 +168,8 @@ impl Software {
 
 /// A stage for each path. Those of side paths are compiled when they are first needed.
 fn path_stages(program: &Program) -> Vec<AddedStage> {
-    let main = program.nominal.iter().map(|_| AddedStage {
+    let added = SoftwareExtension::of_program(program);
+    let main = added.nominal.iter().map(|_| AddedStage {
         name: "trace_nominal",
         entry_point: "trace_nominal".into(),
         at_once: true,
@@ -174,7 +179,7 @@ fn path_stages(program: &Program) -> Vec<AddedStage> {
         entry_point: side_path::entry_point(number),
         at_once: false,
     };
-    main.chain((0..program.side_paths.len()).map(side)).collect()
+    main.chain((0..added.side_paths.len()).map(side)).collect()
 }
 
 fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
@@ -188,38 +193,45 @@ impl Strategy for Software {
         ir: &SceneIr,
         options: &TraceOptions,
         program: &mut ProgramOptions,
-    ) -> Result<()> {
+    ) -> Result<Box<dyn Extend>> {
         let Software { profile, choices, .. } = &*self;
         choices.check(gpu)?;
-        program.host_sums = choices.host_sums.holds(|| profile.host_sums);
         program.uniform_bytes = profile.uniform_bytes;
         program.texel_bytes = choices.texel_bytes.unwrap_or(profile.texel_bytes);
-        program.side_by_side = choices.side_by_side.holds(|| profile.processors.is_some());
-        program.lanes = self.lanes_together(gpu, options);
         program.most_rays_per_invocation =
             choices.rays_per_invocation.unwrap_or_else(|| self.most_rays_per_invocation(options));
-        if let Some(paths) = pilot::find(gpu, ir, options, program, choices.main_path)? {
-            program.nominal = Some(paths.main);
-            program.side_paths = if choices.side_paths == When::Never { Vec::new() } else { paths.sides };
+        let mut wanted = Wanted {
+            host_sums: choices.host_sums.holds(|| profile.host_sums),
+            side_by_side: choices.side_by_side.holds(|| profile.processors.is_some()),
+            lanes: self.lanes_together(gpu, options),
+            ..Default::default()
+        };
+        if wanted.host_sums
+            && let Some(paths) = pilot::find(gpu, ir, options, program, choices.main_path)?
+        {
+            wanted.nominal = Some(paths.main);
+            wanted.side_paths = if choices.side_paths == When::Never { Vec::new() } else { paths.sides };
         }
-        Ok(())
+        Ok(Box::new(wanted))
     }
 
     fn limits(&self, program: &Program) -> DispatchLimits {
         let plain = DispatchLimits::of(program);
         let processors = self.profile.processors.unwrap_or(plain.processors);
-        let Some(log) = &program.end_log else { return DispatchLimits { processors, ..plain } };
+        let added = SoftwareExtension::of_program(program);
+        let Some(log) = &added.end_log else { return DispatchLimits { processors, ..plain } };
         let default_rays =
-            if program.path_log.is_some() { DEFAULT_POSITIONS_BATCH } else { DEFAULT_LOGGED_BATCH };
-        DispatchLimits { default_rays, most_rays: log.max_rays(program.path_log.as_ref()), processors }
+            if added.path_log.is_some() { DEFAULT_POSITIONS_BATCH } else { DEFAULT_LOGGED_BATCH };
+        DispatchLimits { default_rays, most_rays: log.max_rays(added.path_log.as_ref()), processors }
     }
 
     fn open(&mut self, gpu: &Gpu, plan: &Plan) -> Result<Additions> {
         let Plan { program, options, .. } = plan;
-        let Some(log) = &program.end_log else { return Ok(Additions::default()) };
-        let mut logs = EndLogs::new(gpu, log.clone(), program.path_log.clone(), &program.cells, plan.batch)?;
+        let added = SoftwareExtension::of_program(program);
+        let Some(log) = &added.end_log else { return Ok(Additions::default()) };
+        let mut logs = EndLogs::new(gpu, log.clone(), added.path_log.clone(), &program.cells, plan.batch)?;
         let num_expected = (!options.may_end_early).then_some(options.num_rays);
-        logs.follow_sides(&program.side_paths, num_expected, self.choices.side_paths == When::Always);
+        logs.follow_sides(&added.side_paths, num_expected, self.choices.side_paths == When::Always);
         let additions = self.additions(gpu, plan, &logs.devices()[0])?;
         self.logs = Some(logs);
         Ok(additions)
@@ -231,7 +243,8 @@ impl Strategy for Software {
 
     /// Those of the main path take so little time that they are always a batch.
     fn range_rays(&self, engine: &Engine) -> u32 {
-        let follows_path = engine.plan.program.nominal.is_some() && self.path_pays(&engine.plan.program);
+        let follows_path = SoftwareExtension::of_program(&engine.plan.program).nominal.is_some()
+            && self.path_pays(&engine.plan.program);
         if follows_path { engine.plan.batch } else { engine.size.rays() }
     }
 

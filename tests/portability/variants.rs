@@ -11,6 +11,7 @@ use nsq_gpu::program::layout::bsdf::BsdfKind;
 use nsq_gpu::program::{
     EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
 };
+use nsq_gpu::software::added::Wanted;
 use nsq_gpu::software::path::main_path::{PilotPath, Way};
 
 /// How a scene is compiled.
@@ -486,16 +487,19 @@ impl Variant {
             weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
-            nominal: self.nominal.clone(),
-            side_paths: self.side_paths.clone(),
-            host_sums: self.host_sums,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
-            side_by_side: true,
-            lanes: self.lanes,
             vector_lanes: 0,
             part_bytes: self.part_bytes,
         };
-        Program::new(&self.ir, options, 0).unwrap_or_else(|error| panic!("{self:?}: {error}"))
+        let wanted = Wanted {
+            host_sums: self.host_sums,
+            side_by_side: true,
+            lanes: self.lanes,
+            nominal: self.nominal.clone(),
+            side_paths: self.side_paths.clone(),
+        };
+        Program::extended(&self.ir, options, &wanted, 0, |wgsl| wgsl)
+            .unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
 }
 

@@ -7,6 +7,7 @@ use crate::model::shapes::{
     Entry, Extent, Flat, Geometry, Normal, Outline, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, ring_samples,
     section_between,
 };
+use crate::shaders::shader;
 use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
 use serde::Deserialize;

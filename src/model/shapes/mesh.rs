@@ -2,6 +2,7 @@
 
 use crate::model::mesh::Mesh;
 use crate::model::shapes::{Entry, Extent, Geometry, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::shaders::shader;
 use crate::{Error, Result};
 use glam::DVec3;
 use schemars::JsonSchema;

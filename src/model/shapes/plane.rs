@@ -5,6 +5,7 @@ use crate::model::mesh::Mesh;
 use crate::model::shapes::{
     Entry, Extent, Flat, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, Slab, circle, ring_samples,
 };
+use crate::shaders::shader;
 use crate::{Error, Result};
 use glam::DVec3;
 use schemars::JsonSchema;

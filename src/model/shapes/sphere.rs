@@ -6,6 +6,7 @@ use crate::model::mesh::Mesh;
 use crate::model::shapes::{
     Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, ring_samples, section_between,
 };
+use crate::shaders::shader;
 use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
 use serde::Deserialize;

@@ -2,6 +2,7 @@
 
 use crate::model::Outline;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl};
+use crate::shaders::shader;
 
 /// The uniform beam.
 pub const TOPHAT: EmitterWgsl =

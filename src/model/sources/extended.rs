@@ -2,6 +2,7 @@
 
 use crate::model::Outline;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
+use crate::shaders::shader;
 use std::f64::consts::FRAC_PI_2;
 
 /// The rectangle.

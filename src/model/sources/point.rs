@@ -2,6 +2,7 @@
 
 use crate::model::Outline;
 use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
+use crate::shaders::shader;
 
 /// The point.
 pub const POINT: EmitterWgsl =

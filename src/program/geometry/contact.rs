@@ -11,7 +11,7 @@ use crate::model::{
     Emitter, FAR_FIELD_RADIUS, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface,
     area_vector, unit_normal,
 };
-use crate::program::Precision;
+use crate::program::features::Precision;
 use crate::program::geometry::tree;
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;

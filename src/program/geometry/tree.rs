@@ -11,7 +11,7 @@
 
 use crate::error::Result;
 use crate::model::{Frame, Mesh, SceneIr, Shape};
-use crate::program::Precision;
+use crate::program::features::Precision;
 use crate::program::geometry::bvh::Forest;
 use crate::program::geometry::contact::Contacts;
 use crate::program::layout::records::Records;

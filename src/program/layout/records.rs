@@ -1,8 +1,9 @@
 //! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
 
 use crate::error::{Error, Result};
+use crate::program::df64;
+use crate::program::features::Precision;
 use crate::program::layout::bindings;
-use crate::program::{Precision, df64};
 use std::collections::HashMap;
 use std::fmt::Write;
 use std::sync::LazyLock;

@@ -1,7 +1,8 @@
 //! Bins that rays meet on their way, in registers: each goes to memory once an invocation (shaders/sums/ledger.wgsl).
 
 use crate::program::layout::tables;
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::extension::Extension;
 use std::fmt::Write;
 
 /// A bin: its cell, as WGSL has it, and whether rays leave weight in it, or are counted alone.
@@ -13,13 +14,13 @@ struct Bin {
 impl Composition<'_> {
     /// The variables of the bins, and the functions that add to them, send them to memory (`flush_bins`) and, where the
     /// extension wants it, take back what a ray has put into them (`keep_bins`, `restore_bins`).
-    pub(super) fn bins(&self) -> String {
+    pub(super) fn bins(&self, extension: &dyn Extension) -> String {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
         let mut flush = String::from("fn flush_bins() {\n");
         let mut keep = String::from("fn keep_bins() {\n");
         let mut restore = String::from("fn restore_bins() {\n");
-        let restores = self.extension.restores_bins();
+        let restores = extension.restores_bins();
         let mut register = |name: String, kind: &str, zero: &str| {
             let _ = writeln!(variables, "var<private> {name}: {kind} = {zero};");
             if restores {
@@ -28,7 +29,7 @@ impl Composition<'_> {
             let _ = writeln!(keep, "    kept_{name} = {name};");
             let _ = writeln!(restore, "    {name} = kept_{name};");
         };
-        for (i, Bin { cell, has_quanta }) in self.bins_in_registers().iter().enumerate() {
+        for (i, Bin { cell, has_quanta }) in self.bins_in_registers(extension).iter().enumerate() {
             register(format!("bin_{i}_events"), "u32", "0u");
             let _ = writeln!(add, "    if cell == {cell} {{\n        bin_{i}_events += 1u;");
             if *has_quanta {
@@ -52,7 +53,7 @@ impl Composition<'_> {
 
     /// Those that rays of this scene can meet. The mirrors of a table deposit in memory, but for those that the extension
     /// wants in registers.
-    fn bins_in_registers(&self) -> Vec<Bin> {
+    fn bins_in_registers(&self, extension: &dyn Extension) -> Vec<Bin> {
         let f = self.features;
         let scatters = !f.bsdfs.is_empty();
         let of_ledger = [
@@ -68,7 +69,7 @@ impl Composition<'_> {
         let of_ledger = of_ledger.into_iter().filter(|(present, ..)| *present);
         let of_ledger = of_ledger.map(|(_, cell, has_quanta)| Bin { cell: cell.into(), has_quanta });
         let mirrors = tables::lossy_mirrors(self.ir)
-            .filter(|&i| self.options.baked || self.extension.keeps_bin_of(i as usize))
+            .filter(|&i| self.options.baked || extension.keeps_bin_of(i as usize))
             .map(|i| Bin { cell: format!("{}u", self.cells.surfaces + i), has_quanta: true });
         of_ledger.chain(mirrors).collect()
     }

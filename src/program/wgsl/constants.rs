@@ -1,11 +1,13 @@
 //! The constants of a scene's module: sizes, numbers of cells, and what of it the shaders need not ask.
 
 use crate::error::Result;
+use crate::program::features::Precision;
 use crate::program::geometry::{mesh, tree};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::LEDGER_CELLS;
-use crate::program::wgsl::compose::Composition;
-use crate::program::{PathSampling, Precision, TEXELS_PER_LINE};
+use crate::program::options::{PathSampling, TEXELS_PER_LINE};
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::extension::Extension;
 use std::fmt::{Display, Write};
 
 /// Up to so many detectors have a sum each of the visits that were forgotten (shaders/sums/visits.on.wgsl): an invocation keeps
@@ -39,13 +41,14 @@ impl Constants {
 
 impl Composition<'_> {
     /// All constants.
-    pub(super) fn constants(&self) -> Result<String> {
+    pub(super) fn constants(&self, extension: &dyn Extension) -> Result<String> {
         let mut constants = Constants::default();
         self.sizes(&mut constants);
         self.places_of_trees(&mut constants);
         self.numbers_of_cells(&mut constants);
         self.sizes_of_families(&mut constants);
         self.questions(&mut constants);
+        constants.bool("LOGS_PASSES", extension.logs_passes());
         self.tolerances(&mut constants)?;
         Ok(constants.0)
     }
@@ -138,7 +141,6 @@ impl Composition<'_> {
         constants.bool("HAS_TRANSMISSIVE", features.transmissive);
         constants.bool("HAS_TRANSMISSIVE_LOBES", features.transmissive_lobes);
         constants.bool("HAS_QUEUE", options.has_queue());
-        constants.bool("LOGS_PASSES", self.extension.logs_passes());
         constants.bool("HAS_TOTALS", has_totals);
         constants.bool("UNIT_GRADIENTS", features.unit_gradients);
         constants.bool("RECORD_ALL_PATHS", options.paths == PathSampling::All);

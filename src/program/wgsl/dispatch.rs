@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::model::shapes::Normal;
 use crate::model::{ReflectProb, ShapeKind};
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
 
 impl Composition<'_> {

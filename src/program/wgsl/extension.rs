@@ -4,12 +4,16 @@
 //! a slot's ([`crate::program::wgsl::variants`]), and may add entry points beside the plain ones. It never changes a result.
 
 use crate::error::Result;
-use crate::model::shader_file::ShaderFile;
-use crate::program::wgsl::compose::Composition;
+use crate::program::prepared::Prepared;
+use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::text::Text;
+use crate::shaders::ShaderFile;
+use std::any::Any;
+use std::fmt::Debug;
+use std::sync::Arc;
 
 /// What is added to the plain module of a scene. Each method says what the plain module has unless an extension overrides it.
-pub trait Extension: std::fmt::Debug {
+pub trait Extension: Debug + Any + Send + Sync {
     /// The file that takes the place of a slot's own; the slot is named by its stem, such as `sums/ends`.
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         let _ = slot;
@@ -42,8 +46,20 @@ pub trait Extension: std::fmt::Debug {
     }
 }
 
+/// Whoever makes the extension of a scene.
+pub trait Extend {
+    /// The extension for this scene.
+    fn extension(&self, scene: &Prepared) -> Arc<dyn Extension>;
+}
+
 /// The plain module.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoExtension;
 
 impl Extension for NoExtension {}
+
+impl Extend for NoExtension {
+    fn extension(&self, _scene: &Prepared) -> Arc<dyn Extension> {
+        Arc::new(NoExtension)
+    }
+}

@@ -1,9 +1,9 @@
 //! The WGSL files that every shader shares, chosen by precision and by integers.
 
-use crate::model::shader_file::{ShaderFile, shader};
 use crate::program::layout::bindings;
 use crate::program::layout::rng::Sampler;
 use crate::program::wgsl::text::Text;
+use crate::shaders::{ShaderFile, shader};
 
 /// Precision of `real` in the shaders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

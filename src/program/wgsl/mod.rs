@@ -2,6 +2,7 @@
 
 mod bins;
 pub mod compose;
+pub mod composition;
 pub(crate) mod constants;
 mod dispatch;
 pub mod extension;

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::program::layout::records::Records;
 use crate::program::layout::tables;
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
 
 impl Composition<'_> {
     /// All of them, each with the functions into its frame and out of it.

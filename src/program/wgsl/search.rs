@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::model::shapes::Quadric;
 use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::layout::tables;
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::dispatch::{by_kind, quadric_of};
 use crate::program::wgsl::rows::frame_functions;
 use std::fmt::Write;

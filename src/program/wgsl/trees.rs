@@ -1,8 +1,8 @@
 //! Trees of boxes in the module: whether there are any, where their rows lie, and how a walk keeps what waits.
 
-use crate::program::Precision;
+use crate::program::features::Precision;
 use crate::program::layout::records::Records;
-use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::composition::Composition;
 
 impl Composition<'_> {
     pub(super) fn has_trees(&self) -> bool {

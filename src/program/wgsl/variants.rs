@@ -3,8 +3,9 @@
 use crate::program::features::{Features, Precision};
 use crate::program::layout::bsdf::BsdfKind;
 use crate::program::layout::tables::ReachedMarks;
-use crate::program::wgsl::compose::Composition;
-use crate::program::{PathSampling, ProgramOptions, SecondMoments};
+use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::extension::Extension;
 use crate::shaders::{ShaderFile, shader};
 
 /// Files of every scene.
@@ -175,11 +176,11 @@ fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> ShaderFile 
 
 impl Composition<'_> {
     /// The files that the scene needs, each once.
-    pub(super) fn files(&self) -> Vec<ShaderFile> {
+    pub(super) fn files(&self, extension: &dyn Extension) -> Vec<ShaderFile> {
         let case = Case { f: self.features, o: self.options, all: self };
         let mut files = ALWAYS.to_vec();
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
-        let pick = |slot: &Slot| self.extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
+        let pick = |slot: &Slot| extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
         files.extend(SLOTS.iter().filter_map(pick));
         files.extend(self.features.emitters.iter().map(|name| name.wgsl().file));
         files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));

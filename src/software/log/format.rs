@@ -115,7 +115,7 @@ impl EndLog {
             (Precision::F64, _) => Form::Reals,
         };
         let is_large = cells.num_cells > 1 << CELL_BITS;
-        if !options.host_sums || has_replicates || features.splits || is_large {
+        if has_replicates || features.splits || is_large {
             return None;
         }
         let grids = cells.sensors.iter().zip(&ir.sensors).map(|(&first, sensor)| {

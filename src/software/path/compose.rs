@@ -1,12 +1,12 @@
 //! Composition of the stages that follow paths: the main path, and the side paths.
 
 use crate::error::{Error, Result};
-use crate::model::shader_file::{ShaderFile, shader};
 use crate::model::shapes::Normal;
 use crate::model::{Frame, Shape};
 use crate::program::layout::tables;
-use crate::program::wgsl::compose::Composition;
-use crate::software::extension::SoftwareExtension;
+use crate::program::wgsl::composition::Composition;
+use crate::shaders::{ShaderFile, shader};
+use crate::software::added::SoftwareExtension;
 use crate::software::path::clearance::{Clearance, Exit, Sign};
 use crate::software::path::main_path::{Crossing, NominalEvent, NominalPath};
 use crate::software::path::path_log::{PathLog, Weight};
@@ -79,7 +79,7 @@ impl Stages<'_> {
         let extension = self.extension;
         let Some(nominal) = &extension.nominal else { return Ok(String::new()) };
         let walk = self.walk(0, nominal, extension.path_log.as_ref())?;
-        let mut text = match extension.goes_side_by_side(self.composition) {
+        let mut text = match extension.has_pairs {
             true => self.states_of_pair() + &self.stage_of_pair(&walk),
             false => self.path_stage(0, "trace_nominal", &walk),
         };
@@ -93,7 +93,7 @@ impl Stages<'_> {
     /// The stage of a path, whose rays are those of the range, or, on a side path, of those that are listed.
     fn path_stage(&self, number: usize, entry_point: &str, walk: &Walk) -> String {
         let key = if number == 0 { "key_in_range" } else { "key_of" };
-        let follow = match self.extension.path_rays_per_invocation(self.composition) {
+        let follow = match self.extension.rays_per_invocation {
             1 => format!("    follow_{number}(invocation);\n"),
             _ => format!(
                 "    var turn = 0u;\n    var next = first_turn(invocation);\n    loop {{\n        follow_{number}(next);\n        \

@@ -4,6 +4,7 @@ use crate::engine::Engine;
 use crate::error::Result;
 use crate::program::{Program, RayRange};
 use crate::result::Tally;
+use crate::software::added::SoftwareExtension;
 use crate::software::logs::{EndLogs, Rays};
 use crate::software::path::pays;
 use crate::software::{Software, When};
@@ -12,7 +13,7 @@ impl Software {
     /// Whether new rays should follow the main path, if there is one: always where that was asked for.
     pub(in crate::software) fn path_pays(&self, program: &Program) -> bool {
         let pays = |logs: &EndLogs| pays::pays(logs.num_followed_and_rejected());
-        program.nominal.is_none()
+        SoftwareExtension::of_program(program).nominal.is_none()
             || self.choices.main_path == When::Always
             || self.logs.as_ref().is_none_or(pays)
     }
@@ -87,8 +88,9 @@ impl Software {
 
     /// Marks in a tally what the rays of this trace have reached that kept to a path.
     pub(in crate::software) fn mark_paths_reached(&self, program: &Program, tally: &mut Tally) {
-        let (Some(main), Some(logs)) = (&program.nominal, &self.logs) else { return };
-        let sides = program.side_paths.iter().map(|side| &side.path).zip(logs.num_along_sides());
+        let added = SoftwareExtension::of_program(program);
+        let (Some(main), Some(logs)) = (&added.nominal, &self.logs) else { return };
+        let sides = added.side_paths.iter().map(|side| &side.path).zip(logs.num_along_sides());
         let paths = std::iter::once((main, logs.num_followed_and_rejected())).chain(sides);
         let kept = paths.filter(|(_, [num_followed, num_rejected])| num_followed > num_rejected);
         for event in kept.flat_map(|(path, _)| &path.events) {

@@ -38,6 +38,7 @@ impl SidePath {
         contacts: &Contacts,
         nominal: &NominalPath,
         nominal_log: Option<&PathLog>,
+        pilots: &[PilotPath],
     ) -> Vec<SidePath> {
         let side_path = |pilot: &PilotPath| {
             let path = NominalPath::of(scene.ir, centre, contacts, scene.options, pilot)?;
@@ -53,7 +54,7 @@ impl SidePath {
                 media_absorb_weakly: media_absorb_weakly(pilot),
             })
         };
-        scene.options.side_paths.iter().filter_map(side_path).take(MOST_SIDE_PATHS).collect()
+        pilots.iter().filter_map(side_path).take(MOST_SIDE_PATHS).collect()
     }
 }
 
