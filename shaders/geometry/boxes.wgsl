@@ -1,10 +1,10 @@
 // Trees of boxes, walked front to back: over primitives (primitives.tree.wgsl), and over the triangles of each mesh
 // (shapes/mesh.wgsl). All is f32 in both tiers: the host pads boxes, or the ray its own slack, by more than all
-// rounding: of boxes, ray and slabs (program::tree, program::mesh).
+// rounding: of boxes, ray and slabs (program::geometry::tree, program::geometry::mesh).
 //
 // A node has the boxes of up to four children, in bytes that count cells of a grid of its own (Ylitie, Karras and Laine,
 // Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, HPG 2017, with eight): a walk takes as long as
-// its loads, and these are few, of four words each, from little memory. Its rows (program::bvh):
+// its loads, and these are few, of four words each, from little memory. Its rows (program::geometry::bvh):
 //     the grid's origin,      exponents of its cells, 8 bits an axis; inner children, 4 bits; children, 4 bits
 //     lower corners: x, y, z, each a byte a child;    the first inner child, which the others follow
 //     upper corners: x, y, z, each a byte a child;    the item of the first other child, less inner children

@@ -1,11 +1,11 @@
-// Contacts (program::contact): faces in one place form a group, and a ray meets each of them at most once on its way
+// Contacts (program::geometry::contact): faces in one place form a group, and a ray meets each of them at most once on its way
 // through. Which face comes next follows from sides and media, as in the limit of a vanishing gap. Distances among the faces
 // decide nothing, because distances differ by rounding.
 //
 // Example: two plates of glass touch. A ray in the first plate first meets the face that bounds its own glass, then, in the
 // vacuum of the gap, the face of the other plate, whatever the order of the list.
 
-// Roles of a face (program::contact::Role).
+// Roles of a face (program::geometry::contact::Role).
 const ROLE_SURFACE: u32 = 0u;
 const ROLE_ABSORBER: u32 = 1u;
 const ROLE_DETECTOR: u32 = 2u;

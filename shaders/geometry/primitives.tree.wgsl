@@ -1,4 +1,4 @@
-// Primitives of the table by a tree of boxes (program::tree). It finds what every primitive in turn would find: `nearer`
+// Primitives of the table by a tree of boxes (program::geometry::tree). It finds what every primitive in turn would find: `nearer`
 // settles ties by the list, whatever the order of the visits. The last rows are primitives: those of the tree in its order,
 // then those that have no box (`try_placed`, in placed.*.wgsl). A few detectors stand apart (`nearest_apart` is composed).
 

@@ -13,7 +13,7 @@ const RR: u32 = 9u;
 const BSDF_LOBE_BRANCH: u32 = 10u;
 const PATH_SAMPLE: u32 = 11u;
 
-// Per step k what the sampler needs of the seed and of k, from program::rng::step_table: of PCG the words (P.lo, P.hi,
+// Per step k what the sampler needs of the seed and of k, from program::layout::rng::step_table: of PCG the words (P.lo, P.hi,
 // Q.lo, Q.hi) of state_k = P_k + Q_k * inc, of Sobol (seed.lo, seed.hi, k, 0). It must hold one entry for every step that
 // is drawn: bounce + offset.
 @group(GROUP_SCENE) @binding(BINDING_RNG_TABLE) var<storage, read> rng_table: array<vec4<u32>>;

@@ -1,7 +1,7 @@
 // Scattering, after reflection or refraction: a share of the rays leaves in a direction that the surface's BSDF draws.
 // `sample_bsdf` is composed for the kinds of the scene, each in its own file under bsdfs/.
 
-// No BSDF. The other codes are those of program::bsdf::BsdfKind.
+// No BSDF. The other codes are those of program::layout::bsdf::BsdfKind.
 const SMOOTH: u32 = 0u;
 
 // What a BSDF sees. A mirror scatters the incident ray; a refractive surface scatters, as in Optiland, the ray that
@@ -18,7 +18,7 @@ struct Lobe {
     weight: real,
 }
 
-// The branch is drawn with the clipped fraction; both weights (host: program::bsdf::Branch) undo the clipping.
+// The branch is drawn with the clipped fraction; both weights (host: program::layout::bsdf::Branch) undo the clipping.
 fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
     if surface.bsdf == SMOOTH {
         return;

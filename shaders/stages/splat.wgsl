@@ -121,7 +121,7 @@ fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32
 }
 
 // What the first three taps take of the weight. Its twins on the host are `parts` and `first_shares` in
-// gpu::end_reals.
+// software::log::reals.
 fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
     return vec3<real>(
         weight * ((1.0 - f.x) * (1.0 - f.y)), weight * (f.x * (1.0 - f.y)), weight * ((1.0 - f.x) * f.y),

@@ -1,7 +1,7 @@
 // Stage split: a ray of few events that meets a refractive surface is split in two, and both branches are followed.
 //
 // The ray goes on as the reflected branch. The transmitted one is a ray of its own, with an id and so with draws of its
-// own (ir::ray_id): it waits here, as it arrived, until the reflected branch and all that came of it have ended, and then
+// own (model::ray_id): it waits here, as it arrived, until the reflected branch and all that came of it have ended, and then
 // takes up the same event. So one invocation follows a whole family, and of a family no more rays are alive at a time
 // than its budget. Those that wait for a ray are the other halves of its own reflections: so the budget that is left to
 // it depends on its lineage alone. Where nothing is left the branch is drawn, as it is without splitting.

@@ -70,7 +70,7 @@ struct Range {
     first_hi: u32,
     count: u32,
     emitter: u32,
-    // The seed's words in the row of step 0 (program::rng::step_table).
+    // The seed's words in the row of step 0 (program::layout::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
     // From an entry of a ray in the log to its next (software/log/passes.logged.wgsl).

@@ -1,5 +1,5 @@
 // What shows that a ray does not meet a primitive before it has gone `distance`, without a root or a quotient
-// (program::clearance). Each is sufficient, with room for what the search of geometry/quadric.wgsl and shapes/ rounds; a ray
+// (software::path::clearance). Each is sufficient, with room for what the search of geometry/quadric.wgsl and shapes/ rounds; a ray
 // for which one fails may meet the primitive or not. In the primitive's frame, as the search is.
 
 // Both have the same sign, and are farther from 0 than the margin. |x + y| - |x - y| is twice the smaller of |x| and |y|

@@ -47,8 +47,7 @@ impl Composition<'_> {
         self.places_of_trees(&mut constants);
         self.numbers_of_cells(&mut constants);
         self.sizes_of_families(&mut constants);
-        self.questions(&mut constants);
-        constants.bool("LOGS_PASSES", extension.logs_passes());
+        self.questions(&mut constants, extension);
         self.tolerances(&mut constants)?;
         Ok(constants.0)
     }
@@ -129,7 +128,7 @@ impl Composition<'_> {
     }
 
     /// What some scenes have and others have not.
-    fn questions(&self, constants: &mut Constants) {
+    fn questions(&self, constants: &mut Constants, extension: &dyn Extension) {
         let (features, options) = (self.features, self.options);
         let [hard, bilinear, gaussian] = features.splats;
         let has_totals = self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some());
@@ -141,6 +140,7 @@ impl Composition<'_> {
         constants.bool("HAS_TRANSMISSIVE", features.transmissive);
         constants.bool("HAS_TRANSMISSIVE_LOBES", features.transmissive_lobes);
         constants.bool("HAS_QUEUE", options.has_queue());
+        constants.bool("LOGS_PASSES", extension.logs_passes());
         constants.bool("HAS_TOTALS", has_totals);
         constants.bool("UNIT_GRADIENTS", features.unit_gradients);
         constants.bool("RECORD_ALL_PATHS", options.paths == PathSampling::All);
