@@ -398,7 +398,7 @@ fn sources_in_faces_are_warned_of_where_they_shine_to_both_sides_or_into_another
         assert_eq!(warnings(&source).first().map(String::as_str), told, "{source}");
     }
     let inward = warnings(&point(14.0, std::f64::consts::PI, 30.0));
-    let expected = "source \"S\" lies in the face \"L1.back\" and shines away from it into \"N-BK7\", but is said to be in \"air\"";
+    let expected = "source \"S\" lies in the face \"L1.back\" and shines away from it into \"N-BK7\", but is said to be in \"vacuum\"";
     assert!(inward.iter().any(|warning| warning.starts_with(expected)), "{inward:?}");
 }
 

@@ -3,7 +3,7 @@
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::model::{SceneIr, Sensor, Splat};
 use crate::program::layout::{bsdf, tables};
-use crate::program::{Features, Sampler, SecondMoments, features};
+use crate::program::{Features, Sampler, SecondMoments};
 
 /// Where second moments come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,7 +21,8 @@ pub(crate) enum MomentSource {
 impl MomentSource {
     pub(crate) fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
         let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
-        let is_cheap = !features::splits(ir) && ir.sensors.iter().all(tables::takes_rays_whole);
+        let is_cheap =
+            !crate::model::surface_optics::splits(ir) && ir.sensors.iter().all(tables::takes_rays_whole);
         let is_needed = hits_say_little(ir);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
@@ -53,7 +54,7 @@ fn hits_say_little(ir: &SceneIr) -> bool {
         sensor.absorb && sensor.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
     };
     bsdf::kinds(ir).into_iter().any(bsdf::BsdfKind::has_table)
-        && !features::splits(ir)
+        && !crate::model::surface_optics::splits(ir)
         && ir.sensors.iter().all(is_near)
         && ir.sensors.iter().map(Sensor::num_cells).sum::<usize>() <= MOST_CELLS
 }

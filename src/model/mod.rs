@@ -8,16 +8,21 @@
 mod bsdf;
 pub(crate) mod checks;
 pub mod depth;
+pub mod double_word;
 mod list;
 pub(crate) mod mesh;
+mod precision;
+pub mod primitives;
 pub mod ray_id;
 pub mod shapes;
 pub mod sources;
+pub mod surface_optics;
 
 pub use crate::model::bsdf::{
     Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
+pub use crate::model::precision::Precision;
 pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
 pub use crate::model::sources::{
     CollimatedGaussian, CollimatedTophat, EmitterKind, EmitterName, Extended, Point,
@@ -53,6 +58,13 @@ pub struct Frame {
     pub origin: DVec3,
     /// Rotation whose columns are the local axes in global coordinates.
     pub rotation: DMat3,
+}
+
+impl Frame {
+    /// The frame as seen from a point, as the device has it.
+    pub fn relative_to(self, centre: DVec3) -> Frame {
+        Frame { origin: self.origin - centre, ..self }
+    }
 }
 
 /// A homogeneous medium.

@@ -251,7 +251,10 @@ impl Program {
                 .iter()
                 .flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
         };
-        self.reals(table(tables::reflectance).chain(table(tables::coating_pass)))
+        self.reals(
+            table(crate::model::surface_optics::reflectance)
+                .chain(table(crate::model::surface_optics::coating_pass)),
+        )
     }
 
     /// The uniform of one dispatch (shaders/stages/state.wgsl, `Range`).

@@ -1,51 +1,10 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
-use crate::model::{
-    EmitterName, Interaction, Medium, ReflectProb, SceneIr, SensorKind, ShapeKind, Splat, Surface,
-};
-use crate::program::df64;
+pub use crate::model::Precision;
+use crate::model::primitives::primitives;
+use crate::model::surface_optics::{least_share, splits};
+use crate::model::{EmitterName, Interaction, Medium, ReflectProb, SceneIr, SensorKind, ShapeKind, Splat};
 use crate::program::layout::bsdf::{self, BsdfKind};
-use crate::program::layout::tables::{self, coating_pass, reflectance};
-
-/// Precision of the physics.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Precision {
-    /// 32-bit floats: every adapter.
-    F32,
-    /// Pairs of 32-bit floats: adapters whose arithmetic passes a test.
-    Df64,
-    /// 64-bit floats: adapters with the feature.
-    F64,
-}
-
-impl Precision {
-    /// The name on the command line and in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Precision::F32 => "f32",
-            Precision::Df64 => "df64",
-            Precision::F64 => "f64",
-        }
-    }
-
-    /// A number as the device holds it.
-    pub fn nearest(self, value: f64) -> f64 {
-        match self {
-            Precision::F32 => f64::from(value as f32),
-            Precision::Df64 => df64::rounded(value),
-            Precision::F64 => value,
-        }
-    }
-
-    /// Numbers from 2^n on that are whole multiples of 2^n / significands have differences that are not rounded.
-    pub fn significands(self) -> f64 {
-        match self {
-            Precision::F32 => 16777216.0,
-            Precision::Df64 => 140737488355328.0,
-            Precision::F64 => 9007199254740992.0,
-        }
-    }
-}
 
 /// What the scene and the options of the trace need.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,7 +62,7 @@ impl Features {
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
     pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64, max_depth: u32) -> Self {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
-        let primitives = tables::primitives(ir);
+        let primitives = primitives(ir);
         let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
         let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| e.kind.kind()).collect();
         emitters.sort();
@@ -196,23 +155,6 @@ impl Features {
 
 /// More than f32 takes from a share and from its product with a weight by rounding.
 const ROUNDED_DOWN: f64 = 1.0 - 1.0 / (1 << 20) as f64;
-
-/// The least share of its weight, above none, that a ray keeps at a mirror or a coating: roulette leaves a weight of none
-/// alone.
-fn least_share(ir: &SceneIr) -> f64 {
-    let at = |surface: &Surface, wavelength: usize| match &surface.interaction {
-        Interaction::Reflective { .. } => reflectance(surface, wavelength),
-        Interaction::Refractive | Interaction::Absorbing => coating_pass(surface, wavelength),
-    };
-    let wavelengths = 0..ir.wavelengths.len();
-    let shares = ir.surfaces.iter().flat_map(|surface| wavelengths.clone().map(move |w| at(surface, w)));
-    shares.filter(|&share| share > 0.0).fold(1.0, f64::min)
-}
-
-/// True if rays are split at refractive surfaces.
-pub fn splits(ir: &SceneIr) -> bool {
-    ir.sampling.split_depth > 0 && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive)
-}
 
 #[cfg(test)]
 mod tests {

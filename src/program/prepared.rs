@@ -6,7 +6,6 @@ use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
 use crate::program::layout::splitting::Splitting;
-use crate::program::layout::tables;
 use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::options::{ProgramOptions, SecondMoments};
 use glam::DVec3;
@@ -96,7 +95,7 @@ impl<'a> Prepared<'a> {
 
 /// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
 pub fn centre_of(ir: &SceneIr) -> DVec3 {
-    let frames = tables::primitives(ir).into_iter().map(|(frame, _)| frame);
+    let frames = crate::model::primitives::primitives(ir).into_iter().map(|(frame, _)| frame);
     let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
     let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
         None => Some((origin, origin)),

@@ -14,7 +14,6 @@ use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
 use crate::model::{SceneIr, SensorKind, ray_id};
-use crate::program::features;
 use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
 
 /// Rows in a block.
@@ -416,7 +415,7 @@ impl Recorded {
     /// [`Error::Internal`] if the tally is not one of this scene.
     pub fn of_tally(ir: &SceneIr, tally: &Tally) -> Result<Self> {
         let mut recording = Recording::in_memory(ir);
-        let splits = features::splits(ir);
+        let splits = crate::model::surface_optics::splits(ir);
         for (index, sensor) in tally.sensors.iter().enumerate() {
             let mut rows: Vec<&RayRow> = sensor.rows.iter().collect();
             rows.sort_by_key(|row| row.order(splits));

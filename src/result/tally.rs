@@ -6,7 +6,6 @@ use std::ops::AddAssign;
 use serde::{Deserialize, Serialize};
 
 use crate::model::{SceneIr, Sensor};
-use crate::program::features;
 use crate::result::RaySet;
 
 /// Number of events and the quanta that they took.
@@ -249,7 +248,7 @@ impl Tally {
 impl Tally {
     /// Puts the rows and paths of a scene in the order in which files hold them.
     pub fn sort_rows(&mut self, ir: &SceneIr) {
-        let splits = features::splits(ir);
+        let splits = crate::model::surface_optics::splits(ir);
         self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(|row| row.order(splits)));
         self.paths.sort_by_key(|event| event.ray.order(splits));
     }

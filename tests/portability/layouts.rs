@@ -8,7 +8,6 @@ use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{SceneIr, Shape};
 use nsq_gpu::program::layout::bindings;
 use nsq_gpu::program::layout::records::StructLayout;
-use nsq_gpu::program::layout::tables;
 use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler};
 
 /// A field of a struct of a module.
@@ -325,7 +324,8 @@ fn tables_hold_the_scene_where_the_shaders_look() {
         assert_eq!(of("SensorRow", "sensor_table", "cell"), cells, "{tier:?}");
         let absorb: Vec<f64> = ir.sensors.iter().map(|s| f64::from(u8::from(s.absorb))).collect();
         assert_eq!(of("SensorRow", "sensor_table", "absorb"), absorb, "{tier:?}");
-        let shapes: Vec<f64> = tables::primitives(ir).iter().map(|(_, shape)| code_of(shape)).collect();
+        let shapes: Vec<f64> =
+            nsq_gpu::model::primitives::primitives(ir).iter().map(|(_, shape)| code_of(shape)).collect();
         assert_eq!(of("PrimitiveRow", "primitive_table", "shape"), shapes, "{tier:?}");
     }
 }
@@ -388,7 +388,7 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
         let fields = names(&program.module, "Primitive");
         assert_eq!(values.len(), fields.len(), "{values:?}");
         let expression = |name: &str| values[fields.iter().position(|field| field == name).unwrap()];
-        let primitives = tables::primitives(&variant.ir);
+        let primitives = nsq_gpu::model::primitives::primitives(&variant.ir);
         let mut numbers = Vec::new();
         for place in 0..num {
             let texels = &rows[4 * (first + each * place)..][..4 * each];

@@ -1,7 +1,7 @@
 //! One function, with pairs of f32 in place of f64.
 
 use crate::error::Result;
-use crate::program::df64::{Rewriting, literal_f32, unknown};
+use crate::program::df64::rewriting::{Rewriting, literal_f32, unknown};
 use naga::valid::FunctionInfo;
 use naga::{
     BinaryOperator, Block, Expression, Function, Handle, Literal, MathFunction, RelationalFunction, Scalar,

@@ -12,7 +12,6 @@ use crate::model::{
     area_vector, unit_normal,
 };
 use crate::program::features::Precision;
-use crate::program::geometry::tree;
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
@@ -208,7 +207,7 @@ impl<'a> Search<'a> {
         let placed = ir.surfaces.iter().enumerate().filter_map(|(surface, of)| {
             let mesh = of.shape.mesh()?;
             let plane_of = planes.entry(mesh).or_insert_with(|| planes_of(&ir.meshes[mesh])).clone();
-            Some(PlacedMesh::new(surface, &ir.meshes[mesh], &tree::relative(of.frame, centre), plane_of))
+            Some(PlacedMesh::new(surface, &ir.meshes[mesh], &of.frame.relative_to(centre), plane_of))
         });
         let meshes: Vec<PlacedMesh<'_>> = placed.collect();
         let is_finite = |face: &&Face| face.reach < FAR_FIELD_RADIUS;
@@ -560,7 +559,7 @@ struct Face {
 impl Face {
     /// None of a shape without sample points, such as a mesh.
     fn of(frame: Frame, shape: &Shape, centre: DVec3) -> Option<Self> {
-        let frame = tree::relative(frame, centre);
+        let frame = frame.relative_to(centre);
         let points: Vec<DVec3> =
             shape.samples().into_iter().map(|p| frame.rotation * p + frame.origin).collect();
         if points.is_empty() {
@@ -683,7 +682,7 @@ struct Births {
 
 impl Births {
     fn of(emitter: &Emitter, centre: DVec3) -> Self {
-        let frame = tree::relative(emitter.frame, centre);
+        let frame = emitter.frame.relative_to(centre);
         let half = match emitter.kind.births() {
             Outline::Rectangle { width, height } => 0.5 * DVec2::new(width, height),
             Outline::Disk { radius } => DVec2::splat(radius),

@@ -15,7 +15,6 @@ use crate::program::features::Precision;
 use crate::program::geometry::bvh::Forest;
 use crate::program::geometry::contact::Contacts;
 use crate::program::layout::records::Records;
-use crate::program::layout::tables;
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -88,18 +87,13 @@ impl PrimitiveTree {
 
 /// The boxes of all primitives, relative to `centre`; none for those without an end.
 pub fn boxes(ir: &SceneIr, centre: DVec3, contacts: &Contacts) -> Vec<Option<Aabb>> {
-    let primitives = tables::primitives(ir).into_iter().enumerate();
+    let primitives = crate::model::primitives::primitives(ir).into_iter().enumerate();
     let of = |(i, (frame, shape)): (usize, (Frame, Shape))| {
         // Faces in contact are met together, as far apart as the tolerance.
         let touch = if contacts.touches(i) { contacts.tolerance } else { 0.0 };
-        bounds(&relative(frame, centre), &shape, &ir.meshes, touch)
+        bounds(&frame.relative_to(centre), &shape, &ir.meshes, touch)
     };
     primitives.map(of).collect()
-}
-
-/// A frame as the device has it.
-pub fn relative(frame: Frame, centre: DVec3) -> Frame {
-    Frame { origin: frame.origin - centre, ..frame }
 }
 
 /// The box of a primitive, `margin` larger, or none if it has no end or its crossings are ill-conditioned.

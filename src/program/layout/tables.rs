@@ -1,9 +1,11 @@
 //! What the shaders need of surfaces, sensors, primitives and media, as records. Origins are relative to the scene's centre.
 
 use crate::error::{Error, Result};
+use crate::model::primitives::primitives;
 use crate::model::shapes::Quadric;
-use crate::model::{Frame, Interaction, Medium, SceneIr, Sensor, SensorKind, Shape, Splat, Surface};
-use crate::program::features::{self, Features};
+use crate::model::surface_optics::{coating_pass, reflectance, splits};
+use crate::model::{Frame, Interaction, Medium, SceneIr, Sensor, SensorKind, Splat};
+use crate::program::features::Features;
 use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
@@ -96,7 +98,7 @@ impl Cells {
             })
             .collect();
         let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
-        let saturated = features::splits(ir).then_some(next + primitives);
+        let saturated = splits(ir).then_some(next + primitives);
         let num_counters = next + primitives + u32::from(saturated.is_some());
         Cells {
             surfaces,
@@ -165,7 +167,7 @@ impl Cells {
 /// True if a detector's squares add up to the square of what each ray left on it: all rays are of one source, and each
 /// meets one cell of one detector, unsplit.
 pub fn cells_hold_totals(ir: &SceneIr) -> bool {
-    ir.emitters.len() == 1 && !features::splits(ir) && ir.sensors.iter().all(takes_rays_whole)
+    ir.emitters.len() == 1 && !splits(ir) && ir.sensors.iter().all(takes_rays_whole)
 }
 
 /// True if a ray ends on the detector, in a single cell.
@@ -258,27 +260,6 @@ pub fn medium_records(ir: &SceneIr) -> Records {
     records
 }
 
-/// The reflectance of a mirror or a coating at a wavelength of the scene; 1 elsewhere.
-pub fn reflectance(surface: &Surface, wavelength: usize) -> f64 {
-    match (&surface.interaction, &surface.coating) {
-        (Interaction::Reflective { reflectance }, _) => reflectance[wavelength],
-        (Interaction::Refractive, Some(coating)) => coating.reflectance[wavelength],
-        (Interaction::Refractive | Interaction::Absorbing, _) => 1.0,
-    }
-}
-
-/// T / (1 - R) of a coating at a wavelength of the scene: the share of what it does not reflect that it lets pass.
-pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
-    match &surface.coating {
-        None => 1.0,
-        Some(coating) if coating.reflectance[wavelength] >= 1.0 => 0.0,
-        // R + T may exceed 1 by the rounding of what the user wrote.
-        Some(coating) => {
-            (coating.transmittance[wavelength] / (1.0 - coating.reflectance[wavelength])).min(1.0)
-        }
-    }
-}
-
 /// Codes of shaders/stages/interact.wgsl.
 fn interaction_code(interaction: &Interaction) -> u32 {
     match interaction {
@@ -300,15 +281,6 @@ fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame>
             }
         }
     }
-}
-
-/// Surfaces that take a part of the rays they reflect.
-pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
-    let lossy = |interaction: &Interaction| match interaction {
-        Interaction::Reflective { reflectance } => reflectance.iter().any(|&r| r != 1.0),
-        Interaction::Refractive | Interaction::Absorbing => false,
-    };
-    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
 }
 
 /// The record of every primitive in contact. `facets`: see shaders/geometry/facets.touching.wgsl.
@@ -399,12 +371,6 @@ pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records 
     put_frames(&mut records, emitters.iter().map(|e| &e.frame), centre);
     put_arguments(&mut records, "p", 3, emitters.iter().map(|e| e.kind.arguments()));
     records
-}
-
-/// Every primitive: surfaces, then sensors.
-pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
-    let surfaces = ir.surfaces.iter().map(|s| (s.frame, s.shape));
-    surfaces.chain(ir.sensors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
 }
 
 /// The records of the first primitives, which are looked up in a table.

@@ -43,7 +43,7 @@ impl Composition<'_> {
         nearer: Option<usize>,
         candidates: impl Iterator<Item = (usize, String)>,
     ) -> Result<String> {
-        let primitives = tables::primitives(self.ir);
+        let primitives = crate::model::primitives::primitives(self.ir);
         let mut text = format!("fn {head} -> Hit {{\n    var best = {start};\n");
         if self.contacts.any() {
             text.push_str("    let here = standing(ray);\n");
@@ -125,7 +125,7 @@ impl Composition<'_> {
 
     /// What the loop over a table, or the walk of a tree, asks of a primitive.
     fn nearest_primitive_table(&self) -> String {
-        let primitives = &tables::primitives(self.ir)[..self.options.num_in_table(self.ir)];
+        let primitives = &crate::model::primitives::primitives(self.ir)[..self.options.num_in_table(self.ir)];
         let rotated = tables::any_rotated(primitives.iter().map(|(frame, _)| frame));
         let kinds = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
         let mut text = frame_functions("Primitive", "primitive", rotated);

@@ -261,7 +261,7 @@ impl Stages<'_> {
 
     /// A function that tells whether a ray is clear of what is passed until it has gone `distance`.
     fn is_clear_of(&self, head: &str, passed: &[(usize, Clearance)]) -> Result<String> {
-        let primitives = tables::primitives(self.composition.ir);
+        let primitives = crate::model::primitives::primitives(self.composition.ir);
         let mut text = format!("fn {head} -> bool {{\n    var clear = true;\n");
         for &(i, clearance) in passed {
             let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);

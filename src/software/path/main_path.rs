@@ -8,7 +8,6 @@
 use crate::model::{Emitter, Frame, Interaction, SceneIr, Shape, Surface};
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::tree;
-use crate::program::layout::tables;
 use crate::program::{Cells, Features, ProgramOptions, SecondMoments};
 use crate::software::log::format::{self, EndLog};
 use crate::software::path::clearance::{self, Clearance, Pilot};
@@ -124,7 +123,7 @@ impl NominalPath {
         {
             return None;
         }
-        let shapes = tables::primitives(ir);
+        let shapes = crate::model::primitives::primitives(ir);
         let touches = |i: usize| contacts.touches(i);
         let mut pilot = Pilot::new(ways, LEAST_CLEAR);
         let events = legs.iter().enumerate().map(|(step, leg)| {
@@ -258,7 +257,7 @@ fn ends(ir: &SceneIr, primitive: usize) -> bool {
 /// The box of where rays are born.
 fn emitters_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
     let of = |emitter: &Emitter| {
-        let frame = tree::relative(emitter.frame, centre);
+        let frame = emitter.frame.relative_to(centre);
         tree::bounds(&frame, &Shape::Plane(emitter.kind.births()), &[], 0.0)
     };
     let boxes: Option<Vec<Aabb>> = ir.emitters.iter().map(of).collect();

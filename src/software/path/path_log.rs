@@ -8,7 +8,7 @@
 
 use crate::model::{Interaction, SceneIr, Sensor, SensorKind, Splat};
 use crate::program::features::Features;
-use crate::program::layout::tables::{self, CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
+use crate::program::layout::tables::{CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
 use crate::program::{Precision, ProgramOptions};
 use crate::software::log::format::{EndLog, Form, Grid};
 use crate::software::path::clearance::{Pilot, Stretch};
@@ -279,7 +279,9 @@ pub fn media_absorb_weakly(PilotPath { ways, .. }: &PilotPath) -> bool {
 fn attenuating_legs(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<u32> {
     let (&LoggedScene { ir, options, features, .. }, ways) = (scene, &pilot.ways);
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
-    let others_take = features.importance || features.coated || tables::lossy_mirrors(ir).any(is_on_path);
+    let others_take = features.importance
+        || features.coated
+        || crate::model::surface_optics::lossy_mirrors(ir).any(is_on_path);
     let comes_to_roulette = |way: &Way| way.weights.iter().any(|&weight| weight < options.roulette_threshold);
     if !features.bulk_absorption || others_take || ways.iter().any(comes_to_roulette) {
         return None;

@@ -1,0 +1,9 @@
+//! What a ray can meet: surfaces and detectors in one list.
+
+use crate::model::{Frame, SceneIr, Shape};
+
+/// Every primitive: surfaces, then sensors.
+pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
+    let surfaces = ir.surfaces.iter().map(|s| (s.frame, s.shape));
+    surfaces.chain(ir.sensors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
+}
