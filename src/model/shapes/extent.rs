@@ -1,7 +1,6 @@
 //! What a shape fills.
 
-use crate::model::Frame;
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// A cylinder or a block about the axis that holds a shape, in its frame \[mm\].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,10 +52,10 @@ impl Extent {
         }
     }
 
-    /// How far the shape reaches from its middle along the axes outside the frame: for a disk exactly, which is less than
+    /// How far the shape reaches from its middle along the axes outside the frame, which is rotated by this: for a disk exactly, which is less than
     /// a box about it \[mm\].
-    pub fn reach_along(&self, frame: &Frame) -> DVec3 {
-        let [x, y, z] = [frame.rotation.x_axis, frame.rotation.y_axis, frame.rotation.z_axis];
+    pub fn reach_along(&self, rotation: &DMat3) -> DVec3 {
+        let [x, y, z] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
         let across = match self.across {
             Across::Disk(radius) => radius * (x * x + y * y).map(f64::sqrt),
             Across::Rectangle(half) => half.x * x.abs() + half.y * y.abs(),

@@ -226,7 +226,7 @@ trait Entry {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
 
     /// The shape; of a mesh, which is read elsewhere, by its place among the scene's meshes.
-    fn shape(&self, place: &str, mesh: Option<usize>) -> Result<Shape>;
+    fn shape(&self, place: &str, index: Option<usize>) -> Result<Shape>;
 }
 
 impl Written {
@@ -242,8 +242,8 @@ impl Written {
     ///
     /// # Errors
     /// [`crate::Error::Scene`] with the place and a remedy.
-    pub fn shape(&self, place: &str, mesh: Option<usize>) -> Result<Shape> {
-        self.entry().shape(place, mesh)
+    pub fn shape(&self, place: &str, index: Option<usize>) -> Result<Shape> {
+        self.entry().shape(place, index)
     }
 }
 

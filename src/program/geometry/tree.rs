@@ -100,7 +100,7 @@ pub fn boxes(ir: &SceneIr, centre: DVec3, contacts: &Contacts) -> Vec<Option<Aab
 pub fn bounds(frame: &Frame, shape: &Shape, meshes: &[Mesh], margin: f64) -> Option<Aabb> {
     let extent = shape.extent(meshes)?;
     let middle = frame.rotation * extent.middle + frame.origin;
-    let reach = extent.reach_along(frame);
+    let reach = extent.reach_along(&frame.rotation);
     let size = frame.origin.abs().max_element() + extent.size;
     let padding = DVec3::splat(SLACK * size + margin);
     let (low, high) = (middle - reach - padding, middle + reach + padding);

@@ -182,8 +182,6 @@ impl Composition<'_> {
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         let pick = |slot: &Slot| extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
         files.extend(SLOTS.iter().filter_map(pick));
-        files.extend(self.features.emitters.iter().map(|name| name.wgsl().file));
-        files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         // Several kinds of shapes may share a file.
         for kind in &self.features.shapes {
             let file = kind.wgsl().file;
@@ -191,6 +189,8 @@ impl Composition<'_> {
                 files.push(file);
             }
         }
+        files.extend(self.features.emitters.iter().map(|name| name.wgsl().file));
+        files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         files
     }
 
