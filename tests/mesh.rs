@@ -451,7 +451,7 @@ fn solids_of_mirrors_keep_their_rays() {
     let options = TraceOptions { max_depth: 100, ..zoo::options(100_000, 5, Precision::F64) };
     let within = |solid| scene(vec![solid], vec![mirrors.clone()], vec![bulb(0.3, 0.5, -0.2)]);
     assert_eq!(zoo::trace(&within(cube(2.0)), &options).depth_killed.count, 100_000);
-    // No two triangles of a ball lie in one plane, which would be left as a whole (geometry/facets.wgsl).
+    // No two triangles of a ball lie in one plane, which would be left as a whole (geometry/facets.touching.wgsl).
     let ir = within(icosphere(1, 2.0));
     let tally = zoo::trace(&ir, &options);
     assert_eq!(tally.depth_killed.count, 100_000);

@@ -1,4 +1,4 @@
-"""Write the polynomials of the shaders' mathematics: shaders/math/polynomials_f32.wgsl and polynomials_f64.wgsl.
+"""Write the polynomials of the shaders' mathematics: shaders/math/polynomials.f32.wgsl and polynomials.f64.wgsl.
 
 Each is the Chebyshev interpolant of lowest degree whose error, in the result that it serves, stays well below half a
 unit in the last place: within a factor of about 2 of the best polynomial of that degree (Trefethen, Approximation
@@ -94,7 +94,7 @@ def wgsl(bits):
 
 def main():
     directory = Path(sys.argv[1])
-    for name, bits in [("polynomials_f32.wgsl", 24), ("polynomials_f64.wgsl", 53)]:
+    for name, bits in [("polynomials.f32.wgsl", 24), ("polynomials.f64.wgsl", 53)]:
         (directory / name).write_text(wgsl(bits))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 PARAMETERS = {2: (2, 1, [1, 3]), 3: (3, 1, [1, 3, 1]), 4: (3, 2, [1, 1, 1])}
 BITS = 32
-PATH = Path(__file__).parents[2] / "shaders" / "lib" / "sobol_matrices.wgsl"
+PATH = Path(__file__).parents[2] / "shaders" / "random" / "sobol_matrices.wgsl"
 
 
 def direction_numbers(degree: int, coefficients: int, initial: list[int]) -> list[int]:

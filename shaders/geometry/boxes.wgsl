@@ -1,4 +1,4 @@
-// Trees of boxes, walked front to back: over primitives (primitives_tree.wgsl), and over the triangles of each mesh
+// Trees of boxes, walked front to back: over primitives (primitives.tree.wgsl), and over the triangles of each mesh
 // (shapes/mesh.wgsl). All is f32 in both tiers: the host pads boxes, or the ray its own slack, by more than all
 // rounding: of boxes, ray and slabs (program::tree, program::mesh).
 //

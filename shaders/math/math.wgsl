@@ -1,6 +1,6 @@
 // Elementary functions of `real`. WGSL's own are too coarse in f32 (sin and cos to 2^-11 absolute, log to 2^-21 near 1,
-// acos to 7e-5) and do not exist in f64, so these use + - * / sqrt alone. math_f32.wgsl and math_f64.wgsl hold what
-// depends on the bits; polynomials_*.wgsl hold the polynomials. Errors are in units in the last place (ulp), as
+// acos to 7e-5) and do not exist in f64, so these use + - * / sqrt alone. math.f32.wgsl and math.f64.wgsl hold what
+// depends on the bits; polynomials.*.wgsl hold the polynomials. Errors are in units in the last place (ulp), as
 // tests/lib_math.rs asserts them where division and square root round correctly; each ulp that an adapter loses there
 // adds about one in log, acos and atan2.
 // The kernels of log, acos and atan2 follow fdlibm (Sun Microsystems, 1993) in their choice of what to reduce.

@@ -1,4 +1,4 @@
-// Counts of what a dispatch hands on: rays in the queues, rows for the host; and whether loops were cut (rounds.wgsl).
+// Counts of what a dispatch hands on: rays in the queues, rows for the host; and whether loops were cut (rounds.many.wgsl).
 
 struct QueueCounts {
     incoming: atomic<u32>,

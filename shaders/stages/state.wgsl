@@ -34,7 +34,7 @@ struct Ray {
     // is false: a pop never empties it (depth 1 has only vacuum below, and entering vacuum clears the whole stack).
     entered_solid: bool,
     // The side of the face `last` to which the ray left it, and which faces in its place lie below it, a bit a layer
-    // (geometry/contact.wgsl).
+    // (geometry/contact.on.wgsl).
     forward: bool,
     below_it: u32,
     fate: u32,
@@ -64,7 +64,7 @@ fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 
-// What one dispatch traces: rays first..first+count of one emitter, or so many that are listed (software/path/ids_listed.wgsl).
+// What one dispatch traces: rays first..first+count of one emitter, or so many that are listed (software/path/ids.listed.wgsl).
 struct Range {
     first_lo: u32,
     first_hi: u32,
@@ -73,9 +73,9 @@ struct Range {
     // The seed's words in the row of step 0 (program::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
-    // From an entry of a ray in the log to its next (software/log/passes_logged.wgsl).
+    // From an entry of a ray in the log to its next (software/log/passes.logged.wgsl).
     log_stride: u32,
-    // The primitives that earlier passes reached, a bit each (sums/reached_mask.wgsl).
+    // The primitives that earlier passes reached, a bit each (sums/reached.bits.wgsl).
     reached: u32,
 }
 

@@ -58,7 +58,7 @@ impl Engine<'_> {
         Ok(())
     }
 
-    /// Fails if the driver has left loops before their end (shaders/software/rounds.wgsl).
+    /// Fails if the driver has left loops before their end (shaders/software/rounds.many.wgsl).
     pub(crate) fn check_loops(&self, strategy: &dyn Strategy) -> Result<()> {
         let program = &self.plan.program;
         if !program.options.has_many_rounds(&program.features) {

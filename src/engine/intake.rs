@@ -5,7 +5,7 @@ use crate::program::Cells;
 use crate::program::layout::tables::{MomentCells, ReachedMarks};
 use crate::result::{Booking, Moments, Tally};
 
-/// From here on some cell of squares may have overflowed (shaders/sums/moments.wgsl).
+/// From here on some cell of squares may have overflowed (shaders/sums/moments.on.wgsl).
 const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
 
 /// What counts tell beside themselves.

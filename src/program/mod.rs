@@ -19,6 +19,7 @@ use crate::program::layout::sums::SumBuffers;
 pub use crate::program::layout::tables::Cells;
 use crate::program::layout::{bsdf, rng, tables};
 use crate::program::wgsl::compose::Composition;
+use crate::software::extension::SoftwareExtension;
 use crate::software::log::format::EndLog;
 use crate::software::path::main_path::{NominalPath, PilotPath};
 use crate::software::path::path_log;
@@ -80,7 +81,7 @@ pub struct ProgramOptions {
     /// An invocation follows two rays of the nominal path side by side, where it can
     /// ([`ProgramOptions::goes_side_by_side`]). The results are the same bits.
     pub side_by_side: bool,
-    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes_together.wgsl); 1 if each
+    /// Lanes of a subgroup whose places on the nominal path are stored together (shaders/software/path/lanes.together.wgsl); 1 if each
     /// stores its own. The results are the same bits.
     pub lanes: u32,
     /// Lanes of the driver's vectors, where their number can change: with it, shaders do. The results are the same bits.
@@ -169,7 +170,7 @@ impl ProgramOptions {
         self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
-    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.wgsl): not if
+    /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.many.wgsl): not if
     /// there are those over its events alone, and few of these.
     pub fn has_many_rounds(&self, features: &Features) -> bool {
         let [.., gaussian] = features.splats;
@@ -183,7 +184,7 @@ impl ProgramOptions {
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
-    /// remembers a ray's visits (shaders/sums/visits.wgsl).
+    /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;
@@ -352,6 +353,9 @@ impl Program {
         // Sums that follow from counts are none of the device's.
         let num_sums = if constant_weights { 0 } else { cells.num_sums };
         let sums = SumBuffers::of(num_sums, cells.num_counters, options.native, options.part_bytes)?;
+        let media_absorb_weakly = pilot.is_some_and(path_log::media_absorb_weakly)
+            && side_paths.iter().all(|side| side.media_absorb_weakly);
+        let extension = SoftwareExtension { end_log, nominal, path_log, side_paths, media_absorb_weakly };
         let composition = Composition {
             ir,
             features: &features,
@@ -364,12 +368,7 @@ impl Program {
             facets: &facets,
             tree: tree.as_ref(),
             constant_weights,
-            end_log: end_log.as_ref(),
-            nominal: nominal.as_ref(),
-            path_log: path_log.as_ref(),
-            side_paths: &side_paths,
-            media_absorb_weakly: pilot.is_some_and(path_log::media_absorb_weakly)
-                && side_paths.iter().all(|side| side.media_absorb_weakly),
+            extension: &extension,
             options: &options,
         };
         let wgsl = edit(composition.compose()?);
@@ -380,6 +379,7 @@ impl Program {
             Precision::F32 | Precision::F64 => (module, None),
         };
         let max_events_per_ray = max_events_per_ray(ir, &features, &options);
+        let SoftwareExtension { end_log, nominal, path_log, side_paths, .. } = extension;
         let mut program = Program {
             wgsl,
             rewritten,

@@ -1,4 +1,4 @@
-//! Adds up the log of where rays end (`shaders/software/log/ends_logged.wgsl`), on devices whose memory is the host's.
+//! Adds up the log of where rays end (`shaders/software/log/ends.logged.wgsl`), on devices whose memory is the host's.
 
 use crate::error::{Error, Result};
 use crate::gpu::{Gpu, processors};

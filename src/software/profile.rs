@@ -21,7 +21,7 @@ pub struct Profile {
     /// tried.
     pub texel_bytes: u64,
     /// Lanes of a subgroup should store positions together: where vectors have 512 bits, whose later parts the processor
-    /// reads slowly (shaders/software/path/lanes_together.wgsl).
+    /// reads slowly (shaders/software/path/lanes.together.wgsl).
     pub stores_together: bool,
     /// Two devices keep the adapter busier than one: lavapipe deals a dispatch out to processors in equal parts, and waits
     /// for the last of them before it begins the next of the same device.

@@ -31,9 +31,11 @@ fn collect(folder: &Path, shaders: &Path, files: &mut Vec<(String, String)>) {
 }
 
 fn abridged(wgsl: &str) -> String {
-    shader_files()
-        .into_iter()
-        .fold(wgsl.to_string(), |text, (path, file)| text.replace(&file, &format!("// <- shaders/{path}\n")))
+    let abridge = |text: String, (path, file): (String, String)| {
+        let named = format!("// ==== shaders/{path}\n{file}\n");
+        text.replace(&named, &format!("// <- shaders/{path}\n"))
+    };
+    shader_files().into_iter().fold(wgsl.to_string(), abridge)
 }
 
 /// The composition of a scene is the committed one.

@@ -1,13 +1,16 @@
+// ==== composed by program::wgsl::library
 alias real = f32;
-// <- shaders/math/real_f32.wgsl
-// <- shaders/math/math_f32.wgsl
-// <- shaders/math/polynomials_f32.wgsl
+
+// <- shaders/math/real.f32.wgsl
+// <- shaders/math/math.f32.wgsl
+// <- shaders/math/polynomials.f32.wgsl
 // <- shaders/sums/quanta_f32.wgsl
 // <- shaders/random/rng_slots.wgsl
 // <- shaders/math/math.wgsl
 // <- shaders/sums/sums.wgsl
-// <- shaders/random/rng_portable.wgsl
-// <- shaders/sums/sums_portable.wgsl
+// <- shaders/random/rng.portable.wgsl
+// <- shaders/sums/sums.portable.wgsl
+// ==== composed by program::wgsl::constants
 const NO_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
@@ -16,6 +19,7 @@ const MAX_DEPTH: u32 = 16u;
 const NUM_SURFACES: u32 = 3u;
 const NUM_PRIMITIVES: u32 = 4u;
 const NUM_WAVELENGTHS: u32 = 1u;
+const PATH_THRESHOLD: u32 = 0u;
 const CELL_INVALID: u32 = 0u;
 const CELL_UNDERFLOWS: u32 = 1u;
 const CELL_ROULETTE_GAIN: u32 = 2u;
@@ -30,7 +34,6 @@ const CELL_BSDF: u32 = 10u;
 const CELL_BSDF_GAIN: u32 = 11u;
 const CELL_SURFACES: u32 = 12u;
 const COUNTER_REACHED: u32 = 4111u;
-const PATH_THRESHOLD: u32 = 0u;
 const HAS_REFRACTIVE: bool = true;
 const HAS_REFLECTIVE: bool = false;
 const HAS_HARD: bool = false;
@@ -45,80 +48,45 @@ const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
 const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
+
 // <- shaders/stages/state.wgsl
-
-// <- shaders/stages/ids_range.wgsl
-
-// <- shaders/sums/replicates_none.wgsl
-
-// <- shaders/geometry/transforms.wgsl
-
-// <- shaders/geometry/quadric.wgsl
-
-// <- shaders/sums/ledger.wgsl
-
 // <- shaders/stages/counts.wgsl
-
-// <- shaders/sums/reached_mask.wgsl
-
-// <- shaders/sums/weights_vary.wgsl
-
-// <- shaders/sums/ends_booked.wgsl
-
-// <- shaders/sums/passes_booked.wgsl
-
-// <- shaders/optics/spectrum_single.wgsl
-
-// <- shaders/optics/bulk_none.wgsl
-
-// <- shaders/optics/roulette_none.wgsl
-
-// <- shaders/stages/rounds_none.wgsl
-
-// <- shaders/stages/rays_one.wgsl
-
-// <- shaders/optics/branch_fresnel.wgsl
-
-// <- shaders/optics/coating_none.wgsl
-
-// <- shaders/stages/scatter_none.wgsl
-
-// <- shaders/rows/paths_none.wgsl
-
-// <- shaders/geometry/mesh_none.wgsl
-
-// <- shaders/geometry/contact_none.wgsl
-
-// <- shaders/shapes/plane.wgsl
-
 // <- shaders/stages/generate.wgsl
-
-// <- shaders/stages/intersect.wgsl
-
-// <- shaders/geometry/gradients.wgsl
-
 // <- shaders/stages/interact.wgsl
-
 // <- shaders/stages/splat.wgsl
-
 // <- shaders/stages/trace.wgsl
-
-// <- shaders/shapes/conic.wgsl
-
-// <- shaders/shapes/frustum.wgsl
-
-// <- shaders/sources/collimated_tophat.wgsl
-
-// <- shaders/optics/indices.wgsl
-
-// <- shaders/optics/reflectance_none.wgsl
-
-// <- shaders/stages/queue_none.wgsl
-
-// <- shaders/sums/moments_none.wgsl
-
+// <- shaders/geometry/transforms.wgsl
+// <- shaders/geometry/quadric.wgsl
+// <- shaders/shapes/plane.wgsl
+// <- shaders/sums/ledger.wgsl
+// <- shaders/stages/intersect.wgsl
 // <- shaders/detectors/irradiance.wgsl
-
+// <- shaders/stages/ids.range.wgsl
+// <- shaders/stages/rays.one.wgsl
+// <- shaders/stages/rounds.few.wgsl
+// <- shaders/stages/scatter.none.wgsl
+// <- shaders/stages/compact.none.wgsl
+// <- shaders/optics/spectrum.single.wgsl
+// <- shaders/optics/bulk.none.wgsl
+// <- shaders/optics/roulette.none.wgsl
+// <- shaders/optics/branch.fresnel.wgsl
+// <- shaders/optics/coating.none.wgsl
+// <- shaders/optics/reflectance.none.wgsl
+// <- shaders/optics/indices.constant.wgsl
+// <- shaders/geometry/gradients.smooth.wgsl
+// <- shaders/geometry/contact.none.wgsl
+// <- shaders/geometry/mesh.none.wgsl
+// <- shaders/sums/ends.deposited.wgsl
+// <- shaders/sums/passes.deposited.wgsl
+// <- shaders/sums/weights.vary.wgsl
+// <- shaders/sums/reached.bits.wgsl
+// <- shaders/sums/replicates.none.wgsl
+// <- shaders/sums/moments.none.wgsl
+// <- shaders/rows/paths.none.wgsl
+// <- shaders/shapes/conic.wgsl
+// <- shaders/shapes/frustum.wgsl
+// <- shaders/sources/collimated_tophat.wgsl
+// ==== composed by program::wgsl::rows
 struct Surface {
     interaction: u32,
     origin_x: real,
@@ -187,6 +155,18 @@ fn sensor_of(i: u32) -> Sensor {
         1u,
     );
 }
+fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
 struct Emitter {
     kind: u32,
     medium: u32,
@@ -227,18 +207,8 @@ fn emitter() -> Emitter {
 fn begin() {
     range = range_uniform;
 }
-fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
-    return v;
-}
-fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
-    return v;
-}
-fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
-    return v;
-}
-fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
-    return v;
-}
+
+// ==== composed by program::wgsl::search
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     var best = start;
     best = nearer(best, conic_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(-62.5)), ray.direction, real(0.009999999776482582), real(0.009999999776482582), real(156.25), ray.last == 0u), 0u);
@@ -247,9 +217,8 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     best = nearer(best, rectangle_distance(ray.position - vec3<real>(real(0.0), real(0.0), real(87.5)), ray.direction, real(25.0), real(25.0), ray.last == 3u), 3u);
     return best;
 }
-fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
-    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
-}
+
+// ==== composed by program::wgsl::bins
 var<private> bin_0_events: u32 = 0u;
 fn add_to_bin(cell: u32, q: Quanta) {
     if cell == CELL_UNDERFLOWS {
@@ -260,6 +229,12 @@ fn add_to_bin(cell: u32, q: Quanta) {
 fn flush_bins() {
     flush_count(CELL_UNDERFLOWS, bin_0_events);
 }
+
+// ==== composed by program::wgsl::dispatch
+fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
+    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
+}
 fn emit(key: RayKey, e: Emitter) -> LocalRay {
     return emit_collimated_tophat(key, e);
 }
+

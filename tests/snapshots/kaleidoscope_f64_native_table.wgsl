@@ -1,13 +1,16 @@
+// ==== composed by program::wgsl::library
 alias real = f64;
-// <- shaders/math/real_f64.wgsl
-// <- shaders/math/math_f64.wgsl
+
+// <- shaders/math/real.f64.wgsl
+// <- shaders/math/math.f64.wgsl
 // <- shaders/math/reduction_f64.wgsl
-// <- shaders/math/polynomials_f64.wgsl
+// <- shaders/math/polynomials.f64.wgsl
 // <- shaders/random/rng_slots.wgsl
 // <- shaders/math/math.wgsl
 // <- shaders/sums/sums.wgsl
-// <- shaders/random/rng_native.wgsl
-// <- shaders/sums/sums_native.wgsl
+// <- shaders/random/rng.native.wgsl
+// <- shaders/sums/sums.native.wgsl
+// ==== composed by program::wgsl::constants
 const NO_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
@@ -16,6 +19,7 @@ const MAX_DEPTH: u32 = 16u;
 const NUM_SURFACES: u32 = 3u;
 const NUM_PRIMITIVES: u32 = 5u;
 const NUM_WAVELENGTHS: u32 = 3u;
+const PATH_THRESHOLD: u32 = 0u;
 const CELL_INVALID: u32 = 0u;
 const CELL_UNDERFLOWS: u32 = 1u;
 const CELL_ROULETTE_GAIN: u32 = 2u;
@@ -30,7 +34,6 @@ const CELL_BSDF: u32 = 10u;
 const CELL_BSDF_GAIN: u32 = 11u;
 const CELL_SURFACES: u32 = 12u;
 const COUNTER_REACHED: u32 = 7951u;
-const PATH_THRESHOLD: u32 = 0u;
 const HAS_REFRACTIVE: bool = false;
 const HAS_REFLECTIVE: bool = true;
 const HAS_HARD: bool = true;
@@ -45,84 +48,47 @@ const UNIT_GRADIENTS: bool = true;
 const RECORD_ALL_PATHS: bool = false;
 const HAS_TREE: bool = false;
 const ROULETTE_THRESHOLD: real = real(0.0);
+
 // <- shaders/stages/state.wgsl
-
-// <- shaders/stages/ids_range.wgsl
-
-// <- shaders/sums/replicates_none.wgsl
-
-// <- shaders/geometry/transforms.wgsl
-
-// <- shaders/geometry/quadric.wgsl
-
-// <- shaders/sums/ledger.wgsl
-
 // <- shaders/stages/counts.wgsl
-
-// <- shaders/sums/reached_table.wgsl
-
-// <- shaders/sums/weights_vary.wgsl
-
-// <- shaders/sums/ends_booked.wgsl
-
-// <- shaders/sums/passes_booked.wgsl
-
-// <- shaders/optics/spectrum_discrete.wgsl
-
-// <- shaders/optics/bulk_none.wgsl
-
-// <- shaders/optics/roulette_none.wgsl
-
-// <- shaders/software/rounds.wgsl
-
-// <- shaders/stages/rays_one.wgsl
-
-// <- shaders/optics/branch_fresnel.wgsl
-
-// <- shaders/optics/coating_none.wgsl
-
-// <- shaders/stages/scatter_none.wgsl
-
-// <- shaders/rows/paths_none.wgsl
-
-// <- shaders/geometry/mesh_none.wgsl
-
-// <- shaders/geometry/contact_none.wgsl
-
-// <- shaders/shapes/plane.wgsl
-
 // <- shaders/stages/generate.wgsl
-
-// <- shaders/stages/intersect.wgsl
-
-// <- shaders/geometry/gradients.wgsl
-
 // <- shaders/stages/interact.wgsl
-
 // <- shaders/stages/splat.wgsl
-
 // <- shaders/stages/trace.wgsl
-
-// <- shaders/sources/extended_rectangle.wgsl
-
-// <- shaders/sources/extended_disk.wgsl
-
-// <- shaders/optics/indices_none.wgsl
-
-// <- shaders/optics/reflectance_table.wgsl
-
-// <- shaders/geometry/primitives_table.wgsl
-
-// <- shaders/geometry/try_primitive.wgsl
-
-// <- shaders/stages/queue_none.wgsl
-
-// <- shaders/sums/moments_none.wgsl
-
+// <- shaders/geometry/transforms.wgsl
+// <- shaders/geometry/quadric.wgsl
+// <- shaders/shapes/plane.wgsl
+// <- shaders/sums/ledger.wgsl
+// <- shaders/stages/intersect.wgsl
 // <- shaders/detectors/irradiance.wgsl
-
 // <- shaders/detectors/spectral.wgsl
-
+// <- shaders/stages/ids.range.wgsl
+// <- shaders/stages/rays.one.wgsl
+// <- shaders/software/rounds.many.wgsl
+// <- shaders/stages/scatter.none.wgsl
+// <- shaders/stages/compact.none.wgsl
+// <- shaders/optics/spectrum.discrete.wgsl
+// <- shaders/optics/bulk.none.wgsl
+// <- shaders/optics/roulette.none.wgsl
+// <- shaders/optics/branch.fresnel.wgsl
+// <- shaders/optics/coating.none.wgsl
+// <- shaders/optics/reflectance.table.wgsl
+// <- shaders/optics/indices.none.wgsl
+// <- shaders/geometry/gradients.smooth.wgsl
+// <- shaders/geometry/contact.none.wgsl
+// <- shaders/geometry/mesh.none.wgsl
+// <- shaders/geometry/primitives.table.wgsl
+// <- shaders/geometry/try_primitive.alone.wgsl
+// <- shaders/sums/ends.deposited.wgsl
+// <- shaders/sums/passes.deposited.wgsl
+// <- shaders/sums/weights.vary.wgsl
+// <- shaders/sums/reached.counters.wgsl
+// <- shaders/sums/replicates.none.wgsl
+// <- shaders/sums/moments.none.wgsl
+// <- shaders/rows/paths.none.wgsl
+// <- shaders/sources/extended_rectangle.wgsl
+// <- shaders/sources/extended_disk.wgsl
+// ==== composed by program::wgsl::rows
 struct Surface {
     interaction: u32,
     origin_x: real,
@@ -234,6 +200,18 @@ fn sensor_of(i: u32) -> Sensor {
         row.num_bins,
     );
 }
+fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
+    return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
+}
+fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
+fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+    return v;
+}
 struct Emitter {
     kind: u32,
     medium: u32,
@@ -270,18 +248,6 @@ fn emitter() -> Emitter {
 fn begin() {
     range = range_uniform;
     emitter_copy = emitter_uniform;
-}
-fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
-    return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
-}
-fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
-    return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
-}
-fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
-    return v;
-}
-fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
-    return v;
 }
 struct Primitive {
     shape: u32,
@@ -340,6 +306,8 @@ fn primitive_of(i: u32) -> Primitive {
         real(0.0),
     );
 }
+
+// ==== composed by program::wgsl::search
 fn to_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
     return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
@@ -349,17 +317,22 @@ fn from_primitive(r: Primitive, v: vec3<real>) -> vec3<real> {
 fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real {
     return rectangle_distance(o, d, p.a0, p.a1, leaving);
 }
-fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
-    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
-    if sensor.kind == 1u { record_spectral(ray, sensor, ends); }
-}
+
+// ==== composed by program::wgsl::bins
 fn add_to_bin(cell: u32, q: Quanta) {
     count(cell);
     deposit(cell, q);
 }
 fn flush_bins() {
 }
+
+// ==== composed by program::wgsl::dispatch
+fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
+    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
+    if sensor.kind == 1u { record_spectral(ray, sensor, ends); }
+}
 fn emit(key: RayKey, e: Emitter) -> LocalRay {
     if e.kind == 3u { return emit_extended_rectangle(key, e); }
     return emit_extended_disk(key, e);
 }
+

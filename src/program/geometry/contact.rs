@@ -2,7 +2,7 @@
 //!
 //! Two touching plates have two faces in one place, and a ray must cross both, in the order that a vanishing gap would
 //! give. Distances cannot decide the order: distances differ by rounding. So the host finds the groups of faces that
-//! coincide: surfaces, detectors, facets of meshes. shaders/geometry/contact.wgsl lets a ray meet each face of a group at
+//! coincide: surfaces, detectors, facets of meshes. shaders/geometry/contact.on.wgsl lets a ray meet each face of a group at
 //! most once on its way through, and decides by sides and media which face comes next.
 
 use crate::error::{Error, Result};

@@ -1,4 +1,4 @@
-//! A tree of boxes over the primitives of a scene, as shaders/geometry/primitives_tree.wgsl walks it.
+//! A tree of boxes over the primitives of a scene, as shaders/geometry/primitives.tree.wgsl walks it.
 //!
 //! The boxes are f32 in both tiers, and must hold whatever the shaders' own arithmetic counts as a hit. Errors of that
 //! come from rounding coordinates: of the ray's position o, of the primitive's place and size s, and of points on the

@@ -1,4 +1,4 @@
-//! BSDFs for the shaders: columns of the surfaces' records, and tables. The formulas stand in shaders/bsdf/; here are the
+//! BSDFs for the shaders: columns of the surfaces' records, and tables. The formulas stand in shaders/bsdfs/; here are the
 //! numbers that depend on the scene alone.
 
 use crate::model::{Bsdf, BsdfTable, Scatter, SceneIr, Surface, harvey_shack_table};
@@ -74,7 +74,7 @@ impl Branch {
     }
 }
 
-/// Adds what shaders/stages/scatter.wgsl and shaders/bsdf/ read of a surface.
+/// Adds what shaders/stages/scatter.on.wgsl and shaders/bsdfs/ read of a surface.
 pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind]) {
     if kinds.is_empty() {
         return;

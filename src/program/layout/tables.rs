@@ -46,7 +46,7 @@ pub struct Cells {
     pub num_sums: u32,
 }
 
-/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.wgsl).
+/// Detectors' cells that lie there once for each scramble (shaders/sums/replicates.on.wgsl).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReplicateCells {
     /// From a cell of a detector to its cell in the next copy.
@@ -55,7 +55,7 @@ pub struct ReplicateCells {
     pub num: u32,
 }
 
-/// Cells of second moments (shaders/sums/moments.wgsl), behind all others.
+/// Cells of second moments (shaders/sums/moments.on.wgsl), behind all others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MomentCells {
     /// From a cell of a detector to the cell of its squares.
@@ -347,7 +347,7 @@ pub fn shape_constant(shape: &Shape) -> f64 {
     }
 }
 
-/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.wgsl.
+/// The record of every primitive in contact. `facets`: see shaders/geometry/facets.touching.wgsl.
 pub fn contact_records(ir: &SceneIr, contacts: &Contacts, facets: &FacetTable) -> Records {
     let mut records = Records::new("Contact", "contact", CONTACTS);
     let primitives = &contacts.primitives;
@@ -608,7 +608,7 @@ impl Grid {
     }
 }
 
-/// p0, p1, p2 of shaders/emitters/.
+/// p0, p1, p2 of shaders/sources/.
 fn emitter_arguments(emitter: &Emitter) -> [f64; 3] {
     match emitter.kind {
         EmitterKind::Point { half_angle } => [cap_height(half_angle), 0.0, 0.0],

@@ -1,6 +1,7 @@
 //! The WGSL files that every shader shares, chosen by precision and by integers.
 
 use crate::program::layout::rng::Sampler;
+use crate::program::wgsl::text::{ShaderFile, Text, shader};
 
 /// Precision of `real` in the shaders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,41 +23,55 @@ pub enum Integers {
     Portable,
 }
 
-/// The shared functions as one WGSL source: `alias real`, draws, mathematics and sums. The order of declarations means
-/// nothing to WGSL.
+const F32: &[ShaderFile] = &[
+    shader!("math/real.f32.wgsl"),
+    shader!("math/math.f32.wgsl"),
+    shader!("math/polynomials.f32.wgsl"),
+    shader!("sums/quanta_f32.wgsl"),
+];
+
+const DF64: &[ShaderFile] = &[
+    shader!("math/real.df64.wgsl"),
+    shader!("math/math.df64.wgsl"),
+    shader!("math/reduction_f64.wgsl"),
+    shader!("math/polynomials.f64.wgsl"),
+    shader!("sums/quanta_f32.wgsl"),
+    shader!("math/df64.wgsl"),
+];
+
+const F64: &[ShaderFile] = &[
+    shader!("math/real.f64.wgsl"),
+    shader!("math/math.f64.wgsl"),
+    shader!("math/reduction_f64.wgsl"),
+    shader!("math/polynomials.f64.wgsl"),
+];
+
+const SHARED: &[ShaderFile] =
+    &[shader!("random/rng_slots.wgsl"), shader!("math/math.wgsl"), shader!("sums/sums.wgsl")];
+
+/// The shared functions as one WGSL source: `alias real`, draws, mathematics and sums.
 pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
-    let shared = [shader!("random/rng_slots.wgsl"), shader!("math/math.wgsl"), shader!("sums/sums.wgsl")];
-    let by_real = match real {
-        Real::F32 => [
-            "alias real = f32;\n",
-            shader!("math/real_f32.wgsl"),
-            shader!("math/math_f32.wgsl"),
-            shader!("math/polynomials_f32.wgsl"),
-            shader!("sums/quanta_f32.wgsl"),
-        ],
-        Real::Df64 => [
-            "alias real = f64;\n",
-            shader!("math/real_df64.wgsl"),
-            shader!("math/math_df64.wgsl"),
-            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials_f64.wgsl")),
-            concat!(shader!("sums/quanta_f32.wgsl"), shader!("math/df64.wgsl")),
-        ],
-        Real::F64 => [
-            "alias real = f64;\n",
-            shader!("math/real_f64.wgsl"),
-            shader!("math/math_f64.wgsl"),
-            concat!(shader!("math/reduction_f64.wgsl"), shader!("math/polynomials_f64.wgsl")),
-            "",
-        ],
+    let mut text = Text::default();
+    add(&mut text, real, integers, sampler);
+    text.into_string()
+}
+
+/// Adds them to a module.
+pub(super) fn add(text: &mut Text, real: Real, integers: Integers, sampler: Sampler) {
+    let (name, by_real) = match real {
+        Real::F32 => ("f32", F32),
+        Real::Df64 => ("f64", DF64),
+        Real::F64 => ("f64", F64),
     };
     let sums = match integers {
-        Integers::Native => shader!("sums/sums_native.wgsl"),
-        Integers::Portable => shader!("sums/sums_portable.wgsl"),
+        Integers::Native => shader!("sums/sums.native.wgsl"),
+        Integers::Portable => shader!("sums/sums.portable.wgsl"),
     };
-    let draws = match (sampler, integers) {
-        (Sampler::Pcg, Integers::Native) => [shader!("random/rng_native.wgsl"), ""],
-        (Sampler::Pcg, Integers::Portable) => [shader!("random/rng_portable.wgsl"), ""],
-        (Sampler::Sobol, _) => [shader!("random/rng_sobol.wgsl"), shader!("random/sobol_matrices.wgsl")],
+    let draws: &[ShaderFile] = match (sampler, integers) {
+        (Sampler::Pcg, Integers::Native) => &[shader!("random/rng.native.wgsl")],
+        (Sampler::Pcg, Integers::Portable) => &[shader!("random/rng.portable.wgsl")],
+        (Sampler::Sobol, _) => &[shader!("random/rng.sobol.wgsl"), shader!("random/sobol_matrices.wgsl")],
     };
-    [by_real.concat(), shared.concat(), draws.concat(), sums.into()].concat()
+    text.composed("program::wgsl::library", &format!("alias real = {name};\n"));
+    text.files([by_real, SHARED, draws, &[sums]].concat());
 }

@@ -1,12 +1,13 @@
 //! The WGSL of one scene: which files it takes, and what stands around them.
 
-/// The text of a file of shaders/, which the program holds.
-macro_rules! shader {
-    ($path:literal) => {
-        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $path))
-    };
-}
-pub(crate) use shader;
-
+mod bins;
 pub mod compose;
+pub(crate) mod constants;
+mod dispatch;
+pub mod extension;
 pub mod library;
+mod rows;
+mod search;
+pub mod text;
+mod trees;
+mod variants;

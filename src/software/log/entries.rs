@@ -1,11 +1,11 @@
-//! Entries of the log of where rays end, as they lie in memory (shaders/software/log/log_*.wgsl); those that are positions are in
+//! Entries of the log of where rays end, as they lie in memory (shaders/software/log/entries.*.wgsl); those that are positions are in
 //! [`crate::software::log::positions`].
 
 use crate::software::log::format::CELL_BITS;
 use crate::software::log::reals::Real;
 use bytemuck::Pod;
 
-// The parts of what an entry is (`END_*` in ends_logged.wgsl and passes_logged.wgsl).
+// The parts of what an entry is (`END_*` in ends.logged.wgsl and passes.logged.wgsl).
 /// The cell.
 pub const CELL_MASK: u32 = (1 << CELL_BITS) - 1;
 /// The second tap lies in the next column.
@@ -30,7 +30,7 @@ pub const STRAYED: u32 = 1 << 30;
 /// An entry of the log.
 #[derive(Debug, Clone, Copy)]
 pub struct End<T> {
-    /// Its cell, and what it is (`END_*` in ends_logged.wgsl).
+    /// Its cell, and what it is (`END_*` in ends.logged.wgsl).
     pub what: u32,
     /// The weight.
     pub weight: T,
@@ -38,7 +38,7 @@ pub struct End<T> {
     pub fractions: [T; 2],
 }
 
-/// An entry as it lies in the log (`write_entry` in shaders/software/log/log_*.wgsl).
+/// An entry as it lies in the log (`write_entry` in shaders/software/log/entries.*.wgsl).
 pub trait Entry: Pod {
     /// The precision of the trace.
     type Real: Real;

@@ -1,4 +1,4 @@
-//! The log of where rays end, for the host to add up (`shaders/software/log/ends_logged.wgsl`).
+//! The log of where rays end, for the host to add up (`shaders/software/log/ends.logged.wgsl`).
 
 use crate::model::{SceneIr, Sensor, SensorKind, Splat};
 use crate::program::features::Features;
@@ -37,13 +37,13 @@ pub struct EndLog {
 /// How an entry is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// What it is alone, in 32 bits: sums follow from counts (log_counts.wgsl).
+    /// What it is alone, in 32 bits: sums follow from counts (entries.counts.wgsl).
     Counts,
-    /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (log_packed.wgsl).
+    /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (entries.packed.wgsl).
     Packed,
-    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (log_words.wgsl).
+    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (entries.words.wgsl).
     Words,
-    /// f64: what it is, its weight, the fractions (log_reals.wgsl).
+    /// f64: what it is, its weight, the fractions (entries.reals.wgsl).
     Reals,
 }
 

@@ -1,4 +1,4 @@
-//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/software/log/log_*.wgsl): between which pixels they
+//! Ends that are logged as positions on a detector (`LOGS_POSITIONS` in shaders/software/log/entries.*.wgsl): between which pixels they
 //! lie, and how many quanta each of these takes, for a block of rays at once and without branches, so that it is
 //! compiled to vectors.
 

@@ -2,11 +2,11 @@
 
 use crate::engine::sums::QUANTA_PER_UNIT;
 
-// How a position is written (ends_logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
+// How a position is written (ends.logged.wgsl). By columns, and by rows alike: times HIT_NEXT where the pixel that was hit
 // is the second of the two that it lies between. At the edge of the map or, by the roundings of a place far from the scene's
 // centre, beyond, both are the same pixel, marked or not. A position of 0, which HIT_NEXT cannot mark, is the middle of
 // the first pixel: the one that was hit.
-/// `HIT_NEXT` in ends_logged.wgsl.
+/// `HIT_NEXT` in ends.logged.wgsl.
 pub const HIT_NEXT: f64 = 79228162514264337593543950336.0;
 /// Positions between two pixels are smaller, and larger times [`HIT_NEXT`].
 pub const LAST_POSITION: f64 = (1 << 30) as f64;
@@ -60,7 +60,7 @@ pub trait Real: Copy + Into<f64> {
     fn to_whole(self) -> i64;
 
     /// Between which of so many pixels a logged position lies (`bilinear_taps` in splat.wgsl, `marked_position` in
-    /// ends_logged.wgsl).
+    /// ends.logged.wgsl).
     fn tap(self, num_pixels: u32) -> AxisTaps<Self>;
 
     /// What is logged with it in place of a column is no position.

@@ -1,4 +1,4 @@
-//! Adds up what rays logged that keep to the main path (`shaders/software/path/path_places.wgsl`): places on detectors, whose
+//! Adds up what rays logged that keep to the main path (`shaders/software/path/path_log.arrivals.wgsl`): places on detectors, whose
 //! weights the path tells, or they themselves.
 
 use crate::program::layout::tables::CELL_BULK;

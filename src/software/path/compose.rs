@@ -1,11 +1,12 @@
-//! Composition of the stages that follow paths: the nominal one, and the side paths.
+//! Composition of the stages that follow paths: the main path, and the side paths.
 
 use crate::error::{Error, Result};
 use crate::model::{Frame, Shape};
 use crate::program::features::ShapeKind;
 use crate::program::layout::tables;
 use crate::program::wgsl::compose::Composition;
-use crate::program::wgsl::shader;
+use crate::program::wgsl::text::{ShaderFile, shader};
+use crate::software::extension::SoftwareExtension;
 use crate::software::path::clearance::{Clearance, Exit, Sign};
 use crate::software::path::main_path::{Crossing, NominalEvent, NominalPath};
 use crate::software::path::path_log::{PathLog, Weight};
@@ -28,7 +29,7 @@ struct Walk {
 }
 
 impl Walk {
-    /// The statements for a lone ray.
+    /// The statements for a single ray.
     fn alone(&self) -> String {
         self.statements.iter().map(|statement| format!("    {}\n", of_ray(statement, ALONE))).collect()
     }
@@ -57,8 +58,8 @@ struct State {
 
 impl State {
     /// Those that a file of shaders/ declares.
-    fn declared_in(file: &'static str) -> impl Iterator<Item = State> {
-        file.lines().filter_map(|line| {
+    fn declared_in(file: ShaderFile) -> impl Iterator<Item = State> {
+        file.text.lines().filter_map(|line| {
             let (name, rest) = line.strip_prefix("var<private> ")?.split_once(": ")?;
             let (kind, first) = rest.strip_suffix(';')?.split_once(" = ")?;
             Some(State { name, kind, first })
@@ -66,16 +67,23 @@ impl State {
     }
 }
 
-impl Composition<'_> {
-    /// The paths that have stages of their own: the nominal one, and the side paths.
-    pub(crate) fn path_stages(&self) -> Result<String> {
-        let Some(nominal) = self.nominal else { return Ok(String::new()) };
-        let walk = self.walk(0, nominal, self.path_log)?;
-        let mut text = match self.goes_side_by_side() {
+/// The stages of the paths of a module.
+pub(crate) struct Stages<'a> {
+    pub(crate) extension: &'a SoftwareExtension,
+    pub(crate) composition: &'a Composition<'a>,
+}
+
+impl Stages<'_> {
+    /// All of them: that of the main path, then those of the side paths.
+    pub(crate) fn text(&self) -> Result<String> {
+        let extension = self.extension;
+        let Some(nominal) = &extension.nominal else { return Ok(String::new()) };
+        let walk = self.walk(0, nominal, extension.path_log.as_ref())?;
+        let mut text = match extension.goes_side_by_side(self.composition) {
             true => self.states_of_pair() + &self.stage_of_pair(&walk),
             false => self.path_stage(0, "trace_nominal", &walk),
         };
-        for (number, side) in self.side_paths.iter().enumerate() {
+        for (number, side) in extension.side_paths.iter().enumerate() {
             let walk = self.walk(1 + number, &side.path, side.log.as_ref())?;
             text.push_str(&self.path_stage(1 + number, &side_path::entry_point(number), &walk));
         }
@@ -85,7 +93,7 @@ impl Composition<'_> {
     /// The stage of a path, whose rays are those of the range, or, on a side path, of those that are listed.
     fn path_stage(&self, number: usize, entry_point: &str, walk: &Walk) -> String {
         let key = if number == 0 { "key_in_range" } else { "key_of" };
-        let follow = match self.path_rays_per_invocation() {
+        let follow = match self.extension.path_rays_per_invocation(self.composition) {
             1 => format!("    follow_{number}(invocation);\n"),
             _ => format!(
                 "    var turn = 0u;\n    var next = first_turn(invocation);\n    loop {{\n        follow_{number}(next);\n        \
@@ -103,7 +111,7 @@ impl Composition<'_> {
         )
     }
 
-    /// The stage of the nominal path, of whose rays each invocation follows two.
+    /// The stage of the main path, of whose rays each invocation follows two.
     fn stage_of_pair(&self, walk: &Walk) -> String {
         let [a, b] = PAIR;
         let births: String = PAIR
@@ -121,9 +129,10 @@ impl Composition<'_> {
 
     /// The variables that each ray of a pair has for itself, and what brings them to where the functions of the path look.
     fn states_of_pair(&self) -> String {
-        let mut files = vec![shader!("software/path/path.wgsl"), shader!("software/path/path_places.wgsl")];
-        if self.logs_weights() {
-            files.push(shader!("software/path/path_losses_told.wgsl"));
+        let mut files =
+            vec![shader!("software/path/main_path.wgsl"), shader!("software/path/path_log.arrivals.wgsl")];
+        if self.extension.logs_weights() {
+            files.push(shader!("software/path/path_losses.reported.wgsl"));
         }
         let states: Vec<State> = files.into_iter().flat_map(State::declared_in).collect();
         let mut text = String::new();
@@ -143,15 +152,6 @@ impl Composition<'_> {
         text
     }
 
-    /// An invocation follows two rays of the nominal path.
-    pub(crate) fn goes_side_by_side(&self) -> bool {
-        self.nominal.is_some() && self.options.goes_side_by_side(self.features, self.path_log)
-    }
-
-    pub(crate) fn path_rays_per_invocation(&self) -> u32 {
-        self.options.path_rays_per_invocation(self.features, self.path_log)
-    }
-
     /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
     /// those that are not searched.
     fn walk(&self, number: usize, path: &NominalPath, path_log: Option<&PathLog>) -> Result<Walk> {
@@ -162,12 +162,12 @@ impl Composition<'_> {
             let candidates = event.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_at_{number}_{step}(ray: Ray)");
             let nearer = event.at_nearer_crossing.then_some(event.primitive);
-            functions.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
+            functions.push_str(&self.composition.nearest_of(&head, "Hit(MISS, NONE)", nearer, candidates)?);
             let head = format!("is_clear_at_{number}_{step}(ray: Ray, distance: real)");
             functions.push_str(&self.is_clear_of(&head, &event.passed)?);
             statements.push(format!("let hit_{step}@ = nearest_at_{number}_{step}(ray@);"));
             statements.push(holds(&format!("is_clear_at_{number}_{step}(ray@, hit_{step}@.distance)")));
-            statements.extend(match event.primitive < self.ir.surfaces.len() {
+            statements.extend(match event.primitive < self.composition.ir.surfaces.len() {
                 true => vec![self.meeting(step, event)?],
                 false => self.arrival(step, event, path_log)?,
             });
@@ -177,7 +177,7 @@ impl Composition<'_> {
         if let Some(missed) = &path.missed {
             let candidates = missed.candidates.iter().map(|&i| (i, (last == Some(i)).to_string()));
             let head = format!("nearest_behind_{number}(ray: Ray)");
-            functions.push_str(&self.nearest_of(&head, "Hit(MISS, NONE)", None, candidates)?);
+            functions.push_str(&self.composition.nearest_of(&head, "Hit(MISS, NONE)", None, candidates)?);
             let head = format!("is_clear_behind_{number}(ray: Ray)");
             functions.push_str(&self.is_clear_of(&head, &missed.passed)?);
             statements.push(holds(&format!("(nearest_behind_{number}(ray@).primitive == NONE)")));
@@ -207,8 +207,9 @@ impl Composition<'_> {
     /// An event of the path on a surface.
     fn meeting(&self, step: usize, event: &NominalEvent) -> Result<String> {
         let primitive = event.primitive;
-        let surfaces = tables::surface_records(self.ir, self.centre, self.features);
-        let surface = surfaces.row(self.precision(), primitive)?;
+        let surfaces =
+            tables::surface_records(self.composition.ir, self.composition.centre, self.composition.features);
+        let surface = surfaces.row(self.composition.precision(), primitive)?;
         let (does, how) = match event.crossing {
             Some(Crossing { entering_back, reflected }) => {
                 ("crosses", format!(", {entering_back}, {reflected}"))
@@ -260,7 +261,7 @@ impl Composition<'_> {
 
     /// A function that tells whether a ray is clear of what is passed until it has gone `distance`.
     fn is_clear_of(&self, head: &str, passed: &[(usize, Clearance)]) -> Result<String> {
-        let primitives = tables::primitives(self.ir);
+        let primitives = tables::primitives(self.composition.ir);
         let mut text = format!("fn {head} -> bool {{\n    var clear = true;\n");
         for &(i, clearance) in passed {
             let _ = writeln!(text, "    clear = clear & {};", self.is_clear(&primitives[i], clearance)?);
@@ -271,7 +272,7 @@ impl Composition<'_> {
 
     /// A call that tells whether the ray is clear of one of them.
     fn is_clear(&self, (frame, shape): &(Frame, Shape), clearance: Clearance) -> Result<String> {
-        let (o, d) = self.in_frame(frame)?;
+        let (o, d) = self.composition.in_frame(frame)?;
         let (keeps_pace, distance) = match clearance.exit {
             None => (String::new(), "distance".to_string()),
             Some(Exit { plane, pace }) => {
@@ -293,6 +294,10 @@ impl Composition<'_> {
             }
         };
         Ok(keeps_pace + &sign)
+    }
+
+    fn real(&self, value: f64) -> Result<String> {
+        self.composition.real(value)
     }
 
     /// A call that gives a shape's quadric, as its search has it.

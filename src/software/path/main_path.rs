@@ -1,4 +1,4 @@
-//! The main path: what most rays of a scene do, which shaders/software/path/path.wgsl follows without a loop.
+//! The main path: what most rays of a scene do, which shaders/software/path/main_path.wgsl follows without a loop.
 //!
 //! Between two events of the path a ray stays in the box around what it leaves and what it meets next; a primitive whose
 //! box lies apart from that one cannot come between, and is not asked. The boxes are those of the tree (crate::program::geometry::tree),

@@ -2,7 +2,7 @@
 
 pub(crate) mod adder;
 pub mod clearance;
-mod compose;
+pub(crate) mod compose;
 mod follow;
 pub mod main_path;
 pub mod path_log;

@@ -264,7 +264,7 @@ fn ledger_end(scene: &LoggedScene, path: &NominalPath, last: &NominalEvent) -> O
 }
 
 /// Of what rays weigh, a medium leaves them so much at least where it takes little: exp(-NEAR_ZERO), which is 0.712
-/// (shaders/math/math_f64.wgsl), and some room.
+/// (shaders/math/math.f64.wgsl), and some room.
 const LEAST_LEFT: f64 = 0.72;
 
 /// Whether media take little, on each of their ways, from nearly all rays of a pilot that lose to media alone.

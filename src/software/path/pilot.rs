@@ -1,5 +1,5 @@
 //! Which path most rays of a scene take, and which ones most of the others, so that they can have stages of their own
-//! (shaders/software/path/path.wgsl).
+//! (shaders/software/path/main_path.wgsl).
 
 use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
 use crate::engine::prepare::prepare;

@@ -1,0 +1,16 @@
+// Bulk absorption, by Beer and Lambert over a segment: exp(-4 pi k L / lambda). Twin of bulk.none.wgsl.
+
+fn attenuate(ray: ptr<function, Ray>, distance: real) {
+    let before = (*ray).weight;
+    (*ray).weight = attenuated(*ray, distance);
+    book_loss(CELL_BULK, before, (*ray).weight);
+}
+
+// What the ray weighs behind the segment.
+fn attenuated(ray: Ray, distance: real) -> real {
+    let absorption = medium_at(ray.medium, ray.wavelength).absorption;
+    if absorption == 0.0 {
+        return ray.weight;
+    }
+    return ray.weight * exp_real(-absorption * distance);
+}

@@ -1,3 +1,0 @@
-// No medium of this scene absorbs.
-
-fn attenuate(ray: ptr<function, Ray>, distance: real) {}

@@ -1,5 +1,0 @@
-// No paths are recorded.
-
-fn record_birth(ray: Ray) {}
-fn record_hit(ray: Ray, primitive: u32) {}
-fn record_death(ray: Ray) {}

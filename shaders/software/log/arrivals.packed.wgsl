@@ -1,0 +1,7 @@
+// One arrival in the log of a path (software/path/path_log.arrivals.wgsl), in f32 on 64-bit integers: a single store,
+// because a driver takes the lanes of a store one by one. Twin of arrivals.words.wgsl and arrivals.words_together.wgsl.
+@group(0) @binding(20) var<storage, read_write> place_log: array<u64>;
+
+fn write_place(number: u32, place: vec2<real>, weight: real) {
+    place_log[number] = packed_place(place);
+}

@@ -1,0 +1,29 @@
+// An entry of the log in f32, on 64-bit integers. First word: what the entry is, and the weight. Second: the fractions of
+// the taps. Where positions are logged, the first word is the position, and the second the weight, unless rays keep theirs.
+// A processor's driver takes the lanes of a store one by one, so wide stores are cheap. Twin of entries.words.wgsl.
+@group(0) @binding(20) var<storage, read_write> end_log: array<u64>;
+
+fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
+    let word = number * LOG_WORDS;
+    let second = packed_place(place);
+    if LOGS_POSITIONS {
+        let is_position = (entry & END_IN_TAPS) != 0u;
+        end_log[word] = select(joined(bitcast<u32>(OFF_DETECTORS), entry), second, is_position);
+        if LOGS_WEIGHTS {
+            end_log[word + 1u] = u64(bitcast<u32>(weight));
+        }
+        return;
+    }
+    end_log[word] = joined(entry, bitcast<u32>(weight));
+    if HAS_BILINEAR {
+        end_log[word + 1u] = second;
+    }
+}
+
+fn joined(low: u32, high: u32) -> u64 {
+    return u64(low) | (u64(high) << 32u);
+}
+
+fn packed_place(place: vec2<real>) -> u64 {
+    return joined(bitcast<u32>(place.x), bitcast<u32>(place.y));
+}

@@ -1,6 +1,0 @@
-// An entry of the log where sums follow from counts: what it is.
-@group(0) @binding(20) var<storage, read_write> end_log: array<u32>;
-
-fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
-    end_log[number] = entry;
-}

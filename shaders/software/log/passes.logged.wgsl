@@ -1,0 +1,26 @@
+// A ray writes down what it leaves on detectors in passing, beside where it ends (ends.logged.wgsl). Twin of
+// sums/passes.deposited.wgsl. Atomics within the loop over events would be paid for at each event.
+// Entries of one ray lie range.log_stride apart: first those of its passes, in their order, and last that of its end.
+
+const END_PASSES: u32 = 0x20000000u;
+
+var<private> num_passes: u32 = 0u;
+
+fn log_pass(index: u32) {
+    write_entry(entry_number(index), END_PASSES | end, end_weight, end_place);
+    end = 0u;
+    num_passes += 1u;
+}
+
+fn entry_number(index: u32) -> u32 {
+    return num_passes * range.log_stride + index;
+}
+
+// What a ray takes with it into the queue.
+fn passes_so_far() -> u32 {
+    return num_passes;
+}
+
+fn go_on_after_passes(num: u32) {
+    num_passes = num;
+}

@@ -1,0 +1,66 @@
+// Rays that keep to the path log where they arrive on its detectors, and what they weigh there unless the host knows it: no
+// more (src/software/path/path_log.rs). Arrivals of a ray lie range.log_stride apart. The first arrival of a rejected ray
+// is off all detectors, in the row of the event that rejected it; its others mean nothing. Twin of path_log.entries.wgsl.
+
+var<private> first_place: vec2<real> = vec2<real>(0.0, 0.0);
+var<private> first_weight: real = 0.0;
+
+// One event of the path on a detector.
+fn arrives(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+    reach_next(ray, Hit(hit.distance, primitive));
+    return hit.primitive == primitive;
+}
+
+// Where the ray is on a detector [mm].
+fn place_on(ray: Ray, sensor_index: u32) -> vec2<real> {
+    return local_position(ray, sensor_of(sensor_index)).xy;
+}
+
+// Where a ray is on a detector, and whether that tells which pixel it hits.
+struct Place {
+    // [mm]
+    at: vec2<real>,
+    is_sure: bool,
+}
+
+// Logs where the ray is on a detector: the position in pixels, and by the edges of the pixels which of them is hit.
+fn log_place(number: u32, ray: Ray, sensor_index: u32) -> Place {
+    let sensor = sensor_of(sensor_index);
+    let p = local_position(ray, sensor);
+    let taps = bilinear_taps(sensor, p, sensor.cell, 1u, sensor.cell + hit_pixel(p, sensor));
+    keep_place(number, ray, marked_position(taps.position, hits_right(taps), hits_below(taps)));
+    return Place(p.xy, true);
+}
+
+// The same where nearly all rays are off the edges: the position itself tells which pixel is hit, but so close to an edge,
+// within `edge_room` [pixels], that roundings decide. Such a ray strays.
+fn log_place_off_edges(number: u32, ray: Ray, sensor_index: u32, edge_room: vec2<real>) -> Place {
+    let sensor = sensor_of(sensor_index);
+    let p = local_position(ray, sensor);
+    let position = pixel_position(p, sensor);
+    let from_edge = (position - floor(position)) - 0.5;
+    keep_place(number, ray, marked_position(position, from_edge.x >= 0.0, from_edge.y >= 0.0));
+    return Place(p.xy, (abs(from_edge.x) > edge_room.x) & (abs(from_edge.y) > edge_room.y));
+}
+
+// The first one waits for the end, which tells whether it counts.
+fn keep_place(number: u32, ray: Ray, place: vec2<real>) {
+    if number == 0u {
+        first_place = place;
+        first_weight = ray.weight;
+    } else {
+        write_place(number * range.log_stride + ray.index, place, ray.weight);
+    }
+}
+
+fn begin_path() {}
+
+fn end_path(ray: Ray, holds: bool) {
+    if !holds {
+        restore_bins();
+    }
+    let place = select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds);
+    write_place(ray.index, place, first_weight);
+}
+
+fn use_entries() {}

@@ -1,9 +1,0 @@
-// Rays that keep to the nominal path book what they lose on their way, as all others do. Twin of path_losses_told.wgsl.
-
-fn reach_next(ray: ptr<function, Ray>, hit: Hit) {
-    reach(ray, hit);
-}
-
-fn go_on_along(ray: ptr<function, Ray>) {
-    go_on(ray);
-}

@@ -1,7 +1,0 @@
-// Rows of trees (geometry/boxes.wgsl) in an image, a texel each. A processor's driver reads the words of a buffer lane by lane,
-// with a check each, and a texel as a whole. Twin of tree_storage.wgsl.
-@group(0) @binding(19) var tree_rows: texture_storage_2d<rgba32uint, read>;
-
-fn tree_row(i: u32) -> vec4<u32> {
-    return textureLoad(tree_rows, vec2<u32>(i % TEXELS_PER_LINE, i / TEXELS_PER_LINE));
-}

@@ -1,2 +1,0 @@
-// So few rounds of loops that no driver cuts them.
-fn notice_cut_loops() {}

@@ -1,0 +1,120 @@
+// Second moments: per cell, the sum over primary rays of the square of what the ray adds to the cell. A ray that adds v to
+// a cell to which it added u before changes its square by v (v + 2 u): sums/visits.on.wgsl knows u where a ray can meet a
+// detector twice. Cells of squares lie SQUARES_OFFSET behind those of the sums, and hold units of 2^-52 as they do.
+
+// Squares from here on are summed in CELL_LARGE_SQUARES as well, in units 2^31 times larger: while that sum is below one
+// unit of its top word, no cell of squares can have overflowed.
+const LARGE_SQUARE: real = 4096.0;
+const LARGE_SQUARE_SCALE: real = 4.656612873077393e-10;
+
+// Rounded up: an error that is too small is worse than one that is too large.
+fn deposit_square(cell: u32, square: real) {
+    if square >= LARGE_SQUARE {
+        if !is_depositable(square) {
+            deposit(CELL_LARGE_SQUARES, vec3<u32>(0u, 0u, 1u));
+            return;
+        }
+        deposit(CELL_LARGE_SQUARES, quantize(square * LARGE_SQUARE_SCALE));
+    }
+    deposit(cell, quantize(ceil(square * 4503599627370496.0) * 2.220446049250313e-16));
+}
+
+// Sum and square of what the detector takes in all, by source: sources have fixed numbers of rays, so that what differs
+// between them is no noise.
+fn add_total_moments(weight: real, sensor: Sensor, index: u32) {
+    meet(index);
+    if HAS_TOTALS {
+        let cell = CELL_TOTALS + 2u * (index * NUM_EMITTERS + range.emitter);
+        deposit(cell, quantize(weight));
+        deposit_square(cell + 1u, weight * (weight + 2.0 * taken_by_sensor()));
+    }
+}
+
+fn add_cell_moment(weight: real, sensor: Sensor, cell: u32) {
+    deposit_square(cell + SQUARES_OFFSET, weight * (weight + 2.0 * taken_by_cell(cell)));
+    remember(cell, 0u, vec2<real>(0.0, 0.0), weight);
+}
+
+fn add_pixel_moments(weight: real, sensor: Sensor, p: vec3<real>, pixel: u32, base: u32, stride: u32) {
+    if HAS_HARD && sensor.splat == SPLAT_HARD {
+        add_cell_moment(weight, sensor, base + pixel * stride);
+        return;
+    }
+    let position = pixel_position(p, sensor);
+    let x = taps_of(position.x, sensor);
+    let y = taps_of(position.y, sensor);
+    let last_column = i32(sensor.num_x) - 1;
+    let last_row = i32(sensor.num_y) - 1;
+    let end_row = clamp(y.last, 0, last_row);
+    let end_column = clamp(x.last, 0, last_column);
+    var row = clamp(y.first, 0, last_row);
+    loop {
+        let row_weight = weight * pixel_share(y, row, last_row, sensor);
+        var column = clamp(x.first, 0, last_column);
+        loop {
+            if is_dispatched() & (row <= end_row) & (column <= end_column) {
+                let taken = row_weight * pixel_share(x, column, last_column, sensor);
+                let before = taken_by_pixel(sensor, base, column, row);
+                let cell = base + (u32(row) * sensor.num_x + u32(column)) * stride;
+                deposit_square(cell + SQUARES_OFFSET, taken * (taken + 2.0 * before));
+            }
+            if column >= end_column {
+                break;
+            }
+            column += 1;
+        }
+        if row >= end_row {
+            break;
+        }
+        row += 1;
+    }
+    remember(NONE, base, position, weight);
+}
+
+// The taps of a splat along one axis.
+struct Taps {
+    // In pixels from the centre of pixel 0.
+    position: real,
+    first: i32,
+    last: i32,
+    // Of the shares of a Gaussian before they are renormalised.
+    sum: real,
+}
+
+fn taps_of(position: real, sensor: Sensor) -> Taps {
+    let corner = i32(floor(position));
+    if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
+        let radius = i32(sensor.splat_radius);
+        var sum: real = 0.0;
+        for (var i = corner - radius; i <= corner + radius; i++) {
+            sum += gaussian_share(i, position, sensor);
+        }
+        return Taps(position, corner - radius, corner + radius, sum);
+    }
+    return Taps(position, corner, corner + 1, 1.0);
+}
+
+fn tap_share(taps: Taps, i: i32, sensor: Sensor) -> real {
+    if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
+        return gaussian_share(i, taps.position, sensor) / taps.sum;
+    }
+    return 1.0 - abs(taps.position - real(i));
+}
+
+// What a pixel takes along one axis: the edge pixels also take the taps beyond the map.
+fn pixel_share(taps: Taps, pixel: i32, last_pixel: i32, sensor: Sensor) -> real {
+    let first = select(max(taps.first, pixel), taps.first, pixel == 0);
+    let last = select(min(taps.last, pixel), taps.last, pixel == last_pixel);
+    var share: real = 0.0;
+    var i = first;
+    loop {
+        if is_dispatched() & (i <= last) {
+            share += tap_share(taps, i, sensor);
+        }
+        if i >= last {
+            break;
+        }
+        i += 1;
+    }
+    return share;
+}

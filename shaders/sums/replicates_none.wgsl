@@ -1,9 +1,0 @@
-// One sequence of draws, and one sum a cell.
-
-fn key_of_id(id_lo: u32, id_hi: u32) -> RayKey {
-    return ray_key(id_lo, id_hi);
-}
-
-fn sensor_for(key: RayKey, sensor: Sensor) -> Sensor {
-    return sensor;
-}

@@ -1,0 +1,14 @@
+// Cells on 64-bit atomics: 64 bits in sums, the carry out of them in tops. Twin of sums.portable.wgsl.
+@group(0) @binding(2) var<storage, read_write> sums: array<atomic<u64>>;
+@group(0) @binding(3) var<storage, read_write> tops: array<atomic<u32>>;
+
+// Adds to a cell. Each carry is taken by the one deposit that wrapped the word, so the total is exact once the dispatch
+// has ended.
+fn deposit(cell: u32, q: Quanta) {
+    let low = u64(q.x) | (u64(q.y) << 32u);
+    let old = atomicAdd(&sums[cell], low);
+    let top = q.z + select(0u, 1u, old + low < old);
+    if top != 0u {
+        atomicAdd(&tops[cell], top);
+    }
+}

@@ -1,0 +1,17 @@
+// A ray meets one detector once: every detector ends the rays that it records, and no ray is split. Twin of visits.on.wgsl.
+
+fn meet(index: u32) {}
+
+fn taken_by_sensor() -> real {
+    return 0.0;
+}
+
+fn taken_by_cell(cell: u32) -> real {
+    return 0.0;
+}
+
+fn taken_by_pixel(sensor: Sensor, base: u32, column: i32, row: i32) -> real {
+    return 0.0;
+}
+
+fn remember(cell: u32, base: u32, position: vec2<real>, weight: real) {}

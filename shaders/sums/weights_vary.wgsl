@@ -1,4 +1,0 @@
-// Weights change on the way: sums are kept beside the counts.
-fn sum_weight(cell: u32, weight: real) {
-    deposit_weight(cell, weight);
-}

@@ -1,0 +1,96 @@
+//! Dispatch over the kinds that occur in a scene: of detectors, sources, BSDFs and shapes.
+
+use crate::error::Result;
+use crate::model::ReflectProb;
+use crate::program::features::ShapeKind;
+use crate::program::wgsl::compose::Composition;
+use std::fmt::Write;
+
+impl Composition<'_> {
+    /// All but that over shapes, which belongs to the search.
+    pub(super) fn dispatch(&self) -> Result<String> {
+        Ok([self.record(), self.emit(), self.sample_bsdf(), self.reflect_probability()?].concat())
+    }
+
+    /// Over the kinds of detectors; the codes are those of [`crate::program::layout::tables::sensor_code`].
+    fn record(&self) -> String {
+        let mut text = String::from("fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {\n");
+        let f = self.features;
+        for (present, code, call) in [
+            (f.irradiance, 0, "record_irradiance(ray, sensor, ends)"),
+            (f.spectral, 1, "record_spectral(ray, sensor, ends)"),
+            (f.far_field, 2, "record_far_field(ray, sensor, ends)"),
+            (f.ray_database, 3, "record_ray_database(ray, sensor, index, ends)"),
+        ] {
+            if present {
+                let _ = writeln!(text, "    if sensor.kind == {code}u {{ {call}; }}");
+            }
+        }
+        text.push_str("}\n");
+        text
+    }
+
+    /// Over the kinds of sources.
+    fn emit(&self) -> String {
+        let Some((last, others)) = self.features.emitters.split_last() else {
+            return String::new();
+        };
+        let mut text = String::from("fn emit(key: RayKey, e: Emitter) -> LocalRay {\n");
+        for kind in others {
+            let (code, name) = (*kind as u32, kind.name());
+            let _ = writeln!(text, "    if e.kind == {code}u {{ return emit_{name}(key, e); }}");
+        }
+        let _ = writeln!(text, "    return emit_{}(key, e);\n}}", last.name());
+        text
+    }
+
+    /// Over the kinds of BSDFs.
+    fn sample_bsdf(&self) -> String {
+        let Some((last, others)) = self.features.bsdfs.split_last() else {
+            return String::new();
+        };
+        let mut text = String::from("fn sample_bsdf(s: Scattering, surface: Surface) -> Lobe {\n");
+        for kind in others {
+            let (code, name) = (*kind as u32, kind.name());
+            let _ = writeln!(text, "    if surface.bsdf == {code}u {{ return sample_{name}(s, surface); }}");
+        }
+        let _ = writeln!(text, "    return sample_{}(s, surface);\n}}", last.name());
+        text
+    }
+
+    /// How often reflection is drawn, where that is not its own probability.
+    fn reflect_probability(&self) -> Result<String> {
+        if !self.features.importance {
+            return Ok(String::new());
+        }
+        let probability = match self.ir.sampling.reflect_prob {
+            ReflectProb::Fresnel => "reflectance".into(),
+            ReflectProb::Auto => "clamp(reflectance, 0.25, 0.75)".into(),
+            ReflectProb::Constant(p) => self.real(p)?,
+        };
+        Ok(format!("fn reflect_probability(reflectance: real) -> real {{\n    return {probability};\n}}\n"))
+    }
+}
+
+/// A function that returns for its primitive, `p` in `head`, what `call` does for the kind, given the primitive's arguments,
+/// and `otherwise` where it is of none of the kinds. A single kind is not asked for.
+pub(super) fn by_kind(
+    head: &str,
+    kinds: &[ShapeKind],
+    otherwise: &str,
+    call: impl Fn(ShapeKind, &str) -> String,
+) -> String {
+    let call = |kind: ShapeKind| {
+        let arguments = [", p.a0", ", p.a1", ", p.a2", ", p.a3"][..kind.num_arguments()].concat();
+        call(kind, &arguments)
+    };
+    if let [kind] = kinds {
+        return format!("{head} {{\n    return {};\n}}\n", call(*kind));
+    }
+    let mut text = format!("{head} {{\n    switch p.shape {{\n");
+    for kind in kinds {
+        let _ = writeln!(text, "        case {}u: {{ return {}; }}", *kind as u32, call(*kind));
+    }
+    let _ = writeln!(text, "        default: {{ return {otherwise}; }}\n    }}\n}}");
+    text
+}

@@ -1,0 +1,103 @@
+//! What shaders read by row: surfaces, detectors, media, sources, contacts and primitives, compiled in or from tables.
+
+use crate::error::Result;
+use crate::program::layout::records::Records;
+use crate::program::layout::tables;
+use crate::program::wgsl::compose::Composition;
+
+impl Composition<'_> {
+    /// All of them, each with the functions into its frame and out of it.
+    pub(super) fn rows(&self) -> Result<String> {
+        Ok([
+            self.surfaces_and_sensors()?,
+            self.media()?,
+            self.emitter()?,
+            self.contacts_of_faces()?,
+            self.primitives()?,
+        ]
+        .concat())
+    }
+
+    fn surfaces_and_sensors(&self) -> Result<String> {
+        let surfaces = tables::surface_records(self.ir, self.centre, self.features);
+        let sensors = tables::sensor_records(self.ir, self.centre, self.cells);
+        let rotated_surfaces = tables::any_rotated(self.ir.surfaces.iter().map(|s| &s.frame));
+        let rotated_sensors = tables::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
+        Ok([
+            self.rows_of(&surfaces, self.options.baked)?,
+            self.rows_of(&sensors, self.options.baked)?,
+            frame_functions("Surface", "surface", rotated_surfaces),
+            frame_functions("Sensor", "sensor", rotated_sensors),
+        ]
+        .concat())
+    }
+
+    fn media(&self) -> Result<String> {
+        match self.features.reads_media() {
+            true => self.rows_of(&tables::medium_records(self.ir), self.options.bakes_media(self.ir)),
+            false => Ok(String::new()),
+        }
+    }
+
+    /// A single emitter is compiled in; of several, the one of the dispatch lies in a uniform. `begin` copies what lies in
+    /// uniforms before the first branch.
+    fn emitter(&self) -> Result<String> {
+        let emitters = tables::emitter_records(self.ir, self.centre, &self.options.weights);
+        let rotated = tables::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));
+        let (row, source, copy) = match self.ir.emitters.len() {
+            1 => (emitters.baked(self.precision())?, "emitter_of(0u)", ""),
+            _ => (
+                format!("{}var<private> emitter_copy: Emitter;\n", emitters.uniform()),
+                "emitter_copy",
+                "    emitter_copy = emitter_uniform;\n",
+            ),
+        };
+        let functions = frame_functions("Emitter", "emitter", rotated);
+        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}}}\n");
+        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n{begin}"))
+    }
+
+    fn contacts_of_faces(&self) -> Result<String> {
+        match self.contacts.any() {
+            true => self.rows_of(&self.contact_records(), self.options.baked),
+            false => Ok(String::new()),
+        }
+    }
+
+    pub(super) fn contact_records(&self) -> Records {
+        tables::contact_records(self.ir, self.contacts, self.facets)
+    }
+
+    /// Where the scene is compiled in, the search has the numbers of primitives in its calls.
+    fn primitives(&self) -> Result<String> {
+        match (self.options.baked, self.tree_records()) {
+            (true, _) => Ok(String::new()),
+            (false, Some(records)) => records.texels(self.precision()),
+            (false, None) => {
+                let num = self.options.num_in_table(self.ir);
+                self.rows_of(&tables::primitive_records(self.ir, self.centre, num), false)
+            }
+        }
+    }
+
+    fn rows_of(&self, records: &Records, baked: bool) -> Result<String> {
+        match baked {
+            true => records.baked(self.precision()),
+            false => records.table(self.precision(), self.options.uniform_bytes),
+        }
+    }
+}
+
+/// `to_<row>` and `from_<row>`: into and out of a record's frame; no code where no frame of the table is rotated.
+pub(super) fn frame_functions(name: &str, row: &str, rotated: bool) -> String {
+    let (to, from) = if rotated {
+        let rotation = "Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz))";
+        (format!("to_local(v, {rotation})"), format!("to_global(v, {rotation})"))
+    } else {
+        ("v".to_string(), "v".to_string())
+    };
+    format!(
+        "fn to_{row}(r: {name}, v: vec3<real>) -> vec3<real> {{\n    return {to};\n}}\n\
+         fn from_{row}(r: {name}, v: vec3<real>) -> vec3<real> {{\n    return {from};\n}}\n"
+    )
+}

@@ -1,0 +1,168 @@
+//! The search for the primitive that a ray meets next: one call a primitive, or a loop over a table, or a tree.
+
+use crate::error::Result;
+use crate::model::{Frame, Shape};
+use crate::program::features::ShapeKind;
+use crate::program::layout::tables;
+use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::dispatch::by_kind;
+use crate::program::wgsl::rows::frame_functions;
+use std::fmt::Write;
+use std::ops::Range;
+
+impl Composition<'_> {
+    /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records, or a tree and what stands
+    /// apart from it.
+    pub(super) fn nearest_primitive(&self) -> Result<String> {
+        let num = self.num_primitives();
+        if self.options.baked {
+            return self.nearest_in_turn("nearest_primitive", 0..num);
+        }
+        let mut text = self.nearest_primitive_table();
+        if self.tree.is_some() {
+            let apart = self.options.tree_primitives(self.ir).end..num;
+            text.push_str(&self.nearest_in_turn("nearest_apart", apart)?);
+        }
+        Ok(text)
+    }
+
+    fn nearest_in_turn(&self, name: &str, primitives: Range<usize>) -> Result<String> {
+        let candidates = primitives.map(|i| (i, format!("ray.last == {i}u")));
+        self.nearest_of(&format!("{name}(ray: Ray, start: Hit)"), "start", None, candidates)
+    }
+
+    /// A function that looks for the nearest of some primitives, one after the other; each with whether the ray stands on
+    /// it. Of the one that is `nearer`, a conic, it looks at the nearer crossing alone.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the precision cannot hold a number.
+    pub fn nearest_of(
+        &self,
+        head: &str,
+        start: &str,
+        nearer: Option<usize>,
+        candidates: impl Iterator<Item = (usize, String)>,
+    ) -> Result<String> {
+        let primitives = tables::primitives(self.ir);
+        let mut text = format!("fn {head} -> Hit {{\n    var best = {start};\n");
+        if self.contacts.any() {
+            text.push_str("    let here = standing(ray);\n");
+        }
+        for (i, leaving) in candidates {
+            let (frame, shape) = &primitives[i];
+            let function = match nearer == Some(i) {
+                true => "nearer_conic_distance",
+                false => ShapeKind::of(shape).name().0,
+            };
+            text.push_str(&self.try_primitive(i, frame, shape, function, &leaving)?);
+        }
+        text.push_str("    return best;\n}\n");
+        Ok(text)
+    }
+
+    /// The ray's position and direction in the frame of a primitive.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the precision cannot hold a number.
+    pub fn in_frame(&self, frame: &Frame) -> Result<(String, String)> {
+        let v = format!("ray.position - {}", self.vector(frame.origin - self.centre)?);
+        if !tables::is_rotated(frame.rotation) {
+            return Ok((v, "ray.direction".into()));
+        }
+        let [x, y, z] = [frame.rotation.x_axis, frame.rotation.y_axis, frame.rotation.z_axis];
+        let [x, y, z] = [self.vector(x)?, self.vector(y)?, self.vector(z)?];
+        let rotation = format!("Rotation({x}, {y}, {z})");
+        Ok((format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})")))
+    }
+
+    /// Makes a primitive's hit the `best` one if it is nearer; `leaving` tells whether the ray stands on it.
+    fn try_primitive(
+        &self,
+        i: usize,
+        frame: &Frame,
+        shape: &Shape,
+        function: &str,
+        leaving: &str,
+    ) -> Result<String> {
+        let kind = ShapeKind::of(shape);
+        let farthest = if kind.is_searched() { ", best.distance" } else { "" };
+        let mut arguments = String::new();
+        for argument in tables::shape_arguments(shape) {
+            let _ = write!(arguments, "{}, ", self.real(argument)?);
+        }
+        let (o, d) = self.in_frame(frame)?;
+        if kind.is_searched() && self.searches_facets() {
+            let contact = self.contact_records().row(self.precision(), i)?;
+            let distance = format!("{function}({o}, {d}, {arguments}{leaving}, farthest_from(best))");
+            return Ok(format!(
+                "    search_facets(ray, here, {contact});\n    \
+                 best = nearer_facet(best, ray, {i}u, {distance});\n"
+            ));
+        }
+        let mut leaving = leaving.to_string();
+        if self.contacts.is_born_on(i) {
+            let [radial, axial, offset] = tables::gradient(shape);
+            let [radial, axial, offset] = [self.real(radial)?, self.real(axial)?, self.real(offset)?];
+            let constant = self.real(tables::shape_constant(shape))?;
+            let quadric = format!("Quadric({radial}, {axial}, {offset}, {constant})");
+            leaving = format!("({leaving}) | is_born_on(ray, {o}, {quadric})");
+        }
+        if !self.contacts.touches(i) {
+            return Ok(format!(
+                "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);\n"
+            ));
+        }
+        let contact = self.contact_records().row(self.precision(), i)?;
+        let holds = kind.holds();
+        let stands = format!("({leaving}) | stands_on(here, {contact})");
+        let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");
+        let holds = format!("{holds}({o}, {})", arguments.trim_end_matches(", "));
+        Ok(format!("    best = nearer_in_contact(best, ray, here, {i}u, {contact}, {elsewhere}, {holds});\n"))
+    }
+
+    /// What the loop over a table, or the walk of a tree, asks of a primitive.
+    fn nearest_primitive_table(&self) -> String {
+        let primitives = &tables::primitives(self.ir)[..self.options.num_in_table(self.ir)];
+        let rotated = tables::any_rotated(primitives.iter().map(|(frame, _)| frame));
+        let kinds = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
+        let mut text = frame_functions("Primitive", "primitive", rotated);
+        text += &by_kind(
+            "fn shape_distance(p: Primitive, o: vec3<real>, d: vec3<real>, leaving: bool, farthest: real) -> real",
+            &kinds,
+            "MISS",
+            |kind, arguments| {
+                let farthest = if kind.is_searched() { ", farthest" } else { "" };
+                format!("{}(o, d{arguments}, leaving{farthest})", kind.name().0)
+            },
+        );
+        if self.contacts.any() {
+            let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
+            text +=
+                &by_kind(head, &kinds, "false", |kind, arguments| format!("{}(o{arguments})", kind.holds()));
+            text += &shape_quadric(&kinds);
+        }
+        text
+    }
+
+    /// Facets of meshes are in contact, or sources lie on them.
+    pub(super) fn searches_facets(&self) -> bool {
+        let is_mesh = |i: usize| matches!(self.ir.surfaces.get(i).map(|s| s.shape), Some(Shape::Mesh(_)));
+        let births = (0..self.ir.surfaces.len()).any(|i| is_mesh(i) && self.contacts.is_born_on(i));
+        births || !self.contacts.facets.is_empty()
+    }
+}
+
+/// The quadric of a primitive of the table; of what has none, a plane.
+fn shape_quadric(kinds: &[ShapeKind]) -> String {
+    let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
+    by_kind("fn shape_quadric(p: Primitive) -> Quadric", kinds, flat, |kind, arguments| {
+        match kind.quadric() {
+            Some((function, num)) => {
+                let arguments: Vec<&str> = arguments.split(", ").skip(1).take(num).collect();
+                format!("{function}({})", arguments.join(", "))
+            }
+            None if kind == ShapeKind::Annulus => "Quadric(0.0, 0.0, 1.0, -2.0 * p.a2)".into(),
+            None => flat.into(),
+        }
+    })
+}

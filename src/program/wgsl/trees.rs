@@ -1,0 +1,63 @@
+//! Trees of boxes in the module: whether there are any, where their rows lie, and how a walk keeps what waits.
+
+use crate::program::Precision;
+use crate::program::layout::records::Records;
+use crate::program::wgsl::compose::Composition;
+
+impl Composition<'_> {
+    pub(super) fn has_trees(&self) -> bool {
+        self.num_tree_rows() > 0
+    }
+
+    /// Trees lie in an image.
+    pub(super) fn has_texels(&self) -> bool {
+        self.options.are_texels(self.num_tree_rows())
+    }
+
+    pub(super) fn has_triangles_among_trees(&self) -> bool {
+        self.features.has_meshes() && self.precision() == Precision::F32
+    }
+
+    /// Rows of triangles among those of trees.
+    pub(super) fn num_triangle_rows(&self) -> usize {
+        if self.has_triangles_among_trees() { self.triangles.num_rows() } else { 0 }
+    }
+
+    /// Nodes, triangles, primitives.
+    pub(super) fn num_tree_rows(&self) -> usize {
+        let of_primitives = self.tree.map_or(0, |tree| tree.num_rows(self.precision()));
+        self.forest.num_rows() + self.num_triangle_rows() + of_primitives
+    }
+
+    /// What stands of primitives beside their tree.
+    pub(super) fn tree_records(&self) -> Option<&Records> {
+        self.tree?.records.as_ref()
+    }
+
+    /// Processors choose what waits among all levels sooner than each lane finds it by its index.
+    pub(super) fn chooses_what_waits(&self) -> bool {
+        const MOST_LEVELS: u32 = 32;
+        self.has_texels() && self.forest.depth <= MOST_LEVELS
+    }
+
+    /// The twin of geometry/waiting.indexed.wgsl, where what waits is chosen among all levels.
+    pub(super) fn waiting(&self) -> String {
+        if !self.chooses_what_waits() {
+            return String::new();
+        }
+        let levels = 1..self.forest.depth;
+        let at = levels
+            .clone()
+            .map(|i| format!("    group = select(group, (*walk).waiting[{i}], place == {i}u);\n"));
+        let at: String = at.collect();
+        let put = levels.map(|i| {
+            format!("    (*walk).waiting[{i}] = select((*walk).waiting[{i}], group, place == {i}u);\n")
+        });
+        let put: String = put.collect();
+        format!(
+            "fn waiting_at(walk: ptr<function, Walk>, place: u32) -> u32 {{\n    var group = (*walk).waiting[0];\n{at}    \
+             return group;\n}}\nfn wait_at(walk: ptr<function, Walk>, place: u32, group: u32) {{\n    \
+             (*walk).waiting[0] = select((*walk).waiting[0], group, place == 0u);\n{put}}}\n"
+        )
+    }
+}

@@ -1,0 +1,233 @@
+//! Which files of shaders/ a scene takes: one row a slot, with its twin files and the rule that picks one of them.
+
+use crate::program::features::{EmitterName, Features, Precision, ShapeKind};
+use crate::program::layout::bsdf::BsdfKind;
+use crate::program::layout::tables::ReachedMarks;
+use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::text::{ShaderFile, shader};
+use crate::program::{PathSampling, ProgramOptions, SecondMoments};
+
+/// Files of every scene.
+const ALWAYS: &[ShaderFile] = &[
+    shader!("stages/state.wgsl"),
+    shader!("stages/counts.wgsl"),
+    shader!("stages/generate.wgsl"),
+    shader!("stages/interact.wgsl"),
+    shader!("stages/splat.wgsl"),
+    shader!("stages/trace.wgsl"),
+    shader!("geometry/transforms.wgsl"),
+    shader!("geometry/quadric.wgsl"),
+    shader!("shapes/plane.wgsl"),
+    shader!("sums/ledger.wgsl"),
+];
+
+/// A place in a module that one of several files fills, which declare the same functions.
+struct Slot {
+    /// What their paths begin with.
+    stem: &'static str,
+    /// The one of a scene, if it has any.
+    pick: fn(&Case) -> Option<ShaderFile>,
+}
+
+/// What rules ask.
+struct Case<'a> {
+    f: &'a Features,
+    o: &'a ProgramOptions,
+    all: &'a Composition<'a>,
+}
+
+/// Rows of slots: the stem; the ends of the paths of its files, with another stem behind `@` where one lies elsewhere; when
+/// the slot is filled; and by which file.
+macro_rules! slots {
+    ($case:ident; $($stem:literal [$($end:ident $(@ $elsewhere:literal)?),+] $when:expr => $which:expr;)+) => {
+        &[$(Slot {
+            stem: $stem,
+            pick: |$case: &Case| {
+                let _ = $case;
+                $(#[allow(non_upper_case_globals)] const $end: ShaderFile = twin!($stem $(, $elsewhere)?; $end);)+
+                $when.then(|| $which)
+            },
+        }),+]
+    };
+}
+
+macro_rules! twin {
+    ($stem:literal; $end:ident) => {
+        shader!($stem, ".", stringify!($end), ".wgsl")
+    };
+    ($stem:literal, $elsewhere:literal; $end:ident) => {
+        shader!($elsewhere, ".", stringify!($end), ".wgsl")
+    };
+}
+
+/// All slots. Of two files, the second is there where the condition does not hold.
+#[rustfmt::skip]
+const SLOTS: &[Slot] = slots! { c;
+    // Stem                     [files]                               filled where => by
+    "stages/ids"                [range]                               true => range;
+    "stages/rays"               [one, several @ "software/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
+    "stages/rounds"             [many @ "software/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
+    "stages/scatter"            [on, none]                            true => either(!c.f.bsdfs.is_empty(), on, none);
+    "stages/compact"            [on, none]                            true => either(c.o.has_queue(), on, none);
+    "stages/queued_ray"         [alone, mesh, contact, mesh_contact]  c.o.has_queue() => match (c.has_meshes(), c.has_contacts()) {
+        (false, false) => alone,
+        (true, false) => mesh,
+        (false, true) => contact,
+        (true, true) => mesh_contact,
+    };
+
+    "optics/spectrum"           [discrete, single]                    true => either(c.f.polychromatic, discrete, single);
+    "optics/bulk"               [on, none]                            true => either(c.f.bulk_absorption, on, none);
+    "optics/roulette"           [on, none]                            true => either(c.f.roulette, on, none);
+    "optics/branch"             [importance, fresnel]                 !c.f.splits => either(c.f.importance, importance, fresnel);
+    "optics/coating"            [on, none]                            true => either(c.f.coated, on, none);
+    "optics/coating_pass"       [table, constant]                     c.f.coated => either(c.f.spectral_reflectance, table, constant);
+    "optics/reflectance"        [table, constant, none]               true => match (c.has_reflectances(), c.f.spectral_reflectance) {
+        (false, _) => none,
+        (true, true) => table,
+        (true, false) => constant,
+    };
+    "optics/indices"            [table, constant, none]               true => match (c.f.refractive, c.f.polychromatic) {
+        (false, _) => none,
+        (true, true) => table,
+        (true, false) => constant,
+    };
+
+    "geometry/gradients"        [tip, smooth]                         true => either(c.f.tips, tip, smooth);
+    "geometry/contact"          [on, none]                            true => either(c.has_contacts(), on, none);
+    "geometry/mesh"             [none]                                !c.has_meshes() => none;
+    "geometry/mesh_rows"        [f32, f64]                            c.has_meshes() => either(c.is_f32(), f32, f64);
+    "geometry/edges"            [f32, exact]                          c.has_meshes() => either(c.is_f32(), f32, exact);
+    "geometry/facets"           [touching, apart]                     c.has_meshes() => either(c.touch_facets(), touching, apart);
+    "geometry/facet_contacts"   [none]                                c.has_contacts() && !c.touch_facets() => none;
+    "geometry/split_triangle"   [mesh, none]                          c.f.splits => either(c.has_meshes(), mesh, none);
+    "geometry/tree"             [texels @ "software/tree", storage]   c.all.has_trees() => either(c.all.has_texels(), texels, storage);
+    "geometry/waiting"          [indexed]                             c.all.has_trees() && !c.all.chooses_what_waits() => indexed;
+    "geometry/primitives"       [tree, table]                         !c.o.baked => either(c.all.tree.is_some(), tree, table);
+    "geometry/placed"           [texels @ "software/placed", table]   c.all.tree.is_some() => either(c.all.tree_records().is_some(), texels, table);
+    "geometry/try_primitive"    [alone, contact, facets]              !c.o.baked => match (c.touch_facets(), c.has_contacts()) {
+        (true, _) => facets,
+        (false, true) => contact,
+        (false, false) => alone,
+    };
+
+    "sums/ends"                 [deposited]                           true => deposited;
+    "sums/passes"               [deposited]                           true => deposited;
+    "sums/weights"              [constant, vary]                      true => either(c.all.constant_weights, constant, vary);
+    "sums/reached"              [none, bits, counters]                true => match c.all.cells.reached_marks(c.f, c.o.baked) {
+        ReachedMarks::None => none,
+        ReachedMarks::Bits => bits,
+        ReachedMarks::Counters => counters,
+    };
+    "sums/replicates"           [on, none]                            true => either(c.o.moments == SecondMoments::Replicates, on, none);
+    "sums/moments"              [on, none]                            true => either(c.has_squares(), on, none);
+    "sums/visits"               [on, none]                            c.has_squares() => either(c.f.transmissive || c.f.splits, on, none);
+
+    "rows/paths"                [none, recorded]                      true => either(c.o.paths == PathSampling::None, none, recorded);
+};
+
+impl Case<'_> {
+    /// Files that have no twin, and when a scene takes them.
+    fn single(&self) -> [(bool, ShaderFile); 11] {
+        let (f, o) = (self.f, self.o);
+        [
+            (!f.splits, shader!("stages/intersect.wgsl")),
+            (f.splits, shader!("stages/split.wgsl")),
+            (f.reads_media(), shader!("optics/media.wgsl")),
+            (f.has_bsdf_table(), shader!("optics/bsdf_table.wgsl")),
+            (f.has_meshes(), shader!("shapes/mesh.wgsl")),
+            (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
+            (o.has_events(f), shader!("rows/events.wgsl")),
+            (f.irradiance, shader!("detectors/irradiance.wgsl")),
+            (f.spectral, shader!("detectors/spectral.wgsl")),
+            (f.far_field, shader!("detectors/far_field.wgsl")),
+            (f.ray_database, shader!("detectors/ray_database.wgsl")),
+        ]
+    }
+
+    fn has_meshes(&self) -> bool {
+        self.f.has_meshes()
+    }
+
+    fn has_contacts(&self) -> bool {
+        self.all.contacts.any()
+    }
+
+    fn touch_facets(&self) -> bool {
+        self.all.searches_facets()
+    }
+
+    fn has_reflectances(&self) -> bool {
+        self.f.reflective || self.f.coated
+    }
+
+    fn has_squares(&self) -> bool {
+        self.o.moments == SecondMoments::Squares
+    }
+
+    fn is_f32(&self) -> bool {
+        self.o.precision == Precision::F32
+    }
+}
+
+fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> ShaderFile {
+    if condition { first } else { second }
+}
+
+impl Composition<'_> {
+    /// The files that the scene needs, each once.
+    pub(super) fn files(&self) -> Vec<ShaderFile> {
+        let case = Case { f: self.features, o: self.options, all: self };
+        let mut files = ALWAYS.to_vec();
+        files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
+        let pick = |slot: &Slot| self.extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
+        files.extend(SLOTS.iter().filter_map(pick));
+        files.extend(self.features.shapes.iter().filter_map(|kind| shape_file(*kind)));
+        files.extend(self.features.emitters.iter().map(|name| emitter_file(*name)));
+        files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
+        files
+    }
+
+    /// Where rays are split, `draw_reflection` is the split's, which falls back on the draw under another name.
+    pub(super) fn drawn_branch(&self) -> String {
+        let branch = either(
+            self.features.importance,
+            shader!("optics/branch.importance.wgsl"),
+            shader!("optics/branch.fresnel.wgsl"),
+        );
+        match self.features.splits {
+            true => branch.text.replace("fn draw_reflection(", "fn draw_branch("),
+            false => String::new(),
+        }
+    }
+}
+
+/// The file of a shape; those of planes and meshes stand in other rows.
+fn shape_file(kind: ShapeKind) -> Option<ShaderFile> {
+    match kind {
+        ShapeKind::Conic => Some(shader!("shapes/conic.wgsl")),
+        ShapeKind::Annulus => Some(shader!("shapes/annulus.wgsl")),
+        ShapeKind::Frustum => Some(shader!("shapes/frustum.wgsl")),
+        ShapeKind::Sphere => Some(shader!("shapes/sphere.wgsl")),
+        ShapeKind::Plane | ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Mesh => None,
+    }
+}
+
+fn emitter_file(name: EmitterName) -> ShaderFile {
+    match name {
+        EmitterName::Point => shader!("sources/point.wgsl"),
+        EmitterName::CollimatedTophat => shader!("sources/collimated_tophat.wgsl"),
+        EmitterName::CollimatedGaussian => shader!("sources/collimated_gaussian.wgsl"),
+        EmitterName::ExtendedRectangle => shader!("sources/extended_rectangle.wgsl"),
+        EmitterName::ExtendedDisk => shader!("sources/extended_disk.wgsl"),
+    }
+}
+
+fn bsdf_file(kind: BsdfKind) -> ShaderFile {
+    match kind {
+        BsdfKind::Specular => shader!("bsdfs/specular.wgsl"),
+        BsdfKind::Lambertian => shader!("bsdfs/lambertian.wgsl"),
+        BsdfKind::HarveyShack => shader!("bsdfs/harvey_shack.wgsl"),
+        BsdfKind::Tabulated => shader!("bsdfs/tabulated.wgsl"),
+    }
+}

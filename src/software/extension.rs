@@ -1,0 +1,161 @@
+//! What processors' ways add to the module of a scene: the log of where rays end, and the stages of the main path and of the
+//! side paths.
+
+use crate::error::Result;
+use crate::program::Precision;
+use crate::program::wgsl::compose::Composition;
+use crate::program::wgsl::constants::Constants;
+use crate::program::wgsl::extension::Extension;
+use crate::program::wgsl::text::{ShaderFile, Text, shader};
+use crate::software::log::format::{EndLog, Form};
+use crate::software::path::compose::Stages;
+use crate::software::path::main_path::NominalPath;
+use crate::software::path::path_log::PathLog;
+use crate::software::path::side_path::SidePath;
+
+/// What is added for a scene. Paths are there only where there is a log.
+#[derive(Debug, Clone, Default)]
+pub struct SoftwareExtension {
+    /// The log of where rays end, if the host adds it up.
+    pub end_log: Option<EndLog>,
+    /// The main path, if it has a stage of its own.
+    pub nominal: Option<NominalPath>,
+    /// What that stage logs, where positions tell all, alone or with weights.
+    pub path_log: Option<PathLog>,
+    /// The paths that most of the others take.
+    pub side_paths: Vec<SidePath>,
+    /// Media take little from the rays of all these paths on each of their ways.
+    pub media_absorb_weakly: bool,
+}
+
+impl SoftwareExtension {
+    /// Lanes of a subgroup store their arrivals together.
+    fn stores_together(&self, composition: &Composition) -> bool {
+        self.path_log.is_some() && composition.options.lanes > 1
+    }
+
+    /// Rays of the main path log what they weigh.
+    pub(crate) fn logs_weights(&self) -> bool {
+        self.path_log.as_ref().is_some_and(|log| log.attenuating_legs.is_some())
+    }
+
+    /// An invocation follows two rays of the main path.
+    pub(crate) fn goes_side_by_side(&self, composition: &Composition) -> bool {
+        let (options, features) = (composition.options, composition.features);
+        self.nominal.is_some() && options.goes_side_by_side(features, self.path_log.as_ref())
+    }
+
+    /// Rays that an invocation follows along a path.
+    pub(crate) fn path_rays_per_invocation(&self, composition: &Composition) -> u32 {
+        composition.options.path_rays_per_invocation(composition.features, self.path_log.as_ref())
+    }
+
+    fn constants(&self, composition: &Composition) -> Constants {
+        let mut constants = Constants::default();
+        if self.nominal.is_some() {
+            constants.uint("PATH_RAYS_PER_INVOCATION", self.path_rays_per_invocation(composition));
+        }
+        if self.stores_together(composition) {
+            constants.uint("LANES", composition.options.lanes);
+            // Half of a vector of f32, or of one of f64, of which there are two.
+            constants.uint("LANES_TOGETHER", if composition.precision() == Precision::F64 { 4 } else { 2 });
+        }
+        if let Some(log) = &self.end_log {
+            constants.uint("LOG_WORDS", log.num_words());
+            constants.bool("MEDIA_ABSORB_WEAKLY", self.media_absorb_weakly);
+            constants.bool("LOGS_POSITIONS", log.logs_positions());
+            constants.bool("LOGS_WEIGHTS", log.logs_weights());
+        }
+        constants
+    }
+
+    /// The files that stand in no slot of the plain module.
+    fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
+        let entries = self.end_log.as_ref().map(|log| entries_file(log.form));
+        if self.nominal.is_none() {
+            return entries.into_iter().collect();
+        }
+        let pick = |condition, yes, no| if condition { yes } else { no };
+        let several = self.path_rays_per_invocation(composition) > 1;
+        let optional = [
+            entries,
+            self.path_log.as_ref().map(|_| self.arrivals_file(composition)),
+            several.then_some(shader!("software/path/path_rays.wgsl")),
+            self.goes_side_by_side(composition).then_some(shader!("software/path/ray_pair.wgsl")),
+        ];
+        let always = [
+            shader!("software/path/main_path.wgsl"),
+            shader!("software/path/clearances.wgsl"),
+            pick(
+                self.path_log.is_some(),
+                shader!("software/path/path_log.arrivals.wgsl"),
+                shader!("software/path/path_log.entries.wgsl"),
+            ),
+            pick(
+                self.stores_together(composition),
+                shader!("software/path/lanes.together.wgsl"),
+                shader!("software/path/lanes.alone.wgsl"),
+            ),
+            pick(
+                self.logs_weights(),
+                shader!("software/path/path_losses.reported.wgsl"),
+                shader!("software/path/path_losses.deposited.wgsl"),
+            ),
+        ];
+        always.into_iter().chain(optional.into_iter().flatten()).collect()
+    }
+
+    fn arrivals_file(&self, composition: &Composition) -> ShaderFile {
+        let together = self.stores_together(composition);
+        let reals = composition.precision() == Precision::F64;
+        match (self.logs_weights(), together, reals, composition.options.native) {
+            (true, true, ..) => shader!("software/log/arrivals.weighted_together.wgsl"),
+            (true, false, ..) => shader!("software/log/arrivals.weighted.wgsl"),
+            (false, true, true, _) => shader!("software/log/arrivals.reals_together.wgsl"),
+            (false, true, false, _) => shader!("software/log/arrivals.words_together.wgsl"),
+            (false, false, true, _) => shader!("software/log/arrivals.reals.wgsl"),
+            (false, false, false, true) => shader!("software/log/arrivals.packed.wgsl"),
+            (false, false, false, false) => shader!("software/log/arrivals.words.wgsl"),
+        }
+    }
+}
+
+impl Extension for SoftwareExtension {
+    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        match slot {
+            "stages/ids" => self.nominal.as_ref().map(|_| shader!("software/path/ids.listed.wgsl")),
+            "sums/ends" => self.end_log.as_ref().map(|_| shader!("software/log/ends.logged.wgsl")),
+            "sums/passes" => self.logs_passes().then_some(shader!("software/log/passes.logged.wgsl")),
+            _ => None,
+        }
+    }
+
+    fn add(&self, composition: &Composition, text: &mut Text) -> Result<()> {
+        text.composed("software::extension", self.constants(composition).text());
+        text.files(self.files(composition));
+        text.composed("software::path::compose", &Stages { extension: self, composition }.text()?);
+        Ok(())
+    }
+
+    fn logs_passes(&self) -> bool {
+        self.end_log.as_ref().is_some_and(|log| log.max_passes > 0)
+    }
+
+    fn restores_bins(&self) -> bool {
+        self.nominal.is_some()
+    }
+
+    fn keeps_bin_of(&self, primitive: usize) -> bool {
+        let paths = self.nominal.iter().chain(self.side_paths.iter().map(|side| &side.path));
+        paths.flat_map(|path| &path.events).any(|event| event.primitive == primitive)
+    }
+}
+
+fn entries_file(form: Form) -> ShaderFile {
+    match form {
+        Form::Counts => shader!("software/log/entries.counts.wgsl"),
+        Form::Packed => shader!("software/log/entries.packed.wgsl"),
+        Form::Words => shader!("software/log/entries.words.wgsl"),
+        Form::Reals => shader!("software/log/entries.reals.wgsl"),
+    }
+}
