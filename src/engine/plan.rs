@@ -33,7 +33,8 @@ pub(crate) struct Plan {
 }
 
 /// The features of a scene, as a trace with these options asks for them.
-pub(crate) fn features(ir: &SceneIr, options: &TraceOptions) -> Result<Features> {
+pub(crate) fn features(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Features> {
+    check_options(gpu, options)?;
     let weights: Vec<f64> = rays(ir, options)?.iter().map(|rays| rays.weight).collect();
     Ok(Features::of(ir, &weights, roulette_threshold(ir, options), options.max_depth))
 }

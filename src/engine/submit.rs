@@ -89,7 +89,18 @@ impl Engine<'_> {
     /// Submits a range to the engine's device, in the plain way.
     pub(crate) fn submit(&mut self, range: &RayRange) -> Result<()> {
         let way = Way::plain(&self.plan.program, 0);
-        self.submit_to(None, way, range).map(|_| ())
+        self.submit_to(None, way, range)?;
+        self.end_dispatch(None)
+    }
+
+    /// Takes the times of a dispatch that was submitted to another device, or else the engine's, where stages are timed; and
+    /// fails if the device has.
+    pub(crate) fn end_dispatch(&mut self, other: Option<&DeviceState>) -> Result<()> {
+        let gpu = &other.unwrap_or(&self.device).gpu;
+        if let Some(profile) = &mut self.profile {
+            profile.collect(gpu)?;
+        }
+        gpu.check()
     }
 
     /// Submits a range to another device, or else the engine's.
@@ -108,10 +119,6 @@ impl Engine<'_> {
         let per_submission = stages.len().div_ceil(self.size.submissions());
         self.num_submissions += stages.len().div_ceil(per_submission) as u64;
         let index = submit(&device.gpu, &stages, per_submission, self.profile.as_mut());
-        if let Some(profile) = &mut self.profile {
-            profile.collect(&device.gpu)?;
-        }
-        device.gpu.check()?;
         let is_first = !device.first_stage(&plan.program, way.added)?.has_begun.replace(true);
         self.is_compiling |= is_first;
         Ok(Submitted { index, is_first })

@@ -125,7 +125,8 @@ impl Software {
     /// Dispatches rays to the device whose turn it is.
     fn dispatch(&mut self, engine: &mut Engine, range: &RayRange, rays: Rays) -> Result<()> {
         let way = self.way(&engine.plan.program, &rays);
-        let device = self.device(self.turn().0);
+        let (number, _) = self.turn();
+        let device = self.device(number);
         if self.profile.processors.is_some() {
             // A driver may try at a stage's first dispatch what compiling it for the numbers of one range would save. Lavapipe
             // (Mesa 22.3) takes a shader that grew for one that shrank, and then compiles it anew for every range; one that
@@ -133,13 +134,15 @@ impl Software {
             engine.prime(device, way, range)?;
         }
         let submitted = engine.submit_to(device, way, range)?;
-        let Some(logs) = &mut self.logs else { return Ok(()) };
-        let is_timed = way.added.is_none() && !submitted.is_first;
-        logs.submitted(*range, rays, submitted.index, is_timed)?;
-        let times = logs.take_times();
-        times.iter().for_each(|&(rays, time)| engine.size.note(rays, time, engine.pass_time));
-        note_first_end(engine, logs);
-        Ok(())
+        if let Some(logs) = &mut self.logs {
+            // Before the engine takes the times of stages: to take them waits for the dispatch, whose own time begins here.
+            let is_timed = way.added.is_none() && !submitted.is_first;
+            logs.submitted(*range, rays, submitted.index, is_timed)?;
+            let times = logs.take_times();
+            times.iter().for_each(|&(rays, time)| engine.size.note(rays, time, engine.pass_time));
+            note_first_end(engine, logs);
+        }
+        engine.end_dispatch(self.device(number))
     }
 
     /// Adds up the logs that are written.

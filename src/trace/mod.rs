@@ -32,7 +32,7 @@ pub struct Tracer<'a> {
 /// The strategy that suits the adapter, if it takes the scene; else the plain one.
 fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) -> Result<Box<dyn Strategy>> {
     let Some(software) = Software::for_adapter(gpu, choices) else { return Ok(Box::new(Plain)) };
-    Ok(if software.takes(&features(ir, options)?) { Box::new(software) } else { Box::new(Plain) })
+    Ok(if software.takes(&features(gpu, ir, options)?) { Box::new(software) } else { Box::new(Plain) })
 }
 
 impl<'a> Tracer<'a> {
