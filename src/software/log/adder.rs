@@ -1,7 +1,8 @@
 //! What the log of ends adds up to: the integers of the device's atomics (`shaders/sums/sums.wgsl`), on the host.
 
-use crate::engine::sums::{INVALID_DEPOSITS, QUANTA_PER_UNIT};
+use crate::engine::sums::INVALID_DEPOSITS;
 use crate::program::Cells;
+use crate::software::log::bits::{bits, entries_of, quantize};
 use crate::software::log::corners::CornerSums;
 use crate::software::log::entries::{
     CELL_MASK, End, Entry, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN, NEXT_ROW, PASSES,
@@ -10,7 +11,6 @@ use crate::software::log::entries::{
 use crate::software::log::format::{EndLog, Form, Grid, Taps};
 use crate::software::log::positions::{BLOCK, Block, PositionEntry, PositionTaps};
 use crate::software::log::reals::Real;
-use bytemuck::Pod;
 use std::ops::Range;
 
 /// What the logged ends add up to.
@@ -401,22 +401,6 @@ impl Quanta {
     }
 }
 
-/// The entries of a log, of one kind: where another is longer, what is left over at its end is none.
-pub(crate) fn entries_of<E: Pod>(bytes: &[u8]) -> Option<&[E]> {
-    let whole = bytes.len() - bytes.len() % size_of::<E>();
-    bytemuck::try_cast_slice(&bytes[..whole]).ok()
-}
-
-/// The numbers of the bits that are set.
-#[inline(always)]
-pub(crate) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lowest = word.trailing_zeros();
-        word &= word.wrapping_sub(1);
-        (lowest < u64::BITS).then_some(lowest as usize)
-    })
-}
-
 /// The detector that has the end's cell.
 #[inline]
 fn grid_of(grids: &[Grid], end: u32) -> Option<&Grid> {
@@ -427,15 +411,10 @@ fn grid_of(grids: &[Grid], end: u32) -> Option<&Grid> {
     }
 }
 
-/// `quantize` in sums.wgsl: floor(w 2^52), or none for what no sum can hold.
-pub(crate) fn quantize(weight: f64) -> Option<u128> {
-    const LIMIT: f64 = (1_u64 << 43) as f64;
-    (0.0..LIMIT).contains(&weight).then_some((weight * QUANTA_PER_UNIT as f64) as u128)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::sums::QUANTA_PER_UNIT;
     use crate::software::log::reals::{HIT_NEXT, OFF_DETECTORS};
     use bytemuck::cast_slice;
 

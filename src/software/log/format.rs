@@ -4,16 +4,12 @@ use crate::model::{SceneIr, Sensor, SensorKind, Splat};
 use crate::program::features::Features;
 use crate::program::layout::tables::{self, Cells};
 use crate::program::{Precision, ProgramOptions, SecondMoments};
-use crate::software::path::path_log::PathLog;
 
 /// The bits of an entry that name its cell.
 pub const CELL_BITS: u32 = 22;
 
 /// Deeper traces log no passes: a ray may make as many as it has events.
 const MAX_LOGGED_DEPTH: u32 = 255;
-
-/// Of one log; each device has two.
-const MAX_BYTES: u64 = 16 << 20;
 
 /// What the log of a program holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -128,17 +124,6 @@ impl EndLog {
         let max_passes = if logs_passes { options.max_depth } else { 0 };
         let taps = taps(ir, &grids, max_passes, features.keeps_weight);
         Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })
-    }
-
-    /// Bytes of all that a ray may log, along the main path, if that has a log of its own, or not.
-    pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
-        let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
-        entries.max(path.map_or(0, |path| path.ray_bytes(self.form)))
-    }
-
-    /// Rays of a dispatch, so many at most that the log stays small.
-    pub fn max_rays(&self, path: Option<&PathLog>) -> u32 {
-        (MAX_BYTES / self.ray_bytes(path)) as u32
     }
 
     /// Words of an entry (`LOG_WORDS`), of [`EndLog::word_bytes`] each.

@@ -2,7 +2,7 @@
 //! lie, and how many quanta each of these takes, for a block of rays at once and without branches, so that it is
 //! compiled to vectors.
 
-use crate::software::log::adder::bits;
+use crate::software::log::bits::bits;
 use crate::software::log::entries::End;
 use crate::software::log::format::Grid;
 use crate::software::log::reals::Real;

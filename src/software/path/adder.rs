@@ -2,7 +2,8 @@
 //! weights the path tells, or they themselves.
 
 use crate::program::layout::tables::CELL_BULK;
-use crate::software::log::adder::{EndSums, LoggedRays, RejectedRay, bits, entries_of, quantize};
+use crate::software::log::adder::{EndSums, LoggedRays, RejectedRay};
+use crate::software::log::bits::{bits, entries_of, quantize};
 use crate::software::log::format::{Form, Grid};
 use crate::software::log::positions::{BLOCK, Block, PositionEntry};
 use crate::software::log::reals::Real;
@@ -50,7 +51,7 @@ impl EndSums {
         if let Some(end) = log.end {
             match end.weight {
                 Weight::Logged => self.add_losses(end.cell as usize, kept_rays.num, kept_rays.quanta)?,
-                weight => {
+                weight @ (Weight::Born | Weight::Known(_)) => {
                     let weight = E::Real::nearest(weight.most_of_born(logged.weight));
                     self.add_to_cell(end.cell as usize, weight.into(), kept_rays.num)?;
                 }

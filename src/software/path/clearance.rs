@@ -10,7 +10,7 @@
 use crate::model::shapes::{Quadric, Slab};
 use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::Precision;
-use crate::software::path::main_path::Way;
+use crate::software::path::ways::Way;
 use glam::DVec3;
 
 /// A clearance leaves room for so many roundings of M; the search makes some fifty, and what looks at the far end of a
@@ -367,7 +367,7 @@ mod tests {
             Shape::Annulus(Annulus { inner_radius, outer_radius, .. }) => {
                 (inner_radius..=outer_radius).contains(&p.truncate().length())
             }
-            _ => false,
+            Shape::Plane(_) | Shape::Sphere(_) | Shape::Mesh(_) | Shape::Roof(_) => false,
         };
         let at = |i: u32| line.from.lerp(line.to, f64::from(i) / 20_000.0);
         let value = |p: DVec3| Along::of(shape, p, DVec3::Z).f;

@@ -11,6 +11,7 @@ use crate::program::geometry::tree;
 use crate::program::{Cells, Features, ProgramOptions, SecondMoments};
 use crate::software::log::format::{self, EndLog};
 use crate::software::path::clearance::{self, Clearance, Pilot};
+pub use crate::software::path::ways::{PilotPath, Way};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
@@ -25,29 +26,6 @@ const MOST_MISSED: usize = 24;
 
 /// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
 pub const LEAST_CLEAR: f64 = 0.995;
-
-/// What a pilot's rays say of the path.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct PilotPath {
-    /// The primitives that they meet, in their order: surfaces first, then sensors.
-    pub primitives: Vec<usize>,
-    /// Of each ray that takes it.
-    pub ways: Vec<Way>,
-    /// Behind the last of the primitives they escape.
-    pub escapes: bool,
-    /// They are such a share of all rays.
-    pub share: f64,
-}
-
-/// Where a ray is born, where it meets the primitives of its path and, if it was killed, where, or if it escapes, a place
-/// behind the last of them; and what it weighs there.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Way {
-    /// \[mm\]
-    pub positions: Vec<DVec3>,
-    /// On arrival.
-    pub weights: Vec<f64>,
-}
 
 /// The path and what to look for on its way.
 #[derive(Debug, Clone, PartialEq)]

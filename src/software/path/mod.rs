@@ -10,3 +10,4 @@ pub mod pays;
 pub mod pilot;
 pub mod rejected;
 pub mod side_path;
+pub mod ways;

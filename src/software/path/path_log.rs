@@ -104,6 +104,22 @@ fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option
     pilot.takes(&sensor.frame, is_off).then_some(room)
 }
 
+/// Of one log; each device has two.
+const MAX_BYTES: u64 = 16 << 20;
+
+impl EndLog {
+    /// Bytes of all that a ray may log, along the main path, if that has a log of its own, or not.
+    pub fn ray_bytes(&self, path: Option<&PathLog>) -> u64 {
+        let entries = u64::from(self.max_passes + 1) * u64::from(self.num_words() * self.word_bytes());
+        entries.max(path.map_or(0, |path| path.ray_bytes(self.form)))
+    }
+
+    /// Rays of a dispatch, so many at most that the log stays small.
+    pub fn max_rays(&self, path: Option<&PathLog>) -> u32 {
+        (MAX_BYTES / self.ray_bytes(path)) as u32
+    }
+}
+
 impl PathLog {
     /// The log of the main path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
     /// with weights that differ, unless by what media took.
