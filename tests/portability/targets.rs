@@ -10,8 +10,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Storage buffers that plain WebGPU binds per stage.
 pub const WEBGPU_STORAGE_BUFFERS: usize = 8;
-/// Storage buffers of the portable shader of everything at once: compiled in, and in tables.
-pub const MOST_STORAGE_BUFFERS: (usize, usize) = (11, 11);
+/// Storage buffers of the portable shader of everything at once: compiled in, and in tables. The table of facets in contact is
+/// one of them.
+pub const MOST_STORAGE_BUFFERS: (usize, usize) = (12, 12);
 
 /// What shaders are written as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
