@@ -42,7 +42,7 @@ BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
-.PHONY: demo docs bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long gpu-report build adapter display rust-components clean
+.PHONY: demo docs bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain gpu-report build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
@@ -70,7 +70,12 @@ test-rust: adapter rust-components display
 	cargo fmt --check
 	cargo clippy --all-targets -- -D warnings
 	cargo check --no-default-features
+	$(MAKE) --no-print-directory test-plain
 	RUST_TEST_THREADS="$${RUST_TEST_THREADS:-$(TEST_THREADS)}" cargo test
+
+# Without the wing for processors: the plain loop alone. With the viewer, so that dependencies are those of all other tests.
+test-plain: adapter
+	cargo test --no-default-features --features viewer --test plain
 
 test-long: adapter rust-components
 	$(PYTHON) tests/long.py $(LONG_ARGS)

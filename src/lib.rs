@@ -18,6 +18,12 @@
 //! [`cli`] is the only place that prints; [`bench`] measures; `viewer`, behind the feature of that name, is the window of
 //! `nsq-gpu view`.
 
+#![cfg_attr(
+    not(feature = "software"),
+    allow(dead_code, unused_imports, reason = "some parts of the engine are for the wing alone")
+)]
+
+#[cfg(feature = "software")]
 pub mod bench;
 pub mod cli;
 pub mod count;
@@ -40,6 +46,7 @@ pub mod result;
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod scene;
 pub mod shaders;
+#[cfg(feature = "software")]
 #[warn(clippy::wildcard_enum_match_arm, reason = "as in `model`")]
 pub mod software;
 pub mod trace;

@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let widths = widths(&cases)?;
     let widest = widest(&widths);
-    crate::cli::console::choose_vectors(widest);
+    crate::cli::console::choose_width(widest);
     let gpu = open(args)?;
     let session = Session {
         gpu: &gpu,
@@ -263,7 +263,7 @@ fn run_stability(args: &Args) -> Result<String> {
 
 /// Measures in the precision that the adapter traces in by default.
 fn run_tuning(args: &Args) -> Result<String> {
-    crate::cli::console::choose_vectors(widest(&widths(&tuning::cases())?));
+    crate::cli::console::choose_width(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
     let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);

@@ -1,7 +1,9 @@
 //! What commands share: a scene is read, something is said, the result is printed.
 
 use crate::error::{Error, Result};
+use crate::model::SceneIr;
 use crate::scene::Scene;
+#[cfg(feature = "software")]
 use crate::software::vector_width::Width;
 use std::io::Write;
 use std::path::Path;
@@ -31,9 +33,17 @@ pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Lets lavapipe compute in vectors so wide. Before other threads and adapters: [`crate::cli::main`] demands the one, and commands see
-/// to the other.
-pub(crate) fn choose_vectors(width: Width) {
+/// Lets lavapipe compute in vectors as wide as suits this trace. Before other threads and adapters: [`crate::cli::main`]
+/// demands the one, and commands see to the other.
+#[cfg_attr(not(feature = "software"), allow(unused_variables, reason = "the driver's own width is taken"))]
+pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, in_f64: bool) {
+    #[cfg(feature = "software")]
+    choose_width(Width::of_command(ir, num_rays, in_f64));
+}
+
+/// As [`choose_vectors`], so wide.
+#[cfg(feature = "software")]
+pub(crate) fn choose_width(width: Width) {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
     unsafe {

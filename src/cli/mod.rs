@@ -3,6 +3,7 @@
 //! stdout carries the result alone; progress, warnings and errors go to stderr.
 
 mod adapters;
+#[cfg(feature = "software")]
 mod bench;
 mod check;
 mod compare;
@@ -54,6 +55,7 @@ enum Command {
     /// List the adapters that can trace.
     Adapters(adapters::Args),
     /// Measure how fast scenes are traced, alone or against other programs.
+    #[cfg(feature = "software")]
     Bench(bench::Args),
     /// Show a material of the catalog: its entry, its source, n and k over the wavelength.
     Materials(materials::Args),
@@ -66,7 +68,7 @@ enum Command {
 }
 
 /// Runs the command; the exit code is the error's. To be called before other threads run: it may set a variable of the
-/// environment ([`crate::software::vector_width`]).
+/// environment (`crate::software::vector_width`).
 pub fn main() -> ExitCode {
     let start = Instant::now();
     quiet_drivers();
@@ -80,6 +82,7 @@ pub fn main() -> ExitCode {
         Command::View(args) => view::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
+        #[cfg(feature = "software")]
         Command::Bench(args) => bench::run(&args),
         Command::Materials(args) => materials::run(&args),
         Command::Shader(args) => shader::run(&args),

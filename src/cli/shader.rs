@@ -5,7 +5,6 @@ use crate::cli::trace::{PrecisionArg, wanted};
 use crate::error::Result;
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::program::Precision;
-use crate::software::vector_width::Width;
 use crate::trace::{TraceOptions, Tracer, auto_precision};
 use std::path::PathBuf;
 
@@ -31,7 +30,7 @@ pub fn run(args: &Args) -> Result<String> {
     let ir = read_scene(&args.scene)?.lower()?;
     let options = TraceOptions { max_depth: crate::model::depth::of_scene(&ir), ..Default::default() };
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    choose_vectors(Width::of_command(&ir, options.num_rays, in_f64));
+    choose_vectors(&ir, options.num_rays, in_f64);
     let native = if args.portable { Native::Off } else { Native::Allowed };
     let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), native, ..Default::default() })?;
     let options = options.tuned(&gpu.info);

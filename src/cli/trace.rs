@@ -11,7 +11,6 @@ use crate::program::{Precision, Sampler};
 use crate::result::StoppedBy;
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
-use crate::software::vector_width::Width;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
 use crate::trace::stopping::Stopping;
@@ -194,7 +193,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let mut ir = scene.lower()?;
     // What `auto` is on lavapipe.
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    crate::cli::console::choose_vectors(Width::of_command(&ir, args.num_rays, in_f64));
+    crate::cli::console::choose_vectors(&ir, args.num_rays, in_f64);
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
         #[cfg(unix)]

@@ -2,7 +2,6 @@
 //!
 //! [`Tracer`] picks how it is traced: in the plain way, or by a strategy that suits the adapter. The same bits come out.
 
-use crate::engine::plan::features;
 use crate::engine::prepare::prepare;
 use crate::engine::strategy::{Plain, Strategy};
 use crate::engine::undrained::empty_tally;
@@ -13,6 +12,7 @@ use crate::gpu::profile::Profile;
 use crate::model::SceneIr;
 use crate::program::Program;
 use crate::result::{Recorded, Recording, StageTime, Tally};
+#[cfg(feature = "software")]
 use crate::software::{Choices, Software};
 use std::time::{Duration, Instant};
 
@@ -30,9 +30,14 @@ pub struct Tracer<'a> {
 }
 
 /// The strategy that suits the adapter, if it takes the scene; else the plain one.
+#[cfg(feature = "software")]
 fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) -> Result<Box<dyn Strategy>> {
     let Some(software) = Software::for_adapter(gpu, choices) else { return Ok(Box::new(Plain)) };
-    Ok(if software.takes(&features(gpu, ir, options)?) { Box::new(software) } else { Box::new(Plain) })
+    Ok(if software.takes(&crate::engine::plan::features(gpu, ir, options)?) {
+        Box::new(software)
+    } else {
+        Box::new(Plain)
+    })
 }
 
 impl<'a> Tracer<'a> {
@@ -42,11 +47,27 @@ impl<'a> Tracer<'a> {
     /// [`crate::Error::Usage`] for options that make no sense or that the device cannot do, [`crate::Error::Device`] if the
     /// scene does not fit it.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
-        Self::with_choices(gpu, ir, options, &Choices::default(), |wgsl| wgsl)
+        #[cfg(feature = "software")]
+        let strategy = strategy(gpu, ir, options, &Choices::default())?;
+        #[cfg(not(feature = "software"))]
+        let strategy = Box::new(Plain);
+        Self::with_strategy(gpu, ir, options, strategy, |wgsl| wgsl)
+    }
+
+    fn with_strategy(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        mut strategy: Box<dyn Strategy>,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        let engine = prepare(gpu, ir, options, strategy.as_mut(), edit)?;
+        Ok(Tracer { engine, strategy })
     }
 
     /// As [`Tracer::new`], with a change of the composed text, for tests that must notice a wrong shader; and with what the
     /// software wing is to do, for tests that want it where it does not pay.
+    #[cfg(feature = "software")]
     #[doc(hidden)]
     pub fn with_choices(
         gpu: &'a Gpu,
@@ -55,9 +76,7 @@ impl<'a> Tracer<'a> {
         choices: &Choices,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        let mut strategy = strategy(gpu, ir, options, choices)?;
-        let engine = prepare(gpu, ir, options, strategy.as_mut(), edit)?;
-        Ok(Tracer { engine, strategy })
+        Self::with_strategy(gpu, ir, options, strategy(gpu, ir, options, choices)?, edit)
     }
 
     /// The composed program.
