@@ -1,5 +1,23 @@
 //! nsq-gpu traces Optiland's non-sequential scenes by Monte Carlo on any GPU that wgpu reaches.
 //!
+//! A lens from a file, traced:
+//!
+//! ```
+//! use nsq_gpu::gpu::{AdapterChoice, Gpu};
+//! use nsq_gpu::{Result, Scene, TraceOptions, TraceResult, Tracer};
+//!
+//! # fn main() -> Result<()> {
+//! # if nsq_gpu::gpu::list_adapters().is_empty() { return Ok(()); }
+//! let model = Scene::from_path("docs/example.json".as_ref())?.lower()?;
+//! let gpu = Gpu::open(&AdapterChoice::default())?;
+//! let options = TraceOptions { num_rays: 100_000, ..TraceOptions::default() };
+//! let tally = Tracer::new(&gpu, &model, &options)?.trace(|_rays_done| true)?;
+//! let result = TraceResult::new(&model, &options.run_info(&gpu.info), &tally)?;
+//! assert!(result.ledger.closes());
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! The flow, one direction; no module looks upstream:
 //!
 //! ```text
