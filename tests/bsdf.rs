@@ -106,7 +106,7 @@ fn an_integrating_sphere_fills_its_port() {
 
 /// `cargo test --test bsdf -- --ignored` for the whole figure.
 #[test]
-#[ignore = "minutes where the device is a processor"]
+#[ignore = "long"]
 fn an_integrating_sphere_fills_its_port_with_1e7_rays() {
     integrating_spheres(&[0.9, 0.99], 10_000_000);
 }

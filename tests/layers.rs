@@ -236,3 +236,26 @@ fn a_wrong_import_is_noticed() {
     let found = circles(&with("error", "\nuse crate::folders;\nuse crate::gpu::adapter;"));
     assert!(found.contains(&"error imports gpu::adapter".to_string()), "{found:?}");
 }
+
+/// What `make test` leaves out is on the list of `make test-long`, and nothing else is.
+#[test]
+fn tests_that_are_marked_as_long_are_listed() {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    let mark = concat!("#[ignore = ", "\"long\"]\nfn ");
+    let mut marked = BTreeSet::new();
+    for entry in std::fs::read_dir(&tests).unwrap() {
+        let path = entry.unwrap().path();
+        let main = if path.is_dir() { path.join("main.rs") } else { path.clone() };
+        if main.extension().is_none_or(|extension| extension != "rs") || !main.is_file() {
+            continue;
+        }
+        let (program, text) =
+            (path.file_stem().unwrap().to_str().unwrap(), std::fs::read_to_string(&main).unwrap());
+        let names = text.split(mark).skip(1).map(|rest| rest.split('(').next().unwrap());
+        marked.extend(names.map(|name| format!("{program} {name}")));
+    }
+    let list = std::fs::read_to_string(tests.join("long.txt")).unwrap();
+    let listed: BTreeSet<String> =
+        list.lines().filter(|line| !line.starts_with('#')).map(str::to_string).collect();
+    assert_eq!(marked, listed);
+}

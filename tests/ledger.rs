@@ -47,6 +47,7 @@ fn assert_ledgers_close(precision: Precision, native: bool) {
 }
 
 #[test]
+#[ignore = "long"]
 fn ledgers_close_in_f32_with_native_integers() {
     assert_ledgers_close(Precision::F32, true);
 }
@@ -62,6 +63,7 @@ fn ledgers_close_in_f64_with_native_integers() {
 }
 
 #[test]
+#[ignore = "long"]
 fn ledgers_close_in_f64_with_pairs_of_integers() {
     assert_ledgers_close(Precision::F64, false);
 }

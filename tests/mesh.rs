@@ -107,7 +107,7 @@ fn a_closed_mesh_of_82_thousand_triangles_loses_no_ray() {
 
 /// `cargo test --test mesh -- --ignored` for the whole figure.
 #[test]
-#[ignore = "minutes where the device is a processor"]
+#[ignore = "long"]
 fn a_closed_mesh_of_82_thousand_triangles_loses_none_of_1e7_rays() {
     loses_no_ray(10_000_000);
 }

@@ -100,6 +100,7 @@ fn f32_portable_variants_are_valid_everywhere() {
 }
 
 #[test]
+#[ignore = "long"]
 fn f32_native_variants_are_valid_where_integers_have_64_bits() {
     for baked in [true, false] {
         check_every(1, Tier { precision: Precision::F32, native: true, baked });
@@ -108,6 +109,7 @@ fn f32_native_variants_are_valid_where_integers_have_64_bits() {
 
 /// Every second: their text is that of f64, whose every variant is tested.
 #[test]
+#[ignore = "long"]
 fn df64_variants_are_valid_everywhere() {
     for (native, baked) in [(false, true), (true, false)] {
         check_every(2, Tier { precision: Precision::Df64, native, baked });
@@ -115,6 +117,7 @@ fn df64_variants_are_valid_everywhere() {
 }
 
 #[test]
+#[ignore = "long"]
 fn f64_portable_variants_are_valid_where_floats_have_64_bits() {
     for baked in [true, false] {
         check_every(1, Tier { precision: Precision::F64, native: false, baked });
@@ -122,6 +125,7 @@ fn f64_portable_variants_are_valid_where_floats_have_64_bits() {
 }
 
 #[test]
+#[ignore = "long"]
 fn f64_native_variants_are_valid_where_everything_has_64_bits() {
     for baked in [true, false] {
         check_every(1, Tier { precision: Precision::F64, native: true, baked });
