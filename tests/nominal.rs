@@ -102,6 +102,7 @@ fn so_do_small_batches_and_strays_that_go_through_queues() {
 }
 
 #[test]
+#[ignore = "long"]
 fn so_do_invocations_of_one_ray_or_several() {
     for (i, name) in SOME.into_iter().enumerate() {
         let ir = zoo::load(name);
@@ -161,6 +162,7 @@ fn cavity_without_losses() -> SceneIr {
 
 /// An invocation follows two rays, where they leave nothing but what they log.
 #[test]
+#[ignore = "long"]
 fn so_do_rays_side_by_side() {
     let [lens, cavity, cooke, coated] =
         ["bench_lens", "bench_cavity", "cooke_triplet", "coated_projector"].map(zoo::load);
@@ -571,6 +573,7 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
 
 /// Rays that do something else than their side path at each of its events, in scenes of several lenses.
 #[test]
+#[ignore = "long"]
 fn rays_that_stray_once_more_have_the_same_bits() {
     let mut num_strayed = 0;
     for name in ["cooke_triplet", "triplet_telescope_ghosts", "stacked_plates_ghosts", "bench_cavity"] {
@@ -967,6 +970,7 @@ fn crossings_are_taken_for_granted_where_the_way_tells_them() {
 }
 
 #[test]
+#[ignore = "long"]
 fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
     let rare = [
         tube_around_the_beam(),
