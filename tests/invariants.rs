@@ -87,6 +87,7 @@ fn a_second_run_and_any_batch_size_give_the_same_bits() {
 }
 
 #[test]
+#[ignore = "long"]
 fn short_submissions_give_the_same_bits() {
     let num_rays = 20_000;
     // Dispatches of 4 workgroups a processor, at the least.
@@ -206,6 +207,7 @@ fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
 }
 
 #[test]
+#[ignore = "long"]
 fn any_number_of_rays_an_invocation_gives_the_same_bits() {
     let off = TraceOptions { num_rays: 3000, standard_error: StandardError::Off, ..TraceOptions::default() };
     for host_sums in [true, false] {
@@ -393,6 +395,7 @@ fn assert_same_bits_in_parts(gpu: &Gpu, ir: &SceneIr, options: &(impl Asked + st
 }
 
 #[test]
+#[ignore = "long"]
 fn sums_in_parts_are_the_same_bits_as_in_one() {
     let changes: [fn(&mut Forced); 5] = [
         |_| (),
@@ -533,6 +536,7 @@ fn split_rays_have_the_same_bits_in_batches_of_any_size() {
 }
 
 #[test]
+#[ignore = "long"]
 fn split_rays_have_the_same_bits_however_they_are_dispatched() {
     for which in SPLIT {
         assert_same_bits_split(
