@@ -9,6 +9,7 @@
 mod zoo;
 
 use glam::{DMat3, DVec3};
+use nsq_gpu::Tracer;
 use nsq_gpu::model::{EmitterKind, Extended, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
@@ -35,10 +36,9 @@ fn z(a: &[f64], b: &[f64]) -> f64 {
 /// The flux of every detector, in independent runs.
 fn fluxes(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f64>> {
     let options = zoo::options(num_rays, 0, Precision::F64);
-    let runs: Vec<nsq_gpu::TraceResult> = zoo::trace_seeds(ir, &options, seeds)
-        .iter()
-        .map(|tally| zoo::result_of(ir, &options, tally))
-        .collect();
+    let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
+    let runs: Vec<nsq_gpu::TraceResult> =
+        zoo::tallies_of(&mut tracer, seeds).map(|tally| zoo::result_of(ir, &options, &tally)).collect();
     let flux_of = |i: usize| runs.iter().map(|run| run.detectors[i].total_flux).collect();
     (0..ir.sensors.len()).map(flux_of).collect()
 }
@@ -73,7 +73,8 @@ fn pixels(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f
         tally.sensors.iter().flat_map(|sensor| sensor.quanta.iter().map(|&quanta| quanta as f64)).collect()
     };
     let options = zoo::options(num_rays, 0, Precision::F64);
-    let runs: Vec<Vec<f64>> = zoo::trace_seeds(ir, &options, seeds).iter().map(quanta).collect();
+    let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
+    let runs: Vec<Vec<f64>> = zoo::tallies_of(&mut tracer, seeds).map(|tally| quanta(&tally)).collect();
     (0..runs[0].len()).map(|pixel| runs.iter().map(|run| run[pixel]).collect()).collect()
 }
 

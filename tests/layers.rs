@@ -223,11 +223,16 @@ fn no_files_import_each_other_in_a_circle() {
 
 #[test]
 fn a_wrong_import_is_noticed() {
-    let with = |module: &str, import: &str| {
-        let mut files = files();
+    let files = files();
+    let mut resolver = Resolver::new(&files);
+    let mut with = |module: &str, import: &str| {
         let module: Vec<String> = module.split("::").map(str::to_string).collect();
-        files.get_mut(&module).unwrap_or_else(|| panic!("no file {module:?}")).push_str(import);
-        Resolver::new(&files).imports()
+        let text = files.get(&module).unwrap_or_else(|| panic!("no file {module:?}"));
+        let planted = Paths::of(&format!("{text}{import}"));
+        let right = resolver.paths.insert(module.clone(), planted).unwrap();
+        let imports = resolver.imports();
+        resolver.paths.insert(module, right);
+        imports
     };
     let found = upstream(&with("gpu::compute", "\nuse crate::Tracer;"));
     assert!(found.contains(&"gpu::compute imports trace".to_string()), "{found:?}");

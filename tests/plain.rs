@@ -8,9 +8,13 @@
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+#[path = "zoo/files.rs"]
+mod files;
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use files::{json_files, repository};
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
@@ -20,21 +24,8 @@ use sha2::{Digest, Sha256};
 
 const NUM_RAYS: u64 = 3000;
 
-fn repository(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
-}
-
 fn bits_file() -> PathBuf {
     repository("tests/data/bits.json")
-}
-
-fn scenes() -> Vec<String> {
-    let files = std::fs::read_dir(repository("scenes")).unwrap().map(|entry| entry.unwrap().path());
-    let is_scene = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "json");
-    let name = |path: PathBuf| path.file_stem().unwrap().to_str().unwrap().to_string();
-    let mut names: Vec<String> = files.filter(is_scene).map(name).collect();
-    names.sort();
-    names
 }
 
 /// All that a trace has summed up.
@@ -61,7 +52,7 @@ fn every_scene_gives_the_committed_bits() {
     let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
     // f32 and f64 by turns.
     let turn = |i: usize| if i.is_multiple_of(2) { Precision::F32 } else { Precision::F64 };
-    let found: BTreeMap<String, String> = scenes()
+    let found: BTreeMap<String, String> = json_files("scenes")
         .into_iter()
         .enumerate()
         .map(|(i, name)| {

@@ -1,6 +1,7 @@
 //! Where the second moments of a trace come from, which tell the errors of its results.
 
 use crate::engine::options::{StandardError, TraceOptions};
+use crate::model::surface_optics::splits;
 use crate::model::{SceneIr, Sensor, Splat};
 use crate::program::layout::{bsdf, tables};
 use crate::program::{Features, Sampler, SecondMoments};
@@ -21,8 +22,7 @@ pub(crate) enum MomentSource {
 impl MomentSource {
     pub(crate) fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
         let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
-        let is_cheap =
-            !crate::model::surface_optics::splits(ir) && ir.sensors.iter().all(tables::takes_rays_whole);
+        let is_cheap = !splits(ir) && ir.sensors.iter().all(tables::takes_rays_whole);
         let is_needed = hits_say_little(ir);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
@@ -54,7 +54,7 @@ fn hits_say_little(ir: &SceneIr) -> bool {
         sensor.absorb && sensor.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
     };
     bsdf::kinds(ir).into_iter().any(bsdf::BsdfKind::has_table)
-        && !crate::model::surface_optics::splits(ir)
+        && !splits(ir)
         && ir.sensors.iter().all(is_near)
         && ir.sensors.iter().map(Sensor::num_cells).sum::<usize>() <= MOST_CELLS
 }

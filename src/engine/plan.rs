@@ -15,7 +15,7 @@ use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::wgsl::extension::Extend;
-use crate::program::{self, Features, Precision, Program, ProgramOptions, RayRange};
+use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{Booking, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 
 /// What is to be traced.
@@ -30,17 +30,6 @@ pub(crate) struct Plan {
     limits: DispatchLimits,
     /// Most rays of a dispatch: there is room for so many.
     pub(crate) batch: u32,
-}
-
-/// The features of a scene, as a trace with these options asks for them.
-pub(crate) fn features(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Features> {
-    check_options(gpu, options)?;
-    let weights: Vec<f64> = rays(ir, options)?.iter().map(|rays| rays.weight).collect();
-    Ok(Features::of(ir, &weights, roulette_threshold(ir, options), options.max_depth))
-}
-
-fn rays(ir: &SceneIr, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
-    part(distribute(ir, options.budget())?, options)
 }
 
 fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
@@ -60,7 +49,7 @@ impl Draft {
     /// Shares out the rays.
     pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
         check_options(gpu, options)?;
-        let rays = rays(ir, options)?;
+        let rays = part(distribute(ir, options.budget())?, options)?;
         let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
         let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
         let program = plain(gpu, ir, options, weights, moments);

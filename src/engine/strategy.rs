@@ -12,14 +12,14 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::wgsl::extension::{Extend, NoExtension};
-use crate::program::{Features, Program, ProgramOptions, RayRange};
+use crate::program::{Program, ProgramOptions, RayRange};
 use crate::result::Tally;
 
 /// How a trace is done, in the order in which the engine asks.
 pub(crate) trait Strategy {
-    /// Whether it can trace a scene with these features. Where it cannot, the plain strategy traces: so that no feature has
-    /// to be written twice.
-    fn takes(&self, _features: &Features) -> bool {
+    /// Whether it can trace a scene with all that these options ask for. Where it cannot, the plain strategy traces: so that
+    /// no feature has to be written twice.
+    fn takes(&self, _ir: &SceneIr, _options: &TraceOptions) -> bool {
         true
     }
 

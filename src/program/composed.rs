@@ -1,8 +1,8 @@
 //! A scene as a module of WGSL, with the buffers that it reads.
 
 use crate::error::{Error, Result};
-use crate::model::EmitterName;
-use crate::model::{SceneIr, SensorKind, Surface};
+use crate::model::surface_optics::{coating_pass, reflectance};
+use crate::model::{EmitterName, SceneIr, SensorKind, Surface};
 use crate::program::df64;
 use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
@@ -251,10 +251,7 @@ impl Program {
                 .iter()
                 .flat_map(move |surface| (0..ir.wavelengths.len()).map(move |w| value(surface, w)))
         };
-        self.reals(
-            table(crate::model::surface_optics::reflectance)
-                .chain(table(crate::model::surface_optics::coating_pass)),
-        )
+        self.reals(table(reflectance).chain(table(coating_pass)))
     }
 
     /// The uniform of one dispatch (shaders/stages/state.wgsl, `Range`).

@@ -1,6 +1,7 @@
 //! A scene as its program has it, before any WGSL is composed: features, cells, trees and contacts.
 
 use crate::error::Result;
+use crate::model::primitives::primitives;
 use crate::model::{SceneIr, ray_id};
 use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
@@ -95,7 +96,7 @@ impl<'a> Prepared<'a> {
 
 /// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
 pub fn centre_of(ir: &SceneIr) -> DVec3 {
-    let frames = crate::model::primitives::primitives(ir).into_iter().map(|(frame, _)| frame);
+    let frames = primitives(ir).into_iter().map(|(frame, _)| frame);
     let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
     let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
         None => Some((origin, origin)),

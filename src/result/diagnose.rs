@@ -22,16 +22,6 @@ const MOST_NAMES: usize = 8;
 /// Hits per pixel for 5 % relative error: 1 / 0.05^2.
 const TARGET_HITS: f64 = 400.0;
 
-/// The signs in a result, made of these sums.
-pub(crate) fn diagnose(
-    ir: &SceneIr,
-    result: &TraceResult,
-    tally: &Tally,
-    uncertainty: &Uncertainty,
-) -> Diagnostics {
-    Diagnostics::of(ir, result, tally, uncertainty)
-}
-
 impl DetectorDiagnostic {
     fn new(detector: &Detector, num_rays_total: u64) -> Self {
         let num_rays_hit = match detector.data {
@@ -91,7 +81,8 @@ fn listed<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
 }
 
 impl Diagnostics {
-    fn of(ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) -> Self {
+    /// The signs in a result, made of these sums.
+    pub(crate) fn of(ir: &SceneIr, result: &TraceResult, tally: &Tally, uncertainty: &Uncertainty) -> Self {
         let unreached = result.surfaces.iter().filter(|surface| !surface.reached);
         let mut diagnostics = Diagnostics {
             depth_truncated_flux_fraction: result.fraction_of_launched(result.ledger.depth.flux),

@@ -2,7 +2,6 @@
 
 use crate::error::Result;
 use crate::model::{Interaction, SceneIr};
-use crate::result::diagnose::diagnose;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
     Detector, Diagnostics, FluxUnit, Ledger, RayPaths, Recorded, RunInfo, SurfaceResult, Tally, TraceResult,
@@ -68,7 +67,7 @@ impl TraceResult {
             ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();
-        result.diagnostics = diagnose(ir, &result, tally, &uncertainty);
+        result.diagnostics = Diagnostics::of(ir, &result, tally, &uncertainty);
         Ok(result)
     }
 }

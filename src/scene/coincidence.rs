@@ -158,16 +158,12 @@ impl<'a> Face<'a> {
             Face::Flat(own) => self.normal_under(&dot(own.frame.rotation)),
             Face::Curved(..) => None,
             Face::Mesh(frame, mesh) => {
-                let size = place_size(frame, mesh).max(point.abs().max_element());
+                let size = size_of(mesh);
                 mesh.faces.iter().find_map(|&face| {
                     let corners = mesh.corners(face);
                     let normal = (frame.rotation * area_vector(corners)).try_normalize()?;
-                    let apart = normal.dot(frame.rotation * corners[0] + frame.origin - point);
-                    if apart.abs() > ROUNDINGS * size {
-                        return None;
-                    }
                     let (x, y) = normal.any_orthonormal_pair();
-                    dot(DMat3::from_cols(x, y, normal)).facet_in_plane(frame, mesh)
+                    dot(DMat3::from_cols(x, y, normal)).area_of_facet(corners, frame, size)
                 })
             }
         }
@@ -250,18 +246,22 @@ impl<'a> Flat<'a> {
 
     /// The normal of a facet of a mesh that lies in the plane, within rounding, if the two have an area in common.
     fn facet_in_plane(&self, frame: &Frame, mesh: &Mesh) -> Option<DVec3> {
-        let place = |p: DVec3| frame.rotation * p + frame.origin - self.frame.origin;
-        let size = place_size(frame, mesh).max(self.frame.origin.abs().max_element());
+        let size = size_of(mesh);
+        mesh.faces.iter().find_map(|&face| self.area_of_facet(mesh.corners(face), frame, size))
+    }
+
+    /// The area vector of a facet that lies in the plane and has an area in common with the face, of a mesh whose largest
+    /// coordinate in its frame is `size`.
+    fn area_of_facet(&self, corners: [DVec3; 3], frame: &Frame, size: f64) -> Option<DVec3> {
+        let size = size + frame.origin.abs().max(self.frame.origin.abs()).max_element();
+        let corners = corners.map(|p| frame.rotation * p + frame.origin - self.frame.origin);
         let normal = self.frame.rotation.z_axis;
-        let mut facets = mesh.faces.iter().map(|&face| mesh.corners(face).map(place));
-        let found = facets.find(|&corners| {
-            corners.iter().all(|corner| corner.dot(normal).abs() <= ROUNDINGS * size) && {
-                let corners = corners.map(|corner| (self.frame.rotation.transpose() * corner).truncate());
-                let is_in_hole = corners.iter().all(|corner| corner.length() <= self.hole);
-                !is_in_hole && overlap(&self.corners, &corners, ROUNDINGS * size)
-            }
-        })?;
-        Some(area_vector(found))
+        if corners.iter().any(|corner| corner.dot(normal).abs() > ROUNDINGS * size) {
+            return None;
+        }
+        let flat = corners.map(|corner| (self.frame.rotation.transpose() * corner).truncate());
+        let is_in_hole = flat.iter().all(|corner| corner.length() <= self.hole);
+        (!is_in_hole && overlap(&self.corners, &flat, ROUNDINGS * size)).then(|| area_vector(corners))
     }
 
     /// True if the two lie in one plane, within rounding, and have an area in common.
@@ -283,10 +283,9 @@ impl<'a> Flat<'a> {
     }
 }
 
-/// The largest coordinate that the corners of a mesh may have \[mm\], at least 1.
-fn place_size(frame: &Frame, mesh: &Mesh) -> f64 {
-    mesh.vertices.iter().map(|p| p.abs().max_element()).fold(1.0, f64::max) * 3.0_f64.sqrt()
-        + frame.origin.abs().max_element()
+/// The largest coordinate of a mesh in its frame \[mm\], at least 1.
+fn size_of(mesh: &Mesh) -> f64 {
+    mesh.vertices.iter().map(|p| p.abs().max_element()).fold(1.0, f64::max)
 }
 
 /// True if two convex polygons have an area in common: no edge of either has all of the other beyond it, within a rounding

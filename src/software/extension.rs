@@ -8,6 +8,7 @@ use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
 use crate::program::wgsl::extension::{Extend, Extension};
 use crate::program::wgsl::text::Text;
+use crate::program::wgsl::variants::either;
 use crate::shaders::{ShaderFile, shader};
 use crate::software::added::{SoftwareExtension, Wanted};
 use crate::software::log::format::Form;
@@ -46,7 +47,6 @@ impl SoftwareExtension {
         if self.nominal.is_none() {
             return entries.into_iter().collect();
         }
-        let pick = |condition, yes, no| if condition { yes } else { no };
         let several = self.rays_per_invocation > 1;
         let optional = [
             entries,
@@ -57,17 +57,17 @@ impl SoftwareExtension {
         let always = [
             shader!("software/path/main_path.wgsl"),
             shader!("software/path/clearances.wgsl"),
-            pick(
+            either(
                 self.path_log.is_some(),
                 shader!("software/path/path_log.arrivals.wgsl"),
                 shader!("software/path/path_log.entries.wgsl"),
             ),
-            pick(
+            either(
                 self.stores_together(),
                 shader!("software/path/lanes.together.wgsl"),
                 shader!("software/path/lanes.alone.wgsl"),
             ),
-            pick(
+            either(
                 self.logs_weights(),
                 shader!("software/path/path_losses.reported.wgsl"),
                 shader!("software/path/path_losses.deposited.wgsl"),

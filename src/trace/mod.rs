@@ -31,13 +31,11 @@ pub struct Tracer<'a> {
 
 /// The strategy that suits the adapter, if it takes the scene; else the plain one.
 #[cfg(feature = "software")]
-fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) -> Result<Box<dyn Strategy>> {
-    let Some(software) = Software::for_adapter(gpu, choices) else { return Ok(Box::new(Plain)) };
-    Ok(if software.takes(&crate::engine::plan::features(gpu, ir, options)?) {
-        Box::new(software)
-    } else {
-        Box::new(Plain)
-    })
+fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) -> Box<dyn Strategy> {
+    match Software::for_adapter(gpu, choices) {
+        Some(software) if software.takes(ir, options) => Box::new(software),
+        Some(_) | None => Box::new(Plain),
+    }
 }
 
 impl<'a> Tracer<'a> {
@@ -48,7 +46,7 @@ impl<'a> Tracer<'a> {
     /// scene does not fit it.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
         #[cfg(feature = "software")]
-        let strategy = strategy(gpu, ir, options, &Choices::default())?;
+        let strategy = strategy(gpu, ir, options, &Choices::default());
         #[cfg(not(feature = "software"))]
         let strategy = Box::new(Plain);
         Self::with_strategy(gpu, ir, options, strategy, |wgsl| wgsl)
@@ -76,7 +74,7 @@ impl<'a> Tracer<'a> {
         choices: &Choices,
         edit: impl FnOnce(String) -> String,
     ) -> Result<Self> {
-        Self::with_strategy(gpu, ir, options, strategy(gpu, ir, options, choices)?, edit)
+        Self::with_strategy(gpu, ir, options, strategy(gpu, ir, options, choices), edit)
     }
 
     /// The composed program.

@@ -91,14 +91,6 @@ fn blocks(ir: &SceneIr, num_rays: u64, num_blocks: u64) -> Vec<Tally> {
     blocks
 }
 
-/// The tally of each of so many seeds, with no shader to compile for each.
-fn seeds(tracer: &mut Tracer, num_seeds: u64) -> impl Iterator<Item = Tally> {
-    (0..num_seeds).map(|seed| {
-        tracer.set_seed(seed);
-        tracer.trace(|_| true).unwrap()
-    })
-}
-
 /// What the later of two snapshots has more, of all that a detector's result is made from.
 fn difference(later: &Tally, earlier: &Tally) -> Tally {
     let mut block = later.clone();
@@ -246,7 +238,7 @@ fn coverage_of_totals(
 ) -> Vec<u64> {
     let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
     let mut within = vec![0; ir.sensors.len()];
-    for tally in seeds(&mut tracer, num_seeds) {
+    for tally in zoo::tallies_of(&mut tracer, 0..num_seeds) {
         let result = result_of(ir, &tally);
         for ((found, truth), within) in result.detectors.iter().zip(&converged.detectors).zip(&mut within) {
             let error = found.total_flux_standard_error.unwrap();
@@ -309,7 +301,7 @@ fn intervals_of_pixels_of_sobol_points_hold_the_converged_value() {
             }
             let converged = zoo::result(&ir, &sobol(64 * num_rays, 1 << 40, Precision::F32));
             let mut tracer = Tracer::new(zoo::gpu(), &ir, &sobol(num_rays, 0, Precision::F32)).unwrap();
-            let covered = coverage(&ir, &converged, t95(), seeds(&mut tracer, num_seeds));
+            let covered = coverage(&ir, &converged, t95(), zoo::tallies_of(&mut tracer, 0..num_seeds));
             assert_is_95_percent(&format!("{name}, {splat:?}"), covered);
         }
     }
@@ -451,7 +443,7 @@ fn scrambles_add_up_to_the_whole() {
 fn variances_of_totals(ir: &SceneIr, options: &TraceOptions, num_seeds: u64) -> (f64, Option<f64>) {
     let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
     let results: Vec<TraceResult> =
-        seeds(&mut tracer, num_seeds).map(|tally| result_of(ir, &tally)).collect();
+        zoo::tallies_of(&mut tracer, 0..num_seeds).map(|tally| result_of(ir, &tally)).collect();
     let n = num_seeds as f64;
     let totals = || results.iter().map(|result| result.detectors[0].total_flux);
     let mean = totals().sum::<f64>() / n;

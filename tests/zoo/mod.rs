@@ -8,23 +8,19 @@
 
 pub mod devices;
 pub mod draws;
+pub mod files;
 pub mod forced;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
 
 use devices::Devices;
+pub use files::{json_files, repository};
 use forced::Asked;
 use nsq_gpu::gpu::{AdapterChoice, Gpu, Native};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{RunInfo, Tally};
 use nsq_gpu::{Scene, TraceOptions, TraceResult, Tracer};
-
-/// A file or folder of the repository.
-pub fn repository(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
-}
 
 /// The device of a test; its shaders run with every run-time check.
 pub fn gpu() -> &'static Gpu {
@@ -74,18 +70,6 @@ pub fn edited<'a>(ir: &'a SceneIr, options: &impl Asked, before: &str, after: &s
     options.tracer_with(gpu(), ir, edit).unwrap()
 }
 
-/// The names of the JSON files in a folder of the repository, in order.
-pub fn json_files(folder: &str) -> Vec<String> {
-    let entries = std::fs::read_dir(repository(folder)).unwrap();
-    let paths = entries.map(|entry| entry.unwrap().path());
-    let mut names: Vec<String> = paths
-        .filter(|path| path.extension().is_some_and(|extension| extension == "json"))
-        .map(|path| path.file_stem().unwrap().to_str().unwrap().to_string())
-        .collect();
-    names.sort();
-    names
-}
-
 /// The names of all scenes.
 pub fn scenes() -> Vec<String> {
     json_files("scenes")
@@ -117,15 +101,12 @@ pub fn trace(ir: &SceneIr, options: &impl Asked) -> Tally {
     trace_on(gpu(), ir, options)
 }
 
-/// Traces the scene once with each of these seeds, by one program.
-#[allow(dead_code, reason = "not every test program compares seeds")]
-pub fn trace_seeds(ir: &SceneIr, options: &TraceOptions, seeds: std::ops::Range<u64>) -> Vec<Tally> {
-    let mut tracer = Tracer::new(gpu(), ir, options).unwrap();
-    let trace = |seed| {
+/// The tally of each of these seeds, with no shader to compile for each.
+pub fn tallies_of(tracer: &mut Tracer, seeds: std::ops::Range<u64>) -> impl Iterator<Item = Tally> {
+    seeds.map(|seed| {
         tracer.set_seed(seed);
         tracer.trace(|_| true).unwrap()
-    };
-    seeds.map(trace).collect()
+    })
 }
 
 /// What users read of a tally.

@@ -24,8 +24,8 @@ pub const RECTANGLE: ShapeWgsl = ShapeWgsl { name: "rectangle", num_arguments: 2
 /// A part of it.
 pub const DISK: ShapeWgsl = ShapeWgsl { name: "disk", num_arguments: 1, ..PLANE };
 
-/// [`Quadric::PLANE`].
-const FLAT: &str = "Quadric(0.0, 0.0, 1.0, 0.0)";
+/// [`Quadric::PLANE`], as WGSL has it.
+pub const FLAT: &str = "Quadric(0.0, 0.0, 1.0, 0.0)";
 
 /// The outline of the plane z = 0, its normal along z.
 #[derive(Debug, Clone, Copy, PartialEq)]

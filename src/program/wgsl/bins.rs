@@ -1,5 +1,6 @@
 //! Bins that rays meet on their way, in registers: each goes to memory once an invocation (shaders/sums/ledger.wgsl).
 
+use crate::model::surface_optics::lossy_mirrors;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::extension::Extension;
 use std::fmt::Write;
@@ -67,7 +68,7 @@ impl Composition<'_> {
         ];
         let of_ledger = of_ledger.into_iter().filter(|(present, ..)| *present);
         let of_ledger = of_ledger.map(|(_, cell, has_quanta)| Bin { cell: cell.into(), has_quanta });
-        let mirrors = crate::model::surface_optics::lossy_mirrors(self.ir)
+        let mirrors = lossy_mirrors(self.ir)
             .filter(|&i| self.options.baked || extension.keeps_bin_of(i as usize))
             .map(|i| Bin { cell: format!("{}u", self.cells.surfaces + i), has_quanta: true });
         of_ledger.chain(mirrors).collect()

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::model::shapes::Normal;
+use crate::model::shapes::plane::FLAT;
 use crate::model::{ReflectProb, ShapeKind};
 use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
@@ -98,7 +99,7 @@ impl Composition<'_> {
 pub(super) fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
     match kind.wgsl().normal {
         Normal::Quadric(quadric) => quadric(&arguments.split(", ").collect::<Vec<_>>()),
-        Normal::Facet => "Quadric(0.0, 0.0, 1.0, 0.0)".into(),
+        Normal::Facet => FLAT.into(),
         Normal::Own => {
             let height = kind.function("height");
             format!("Quadric(0.0, 0.0, 1.0, 2.0 * ({height}({o}, {arguments}) - ({o}).z))")

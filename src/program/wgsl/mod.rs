@@ -11,4 +11,4 @@ mod rows;
 mod search;
 pub mod text;
 mod trees;
-mod variants;
+pub(crate) mod variants;

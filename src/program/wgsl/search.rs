@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::model::shapes::Quadric;
+use crate::model::shapes::plane::FLAT;
 use crate::model::{Frame, Shape, ShapeKind};
 use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
@@ -142,8 +143,7 @@ impl Composition<'_> {
             let head = "fn shape_holds(p: Primitive, o: vec3<real>) -> bool";
             text += &by_kind(head, &kinds, "false", |kind, a| format!("{}(o{a})", kind.function("holds")));
             let head = "fn shape_quadric(p: Primitive, o: vec3<real>) -> Quadric";
-            let flat = "Quadric(0.0, 0.0, 1.0, 0.0)";
-            text += &by_kind(head, &kinds, flat, |kind, arguments| {
+            text += &by_kind(head, &kinds, FLAT, |kind, arguments| {
                 quadric_of(kind, "o", arguments.trim_start_matches(", "))
             });
         }

@@ -170,7 +170,8 @@ impl Case<'_> {
     }
 }
 
-fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> ShaderFile {
+/// One of two files.
+pub(crate) fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> ShaderFile {
     if condition { first } else { second }
 }
 

@@ -3,9 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use crate::scene::materials::dispersion::{Dispersion, Table};
-use crate::scene::materials::numbers::{self, Optics};
-
-const AS_WRITTEN: &str = "the embedded catalog is what its generator wrote";
+use crate::scene::materials::numbers::{self, AS_WRITTEN, Optics};
 
 /// How many suggestions or alternatives a message lists.
 pub(super) const MAX_LISTED: usize = 5;

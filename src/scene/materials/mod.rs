@@ -16,6 +16,7 @@ mod packed;
 use std::sync::LazyLock;
 
 use crate::scene::materials::catalog::{Catalog, Name};
+use crate::scene::materials::numbers::AS_WRITTEN;
 
 pub use crate::scene::materials::dispersion::{Dispersion, Table};
 pub use crate::scene::materials::entry::Entry;
@@ -26,8 +27,6 @@ pub const OPTILAND_VERSION: &str = "0.6.3";
 
 /// The embedded catalog, compressed.
 static PACKED: &[u8] = include_bytes!("../catalog.bin");
-/// Whoever reads the catalog may rely on this.
-const AS_WRITTEN: &str = "the embedded catalog is what its generator wrote";
 
 /// What a name stands for.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,6 +3,9 @@
 
 use crate::scene::materials::dispersion::{Dispersion, Table};
 
+/// Whoever reads the embedded catalog may rely on this.
+pub(super) const AS_WRITTEN: &str = "the embedded catalog is what its generator wrote";
+
 /// Far above what the catalog inflates to, so that damaged data cannot ask for all memory \[bytes\].
 const MAX_INFLATED: usize = 1 << 24;
 
