@@ -54,7 +54,7 @@ impl Composition<'_> {
     /// Those that rays of this scene can meet. The mirrors of a table deposit in memory, but for those that the extension
     /// wants in registers.
     fn bins_in_registers(&self, extension: &dyn Extension) -> Vec<Bin> {
-        let f = self.features;
+        let f = &self.features;
         let scatters = !f.bsdfs.is_empty();
         let of_ledger = [
             (f.refractive, "CELL_UNDERFLOWS", false),

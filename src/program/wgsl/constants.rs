@@ -54,10 +54,10 @@ impl Composition<'_> {
 
     /// How much there is of everything, and how it is divided among invocations.
     fn sizes(&self, constants: &mut Constants) {
-        let options = self.options;
+        let options = &self.options;
         constants.uint("NO_COUNT", u32::MAX - options.vector_lanes);
         constants.uint("WORKGROUP_SIZE", options.workgroup_size);
-        constants.uint("RAYS_PER_INVOCATION", options.rays_per_invocation(self.features));
+        constants.uint("RAYS_PER_INVOCATION", options.rays_per_invocation(&self.features));
         constants.uint("EVENTS_PER_DISPATCH", options.events_per_dispatch);
         constants.uint("MAX_DEPTH", options.max_depth);
         constants.uint("NUM_SURFACES", self.ir.surfaces.len() as u32);
@@ -83,7 +83,7 @@ impl Composition<'_> {
         if self.has_triangles_among_trees() {
             constants.uint("FIRST_TRIANGLE", first_triangle as u32);
         }
-        if let Some(tree) = self.tree {
+        if let Some(tree) = &self.tree {
             let first = first_triangle + self.num_triangle_rows();
             constants.uint("TREE_ROOT", tree.root);
             constants.uint("FIRST_PRIMITIVE", first as u32);
@@ -129,7 +129,7 @@ impl Composition<'_> {
 
     /// What some scenes have and others have not.
     fn questions(&self, constants: &mut Constants, extension: &dyn Extension) {
-        let (features, options) = (self.features, self.options);
+        let (features, options) = (&self.features, &self.options);
         let [hard, bilinear, gaussian] = features.splats;
         let has_totals = self.cells.moments.as_ref().is_some_and(|moments| moments.totals.is_some());
         constants.bool("HAS_REFRACTIVE", features.refractive);

@@ -37,7 +37,7 @@ impl Composition<'_> {
     /// Over the kinds of detectors; the codes are those of [`crate::program::layout::tables::sensor_code`].
     fn record(&self) -> String {
         let mut text = String::from("fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {\n");
-        let f = self.features;
+        let f = &self.features;
         for (present, code, call) in [
             (f.irradiance, 0, "record_irradiance(ray, sensor, ends)"),
             (f.spectral, 1, "record_spectral(ray, sensor, ends)"),

@@ -19,8 +19,8 @@ impl Composition<'_> {
     }
 
     fn surfaces_and_sensors(&self) -> Result<String> {
-        let surfaces = tables::surface_records(self.ir, self.centre, self.features);
-        let sensors = tables::sensor_records(self.ir, self.centre, self.cells);
+        let surfaces = tables::surface_records(self.ir, self.centre, &self.features);
+        let sensors = tables::sensor_records(self.ir, self.centre, &self.cells);
         let rotated_surfaces = tables::any_rotated(self.ir.surfaces.iter().map(|s| &s.frame));
         let rotated_sensors = tables::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
         Ok([
@@ -65,7 +65,7 @@ impl Composition<'_> {
     }
 
     pub(super) fn contact_records(&self) -> Records {
-        tables::contact_records(self.ir, self.contacts, self.facets)
+        tables::contact_records(self.ir, &self.contacts, &self.facets)
     }
 
     /// Where the scene is compiled in, the search has the numbers of primitives in its calls.

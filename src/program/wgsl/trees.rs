@@ -25,13 +25,13 @@ impl Composition<'_> {
 
     /// Nodes, triangles, primitives.
     pub(super) fn num_tree_rows(&self) -> usize {
-        let of_primitives = self.tree.map_or(0, |tree| tree.num_rows(self.precision()));
+        let of_primitives = self.tree.as_ref().map_or(0, |tree| tree.num_rows(self.precision()));
         self.forest.num_rows() + self.num_triangle_rows() + of_primitives
     }
 
     /// What stands of primitives beside their tree.
     pub(super) fn tree_records(&self) -> Option<&Records> {
-        self.tree?.records.as_ref()
+        self.tree.as_ref()?.records.as_ref()
     }
 
     /// Processors choose what waits among all levels sooner than each lane finds it by its index.

@@ -178,7 +178,7 @@ pub(crate) fn either(condition: bool, first: ShaderFile, second: ShaderFile) -> 
 impl Composition<'_> {
     /// The files that the scene needs, each once.
     pub(super) fn files(&self, extension: &dyn Extension) -> Vec<ShaderFile> {
-        let case = Case { f: self.features, o: self.options, all: self };
+        let case = Case { f: &self.features, o: &self.options, all: self };
         let mut files = ALWAYS.to_vec();
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
         let pick = |slot: &Slot| extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));

@@ -208,7 +208,7 @@ impl Stages<'_> {
     fn meeting(&self, step: usize, event: &NominalEvent) -> Result<String> {
         let primitive = event.primitive;
         let surfaces =
-            tables::surface_records(self.composition.ir, self.composition.centre, self.composition.features);
+            tables::surface_records(self.composition.ir, self.composition.centre, &self.composition.features);
         let surface = surfaces.row(self.composition.precision(), primitive)?;
         let (does, how) = match event.crossing {
             Some(Crossing { entering_back, reflected }) => {
