@@ -73,7 +73,7 @@ fn flux(result: &TraceResult, detector: &str) -> f64 {
 /// Hits per bin of the far field's polar angle.
 fn hits_by_theta(ir: &SceneIr, num_rays: u64, precision: Precision) -> Vec<f64> {
     let tally = zoo::trace(ir, &zoo::options(num_rays, 78, precision));
-    tally.sensors[0].hits.chunks(8).map(|ring| ring.iter().sum::<u64>() as f64).collect()
+    tally.detectors[0].hits.chunks(8).map(|ring| ring.iter().sum::<u64>() as f64).collect()
 }
 
 /// The probability of counts as far from what is expected; bins with few are pooled.
@@ -491,7 +491,7 @@ fn coatings_by_wavelength_are_looked_up() {
     for medium in &mut ir.media {
         (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![0.0; 2]);
     }
-    ir.emitters[0].spectrum = nsq_gpu::model::Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    ir.sources[0].spectrum = nsq_gpu::model::Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     for surface in &mut ir.surfaces {
         let coating = nsq_gpu::model::Coating { reflectance: vec![0.0, 1.0], transmittance: vec![0.5, 0.0] };
         surface.coating = Some(coating);

@@ -10,7 +10,7 @@ mod zoo;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::Tracer;
-use nsq_gpu::model::{EmitterKind, Extended, Frame, Outline, ReflectProb, Sampling, SceneIr, SensorKind};
+use nsq_gpu::model::{DetectorKind, Extended, Frame, Outline, ReflectProb, Sampling, SceneIr, SourceKind};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
@@ -40,7 +40,7 @@ fn fluxes(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f
     let runs: Vec<nsq_gpu::TraceResult> =
         zoo::tallies_of(&mut tracer, seeds).map(|tally| zoo::result_of(ir, &options, &tally)).collect();
     let flux_of = |i: usize| runs.iter().map(|run| run.detectors[i].total_flux).collect();
-    (0..ir.sensors.len()).map(flux_of).collect()
+    (0..ir.detectors.len()).map(flux_of).collect()
 }
 
 /// 32 runs a side; so far apart comes about by chance once in 10^4 (t of 62 degrees of freedom).
@@ -70,7 +70,11 @@ fn importance_sampling_is_unbiased() {
 /// The weight of every pixel of every detector, in independent runs.
 fn pixels(ir: &SceneIr, num_rays: u64, seeds: std::ops::Range<u64>) -> Vec<Vec<f64>> {
     let quanta = |tally: &Tally| {
-        tally.sensors.iter().flat_map(|sensor| sensor.quanta.iter().map(|&quanta| quanta as f64)).collect()
+        tally
+            .detectors
+            .iter()
+            .flat_map(|detector| detector.quanta.iter().map(|&quanta| quanta as f64))
+            .collect()
     };
     let options = zoo::options(num_rays, 0, Precision::F64);
     let mut tracer = Tracer::new(zoo::gpu(), ir, &options).unwrap();
@@ -205,20 +209,19 @@ const FAR: Rectangle = Rectangle { centre: DVec3::new(-5.0, 4.0, 80.0), width: 1
 
 fn lens_between(ends: &Ends) -> SceneIr {
     let mut ir = zoo::load("bench_lens");
-    let Ends { source, detector } = ends;
-    let (emitter, sensor) = (&mut ir.emitters[0], &mut ir.sensors[0]);
-    let area = Outline::Rectangle { width: source.width, height: source.height };
-    emitter.kind = EmitterKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 });
-    emitter.total_flux = source.width * source.height;
-    let towards_detector = if detector.centre.z > source.centre.z {
+    let (source, detector) = (&mut ir.sources[0], &mut ir.detectors[0]);
+    let area = Outline::Rectangle { width: ends.source.width, height: ends.source.height };
+    source.kind = SourceKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 });
+    source.total_flux = ends.source.width * ends.source.height;
+    let towards_detector = if ends.detector.centre.z > ends.source.centre.z {
         DMat3::IDENTITY
     } else {
         DMat3::from_rotation_x(std::f64::consts::PI)
     };
-    emitter.frame = Frame { origin: source.centre, rotation: towards_detector };
-    sensor.frame = Frame { origin: detector.centre, rotation: DMat3::IDENTITY };
-    if let SensorKind::Irradiance(grid) = &mut sensor.kind {
-        (grid.width, grid.height) = (detector.width, detector.height);
+    source.frame = Frame { origin: ends.source.centre, rotation: towards_detector };
+    detector.frame = Frame { origin: ends.detector.centre, rotation: DMat3::IDENTITY };
+    if let DetectorKind::Irradiance(grid) = &mut detector.kind {
+        (grid.width, grid.height) = (ends.detector.width, ends.detector.height);
     }
     ir
 }

@@ -953,7 +953,7 @@ fn compose(text: &str) -> Result<(), Error> {
             events_per_dispatch: 4,
             workgroup_size: 64,
             paths: PathSampling::None,
-            weights: vec![1.0; ir.emitters.len()],
+            weights: vec![1.0; ir.sources.len()],
             sampler: Sampler::Pcg,
             most_rays_per_invocation: 1,
             vector_lanes: 0,

@@ -13,8 +13,8 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Annulus, CollimatedTophat, Conic, Emitter, EmitterKind, Extended, Frame, Frustum, Interaction, Medium,
-    Mesh, MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere,
+    Annulus, CollimatedTophat, Conic, Detector, DetectorKind, Extended, Frame, Frustum, Interaction, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere,
     Splat, Surface,
 };
 use nsq_gpu::program::Precision;
@@ -72,18 +72,18 @@ fn absorber(frame: Frame, shape: Shape) -> Surface {
     Surface { interaction: Interaction::Absorbing, ..face("absorber", frame, shape, VACUUM, VACUUM) }
 }
 
-fn rays(name: &str, frame: Frame, size: f64) -> Sensor {
-    let kind = SensorKind::RayDatabase { width: size, height: size, max_rays: None };
-    Sensor { name: name.into(), frame, kind, absorb: true }
+fn rays(name: &str, frame: Frame, size: f64) -> Detector {
+    let kind = DetectorKind::RayDatabase { width: size, height: size, max_rays: None };
+    Detector { name: name.into(), frame, kind, absorb: true }
 }
 
-fn screen(name: &str, frame: Frame, size: f64, absorb: bool) -> Sensor {
+fn screen(name: &str, frame: Frame, size: f64, absorb: bool) -> Detector {
     let grid = PixelGrid { width: size, height: size, num_pixels_x: 4, num_pixels_y: 4, splat: Splat::Hard };
-    Sensor { name: name.into(), frame, kind: SensorKind::Irradiance(grid), absorb }
+    Detector { name: name.into(), frame, kind: DetectorKind::Irradiance(grid), absorb }
 }
 
-fn lamp(frame: Frame, kind: EmitterKind, medium: usize) -> Emitter {
-    Emitter {
+fn lamp(frame: Frame, kind: SourceKind, medium: usize) -> Source {
+    Source {
         name: "lamp".into(),
         frame,
         kind,
@@ -113,7 +113,7 @@ fn tube(side: f64, length: f64) -> Mesh {
     Mesh { vertices, faces: (0..4).flat_map(wall).collect() }
 }
 
-fn scene(surfaces: Vec<Surface>, emitters: Vec<Emitter>, sensors: Vec<Sensor>) -> SceneIr {
+fn scene(surfaces: Vec<Surface>, sources: Vec<Source>, detectors: Vec<Detector>) -> SceneIr {
     let medium =
         |name: &str, n: f64| Medium { name: name.into(), ambient: n == 1.0, n: vec![n], k: vec![0.0] };
     let two = [[0, 1, 2], [0, 2, 3]];
@@ -129,8 +129,8 @@ fn scene(surfaces: Vec<Surface>, emitters: Vec<Emitter>, sensors: Vec<Sensor>) -
             sheet(&[two[0], two[1], [1, 2, 3], [1, 3, 0]]),
             tube(1.0, 1000.0),
         ],
-        emitters,
-        sensors,
+        sources,
+        detectors,
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
@@ -246,7 +246,7 @@ fn pairs() -> Vec<Pair> {
 /// turns, and stands first in the list in every second frame.
 fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
     let mut draws = Draws(7);
-    let (mut surfaces, mut emitters, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut surfaces, mut sources, mut detectors) = (Vec::new(), Vec::new(), Vec::new());
     for i in 0..NUM_FRAMES {
         let place = [(); 3].map(|()| draws.between(-10.0, 10.0));
         let frame = Frame {
@@ -264,12 +264,12 @@ fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
         };
         let first = face("first", within(&frame, &pair.first.0), pair.first.1, GLASS, VACUUM);
         surfaces.extend(if i.is_multiple_of(2) { [second, first] } else { [first, second] });
-        let cone = EmitterKind::Point(Point { half_angle: 0.35 });
-        emitters.push(lamp(within(&frame, &pair.source), cone, GLASS));
-        sensors.push(rays("beyond", within(&frame, &pair.beyond), 30.0));
-        sensors.push(rays("behind", within(&frame, &pair.behind), 30.0));
+        let cone = SourceKind::Point(Point { half_angle: 0.35 });
+        sources.push(lamp(within(&frame, &pair.source), cone, GLASS));
+        detectors.push(rays("beyond", within(&frame, &pair.beyond), 30.0));
+        detectors.push(rays("behind", within(&frame, &pair.behind), 30.0));
     }
-    scene(surfaces, emitters, sensors)
+    scene(surfaces, sources, detectors)
 }
 
 /// The detector, the ray's id, and where the ray arrived.
@@ -379,16 +379,16 @@ fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
                     1 => face("glass", frame, shape, VACUUM, GLASS),
                     _ => absorber(frame, shape),
                 };
-                let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
-                let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
-                let sensors = vec![
+                let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+                let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
+                let detectors = vec![
                     screen("through", within(&frame, &at(9.0)), 60.0, true),
                     screen("back", within(&frame, &at(-9.0)), 60.0, true),
                     screen("on", frame, 12.0, false),
                 ];
-                let with = scene(vec![surface], emitters, sensors);
+                let with = scene(vec![surface], sources, detectors);
                 let mut without = with.clone();
-                without.sensors.pop();
+                without.detectors.pop();
                 let options = options(5_000, precision);
                 let [with, without] = [with, without].map(|ir| result(&ir, &options));
                 let what = format!("shape {i}, kind {kind}, {precision:?}");
@@ -416,12 +416,12 @@ fn of_detectors_in_one_place_the_first_alone_reads() {
     let mut draws = Draws(12);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
-        let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
-        let mut sensors: Vec<Sensor> =
+        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
+        let mut detectors: Vec<Detector> =
             (0..4).map(|i| screen(&format!("{i}"), frame, 12.0 + f64::from(i), false)).collect();
-        sensors.push(screen("behind", within(&frame, &at(9.0)), 12.0, true));
-        let result = result(&scene(Vec::new(), emitters, sensors), &options(5_000, precision));
+        detectors.push(screen("behind", within(&frame, &at(9.0)), 12.0, true));
+        let result = result(&scene(Vec::new(), sources, detectors), &options(5_000, precision));
         let read = ["0", "1", "2", "3", "behind"].map(|name| flux(&result, name));
         assert_eq!(read, [1.0, 0.0, 0.0, 0.0, 1.0], "{precision:?}");
     }
@@ -436,13 +436,13 @@ fn of_an_absorber_in_a_surface_the_first_in_the_list_is_met() {
         for side in [-8.0, 8.0] {
             let turn = if side < 0.0 { 0.0 } else { std::f64::consts::PI };
             let start = Frame { rotation: DMat3::from_rotation_x(turn), ..at(side) };
-            let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
-            let emitters = vec![lamp(within(&frame, &start), beam, VACUUM)];
+            let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+            let sources = vec![lamp(within(&frame, &start), beam, VACUUM)];
             let back = vec![screen("back", within(&frame, &at(1.1 * side)), 60.0, true)];
             let two = [mirror(frame, shape, 1.0), absorber(frame, shape)];
             let [first, second] = [[0_usize, 1], [1, 0]].map(|order| {
                 let surfaces = order.map(|i| two[i].clone()).to_vec();
-                let ir = scene(surfaces, emitters.clone(), back.clone());
+                let ir = scene(surfaces, sources.clone(), back.clone());
                 flux(&result(&ir, &options(1_000, Precision::F64)), "back")
             });
             assert_eq!([first, second], [1.0, 0.0], "{shape:?} from {side}");
@@ -465,12 +465,12 @@ fn a_source_on_a_surface_leaves_it() {
                 let frame = random_frame(&mut draws);
                 let area = Outline::Rectangle { width: 1.0, height: 2.0 };
                 let kind = match i {
-                    0..6 => EmitterKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 }),
-                    _ => EmitterKind::Point(Point { half_angle: 1.5 }),
+                    0..6 => SourceKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 }),
+                    _ => SourceKind::Point(Point { half_angle: 1.5 }),
                 };
                 let surface = absorber(within(&frame, &place), shape);
-                let sky = Sensor {
-                    kind: SensorKind::FarField { num_theta: 3, num_phi: 3 },
+                let sky = Detector {
+                    kind: DetectorKind::FarField { num_theta: 3, num_phi: 3 },
                     ..screen("sky", within(&frame, &at(4.0)), 1.0, true)
                 };
                 let ir = scene(vec![surface], vec![lamp(frame, kind, VACUUM)], vec![sky]);
@@ -489,16 +489,16 @@ fn doubled_facets_are_as_one() {
     let mut draws = Draws(15);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
         let read = [SHEET, DOUBLED_SHEET].map(|mesh| {
             let place = within(&frame, &at(2.0));
             let surfaces = vec![
                 face("front", frame, Shape::Mesh(MeshId(mesh)), VACUUM, GLASS),
                 face("back", place, Shape::Mesh(MeshId(mesh)), GLASS, VACUUM),
             ];
-            let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
-            let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
-            flux(&result(&scene(surfaces, emitters, sensors), &options(20_000, precision)), "behind")
+            let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
+            let detectors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
+            flux(&result(&scene(surfaces, sources, detectors), &options(20_000, precision)), "behind")
         });
         assert_eq!(read[0], read[1], "{precision:?}");
         assert!((read[0] - 12.0 / 13.0).abs() < 0.01, "{read:?}");
@@ -512,12 +512,12 @@ fn long_thin_walls_do_not_leak() {
     for (i, precision) in [Precision::F32, Precision::F32, Precision::F64].into_iter().enumerate() {
         let frame = if i == 0 { at(0.0) } else { random_frame(&mut draws) };
         let tube = mirror(frame, Shape::Mesh(MeshId(TUBE)), 1.0);
-        let cone = EmitterKind::Point(Point { half_angle: 0.5 });
-        let emitters = vec![lamp(within(&frame, &at(-499.5)), cone, VACUUM)];
+        let cone = SourceKind::Point(Point { half_angle: 0.5 });
+        let sources = vec![lamp(within(&frame, &at(-499.5)), cone, VACUUM)];
         let ends = [("near", -500.0), ("far", 500.0)]
             .map(|(name, z)| screen(name, within(&frame, &at(z)), 1.001, true));
         let options = TraceOptions { max_depth: 4_000, ..options(10_000, precision) };
-        let result = result(&scene(vec![tube], emitters, ends.to_vec()), &options);
+        let result = result(&scene(vec![tube], sources, ends.to_vec()), &options);
         assert_eq!(result.num_rays_escaped, 0, "{precision:?} in frame {i}");
         assert_eq!(flux(&result, "near") + flux(&result, "far"), 1.0, "{precision:?} in frame {i}");
     }
@@ -545,10 +545,10 @@ fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
     for precision in TWO_TIERS {
         let frame = random_frame(&mut draws);
         let bodies = face("bodies", frame, Shape::Mesh(MeshId(0)), GLASS, VACUUM);
-        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
-        let emitters = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
-        let sensors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
-        let mut ir = scene(vec![bodies], emitters, sensors);
+        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
+        let detectors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
+        let mut ir = scene(vec![bodies], sources, detectors);
         ir.meshes = vec![Mesh { vertices: vertices.clone(), faces: faces.clone() }];
         let read = flux(&result(&ir, &options(20_000, precision)), "behind");
         let sigma = (transmitted * (1.0 - transmitted) / 20_000.0_f64).sqrt();
@@ -567,10 +567,10 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
     let surfaces = vec![tile(-5.0), board, tile(5.0)];
     for (x, reflected) in [(-5.0, 1.0), (5.0, 0.0)] {
         let start = Frame { origin: DVec3::new(x, 0.0, -8.0), rotation: DMat3::IDENTITY };
-        let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
-        let emitters = vec![lamp(start, beam, VACUUM)];
-        let sensors = vec![screen("back", at(-9.0), 60.0, true)];
-        let ir = scene(surfaces.clone(), emitters, sensors);
+        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let sources = vec![lamp(start, beam, VACUUM)];
+        let detectors = vec![screen("back", at(-9.0), 60.0, true)];
+        let ir = scene(surfaces.clone(), sources, detectors);
         assert_eq!(flux(&result(&ir, &options(1_000, Precision::F64)), "back"), reflected, "at {x}");
     }
 }
@@ -578,20 +578,20 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
 /// A far-field detector has a radius of 1e6 mm: what f32 rounds there is nothing to a lamp 3 mm off a mirror.
 #[test]
 fn far_fields_blur_nothing_near() {
-    let sky = |z: f64| Sensor {
-        kind: SensorKind::FarField { num_theta: 3, num_phi: 3 },
+    let sky = |z: f64| Detector {
+        kind: DetectorKind::FarField { num_theta: 3, num_phi: 3 },
         ..screen("sky", at(z), 1.0, false)
     };
     let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);
-    let beam = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+    let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
     let lamps = vec![
-        lamp(at(0.0), EmitterKind::Point(Point { half_angle: 0.1 }), VACUUM),
+        lamp(at(0.0), SourceKind::Point(Point { half_angle: 0.1 }), VACUUM),
         lamp(at(-3.0), beam, VACUUM),
     ];
-    let sensors = vec![screen("back", at(-4.0), 60.0, true), sky(-50.0), sky(-50.0), sky(60.0)];
+    let detectors = vec![screen("back", at(-4.0), 60.0, true), sky(-50.0), sky(-50.0), sky(60.0)];
     for precision in TWO_TIERS {
         let traced = result(
-            &scene(vec![reflector.clone()], lamps.clone(), sensors.clone()),
+            &scene(vec![reflector.clone()], lamps.clone(), detectors.clone()),
             &options(2_000, precision),
         );
         assert_eq!(flux(&traced, "back"), 1.0, "{precision:?}");

@@ -148,7 +148,7 @@ fn no_f64_is_left_in_the_shader() {
     for name in ["filter_stack", "kaleidoscope"] {
         let ir = zoo::load(name);
         let tracer = Tracer::new(zoo::gpu(), &ir, &zoo::options(10, 0, Precision::Df64)).unwrap();
-        let source = tracer.program().source().replace("df64", "");
+        let source = tracer.program().device_wgsl().replace("df64", "");
         assert!(!source.contains("f64"), "{name}");
     }
 }

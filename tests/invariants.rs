@@ -12,12 +12,12 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
+    Detector, DetectorKind, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling, SceneIr, Shape,
+    Source, SourceKind, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
-use nsq_gpu::result::{Booking, PathEvent, PathEventKind, Tally};
+use nsq_gpu::result::{FluxSum, PathEvent, PathEventKind, Tally};
 use nsq_gpu::software::When;
 use nsq_gpu::software::profile::Profile;
 use nsq_gpu::trace::{RecordPaths, Strict};
@@ -92,7 +92,7 @@ fn short_submissions_give_the_same_bits() {
     let num_rays = 20_000;
     // Dispatches of 4 workgroups a processor, at the least.
     let least = 4 * 32 * nsq_gpu::gpu::processors::count() as u64;
-    for (name, nominal_path) in [
+    for (name, main_path) in [
         ("bench_lens", true),
         ("bench_cavity", false),
         ("split_ghosts", false),
@@ -111,14 +111,14 @@ fn short_submissions_give_the_same_bits() {
             };
             let options = options.with(|choices| {
                 choices.host_sums = When::forced(host_sums);
-                choices.main_path = When::forced(nominal_path && host_sums);
+                choices.main_path = When::forced(main_path && host_sums);
             });
             let plain = zoo::trace(&ir, &options);
             let mut tracer = options.tracer(zoo::gpu(), &ir).unwrap();
             tracer.set_pass_time(Duration::ZERO);
             assert!(tracer.trace(|_| true).unwrap() == plain, "{name}, host_sums {host_sums}: other bits");
             let num = tracer.num_submissions();
-            assert!(nominal_path && host_sums || num > num_rays / 2 / least, "{name}: {num} submissions");
+            assert!(main_path && host_sums || num > num_rays / 2 / least, "{name}: {num} submissions");
         }
     }
 }
@@ -172,10 +172,10 @@ fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
 #[test]
 fn the_host_and_the_device_add_up_the_same_bits() {
     assert!(Profile::of(zoo::gpu()).host_sums, "lavapipe is a processor");
-    let booked = |options: &mut Forced| options.choices.host_sums = When::Never;
-    assert_same_bits(3000, &[booked]);
+    let deposited = |options: &mut Forced| options.choices.host_sums = When::Never;
+    assert_same_bits(3000, &[deposited]);
     let base = TraceOptions { num_rays: 3000, standard_error: StandardError::On, ..TraceOptions::default() };
-    assert_same_bits_from(&base, &[booked]);
+    assert_same_bits_from(&base, &[deposited]);
     let base = TraceOptions {
         num_rays: 3000,
         events_per_dispatch: 2,
@@ -183,7 +183,7 @@ fn the_host_and_the_device_add_up_the_same_bits() {
         standard_error: StandardError::Off,
         ..TraceOptions::default()
     };
-    assert_same_bits_from(&base, &[booked]);
+    assert_same_bits_from(&base, &[deposited]);
 }
 
 /// So far from the scene's centre an f32 is a hundredth of a millimetre: of what is found on a map of such pixels, some lies
@@ -192,10 +192,10 @@ fn the_host_and_the_device_add_up_the_same_bits() {
 fn so_they_do_where_rounding_puts_rays_beyond_the_map() {
     const FAR: f64 = 2e5;
     let mut ir = zoo::load("bench_lens");
-    ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.01 });
-    ir.emitters[0].frame.origin = DVec3::new(FAR, 0.0, -100.0);
-    ir.sensors[0].frame.origin = DVec3::new(FAR, 0.0, 0.0);
-    let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("another detector") };
+    ir.sources[0].kind = SourceKind::Point(Point { half_angle: 0.01 });
+    ir.sources[0].frame.origin = DVec3::new(FAR, 0.0, -100.0);
+    ir.detectors[0].frame.origin = DVec3::new(FAR, 0.0, 0.0);
+    let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind else { panic!("another detector") };
     *grid = PixelGrid { width: 1.01, height: 1.0, num_pixels_x: 1010, num_pixels_y: 10, ..*grid };
     let options =
         TraceOptions { standard_error: StandardError::Off, ..zoo::options(20_000, 1, Precision::F32) };
@@ -256,23 +256,26 @@ fn an_invocation_follows_several_rays_where_none_outlives_it_and_loops_are_short
 fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
     for name in DIVERSE.into_iter().chain(["bench_cavity", "newtonian_telescope", "bench_lens"]) {
         let mut ir = zoo::load(name);
-        for sensor in &mut ir.sensors {
-            sensor.absorb = false;
+        for detector in &mut ir.detectors {
+            detector.absorb = false;
             // Sums of whole weights follow from counts.
-            if let (SensorKind::Irradiance(grid), "bench_lens") = (&mut sensor.kind, name) {
+            if let (DetectorKind::Irradiance(grid), "bench_lens") = (&mut detector.kind, name) {
                 grid.splat = Splat::Hard;
             }
         }
         for precision in PRECISIONS {
             let options =
                 TraceOptions { standard_error: StandardError::Off, ..zoo::options(2000, 11, precision) };
-            let booked = zoo::trace(&ir, &options.on_device());
+            let deposited = zoo::trace(&ir, &options.on_device());
             let queued = TraceOptions { events_per_dispatch: 3, batch_size: Some(777), ..options.clone() };
             for logged in [&options, &queued] {
-                assert!(zoo::trace(&ir, logged) == booked, "{name} in {precision:?}: other bits, {logged:?}");
+                assert!(
+                    zoo::trace(&ir, logged) == deposited,
+                    "{name} in {precision:?}: other bits, {logged:?}"
+                );
             }
             let portable = zoo::trace_on(zoo::portable_gpu(), &ir, &queued);
-            assert!(portable == booked, "{name} in {precision:?}: other bits with pairs");
+            assert!(portable == deposited, "{name} in {precision:?}: other bits with pairs");
         }
     }
 }
@@ -309,9 +312,9 @@ fn logs_of_32_bit_words_add_up_to_the_same_bits() {
     for name in ["bench_lens", "bench_cavity", "kaleidoscope"] {
         let ir = zoo::load(name);
         let options = zoo::options(2000, 11, Precision::F32);
-        let [booked, logged] =
+        let [deposited, logged] =
             [false, true].map(|host| options.with(|choices| choices.host_sums = When::forced(host)));
-        assert!(zoo::trace_on(gpu, &ir, &logged) == zoo::trace(&ir, &booked), "{name}: other bits");
+        assert!(zoo::trace_on(gpu, &ir, &logged) == zoo::trace(&ir, &deposited), "{name}: other bits");
     }
 }
 
@@ -353,8 +356,8 @@ fn a_cavity_of_any_depth_has_the_same_bits_on_host_and_device() {
             TraceOptions { standard_error: StandardError::On, ..plain.clone() },
             TraceOptions { strict: Strict::Off, ..plain.clone() },
         ] {
-            let booked = options.on_device();
-            assert!(zoo::trace(&ir, &options) == zoo::trace(&ir, &booked), "other bits: {options:?}");
+            let deposited = options.on_device();
+            assert!(zoo::trace(&ir, &options) == zoo::trace(&ir, &deposited), "other bits: {options:?}");
         }
     }
 }
@@ -633,23 +636,23 @@ fn f32_and_f64_give_other_bits() {
 
 // Scenes compiled in or in tables.
 
-/// The largest difference of two tallies of one scene, in units of the largest cell of the sensor or of the weight
+/// The largest difference of two tallies of one scene, in units of the largest cell of the detector or of the weight
 /// launched; infinite where a count differs.
 fn deviation(ours: &Tally, theirs: &Tally) -> f64 {
     if counts(ours) != counts(theirs) {
         return f64::INFINITY;
     }
     let launched = theirs.launched.quanta as f64;
-    let totals = bookings(ours).zip(bookings(theirs));
+    let totals = flux_sums(ours).zip(flux_sums(theirs));
     let totals = totals.map(|(mine, other)| mine.quanta.abs_diff(other.quanta) as f64 / launched);
-    let maps = ours.sensors.iter().zip(&theirs.sensors).flat_map(|(mine, other)| {
+    let maps = ours.detectors.iter().zip(&theirs.detectors).flat_map(|(mine, other)| {
         let peak = other.quanta.iter().copied().max().unwrap_or(0).max(1) as f64;
         mine.quanta.iter().zip(&other.quanta).map(move |(mine, other)| mine.abs_diff(*other) as f64 / peak)
     });
     totals.chain(maps).fold(0.0, f64::max)
 }
 
-fn bookings(tally: &Tally) -> impl Iterator<Item = Booking> {
+fn flux_sums(tally: &Tally) -> impl Iterator<Item = FluxSum> {
     let whole = [
         tally.launched,
         tally.escaped,
@@ -664,16 +667,16 @@ fn bookings(tally: &Tally) -> impl Iterator<Item = Booking> {
         tally.bsdf_gain,
     ];
     let surfaces = tally.surfaces.iter().map(|surface| surface.absorbed);
-    whole.into_iter().chain(surfaces).chain(tally.sensors.iter().map(|sensor| sensor.total()))
+    whole.into_iter().chain(surfaces).chain(tally.detectors.iter().map(|detector| detector.total()))
 }
 
-/// Every count: of bookings, of hits in each cell, of surfaces reached, of underflows.
+/// Every count: of sums, of hits in each cell, of surfaces reached, of underflows.
 fn counts(tally: &Tally) -> Vec<u64> {
-    let bookings = bookings(tally).map(|booking| booking.count);
-    let hits = tally.sensors.iter().flat_map(|sensor| sensor.hits.iter().copied());
+    let flux_sums = flux_sums(tally).map(|flux_sum| flux_sum.count);
+    let hits = tally.detectors.iter().flat_map(|detector| detector.hits.iter().copied());
     let reached = tally.surfaces.iter().map(|surface| u64::from(surface.reached));
     let rest = [tally.medium_stack_underflows, tally.invalid_deposits];
-    bookings.chain(hits).chain(reached).chain(rest).collect()
+    flux_sums.chain(hits).chain(reached).chain(rest).collect()
 }
 
 #[test]
@@ -694,11 +697,11 @@ fn a_count_or_a_bin_that_differs_is_told() {
     let tally = zoo::trace(&zoo::load("bench_lens"), &zoo::options(3000, 2, Precision::F64));
     assert_eq!(deviation(&tally, &tally), 0.0);
     let mut other = tally.clone();
-    other.sensors[0].hits[7] += 1;
+    other.detectors[0].hits[7] += 1;
     assert_eq!(deviation(&other, &tally), f64::INFINITY);
     let mut other = tally.clone();
-    let peak = tally.sensors[0].quanta.iter().copied().max().unwrap();
-    other.sensors[0].quanta[7] += 2 * peak / 1_000_000_000_000;
+    let peak = tally.detectors[0].quanta.iter().copied().max().unwrap();
+    other.detectors[0].quanta[7] += 2 * peak / 1_000_000_000_000;
     assert!(deviation(&other, &tally) > 1e-12);
     let mut other = tally.clone();
     other.escaped.quanta += tally.launched.quanta / 100_000_000_000;
@@ -715,7 +718,7 @@ fn maps_scale_with_the_flux_of_the_sources() {
         let plain = zoo::result(&ir, &options);
         for scale in [1e30, 1e-30] {
             let mut scaled = ir.clone();
-            scaled.emitters.iter_mut().for_each(|emitter| emitter.total_flux *= scale);
+            scaled.sources.iter_mut().for_each(|source| source.total_flux *= scale);
             let scaled = zoo::result(&scaled, &options);
             let deviation = scaled_deviation(&plain, &scaled, scale);
             assert!(deviation <= 1e-13, "{name} times {scale:e}: {deviation:e}");
@@ -764,8 +767,8 @@ fn moved(ir: &SceneIr, rotation: DMat3, shift: DVec3) -> SceneIr {
         *frame = Frame { origin: rotation * frame.origin + shift, rotation: rotation * frame.rotation };
     };
     ir.surfaces.iter_mut().for_each(|surface| move_frame(&mut surface.frame));
-    ir.emitters.iter_mut().for_each(|emitter| move_frame(&mut emitter.frame));
-    ir.sensors.iter_mut().for_each(|sensor| move_frame(&mut sensor.frame));
+    ir.sources.iter_mut().for_each(|source| move_frame(&mut source.frame));
+    ir.detectors.iter_mut().for_each(|detector| move_frame(&mut detector.frame));
     ir
 }
 
@@ -791,16 +794,16 @@ fn a_rigid_motion_changes_nothing() {
     }
 }
 
-/// Events booked elsewhere, over all bookings.
+/// Events deposited elsewhere, over all sums.
 fn count_changes(ours: &Tally, theirs: &Tally) -> u64 {
-    bookings(ours).zip(bookings(theirs)).map(|(mine, other)| mine.count.abs_diff(other.count)).sum()
+    flux_sums(ours).zip(flux_sums(theirs)).map(|(mine, other)| mine.count.abs_diff(other.count)).sum()
 }
 
-/// The largest difference of a booking, in units of the weight launched.
+/// The largest difference of a sum, in units of the weight launched.
 fn total_change(ours: &Tally, theirs: &Tally) -> f64 {
     let launched = theirs.launched.quanta as f64;
     let changes =
-        bookings(ours).zip(bookings(theirs)).map(|(mine, other)| mine.quanta.abs_diff(other.quanta));
+        flux_sums(ours).zip(flux_sums(theirs)).map(|(mine, other)| mine.quanta.abs_diff(other.quanta));
     changes.max().unwrap_or(0) as f64 / launched
 }
 
@@ -809,7 +812,7 @@ fn a_scene_whose_detector_stays_behind_is_no_rigid_motion() {
     let ir = zoo::load("erfle_eyepiece");
     let options = zoo::options(3000, 4, Precision::F64);
     let mut torn = moved(&ir, DMat3::IDENTITY, DVec3::new(1.0, 0.0, 0.0));
-    torn.sensors = ir.sensors.clone();
+    torn.detectors = ir.detectors.clone();
     let (torn, still) = (zoo::trace(&torn, &options), zoo::trace(&ir, &options));
     assert!(deviation(&torn, &still) > 1e-9);
 }
@@ -835,18 +838,18 @@ fn lamp_in_a_ball() -> SceneIr {
             back: 1,
         }],
         meshes: vec![],
-        emitters: vec![Emitter {
+        sources: vec![Source {
             name: "lamp".into(),
             frame: at(8.0),
-            kind: EmitterKind::Point(Point { half_angle: std::f64::consts::PI }),
+            kind: SourceKind::Point(Point { half_angle: std::f64::consts::PI }),
             total_flux: 1.0,
             spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
             medium: 1,
         }],
-        sensors: vec![Sensor {
+        detectors: vec![Detector {
             name: "sky".into(),
             frame: at(20.0),
-            kind: SensorKind::FarField { num_theta: 9, num_phi: 9 },
+            kind: DetectorKind::FarField { num_theta: 9, num_phi: 9 },
             absorb: true,
         }],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
@@ -856,7 +859,7 @@ fn lamp_in_a_ball() -> SceneIr {
 /// True of the last event of a ray that has left the ball: it flew on, or was about to when its events ran out.
 fn has_left(event: &PathEvent) -> bool {
     match event.kind {
-        PathEventKind::Escaped | PathEventKind::Sensor(_) => true,
+        PathEventKind::Escaped | PathEventKind::Detector(_) => true,
         PathEventKind::DepthKilled => {
             DVec3::from_array(event.ray.position).dot(DVec3::from_array(event.ray.direction)) > 0.0
         }
@@ -872,12 +875,12 @@ fn a_source_born_in_glass_counts_one_underflow_for_every_ray_that_leaves() {
         let tally = zoo::trace(&ir, &TraceOptions { paths, ..zoo::options(20_000, 0, precision) });
         let left = tally.paths.iter().filter(|event| has_left(event)).count() as u64;
         assert!(tally.depth_killed.count > 0, "some rays never leave");
-        assert_eq!(tally.escaped.count + tally.sensors[0].total().count + tally.depth_killed.count, 20_000);
+        assert_eq!(tally.escaped.count + tally.detectors[0].total().count + tally.depth_killed.count, 20_000);
         assert_eq!(tally.medium_stack_underflows, left);
     }
     // The same lamp outside: every ray that leaves has entered.
-    ir.emitters[0].medium = SceneIr::VACUUM;
-    ir.emitters[0].frame.origin.z = 15.0;
+    ir.sources[0].medium = SceneIr::VACUUM;
+    ir.sources[0].frame.origin.z = 15.0;
     let tally = zoo::trace(&ir, &zoo::options(20_000, 0, Precision::F64));
     assert_eq!(tally.medium_stack_underflows, 0);
 }
@@ -953,16 +956,16 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
         (ir.surfaces[0].front, ir.surfaces[0].back) = (1, 0);
         let z = DVec3::new(0.0, 0.0, -outward);
         let rotation = DMat3::from_cols(DVec3::X, z.cross(DVec3::X), z);
-        ir.emitters[0].frame = Frame { origin: -20.0 * z, rotation };
-        ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.0 });
-        ir.emitters[0].medium = 0;
+        ir.sources[0].frame = Frame { origin: -20.0 * z, rotation };
+        ir.sources[0].kind = SourceKind::Point(Point { half_angle: 0.0 });
+        ir.sources[0].medium = 0;
         for precision in [Precision::F32, Precision::Df64, Precision::F64] {
             let options = zoo::options(1000, 5, precision);
             let what = format!("{precision:?}, outward {outward}");
             ir.surfaces[0].interaction = Interaction::Refractive;
             let tally = zoo::trace(&ir, &options);
             assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (0, 0), "{what}");
-            assert_eq!(tally.sensors[0].hits.iter().sum::<u64>() + tally.escaped.count, 1000, "{what}");
+            assert_eq!(tally.detectors[0].hits.iter().sum::<u64>() + tally.escaped.count, 1000, "{what}");
             ir.surfaces[0].interaction = Interaction::Reflective { reflectance: vec![1.0] };
             let options = TraceOptions { paths: RecordPaths::All, ..options };
             let tally = zoo::trace(&ir, &options);
@@ -970,7 +973,7 @@ fn rays_through_the_tip_of_a_cone_are_turned_as_by_a_face_across_its_axis() {
                 tally.paths.iter().filter(|event| is(&event.kind)).collect()
             };
             let met = are(|kind| matches!(kind, PathEventKind::Surface(_)));
-            let left = are(|kind| matches!(kind, PathEventKind::Escaped | PathEventKind::Sensor(_)));
+            let left = are(|kind| matches!(kind, PathEventKind::Escaped | PathEventKind::Detector(_)));
             assert_eq!((met.len(), left.len()), (1000, 1000), "{what}");
             assert!(met.iter().all(|event| event.ray.position == [0.0, 0.0, 5.0 + 5.0 * outward]), "{what}");
             assert!(left.iter().all(|event| event.ray.direction == [0.0, 0.0, outward]), "{what}");

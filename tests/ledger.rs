@@ -7,7 +7,7 @@
 
 mod zoo;
 
-use nsq_gpu::model::{Interaction, ReflectProb, Sampling, SceneIr, SensorKind, Splat};
+use nsq_gpu::model::{DetectorKind, Interaction, ReflectProb, Sampling, SceneIr, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
 use nsq_gpu::{Error, TraceOptions};
@@ -125,11 +125,11 @@ fn a_family_beyond_the_drivers_loops_is_refused() {
 #[test]
 fn a_splat_beyond_the_drivers_loops_is_refused() {
     let mut ir = zoo::load("bench_lens");
-    let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("the scene has changed") };
+    let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind else { panic!("the scene has changed") };
     grid.splat = Splat::Gaussian { sigma: 50.0 };
     let options = zoo::options(8, 0, Precision::F64);
-    let most = |tally: &Tally| *tally.sensors[0].quanta.iter().max().unwrap();
-    let all = |tally: &Tally| tally.sensors[0].quanta.iter().sum::<u128>();
+    let most = |tally: &Tally| *tally.detectors[0].quanta.iter().max().unwrap();
+    let all = |tally: &Tally| tally.detectors[0].quanta.iter().sum::<u128>();
     let has_peak = |tally: &Tally| 100 * most(tally) > all(tally);
     assert_cut_loops_are_refused(&ir, &options, "a smaller splat_sigma", has_peak);
 }

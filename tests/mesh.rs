@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::{
-    CollimatedTophat, Emitter, EmitterKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
-    Point, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface, unit_normal,
+    CollimatedTophat, Detector, DetectorKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
+    Point, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface, unit_normal,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
@@ -46,8 +46,8 @@ fn mirror() -> Interaction {
     Interaction::Reflective { reflectance: vec![1.0] }
 }
 
-fn lamp(frame: Frame, kind: EmitterKind) -> Emitter {
-    Emitter {
+fn lamp(frame: Frame, kind: SourceKind) -> Source {
+    Source {
         name: "lamp".into(),
         frame,
         kind,
@@ -58,23 +58,23 @@ fn lamp(frame: Frame, kind: EmitterKind) -> Emitter {
 }
 
 /// A lamp that shines everywhere.
-fn bulb(x: f64, y: f64, z: f64) -> Emitter {
-    lamp(at(x, y, z), EmitterKind::Point(Point { half_angle: PI }))
+fn bulb(x: f64, y: f64, z: f64) -> Source {
+    lamp(at(x, y, z), SourceKind::Point(Point { half_angle: PI }))
 }
 
 /// A lamp whose rays all go along its axis.
-fn laser(frame: Frame) -> Emitter {
-    lamp(frame, EmitterKind::Point(Point { half_angle: 0.0 }))
+fn laser(frame: Frame) -> Source {
+    lamp(frame, SourceKind::Point(Point { half_angle: 0.0 }))
 }
 
-fn screen(frame: Frame, size: f64) -> Sensor {
+fn screen(frame: Frame, size: f64) -> Detector {
     let grid =
         PixelGrid { width: size, height: size, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Bilinear };
-    Sensor { name: "screen".into(), frame, kind: SensorKind::Irradiance(grid), absorb: true }
+    Detector { name: "screen".into(), frame, kind: DetectorKind::Irradiance(grid), absorb: true }
 }
 
 /// Vacuum and glass, no detector.
-fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, emitters: Vec<Emitter>) -> SceneIr {
+fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, sources: Vec<Source>) -> SceneIr {
     let medium =
         |name: &str, n: f64| Medium { name: name.into(), ambient: n == 1.0, n: vec![n], k: vec![0.0] };
     SceneIr {
@@ -82,8 +82,8 @@ fn scene(meshes: Vec<Mesh>, surfaces: Vec<Surface>, emitters: Vec<Emitter>) -> S
         media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
         surfaces,
         meshes,
-        emitters,
-        sensors: vec![],
+        sources,
+        detectors: vec![],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
@@ -157,7 +157,7 @@ fn a_rod_with_fans_for_end_faces_loses_no_ray() {
 fn a_missing_triangle_lets_out_the_rays_that_aim_at_it() {
     let mut ir = trap(icosphere(3, 10.0));
     let gap = ir.meshes[0].faces.pop().unwrap();
-    let eye = ir.emitters[0].frame.origin;
+    let eye = ir.sources[0].frame.origin;
     let share = solid_angle(ir.meshes[0].corners(gap).map(|corner| corner - eye)) / (4.0 * PI);
     let num_rays = 1_000_000;
     for precision in PRECISIONS {
@@ -205,7 +205,7 @@ fn rays_at_a_board() -> SceneIr {
 #[test]
 fn rays_exactly_through_vertices_and_edges_hit() {
     let ir = rays_at_a_board();
-    let num_rays = ir.emitters.len() as u64;
+    let num_rays = ir.sources.len() as u64;
     for precision in PRECISIONS {
         let tally = zoo::trace(&ir, &zoo::options(num_rays, 0, precision));
         assert_eq!(tally.surfaces[0].absorbed.count, num_rays, "{precision:?}");
@@ -215,7 +215,7 @@ fn rays_exactly_through_vertices_and_edges_hit() {
 #[test]
 fn edges_that_belong_to_no_triangle_are_noticed() {
     let ir = rays_at_a_board();
-    let options = zoo::options(ir.emitters.len() as u64, 0, Precision::F64);
+    let options = zoo::options(ir.sources.len() as u64, 0, Precision::F64);
     let half_open = edited(
         &ir,
         &options,
@@ -236,7 +236,7 @@ fn rays_at_the_vertices_and_edges_of_a_sphere_hit() {
     });
     let targets: Vec<DVec3> = mesh.vertices.iter().copied().chain(middles).collect();
     let mut ir = trap(mesh);
-    ir.emitters = targets.iter().map(|target| laser(facing(eye, *target - eye))).collect();
+    ir.sources = targets.iter().map(|target| laser(facing(eye, *target - eye))).collect();
     for precision in PRECISIONS {
         let tally = zoo::trace(&ir, &zoo::options(targets.len() as u64, 0, precision));
         assert_eq!(tally.escaped.count, 0, "{precision:?}");
@@ -393,9 +393,9 @@ fn glass_cube(as_mesh: bool) -> SceneIr {
         }
     };
     let beam =
-        lamp(at(0.0, 0.0, -10.0), EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 }));
+        lamp(at(0.0, 0.0, -10.0), SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 }));
     let mut ir = scene(vec![cube(half)], surfaces, vec![beam, bulb(0.0, 3.0, -6.0)]);
-    ir.sensors =
+    ir.detectors =
         vec![screen(at(0.0, 0.0, 9.0), 14.0), screen(facing(DVec3::new(8.0, 0.0, 0.0), DVec3::NEG_X), 12.0)];
     ir
 }
@@ -413,7 +413,7 @@ fn fates(ir: &SceneIr, options: &TraceOptions) -> BTreeMap<u64, Vec<PathEventKin
 
 /// The largest difference of two maps, in units of the largest cell.
 fn map_deviation(ours: &Tally, theirs: &Tally) -> f64 {
-    let cells = ours.sensors.iter().zip(&theirs.sensors).flat_map(|(mine, other)| {
+    let cells = ours.detectors.iter().zip(&theirs.detectors).flat_map(|(mine, other)| {
         let peak = *other.quanta.iter().max().unwrap() as f64;
         assert!(peak > 0.0, "a map is dark");
         mine.quanta.iter().zip(&other.quanta).map(move |(mine, other)| mine.abs_diff(*other) as f64 / peak)
@@ -468,16 +468,16 @@ fn a_fine_ball_of_glass_refracts_as_a_sphere_does() {
         (ball.front, ball.back) = (front, back);
         let beam = lamp(
             at(0.0, 0.0, -20.0),
-            EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 5.0 }),
+            SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 5.0 }),
         );
         let mut ir = scene(vec![icosphere(6, 10.0)], vec![ball], vec![beam]);
-        ir.sensors = vec![screen(at(0.0, 0.0, 12.0), 8.0)];
+        ir.detectors = vec![screen(at(0.0, 0.0, 12.0), 8.0)];
         zoo::trace(&ir, &zoo::options(100_000, 1, Precision::F64))
     };
     // The normal of a sphere points inward.
     let sphere = ball(Shape::Sphere(Sphere { radius: 10.0, aperture_radius: None }), 0, 1);
     let facets = ball(Shape::Mesh(MeshId(0)), 1, 0);
-    let [expected, found] = [&sphere, &facets].map(|tally| tally.sensors[0].total().quanta as f64);
+    let [expected, found] = [&sphere, &facets].map(|tally| tally.detectors[0].total().quanta as f64);
     assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
     assert_eq!(facets.medium_stack_underflows, 0);
 }
@@ -571,7 +571,7 @@ fn a_scene_far_away_keeps_its_mesh_in_f32() {
     let near = zoo::trace(&ir, &zoo::options(100_000, 4, Precision::F32));
     let shift = DVec3::new(1e9, -2e9, 5e8);
     ir.surfaces.iter_mut().for_each(|s| s.frame.origin += shift);
-    ir.emitters.iter_mut().for_each(|e| e.frame.origin += shift);
+    ir.sources.iter_mut().for_each(|e| e.frame.origin += shift);
     assert!(zoo::trace(&ir, &zoo::options(100_000, 4, Precision::F32)) == near);
 }
 

@@ -22,7 +22,7 @@ mod zoo;
 use std::collections::{BTreeMap, BTreeSet};
 
 use agreement::Agreement;
-use nsq_gpu::model::{SceneIr, SensorKind};
+use nsq_gpu::model::{DetectorKind, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
 use nsq_gpu::trace::RecordPaths;
@@ -36,8 +36,8 @@ const CHAOTIC_SEEDS: std::ops::Range<u64> = 1000..1016;
 /// in which rays are traced, so the reference was traced without.
 fn load_uncapped(name: &str) -> SceneIr {
     let mut ir = zoo::load(name);
-    for sensor in &mut ir.sensors {
-        if let SensorKind::RayDatabase { max_rays, .. } = &mut sensor.kind {
+    for detector in &mut ir.detectors {
+        if let DetectorKind::RayDatabase { max_rays, .. } = &mut detector.kind {
             *max_rays = None;
         }
     }
@@ -194,7 +194,7 @@ fn fates(ir: &SceneIr, options: &TraceOptions) -> Fates {
 }
 
 fn is_interaction(kind: &PathEventKind) -> bool {
-    matches!(kind, PathEventKind::Surface(_) | PathEventKind::Sensor(_))
+    matches!(kind, PathEventKind::Surface(_) | PathEventKind::Detector(_))
 }
 
 fn interactions(fates: &Fates) -> usize {
@@ -383,9 +383,9 @@ fn every_kind_of_source_shape_and_detector_is_in_two_scenes() {
     let mut scenes_with: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     for name in zoo::scenes() {
         let ir = zoo::load(&name);
-        let sources = ir.emitters.iter().map(kinds::of_source);
+        let sources = ir.sources.iter().map(kinds::of_source);
         let shapes = ir.surfaces.iter().map(|surface| kinds::of_shape(&surface.shape));
-        let detectors = ir.sensors.iter().map(kinds::of_detector);
+        let detectors = ir.detectors.iter().map(kinds::of_detector);
         for kind in sources.chain(shapes).chain(detectors) {
             scenes_with.entry(kind).or_default().insert(name.clone());
         }

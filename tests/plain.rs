@@ -80,6 +80,6 @@ fn one_ray_more_gives_other_bits() {
     let gpu = Gpu::open(&AdapterChoice::default()).unwrap();
     let tally = trace(&gpu, "bench_lens", Precision::F32);
     let mut other = tally.clone();
-    other.sensors[0].quanta[0] += 1;
+    other.detectors[0].quanta[0] += 1;
     assert_ne!(hash(&other), hash(&tally));
 }

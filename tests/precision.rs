@@ -8,7 +8,7 @@
 mod zoo;
 
 use glam::DVec3;
-use nsq_gpu::model::{SceneIr, SensorKind};
+use nsq_gpu::model::{DetectorKind, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
 use nsq_gpu::trace::RecordPaths;
@@ -34,7 +34,7 @@ fn meetings(paths: &[PathEvent]) -> HashMap<(u64, u32), (Vec<PathEventKind>, DVe
             so_far.clear();
         }
         so_far.push(event.kind);
-        if matches!(event.kind, PathEventKind::Sensor(_)) {
+        if matches!(event.kind, PathEventKind::Detector(_)) {
             let [position, direction] = [event.ray.position, event.ray.direction].map(DVec3::from_array);
             met.insert((event.ray.ray_id, event.ray.bounce), (so_far.clone(), position, direction));
         }
@@ -49,7 +49,7 @@ type Compared = (f64, f64, f64);
 fn compared(ir: &SceneIr) -> Vec<Vec<Compared>> {
     let in_f32 = paths(ir, Precision::F32);
     let (coarse, fine) = (meetings(&in_f32), meetings(&paths(ir, Precision::F64)));
-    let mut sensors = vec![Vec::new(); ir.sensors.len()];
+    let mut detectors = vec![Vec::new(); ir.detectors.len()];
     for arrival in arrivals(ir, &in_f32) {
         let key = (arrival.ray_id, arrival.bounce);
         let (Some((events, at, along)), Some((same, right_at, right_along))) =
@@ -58,13 +58,13 @@ fn compared(ir: &SceneIr) -> Vec<Vec<Compared>> {
             continue;
         };
         if events == same {
-            let far = matches!(ir.sensors[arrival.sensor].kind, SensorKind::FarField { .. });
+            let far = matches!(ir.detectors[arrival.detector].kind, DetectorKind::FarField { .. });
             let position = (arrival.weight, arrival.position, at.distance(*right_at));
             let direction = (arrival.weight, arrival.direction, along.distance(*right_along));
-            sensors[arrival.sensor].push(if far { direction } else { position });
+            detectors[arrival.detector].push(if far { direction } else { position });
         }
     }
-    sensors
+    detectors
 }
 
 #[test]
@@ -76,7 +76,9 @@ fn the_predicted_error_of_f32_bounds_the_measured_one_and_is_not_loose() {
     let mut faults = Vec::new();
     for name in zoo::scenes() {
         let ir = zoo::load(&name);
-        for (arrivals, sensor) in compared(&ir).into_iter().zip(&ir.sensors).filter(|(a, _)| a.len() >= 100) {
+        for (arrivals, detector) in
+            compared(&ir).into_iter().zip(&ir.detectors).filter(|(a, _)| a.len() >= 100)
+        {
             let predicted =
                 quantile(arrivals.iter().map(|(weight, predicted, _)| (*predicted, *weight))).unwrap();
             let measured =
@@ -86,14 +88,16 @@ fn the_predicted_error_of_f32_bounds_the_measured_one_and_is_not_loose() {
             println!(
                 "{name:28} {:14} {num:5} arrivals: predicted {predicted:.1e}, measured {measured:.1e}, ratio {:6.1}, \
                  {:.2} % beyond",
-                sensor.name,
+                detector.name,
                 predicted / measured,
                 100.0 * beyond as f64 / num as f64,
             );
             // One ray in a hundred may be beyond its own bound, and never the quantile beyond the quantile.
             if predicted < measured || beyond * 100 > num {
-                faults
-                    .push(format!("{name}, {}: predicted {predicted:e}, measured {measured:e}", sensor.name));
+                faults.push(format!(
+                    "{name}, {}: predicted {predicted:e}, measured {measured:e}",
+                    detector.name
+                ));
             }
             ratios.push(predicted / measured);
         }
@@ -152,9 +156,9 @@ fn f32_that_is_asked_for_draws_a_warning_where_it_is_too_coarse() {
 fn a_finer_pixel_and_a_larger_scene_need_more() {
     let error = |num_pixels: u32, scale: f64| {
         let mut ir = zoo::load("bench_lens");
-        for sensor in &mut ir.sensors {
-            sensor.frame.origin.z *= scale;
-            if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+        for detector in &mut ir.detectors {
+            detector.frame.origin.z *= scale;
+            if let DetectorKind::Irradiance(grid) = &mut detector.kind {
                 (grid.num_pixels_x, grid.num_pixels_y) = (num_pixels, num_pixels);
             }
         }

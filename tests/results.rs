@@ -9,13 +9,13 @@ use approx::assert_relative_eq;
 use glam::{DMat3, DVec3};
 use nsq_gpu::Error;
 use nsq_gpu::model::{
-    Emitter, EmitterKind, Frame, Interaction, Outline, PixelGrid, Point, Sampling, SceneIr, Sensor,
-    SensorKind, Shape, Spectrum, Splat, Surface,
+    Detector, DetectorKind, Frame, Interaction, Outline, PixelGrid, Point, Sampling, SceneIr, Shape, Source,
+    SourceKind, Spectrum, Splat, Surface,
 };
 use nsq_gpu::result::output::{REPORT, check, file_names, write_all};
 use nsq_gpu::result::report::{Files, Report};
 use nsq_gpu::result::{
-    Booking, DetectorData, PathEvent, PathEventKind, RayRow, RaySet, RaySpan, RunInfo, SensorTally,
+    DetectorData, DetectorTally, FluxSum, PathEvent, PathEventKind, RayRow, RaySet, RaySpan, RunInfo,
     SurfaceTally, Tally, TraceResult,
 };
 use serde_json::Value;
@@ -44,15 +44,15 @@ fn grid(width: f64, height: f64, num_pixels_x: u32, num_pixels_y: u32) -> PixelG
     PixelGrid { width, height, num_pixels_x, num_pixels_y, splat: Splat::Hard }
 }
 
-fn sensor(name: &str, kind: SensorKind, absorb: bool) -> Sensor {
-    Sensor { name: name.into(), frame: frame(10.0), kind, absorb }
+fn detector(name: &str, kind: DetectorKind, absorb: bool) -> Detector {
+    Detector { name: name.into(), frame: frame(10.0), kind, absorb }
 }
 
-fn scene(total_flux: f64, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
-    let emitter = Emitter {
+fn scene(total_flux: f64, surfaces: Vec<Surface>, detectors: Vec<Detector>) -> SceneIr {
+    let source = Source {
         name: "lamp".into(),
         frame: frame(0.0),
-        kind: EmitterKind::Point(Point { half_angle: 0.7 }),
+        kind: SourceKind::Point(Point { half_angle: 0.7 }),
         total_flux,
         spectrum: Spectrum { wavelengths: vec![0, 1], cdf: vec![0.25, 1.0] },
         medium: SceneIr::VACUUM,
@@ -62,8 +62,8 @@ fn scene(total_flux: f64, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Scene
         media: Vec::new(),
         surfaces,
         meshes: vec![],
-        emitters: vec![emitter],
-        sensors,
+        sources: vec![source],
+        detectors,
         sampling: Sampling::default(),
     }
 }
@@ -79,8 +79,8 @@ fn run(num_rays: u64) -> RunInfo {
     }
 }
 
-fn booking(count: u64, weights: u128) -> Booking {
-    Booking { count, quanta: weights * WEIGHT }
+fn flux_sum(count: u64, weights: u128) -> FluxSum {
+    FluxSum { count, quanta: weights * WEIGHT }
 }
 
 fn row(ray_id: u64, bounce: u32, weight: f64) -> RayRow {
@@ -96,36 +96,36 @@ fn everything() -> (SceneIr, Tally) {
         surface("L1.front", Interaction::Refractive),
     ];
     let edges = vec![0.4, 0.5, 0.7];
-    let sensors = vec![
-        sensor("map", SensorKind::Irradiance(grid(4.0, 2.0, 4, 2)), true),
-        sensor(
+    let detectors = vec![
+        detector("map", DetectorKind::Irradiance(grid(4.0, 2.0, 4, 2)), true),
+        detector(
             "colours",
-            SensorKind::Spectral { grid: grid(2.0, 2.0, 2, 1), wavelength_edges: edges },
+            DetectorKind::Spectral { grid: grid(2.0, 2.0, 2, 1), wavelength_edges: edges },
             false,
         ),
-        sensor("sky", SensorKind::FarField { num_theta: 3, num_phi: 4 }, true),
-        sensor("rays", SensorKind::RayDatabase { width: 2.0, height: 2.0, max_rays: Some(2) }, true),
+        detector("sky", DetectorKind::FarField { num_theta: 3, num_phi: 4 }, true),
+        detector("rays", DetectorKind::RayDatabase { width: 2.0, height: 2.0, max_rays: Some(2) }, true),
     ];
-    let ir = scene(2.0, surfaces, sensors);
+    let ir = scene(2.0, surfaces, detectors);
     let mut tally = Tally::zeros(&ir);
-    tally.launched = booking(1000, 1000);
-    (tally.sensors[0].quanta[6], tally.sensors[0].hits[6]) = (300 * WEIGHT, 300);
-    (tally.sensors[1].quanta[3], tally.sensors[1].hits[3]) = (50 * WEIGHT, 50);
-    (tally.sensors[2].quanta[5], tally.sensors[2].hits[5]) = (100 * WEIGHT, 100);
-    tally.sensors[3].recorded = booking(3, 3);
-    tally.sensors[3].rows = vec![row(9, 2, 1.0), row(3, 1, 0.5), row(3, 4, 1.5)];
-    tally.surfaces[0] = SurfaceTally { reached: true, absorbed: booking(200, 200) };
-    tally.surfaces[1] = SurfaceTally { reached: true, absorbed: booking(80, 40) };
-    tally.bulk = booking(60, 10);
-    tally.escaped = booking(310, 310);
-    tally.depth_killed = booking(20, 20);
-    tally.roulette_loss = booking(40, 7);
-    tally.roulette_gain = booking(4, 5);
-    tally.importance_loss = booking(90, 30);
-    tally.importance_gain = booking(10, 15);
-    tally.coating = booking(6, 5);
-    tally.bsdf_loss = booking(7, 8);
-    tally.bsdf_gain = booking(3, 13);
+    tally.launched = flux_sum(1000, 1000);
+    (tally.detectors[0].quanta[6], tally.detectors[0].hits[6]) = (300 * WEIGHT, 300);
+    (tally.detectors[1].quanta[3], tally.detectors[1].hits[3]) = (50 * WEIGHT, 50);
+    (tally.detectors[2].quanta[5], tally.detectors[2].hits[5]) = (100 * WEIGHT, 100);
+    tally.detectors[3].recorded = flux_sum(3, 3);
+    tally.detectors[3].rows = vec![row(9, 2, 1.0), row(3, 1, 0.5), row(3, 4, 1.5)];
+    tally.surfaces[0] = SurfaceTally { reached: true, absorbed: flux_sum(200, 200) };
+    tally.surfaces[1] = SurfaceTally { reached: true, absorbed: flux_sum(80, 40) };
+    tally.bulk = flux_sum(60, 10);
+    tally.escaped = flux_sum(310, 310);
+    tally.depth_killed = flux_sum(20, 20);
+    tally.roulette_loss = flux_sum(40, 7);
+    tally.roulette_gain = flux_sum(4, 5);
+    tally.importance_loss = flux_sum(90, 30);
+    tally.importance_gain = flux_sum(10, 15);
+    tally.coating = flux_sum(6, 5);
+    tally.bsdf_loss = flux_sum(7, 8);
+    tally.bsdf_gain = flux_sum(3, 13);
     (ir, tally)
 }
 
@@ -207,7 +207,7 @@ fn a_partial_trace_is_scaled_to_all_that_the_sources_emit() {
 #[test]
 fn a_tally_of_another_scene_is_refused() {
     let (ir, mut tally) = everything();
-    tally.sensors[0].quanta.pop();
+    tally.detectors[0].quanta.pop();
     assert!(matches!(TraceResult::new(&ir, &run(1000), &tally), Err(Error::Internal(_))));
     let (_, mut tally) = everything();
     tally.surfaces.pop();
@@ -235,7 +235,7 @@ fn maps_lie_as_the_tally_orders_them() {
 fn a_ray_database_keeps_the_last_rows_in_an_order_that_batches_do_not_change() {
     let (ir, mut tally) = everything();
     let one = TraceResult::new(&ir, &run(1000), &tally).unwrap();
-    tally.sensors[3].rows.reverse();
+    tally.detectors[3].rows.reverse();
     let other = TraceResult::new(&ir, &run(1000), &tally).unwrap();
     assert_eq!(one, other);
     let detector = one.detector("rays").unwrap();
@@ -267,7 +267,7 @@ fn unreached_surfaces_and_thin_sampling_are_warned_about() {
 fn a_map_of_few_hits_says_what_it_takes() {
     let (ir, mut tally) = everything();
     for (cell, hits) in [(5, 1), (6, 2), (7, 3)] {
-        (tally.sensors[2].quanta[cell], tally.sensors[2].hits[cell]) = (u128::from(hits) * WEIGHT, hits);
+        (tally.detectors[2].quanta[cell], tally.detectors[2].hits[cell]) = (u128::from(hits) * WEIGHT, hits);
     }
     let diagnostics = TraceResult::new(&ir, &run(1000), &tally).unwrap().diagnostics;
     // (1 + sqrt 2 + sqrt 3) / 6 is 69 %; 400 hits expected in each of three cells, for 2, would do but for the bias of roots.
@@ -295,22 +295,22 @@ fn light_that_the_depth_limit_took_is_told_with_the_number_to_give() {
     assert!(told(&ir, &tally, 16).contains("max_depth=44"), "twice a mirror and 21 refracting surfaces");
     assert!(told(&ir, &tally, 44).contains("max_depth=88"));
     // A dark detector may be dark for the little that is missing.
-    tally.depth_killed = booking(1, 0);
+    tally.depth_killed = flux_sum(1, 0);
     tally.depth_killed.quanta = WEIGHT / 100;
     assert_eq!(told(&ir, &tally, 16), "");
-    tally.sensors[0] = Tally::zeros(&ir).sensors[0].clone();
+    tally.detectors[0] = Tally::zeros(&ir).detectors[0].clone();
     assert!(told(&ir, &tally, 16).contains("missing, and map got no light; give --max-depth 44"));
-    tally.depth_killed = booking(0, 0);
+    tally.depth_killed = flux_sum(0, 0);
     assert_eq!(told(&ir, &tally, 16), "");
 }
 
 #[test]
 fn sources_without_a_ray_are_told() {
     let (mut ir, mut tally) = everything();
-    let emitter = ir.emitters[0].clone();
-    ir.emitters = (0..12).map(|i| Emitter { name: format!("S{i}"), ..emitter.clone() }).collect();
-    tally.rays += RaySpan { first: 0, count: 1000, emitter: 0 };
-    tally.rays += RaySpan { first: 1000, count: 1, emitter: 11 };
+    let source = ir.sources[0].clone();
+    ir.sources = (0..12).map(|i| Source { name: format!("S{i}"), ..source.clone() }).collect();
+    tally.rays += RaySpan { first: 0, count: 1000, source: 0 };
+    tally.rays += RaySpan { first: 1000, count: 1, source: 11 };
     let told = |tally: &Tally, of_rays| {
         let run = RunInfo { of_rays, ..run(1000) };
         let grave = TraceResult::new(&ir, &run, tally).unwrap().diagnostics.grave;
@@ -322,15 +322,15 @@ fn sources_without_a_ray_are_told() {
          12 rays, and a thousand times as many for a result"
     );
     assert_eq!(told(&tally, Some(1_000_000)), "", "another part has them");
-    (1..11).for_each(|emitter| tally.rays += RaySpan { first: 5000, count: 1, emitter });
+    (1..11).for_each(|source| tally.rays += RaySpan { first: 5000, count: 1, source });
     assert_eq!(told(&tally, None), "");
 }
 
 #[test]
 fn a_detector_that_no_ray_reached_is_not_called_noisy() {
     let (ir, mut tally) = everything();
-    tally.sensors[0] = Tally::zeros(&ir).sensors[0].clone();
-    let name = &ir.sensors[0].name;
+    tally.detectors[0] = Tally::zeros(&ir).detectors[0].clone();
+    let name = &ir.detectors[0].name;
     let warnings = TraceResult::new(&ir, &run(1000), &tally).unwrap().diagnostics.warnings;
     let expected =
         format!("no ray reached 1 detector(s): {name}; check where they stand and how they are turned");
@@ -353,17 +353,17 @@ fn oracle() -> (Value, TraceResult) {
         surface("mirror", Interaction::Reflective { reflectance: vec![0.5, 0.5] }),
     ];
     let edges: Vec<f64> = (0..4).map(|edge| 0.4 + f64::from(edge) * ((0.7 - 0.4) / 3.0)).collect();
-    let sensors = vec![
-        sensor("tap", SensorKind::Irradiance(grid(8.0, 7.0, 6, 5)), false),
-        sensor(
+    let detectors = vec![
+        detector("tap", DetectorKind::Irradiance(grid(8.0, 7.0, 6, 5)), false),
+        detector(
             "spectral",
-            SensorKind::Spectral { grid: grid(20.0, 19.0, 6, 5), wavelength_edges: edges },
+            DetectorKind::Spectral { grid: grid(20.0, 19.0, 6, 5), wavelength_edges: edges },
             true,
         ),
-        sensor("far", SensorKind::FarField { num_theta: 9, num_phi: 8 }, true),
-        sensor("rays", SensorKind::RayDatabase { width: 25.0, height: 25.0, max_rays: Some(100) }, true),
+        detector("far", DetectorKind::FarField { num_theta: 9, num_phi: 8 }, true),
+        detector("rays", DetectorKind::RayDatabase { width: 25.0, height: 25.0, max_rays: Some(100) }, true),
     ];
-    let ir = scene(oracle["result"]["total_flux_in"].as_f64().unwrap(), surfaces, sensors);
+    let ir = scene(oracle["result"]["total_flux_in"].as_f64().unwrap(), surfaces, detectors);
     let tally = oracle_tally(&ir, &oracle);
     let result = TraceResult::new(&ir, &run(2000), &tally).unwrap();
     (oracle, result)
@@ -373,24 +373,24 @@ fn oracle_tally(ir: &SceneIr, oracle: &Value) -> Tally {
     let halves = |name: &str| u128::from(oracle["half_units"][name].as_u64().unwrap()) * WEIGHT / 2;
     let count = |name: &str| oracle["result"][name].as_u64().unwrap();
     let mut tally = Tally::zeros(ir);
-    tally.launched = booking(2000, 2000);
-    tally.escaped = Booking { count: count("num_rays_escaped"), quanta: halves("escaped") };
-    tally.depth_killed = Booking { count: count("num_rays_depth_killed"), quanta: halves("depth") };
-    let absorbed = Booking { count: count("num_rays_absorbed"), quanta: halves("stop") };
+    tally.launched = flux_sum(2000, 2000);
+    tally.escaped = FluxSum { count: count("num_rays_escaped"), quanta: halves("escaped") };
+    tally.depth_killed = FluxSum { count: count("num_rays_depth_killed"), quanta: halves("depth") };
+    let absorbed = FluxSum { count: count("num_rays_absorbed"), quanta: halves("stop") };
     tally.surfaces[0] = SurfaceTally { reached: true, absorbed };
     tally.surfaces[2] =
-        SurfaceTally { reached: true, absorbed: Booking { count: 0, quanta: halves("mirror") } };
+        SurfaceTally { reached: true, absorbed: FluxSum { count: 0, quanta: halves("mirror") } };
     for (index, name) in ["tap", "spectral", "far"].into_iter().enumerate() {
         let cells = oracle["half_units"][name].as_array().unwrap();
-        tally.sensors[index].quanta =
+        tally.detectors[index].quanta =
             cells.iter().map(|cell| u128::from(cell.as_u64().unwrap()) * WEIGHT / 2).collect();
         // The reference counts rays per detector, not per cell.
-        tally.sensors[index].hits[0] =
+        tally.detectors[index].hits[0] =
             oracle["diagnostics"]["detectors"][index]["num_rays_hit"].as_u64().unwrap();
     }
     let recorded = oracle["rays_recorded"].as_u64().unwrap();
-    tally.sensors[3].recorded = Booking { count: recorded, quanta: halves("rays") };
-    tally.sensors[3].rows = (0..recorded).map(|ray_id| row(ray_id, 0, 1.0)).collect();
+    tally.detectors[3].recorded = FluxSum { count: recorded, quanta: halves("rays") };
+    tally.detectors[3].rows = (0..recorded).map(|ray_id| row(ray_id, 0, 1.0)).collect();
     tally
 }
 
@@ -479,7 +479,7 @@ fn with_paths() -> TraceResult {
     let event = |ray_id, bounce, kind| PathEvent { ray: row(ray_id, bounce, 1.0), kind };
     tally.paths = vec![
         event(5, 1, PathEventKind::Escaped),
-        event(2, 1, PathEventKind::Sensor(0)),
+        event(2, 1, PathEventKind::Detector(0)),
         event(5, 0, PathEventKind::Surface(1)),
         event(5, 0, PathEventKind::Birth(0)),
         event(2, 0, PathEventKind::Birth(0)),
@@ -656,7 +656,7 @@ fn a_folder_that_cannot_be_made_leaves_nothing() {
 fn rows_of_rays_beyond_2_40_keep_their_order() {
     let (ir, mut tally) = everything();
     let ids = [(1_u64 << 40) - 2, (1 << 40) - 1, 1 << 40, (1 << 40) + 1];
-    tally.sensors[3].rows = ids.iter().rev().map(|&id| row(id, 0, 1.0)).collect();
+    tally.detectors[3].rows = ids.iter().rev().map(|&id| row(id, 0, 1.0)).collect();
     tally.paths = ids
         .iter()
         .rev()
@@ -666,7 +666,7 @@ fn rows_of_rays_beyond_2_40_keep_their_order() {
     let paths = result.ray_paths.unwrap().columns().unwrap();
     assert_eq!(paths.ray_id.to_vec(), ids.map(|id| id as i64));
     tally.sort_rows(&ir);
-    let sorted: Vec<u64> = tally.sensors[3].rows.iter().map(|row| row.ray_id).collect();
+    let sorted: Vec<u64> = tally.detectors[3].rows.iter().map(|row| row.ray_id).collect();
     assert_eq!(sorted, ids);
 }
 
@@ -710,7 +710,7 @@ fn a_mixture_of_two_results_is_reported() {
     let (one, two) = (parent.path().join("one"), parent.path().join("two"));
     let (ir, mut tally) = everything();
     write_all(&one, &TraceResult::new(&ir, &run(1000), &tally).unwrap()).unwrap();
-    tally.sensors[0].quanta[0] += 1;
+    tally.detectors[0].quanta[0] += 1;
     write_all(&two, &TraceResult::new(&ir, &run(1000), &tally).unwrap()).unwrap();
     std::fs::copy(two.join("map.npz"), one.join("map.npz")).unwrap();
     let error = TraceResult::read(&one).unwrap_err();
@@ -762,8 +762,8 @@ fn archives_that_claim_more_than_they_hold_are_refused() {
 #[test]
 fn names_that_no_file_system_takes_become_safe_and_stay_distinct() {
     let names = ["a/b", "a b", "A_B", "..", "CON", "ray_paths", "Öl"];
-    let kind = SensorKind::Irradiance(grid(1.0, 1.0, 1, 1));
-    let ir = scene(1.0, Vec::new(), names.map(|name| sensor(name, kind.clone(), true)).into());
+    let kind = DetectorKind::Irradiance(grid(1.0, 1.0, 1, 1));
+    let ir = scene(1.0, Vec::new(), names.map(|name| detector(name, kind.clone(), true)).into());
     let result = TraceResult::new(&ir, &run(0), &Tally::zeros(&ir)).unwrap();
     let folder = tempfile::tempdir().unwrap();
     write_all(folder.path(), &result).unwrap();
@@ -902,10 +902,10 @@ mod pictures {
 
     /// Draws a map of 4 x 2 pixels of 1 mm, of which only column 2 of row 1, in the upper half, has flux.
     fn map(quanta: u128) -> Picture {
-        let kind = SensorKind::Irradiance(grid(4.0, 2.0, 4, 2));
-        let ir = scene(1.0, Vec::new(), vec![sensor("map", kind, true)]);
+        let kind = DetectorKind::Irradiance(grid(4.0, 2.0, 4, 2));
+        let ir = scene(1.0, Vec::new(), vec![detector("map", kind, true)]);
         let mut tally = Tally::zeros(&ir);
-        tally.sensors[0].quanta[6] = quanta;
+        tally.detectors[0].quanta[6] = quanta;
         let result = TraceResult::new(&ir, &run(1), &tally).unwrap();
         let folder = tempfile::tempdir().unwrap();
         write_all(folder.path(), &result).unwrap();
@@ -970,45 +970,45 @@ mod addition {
     use super::*;
     use proptest::prelude::*;
 
-    fn any_booking() -> impl Strategy<Value = Booking> {
-        (0..1u64 << 40, 0..1u128 << 100).prop_map(|(count, quanta)| Booking { count, quanta })
+    fn any_sum() -> impl Strategy<Value = FluxSum> {
+        (0..1u64 << 40, 0..1u128 << 100).prop_map(|(count, quanta)| FluxSum { count, quanta })
     }
 
     prop_compose! {
-        fn any_sensor()(
+        fn any_detector()(
             cells in proptest::collection::vec((0..1u128 << 100, 0..1u64 << 40), 3),
-            recorded in any_booking(),
+            recorded in any_sum(),
             ids in proptest::collection::vec(0..99u64, 0..4),
-        ) -> SensorTally {
+        ) -> DetectorTally {
             let rows = ids.into_iter().map(|ray_id| row(ray_id, 0, 1.0)).collect();
             let (quanta, hits) = cells.into_iter().unzip();
-            SensorTally { quanta, hits, recorded, rows, ..SensorTally::default() }
+            DetectorTally { quanta, hits, recorded, rows, ..DetectorTally::default() }
         }
     }
 
     prop_compose! {
         fn any_tally()(
-            sensors in proptest::collection::vec(any_sensor(), 2),
-            surfaces in proptest::collection::vec((any::<bool>(), any_booking()), 2),
-            bookings in proptest::collection::vec(any_booking(), 11),
+            detectors in proptest::collection::vec(any_detector(), 2),
+            surfaces in proptest::collection::vec((any::<bool>(), any_sum()), 2),
+            flux_sums in proptest::collection::vec(any_sum(), 11),
             counts in (0..1u64 << 40, 0..1u64 << 40),
         ) -> Tally {
             let surfaces = surfaces.into_iter();
             Tally {
-                launched: bookings[0],
+                launched: flux_sums[0],
                 rays: RaySet::default(),
-                sensors,
+                detectors,
                 surfaces: surfaces.map(|(reached, absorbed)| SurfaceTally { reached, absorbed }).collect(),
-                escaped: bookings[1],
-                depth_killed: bookings[2],
-                roulette_loss: bookings[3],
-                roulette_gain: bookings[4],
-                bulk: bookings[5],
-                importance_loss: bookings[6],
-                importance_gain: bookings[7],
-                coating: bookings[8],
-                bsdf_loss: bookings[9],
-                bsdf_gain: bookings[10],
+                escaped: flux_sums[1],
+                depth_killed: flux_sums[2],
+                roulette_loss: flux_sums[3],
+                roulette_gain: flux_sums[4],
+                bulk: flux_sums[5],
+                importance_loss: flux_sums[6],
+                importance_gain: flux_sums[7],
+                coating: flux_sums[8],
+                bsdf_loss: flux_sums[9],
+                bsdf_gain: flux_sums[10],
                 medium_stack_underflows: counts.0,
                 split_budget_saturated: counts.0 % 2 == 1,
                 invalid_deposits: counts.1,
@@ -1027,7 +1027,7 @@ mod addition {
 
     /// Rows are a collection; their order is that of the additions, and results sort them.
     fn sorted(mut tally: Tally) -> Tally {
-        tally.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(|row| row.ray_id));
+        tally.detectors.iter_mut().for_each(|detector| detector.rows.sort_by_key(|row| row.ray_id));
         tally
     }
 
@@ -1044,9 +1044,9 @@ mod addition {
             let sum = sum(&[&a, &b]);
             let fields = |t: &Tally| [
                 t.launched, t.escaped, t.depth_killed, t.roulette_loss, t.roulette_gain, t.bulk, t.importance_loss,
-                t.importance_gain, t.coating, t.bsdf_loss, t.bsdf_gain, t.sensors[1].recorded, t.sensors[0].total(), t.surfaces[1].absorbed,
-                Booking { count: t.medium_stack_underflows, quanta: t.invalid_deposits.into() },
-                Booking { count: t.sensors[1].hits[2], quanta: t.sensors[1].quanta[2] },
+                t.importance_gain, t.coating, t.bsdf_loss, t.bsdf_gain, t.detectors[1].recorded, t.detectors[0].total(), t.surfaces[1].absorbed,
+                FluxSum { count: t.medium_stack_underflows, quanta: t.invalid_deposits.into() },
+                FluxSum { count: t.detectors[1].hits[2], quanta: t.detectors[1].quanta[2] },
             ];
             for ((total, mut one), other) in fields(&sum).into_iter().zip(fields(&a)).zip(fields(&b)) {
                 one += other;
@@ -1054,7 +1054,7 @@ mod addition {
             }
             prop_assert_eq!(sum.surfaces[0].reached, a.surfaces[0].reached || b.surfaces[0].reached);
             prop_assert_eq!(sum.split_budget_saturated, a.split_budget_saturated || b.split_budget_saturated);
-            prop_assert_eq!(sum.sensors[0].rows.len(), a.sensors[0].rows.len() + b.sensors[0].rows.len());
+            prop_assert_eq!(sum.detectors[0].rows.len(), a.detectors[0].rows.len() + b.detectors[0].rows.len());
         }
 
         #[test]

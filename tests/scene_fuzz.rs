@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::Error;
-use nsq_gpu::model::{Conic, Interaction, SceneIr, SensorKind, Shape};
+use nsq_gpu::model::{Conic, DetectorKind, Interaction, SceneIr, Shape};
 use nsq_gpu::scene::Scene;
 use serde_json::{Value, json};
 
@@ -101,13 +101,13 @@ fn assert_sane(ir: &SceneIr, text: &str) {
         assert!(medium.n.iter().all(|n| *n > 0.0 && n.is_finite()), "{text}");
         assert!(medium.k.iter().all(|k| *k >= 0.0 && k.is_finite()), "{text}");
     }
-    for emitter in &ir.emitters {
-        assert_eq!(emitter.spectrum.cdf.last(), Some(&1.0), "{text}");
-        assert!(emitter.spectrum.cdf.is_sorted() && emitter.spectrum.cdf.iter().all(unit), "{text}");
+    for source in &ir.sources {
+        assert_eq!(source.spectrum.cdf.last(), Some(&1.0), "{text}");
+        assert!(source.spectrum.cdf.is_sorted() && source.spectrum.cdf.iter().all(unit), "{text}");
     }
-    for sensor in &ir.sensors {
-        assert!(sensor.num_cells() <= 1 << 31, "{text}");
-        if let SensorKind::Spectral { wavelength_edges, .. } = &sensor.kind {
+    for detector in &ir.detectors {
+        assert!(detector.num_cells() <= 1 << 31, "{text}");
+        if let DetectorKind::Spectral { wavelength_edges, .. } = &detector.kind {
             assert!(wavelength_edges.is_sorted(), "{text}");
         }
     }

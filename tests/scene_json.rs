@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::model::{
-    CollimatedGaussian, Conic, EmitterKind, Interaction, Outline, Point, ReflectProb, SceneIr, SensorKind,
-    Shape, Sphere, Splat,
+    CollimatedGaussian, Conic, DetectorKind, Interaction, Outline, Point, ReflectProb, SceneIr, Shape,
+    SourceKind, Sphere, Splat,
 };
 use nsq_gpu::scene::Scene;
 
@@ -67,31 +67,33 @@ fn reads_a_scene_as_optiland_writes_it() {
 #[test]
 fn sources_carry_optilands_numbers() {
     let ir = lowered(SCENE);
-    let beam = &ir.emitters[0];
+    let beam = &ir.sources[0];
     assert_eq!(
         beam.kind,
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 })
+        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 })
     );
     assert_eq!((beam.total_flux, beam.medium), (2.0, SceneIr::VACUUM));
     // The user's order of wavelengths, as indices into the ascending table.
     assert_eq!(beam.spectrum.wavelengths, [2, 0, 1]);
     assert_eq!(beam.spectrum.cdf, [0.25, 0.75, 1.0]);
-    assert_eq!(ir.emitters[1].kind, EmitterKind::Point(Point { half_angle: std::f64::consts::PI }));
-    assert_eq!(ir.emitters[1].spectrum.wavelengths, [1]);
+    assert_eq!(ir.sources[1].kind, SourceKind::Point(Point { half_angle: std::f64::consts::PI }));
+    assert_eq!(ir.sources[1].spectrum.wavelengths, [1]);
 }
 
 #[test]
 fn detectors_carry_optilands_defaults() {
     let ir = lowered(SCENE);
-    let SensorKind::Irradiance(grid) = &ir.sensors[0].kind else { panic!("not an irradiance map") };
+    let DetectorKind::Irradiance(grid) = &ir.detectors[0].kind else { panic!("not an irradiance map") };
     assert_eq!((grid.num_pixels_x, grid.num_pixels_y, grid.splat), (256, 256, Splat::Bilinear));
-    assert_eq!((grid.width, grid.height, ir.sensors[0].absorb), (10.0, 5.0, true));
-    let SensorKind::Spectral { grid, wavelength_edges } = &ir.sensors[1].kind else { panic!("not spectral") };
-    assert_eq!((grid.splat, ir.sensors[1].absorb), (Splat::Hard, false));
+    assert_eq!((grid.width, grid.height, ir.detectors[0].absorb), (10.0, 5.0, true));
+    let DetectorKind::Spectral { grid, wavelength_edges } = &ir.detectors[1].kind else {
+        panic!("not spectral")
+    };
+    assert_eq!((grid.splat, ir.detectors[1].absorb), (Splat::Hard, false));
     // numpy.linspace(0.4, 0.7, 4)
     assert_eq!(wavelength_edges, &[0.4, 0.5, 0.6, 0.7]);
-    assert_eq!(ir.sensors[2].kind, SensorKind::FarField { num_theta: 90, num_phi: 360 });
-    assert_eq!(ir.sensors[3].kind, SensorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: None });
+    assert_eq!(ir.detectors[2].kind, DetectorKind::FarField { num_theta: 90, num_phi: 360 });
+    assert_eq!(ir.detectors[3].kind, DetectorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: None });
     assert_eq!(ir.sampling.reflect_prob, ReflectProb::Fresnel);
     assert_eq!(ir.sampling.rr_start_flux, 1e-3);
 }
@@ -111,7 +113,7 @@ const LINSPACE: [f64; 8] = [
 #[test]
 fn bin_edges_are_numpys() {
     let text = SCENE.replace(r#""num_bins": 3"#, r#""num_bins": 7, "wl_min": 0.38, "wl_max": 0.78"#);
-    let SensorKind::Spectral { wavelength_edges, .. } = &lowered(&text).sensors[1].kind else { panic!() };
+    let DetectorKind::Spectral { wavelength_edges, .. } = &lowered(&text).detectors[1].kind else { panic!() };
     assert_eq!(wavelength_edges, &LINSPACE);
 }
 
@@ -202,7 +204,10 @@ fn the_block_adds_surfaces_media_and_order() {
     assert_eq!(surface("disk").shape, Shape::Plane(Outline::Disk { radius: 4.0 }));
     assert_eq!(surface("ball").back, surface("disk").back, "media of equal content are shared");
     assert_eq!(ir.media[surface("ball").back].k, [1e-6; 3]);
-    assert_eq!(ir.sensors[3].kind, SensorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: Some(100) });
+    assert_eq!(
+        ir.detectors[3].kind,
+        DetectorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: Some(100) }
+    );
     assert_eq!((ir.sampling.reflect_prob, ir.sampling.rr_start_flux), (ReflectProb::Constant(0.3), 0.01));
     assert_eq!((ir.sampling.split_depth, ir.sampling.split_budget), (2, 1.5));
 }

@@ -104,7 +104,7 @@ fn powers_of_two_scale_every_map_exactly() {
         let plain = zoo::result(&ir, &options);
         for scale in [2_f64.powi(100), 2_f64.powi(-100)] {
             let mut scaled = ir.clone();
-            scaled.emitters.iter_mut().for_each(|emitter| emitter.total_flux *= scale);
+            scaled.sources.iter_mut().for_each(|source| source.total_flux *= scale);
             let scaled = zoo::result(&scaled, &options);
             assert_eq!(scaled.total_flux_detected, scale * plain.total_flux_detected, "{name}");
             for (ours, theirs) in scaled.detectors.iter().zip(&plain.detectors) {

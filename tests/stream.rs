@@ -113,8 +113,8 @@ fn files_from_disk_are_those_from_memory() {
 fn capped_databases_keep_the_same_rows_on_disk() {
     let _alone = alone();
     let mut ir = zoo::load(SCENE);
-    for (sensor, cap) in ir.sensors.iter_mut().zip([100, 20_000, 100, 20_000]) {
-        if let nsq_gpu::model::SensorKind::RayDatabase { max_rays, .. } = &mut sensor.kind {
+    for (detector, cap) in ir.detectors.iter_mut().zip([100, 20_000, 100, 20_000]) {
+        if let nsq_gpu::model::DetectorKind::RayDatabase { max_rays, .. } = &mut detector.kind {
             *max_rays = Some(cap);
         }
     }

@@ -154,7 +154,7 @@ fn strict_arithmetic_moves_rays_by_rounding_alone() {
         let strict = zoo::trace(&ir, &TraceOptions { strict: Strict::On, ..plain.clone() });
         let plain = zoo::trace(&ir, &plain);
         assert_eq!(strict.escaped.count, plain.escaped.count, "{name}");
-        for (strict, plain) in strict.sensors.iter().zip(&plain.sensors) {
+        for (strict, plain) in strict.detectors.iter().zip(&plain.detectors) {
             assert_eq!(strict.hits, plain.hits, "{name}");
         }
     }

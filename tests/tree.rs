@@ -12,8 +12,8 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Annulus, Conic, Emitter, EmitterKind, Frame, Frustum, Interaction, Medium, MeshId, Outline, PixelGrid,
-    Point, ReflectProb, Sampling, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
+    Annulus, Conic, Detector, DetectorKind, Frame, Frustum, Interaction, Medium, MeshId, Outline, PixelGrid,
+    Point, ReflectProb, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
@@ -69,23 +69,23 @@ fn surface(frame: Frame, shape: Shape, i: usize) -> Surface {
     }
 }
 
-fn screen(frame: Frame, size: f64, absorb: bool) -> Sensor {
+fn screen(frame: Frame, size: f64, absorb: bool) -> Detector {
     let grid =
         PixelGrid { width: size, height: size, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Hard };
-    Sensor { name: "screen".into(), frame, kind: SensorKind::Irradiance(grid), absorb }
+    Detector { name: "screen".into(), frame, kind: DetectorKind::Irradiance(grid), absorb }
 }
 
 fn at(x: f64, y: f64, z: f64) -> Frame {
     Frame { origin: DVec3::new(x, y, z), rotation: DMat3::IDENTITY }
 }
 
-fn scene(surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
+fn scene(surfaces: Vec<Surface>, detectors: Vec<Detector>) -> SceneIr {
     let medium =
         |name: &str, n: f64| Medium { name: name.into(), ambient: n == 1.0, n: vec![n], k: vec![0.0] };
-    let lamp = Emitter {
+    let lamp = Source {
         name: "lamp".into(),
         frame: at(0.5, 0.25, 0.0),
-        kind: EmitterKind::Point(Point { half_angle: 3.15 }),
+        kind: SourceKind::Point(Point { half_angle: 3.15 }),
         total_flux: 1.0,
         spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
         medium: 0,
@@ -95,8 +95,8 @@ fn scene(surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
         media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
         surfaces,
         meshes: vec![cube(6.0), bumpy_ball(1, 4.0)],
-        emitters: vec![lamp],
-        sensors,
+        sources: vec![lamp],
+        detectors,
         sampling: Sampling { reflect_prob: ReflectProb::Auto, rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
@@ -106,12 +106,12 @@ fn random_scene(seed: u64, num_surfaces: usize, reach: f64) -> SceneIr {
     let mut draws = Draws(seed);
     let surfaces =
         (0..num_surfaces).map(|i| surface(draws.frame(reach), draws.shape(i), i / 10 + i)).collect();
-    let far_field = SensorKind::FarField { num_theta: 9, num_phi: 18 };
-    let sensors = vec![
+    let far_field = DetectorKind::FarField { num_theta: 9, num_phi: 18 };
+    let detectors = vec![
         screen(draws.frame(reach), 20.0, false),
-        Sensor { name: "sky".into(), frame: at(0.0, 0.0, 2.0 * reach), kind: far_field, absorb: true },
+        Detector { name: "sky".into(), frame: at(0.0, 0.0, 2.0 * reach), kind: far_field, absorb: true },
     ];
-    scene(surfaces, sensors)
+    scene(surfaces, detectors)
 }
 
 fn trace_by(ir: &SceneIr, options: &TraceOptions, tree: bool) -> Tally {
@@ -148,11 +148,11 @@ fn planes_without_end_have_the_same_paths() {
     for (i, z) in [-40.0, 45.0].into_iter().enumerate() {
         ir.surfaces.insert(20 * i, surface(at(0.0, 0.0, z), Shape::Plane(Outline::Infinite), 1));
     }
-    ir.sensors.truncate(1);
+    ir.detectors.truncate(1);
     assert_same(&ir, 4_000, "planes");
 }
 
-/// Flat stacks whose faces touch, cut off in the middle of one another and at sensors: ties and contact everywhere.
+/// Flat stacks whose faces touch, cut off in the middle of one another and at detectors: ties and contact everywhere.
 #[test]
 fn faces_in_contact_have_the_same_paths() {
     let plate = |i: usize, z: f64, radius: f64, interaction: usize| {
@@ -169,14 +169,14 @@ fn faces_in_contact_have_the_same_paths() {
         surfaces.push(plate(surfaces.len(), z, 10.0, 0));
         surfaces.push(plate(surfaces.len(), z, 6.0, 3));
     }
-    let sensors = (0..4).map(|i| screen(at(0.0, 0.0, 2.0 + f64::from(i)), 4.0, false)).collect();
-    let mut ir = scene(surfaces, sensors);
+    let detectors = (0..4).map(|i| screen(at(0.0, 0.0, 2.0 + f64::from(i)), 4.0, false)).collect();
+    let mut ir = scene(surfaces, detectors);
     ir.surfaces.push(surface(at(0.0, 0.0, 20.0), Shape::Plane(Outline::Infinite), 2));
     ir.sampling.reflect_prob = ReflectProb::Fresnel;
     assert_same(&ir, 4_000, "contact");
 }
 
-/// Of meshes, plates and sensors in one plane the first in the list wins, wherever the tree meets it.
+/// Of meshes, plates and detectors in one plane the first in the list wins, wherever the tree meets it.
 /// Shells in one another are a chain, however they are grouped.
 #[test]
 fn concentric_shells_have_the_same_paths() {
@@ -186,9 +186,9 @@ fn concentric_shells_have_the_same_paths() {
         shell.interaction = Interaction::Refractive;
         shell
     };
-    let sky = SensorKind::FarField { num_theta: 9, num_phi: 18 };
-    let sensors = vec![Sensor { name: "sky".into(), frame: at(0.0, 0.0, 40.0), kind: sky, absorb: true }];
-    assert_same(&scene((0..400).map(shell).collect(), sensors), 40, "400 shells");
+    let sky = DetectorKind::FarField { num_theta: 9, num_phi: 18 };
+    let detectors = vec![Detector { name: "sky".into(), frame: at(0.0, 0.0, 40.0), kind: sky, absorb: true }];
+    assert_same(&scene((0..400).map(shell).collect(), detectors), 40, "400 shells");
 }
 
 #[test]
@@ -209,8 +209,8 @@ fn ties_go_to_the_first_in_the_list() {
             })
             .collect();
         surfaces.push(surface(at(0.0, 0.0, -5.0), shapes[0], 1));
-        let sensors = vec![screen(at(0.0, 0.0, 5.0), 6.0, false)];
-        assert_same(&scene(surfaces, sensors), 2_000, &format!("ties from {first}"));
+        let detectors = vec![screen(at(0.0, 0.0, 5.0), 6.0, false)];
+        assert_same(&scene(surfaces, detectors), 2_000, &format!("ties from {first}"));
     }
 }
 

@@ -1,5 +1,5 @@
 // Irradiance: flux over a rectangle of pixels.
 
-fn record_irradiance(ray: Ray, sensor: Sensor, ends: bool) {
-    splat_pixels(ray, sensor, local_position(ray, sensor), sensor.cell, 1u, ends);
+fn record_irradiance(ray: Ray, detector: Detector, ends: bool) {
+    splat_pixels(ray, detector, local_position(ray, detector), detector.cell, 1u, ends);
 }

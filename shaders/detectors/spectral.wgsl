@@ -2,7 +2,7 @@
 
 @group(GROUP_SCENE) @binding(BINDING_SPECTRAL_BINS) var<storage, read> spectral_bins: array<u32>;
 
-fn record_spectral(ray: Ray, sensor: Sensor, ends: bool) {
-    let bin = spectral_bins[sensor.bins + ray.wavelength];
-    splat_pixels(ray, sensor, local_position(ray, sensor), sensor.cell + bin, sensor.num_bins, ends);
+fn record_spectral(ray: Ray, detector: Detector, ends: bool) {
+    let bin = spectral_bins[detector.bins + ray.wavelength];
+    splat_pixels(ray, detector, local_position(ray, detector), detector.cell + bin, detector.num_bins, ends);
 }

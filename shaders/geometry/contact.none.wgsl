@@ -4,7 +4,7 @@ fn leave_contact(ray: ptr<function, Ray>, distance: real) {}
 
 fn note_side(ray: ptr<function, Ray>, n: vec3<real>, incoming: vec3<real>) {}
 
-fn note_passing(ray: ptr<function, Ray>, sensor: Sensor) {}
+fn note_passing(ray: ptr<function, Ray>, detector: Detector) {}
 
 alias Standing = u32;
 

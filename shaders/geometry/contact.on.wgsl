@@ -70,18 +70,18 @@ fn note_side(ray: ptr<function, Ray>, n: vec3<real>, incoming: vec3<real>) {
 }
 
 // After a detector has let the ray pass.
-fn note_passing(ray: ptr<function, Ray>, sensor: Sensor) {
-    note_side(ray, sensor_normal(sensor), (*ray).direction);
+fn note_passing(ray: ptr<function, Ray>, detector: Detector) {
+    note_side(ray, detector_normal(detector), (*ray).direction);
 }
 
-fn sensor_normal(sensor: Sensor) -> vec3<real> {
-    return from_sensor(sensor, vec3<real>(0.0, 0.0, 1.0));
+fn detector_normal(detector: Detector) -> vec3<real> {
+    return from_detector(detector, vec3<real>(0.0, 0.0, 1.0));
 }
 
 // The normal of a primitive where the ray has come to; of a mesh, that of the triangle noted last.
 fn normal_of(primitive: u32, position: vec3<real>) -> vec3<real> {
     if primitive >= NUM_SURFACES {
-        return sensor_normal(sensor_of(primitive - NUM_SURFACES));
+        return detector_normal(detector_of(primitive - NUM_SURFACES));
     }
     return noted_normal(surface_of(primitive), position);
 }

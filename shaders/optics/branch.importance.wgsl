@@ -10,8 +10,8 @@ fn draw_reflection(
     let share = select(transmittance / (1.0 - p), reflected / p, reflects);
     let before = (*ray).weight;
     let after = before * select(share, 1.0, total_reflection);
-    book_loss(CELL_IMPORTANCE_LOSS, before, after);
-    book_loss(CELL_IMPORTANCE_GAIN, after, before);
+    deposit_loss(CELL_IMPORTANCE_LOSS, before, after);
+    deposit_loss(CELL_IMPORTANCE_GAIN, after, before);
     (*ray).weight = after;
     return reflects;
 }

@@ -3,7 +3,7 @@
 fn attenuate(ray: ptr<function, Ray>, distance: real) {
     let before = (*ray).weight;
     (*ray).weight = attenuated(*ray, distance);
-    book_loss(CELL_BULK, before, (*ray).weight);
+    deposit_loss(CELL_BULK, before, (*ray).weight);
 }
 
 // What the ray weighs behind the segment.

@@ -15,6 +15,6 @@ fn coated_transmittance(surface: Surface, bare: real, reflectance: Share) -> rea
 fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     let before = (*ray).weight;
     let after = before * coating_pass_of(surface, primitive, (*ray).wavelength);
-    book_loss(CELL_COATING, before, after);
+    deposit_loss(CELL_COATING, before, after);
     (*ray).weight = after;
 }

@@ -9,7 +9,7 @@ fn roulette(ray: ptr<function, Ray>) {
     let survival = clamp(before / ROULETTE_THRESHOLD, 0.05, 1.0);
     if below(stream_bits((*ray).roulette), survival) {
         (*ray).weight = before / survival;
-        book_loss(CELL_ROULETTE_GAIN, (*ray).weight, before);
+        deposit_loss(CELL_ROULETTE_GAIN, (*ray).weight, before);
     } else {
         (*ray).fate = ROULETTE_KILLED;
     }

@@ -1,9 +1,9 @@
-// A discrete spectrum per emitter: entries (threshold, wavelength), where the first entry with
+// A discrete spectrum per source: entries (threshold, wavelength), where the first entry with
 // bits <= threshold = floor(cdf 2^32) is drawn: the same decision as u <= cdf, in integers.
 
 @group(GROUP_SCENE) @binding(BINDING_SPECTRA) var<storage, read> spectra: array<vec2<u32>>;
 
-fn draw_wavelength(key: RayKey, e: Emitter) -> u32 {
+fn draw_wavelength(key: RayKey, e: Source) -> u32 {
     // Optiland draws nothing for a spectrum of one line; nor does it matter, since draws are keyed by their slot.
     let bits = draw_first(key, SOURCE_WAVELENGTH);
     var low = 0u;

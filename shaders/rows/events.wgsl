@@ -3,12 +3,12 @@
 const EVENT_RECORDED: u32 = 0u;
 const EVENT_BIRTH: u32 = 1u;
 const EVENT_SURFACE: u32 = 2u;
-const EVENT_SENSOR: u32 = 3u;
+const EVENT_DETECTOR: u32 = 3u;
 const EVENT_DEATH: u32 = 4u;
 
 struct Event {
     kind: u32,
-    // The emitter, surface, sensor or fate.
+    // The source, surface, detector or fate.
     subject: u32,
     index: u32,
     bounce: u32,

@@ -7,7 +7,7 @@ fn is_sampled(ray: Ray) -> bool {
 
 fn record_birth(ray: Ray) {
     if is_sampled(ray) {
-        append_event(ray, EVENT_BIRTH, range.emitter);
+        append_event(ray, EVENT_BIRTH, range.source);
     }
 }
 
@@ -16,7 +16,7 @@ fn record_hit(ray: Ray, primitive: u32) {
     if is_sampled(ray) {
         let is_surface = primitive < NUM_SURFACES;
         let subject = select(primitive - NUM_SURFACES, primitive, is_surface);
-        append_event(ray, select(EVENT_SENSOR, EVENT_SURFACE, is_surface), subject);
+        append_event(ray, select(EVENT_DETECTOR, EVENT_SURFACE, is_surface), subject);
     }
 }
 

@@ -10,10 +10,10 @@ fn generate(index: u32) -> Ray {
 }
 
 fn new_ray(key: RayKey, index: u32) -> Ray {
-    let e = emitter();
+    let e = source();
     let born = emit(key, e);
-    let position = vec3<real>(e.origin_x, e.origin_y, e.origin_z) + from_emitter(e, born.position);
-    let direction = from_emitter(e, born.direction);
+    let position = vec3<real>(e.origin_x, e.origin_y, e.origin_z) + from_source(e, born.position);
+    let direction = from_source(e, born.direction);
     return Ray(
         position, direction, e.weight, key,
         stream_at(key, FRESNEL_BRANCH, first_jump()), stream_at(key, RR, first_jump()),

@@ -50,7 +50,7 @@ fn mirrored(d: vec3<real>, n: vec3<real>) -> vec3<real> {
 fn reflect_off(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3<real>) {
     let before = (*ray).weight;
     let after = before * reflectance_of(surface, primitive, (*ray).wavelength);
-    book_loss(CELL_SURFACES + primitive, before, after);
+    deposit_loss(CELL_SURFACES + primitive, before, after);
     (*ray).weight = after;
     (*ray).direction = mirrored((*ray).direction, n);
 }

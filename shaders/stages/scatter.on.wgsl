@@ -38,8 +38,8 @@ fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, i
     }
     let before = (*ray).weight;
     let after = before * share;
-    book_loss(CELL_BSDF, before, after);
-    book_loss(CELL_BSDF_GAIN, after, before);
+    deposit_loss(CELL_BSDF, before, after);
+    deposit_loss(CELL_BSDF_GAIN, after, before);
     (*ray).weight = after;
 }
 

@@ -7,33 +7,33 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
         (*ray).fate = DETECTED;
         return;
     }
-    if sensor_of(index).absorb != 0u {
+    if detector_of(index).absorb != 0u {
         (*ray).fate = DETECTED;
     } else {
         splat(*ray, index, false);
         log_pass((*ray).index);
-        note_passing(ray, sensor_of(index));
+        note_passing(ray, detector_of(index));
     }
 }
 
 // `ends`: the ray ends here; else it passes.
 fn splat(ray: Ray, index: u32, ends: bool) {
-    let sensor = sensor_for(ray.key, sensor_of(index));
-    add_total_moments(ray.weight, sensor, index);
-    record(ray, sensor, index, ends);
+    let detector = detector_for(ray.key, detector_of(index));
+    add_total_moments(ray.weight, detector, index);
+    record(ray, detector, index, ends);
 }
 
-fn book_arrival(cell: u32, weight: real, ends: bool) {
+fn deposit_arrival(cell: u32, weight: real, ends: bool) {
     if ends || LOGS_PASSES {
         end_in(cell, weight);
     } else {
-        book(cell, weight);
+        deposit_counted(cell, weight);
     }
 }
 
-fn local_position(ray: Ray, sensor: Sensor) -> vec3<real> {
-    let origin = vec3<real>(sensor.origin_x, sensor.origin_y, sensor.origin_z);
-    return to_sensor(sensor, ray.position - origin);
+fn local_position(ray: Ray, detector: Detector) -> vec3<real> {
+    let origin = vec3<real>(detector.origin_x, detector.origin_y, detector.origin_z);
+    return to_detector(detector, ray.position - origin);
 }
 
 // The pixel that holds x: edges are edge_i = i * pitch - half, each pixel owns its lower edge, and what lies outside
@@ -49,30 +49,30 @@ fn pixel_of(x: real, half: real, pitch: real, num_pixels: u32) -> u32 {
     return u32(i);
 }
 
-fn hit_pixel(p: vec3<real>, sensor: Sensor) -> u32 {
-    let ix = pixel_of(p.x, sensor.half_width, sensor.pitch_x, sensor.num_x);
-    let iy = pixel_of(p.y, sensor.half_height, sensor.pitch_y, sensor.num_y);
-    return iy * sensor.num_x + ix;
+fn hit_pixel(p: vec3<real>, detector: Detector) -> u32 {
+    let ix = pixel_of(p.x, detector.half_width, detector.pitch_x, detector.num_x);
+    let iy = pixel_of(p.y, detector.half_height, detector.pitch_y, detector.num_y);
+    return iy * detector.num_x + ix;
 }
 
 // Flux goes to cell base + pixel * stride: stride is 1 for an irradiance map, the number of wavelength bins for a
 // spectral one.
-fn splat_pixels(ray: Ray, sensor: Sensor, p: vec3<real>, base: u32, stride: u32, ends: bool) {
-    let pixel = hit_pixel(p, sensor);
-    if HAS_BILINEAR && sensor.splat == SPLAT_BILINEAR {
-        let taps = bilinear_taps(sensor, p, base, stride, base + pixel * stride);
+fn splat_pixels(ray: Ray, detector: Detector, p: vec3<real>, base: u32, stride: u32, ends: bool) {
+    let pixel = hit_pixel(p, detector);
+    if HAS_BILINEAR && detector.splat == SPLAT_BILINEAR {
+        let taps = bilinear_taps(detector, p, base, stride, base + pixel * stride);
         if ends || LOGS_PASSES {
             end_in_taps(taps, ray.weight);
         } else {
-            book_taps(taps, ray.weight);
+            deposit_taps(taps, ray.weight);
         }
-    } else if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
+    } else if HAS_GAUSSIAN && detector.splat == SPLAT_GAUSSIAN {
         count(base + pixel * stride);
-        splat_gaussian(ray.weight, sensor, p, base, stride);
+        splat_gaussian(ray.weight, detector, p, base, stride);
     } else if HAS_HARD {
-        book_arrival(base + pixel * stride, ray.weight, ends);
+        deposit_arrival(base + pixel * stride, ray.weight, ends);
     }
-    add_pixel_moments(ray.weight, sensor, p, pixel, base, stride);
+    add_pixel_moments(ray.weight, detector, p, pixel, base, stride);
 }
 
 const SPLAT_HARD: u32 = 0u;
@@ -80,18 +80,18 @@ const SPLAT_BILINEAR: u32 = 1u;
 const SPLAT_GAUSSIAN: u32 = 2u;
 
 // Position in pixels from the centre of pixel (0, 0).
-fn pixel_position(p: vec3<real>, sensor: Sensor) -> vec2<real> {
+fn pixel_position(p: vec3<real>, detector: Detector) -> vec2<real> {
     return vec2<real>(
-        (p.x + sensor.half_width) / sensor.pitch_x - 0.5,
-        (p.y + sensor.half_height) / sensor.pitch_y - 0.5,
+        (p.x + detector.half_width) / detector.pitch_x - 0.5,
+        (p.y + detector.half_height) / detector.pitch_y - 0.5,
     );
 }
 
 // The pixel of a tap; taps beyond the map fall into its edge pixels.
-fn tap_cell(ix: i32, iy: i32, sensor: Sensor, base: u32, stride: u32) -> u32 {
-    let x = u32(clamp(ix, 0, i32(sensor.num_x) - 1));
-    let y = u32(clamp(iy, 0, i32(sensor.num_y) - 1));
-    return base + (y * sensor.num_x + x) * stride;
+fn tap_cell(ix: i32, iy: i32, detector: Detector, base: u32, stride: u32) -> u32 {
+    let x = u32(clamp(ix, 0, i32(detector.num_x) - 1));
+    let y = u32(clamp(iy, 0, i32(detector.num_y) - 1));
+    return base + (y * detector.num_x + x) * stride;
 }
 
 // Four taps: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1), and how far between them the position is.
@@ -104,18 +104,18 @@ struct FourTaps {
     position: vec2<real>,
 }
 
-fn bilinear_taps(sensor: Sensor, p: vec3<real>, base: u32, stride: u32, hit: u32) -> FourTaps {
-    let position = pixel_position(p, sensor);
+fn bilinear_taps(detector: Detector, p: vec3<real>, base: u32, stride: u32, hit: u32) -> FourTaps {
+    let position = pixel_position(p, detector);
     let corner_x = floor(position.x);
     let corner_y = floor(position.y);
     let fractions = vec2<real>(position.x - corner_x, position.y - corner_y);
     let ix = i32(corner_x);
     let iy = i32(corner_y);
     let cells = vec4<u32>(
-        tap_cell(ix, iy, sensor, base, stride),
-        tap_cell(ix + 1, iy, sensor, base, stride),
-        tap_cell(ix, iy + 1, sensor, base, stride),
-        tap_cell(ix + 1, iy + 1, sensor, base, stride),
+        tap_cell(ix, iy, detector, base, stride),
+        tap_cell(ix + 1, iy, detector, base, stride),
+        tap_cell(ix, iy + 1, detector, base, stride),
+        tap_cell(ix + 1, iy + 1, detector, base, stride),
     );
     return FourTaps(hit, cells, fractions, position);
 }
@@ -129,7 +129,7 @@ fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
 }
 
 // The last tap takes what the others left, so that the taps add up to the weight exactly.
-fn book_taps(taps: FourTaps, weight: real) {
+fn deposit_taps(taps: FourTaps, weight: real) {
     count(taps.hit);
     let shares = first_shares(weight, taps.fractions);
     var rest = quantize_counted(weight);
@@ -140,26 +140,26 @@ fn book_taps(taps: FourTaps, weight: real) {
 }
 
 // Shares exp(-(i - position)^2 / (2 sigma^2)) over the taps within the radius, renormalised.
-fn splat_gaussian(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride: u32) {
-    let position = pixel_position(p, sensor);
+fn splat_gaussian(weight: real, detector: Detector, p: vec3<real>, base: u32, stride: u32) {
+    let position = pixel_position(p, detector);
     let ix = i32(floor(position.x));
     let iy = i32(floor(position.y));
-    let radius = i32(sensor.splat_radius);
+    let radius = i32(detector.splat_radius);
     var sum_x: real = 0.0;
     var sum_y: real = 0.0;
     for (var i = -radius; i <= radius; i++) {
-        sum_x += gaussian_share(ix + i, position.x, sensor);
-        sum_y += gaussian_share(iy + i, position.y, sensor);
+        sum_x += gaussian_share(ix + i, position.x, detector);
+        sum_y += gaussian_share(iy + i, position.y, detector);
     }
     var rest = quantize_counted(weight);
     var j = -radius;
     loop {
-        let share_y = gaussian_share(iy + j, position.y, sensor) / sum_y;
+        let share_y = gaussian_share(iy + j, position.y, detector) / sum_y;
         var i = -radius;
         loop {
             if is_dispatched() & (i <= radius) & (j <= radius) {
-                let share = gaussian_share(ix + i, position.x, sensor) / sum_x * share_y;
-                deposit_tap(tap_cell(ix + i, iy + j, sensor, base, stride), weight * share, &rest);
+                let share = gaussian_share(ix + i, position.x, detector) / sum_x * share_y;
+                deposit_tap(tap_cell(ix + i, iy + j, detector, base, stride), weight * share, &rest);
             }
             i += 1;
             if i > radius {
@@ -171,10 +171,10 @@ fn splat_gaussian(weight: real, sensor: Sensor, p: vec3<real>, base: u32, stride
             break;
         }
     }
-    deposit(tap_cell(ix, iy, sensor, base, stride), rest);
+    deposit(tap_cell(ix, iy, detector, base, stride), rest);
 }
 
-fn gaussian_share(i: i32, position: real, sensor: Sensor) -> real {
+fn gaussian_share(i: i32, position: real, detector: Detector) -> real {
     let offset = real(i) - position;
-    return exp_real(-sensor.splat_falloff * offset * offset);
+    return exp_real(-detector.splat_falloff * offset * offset);
 }

@@ -125,7 +125,7 @@ fn weight_steps(weight: real) -> Steps {
 fn cut_weight(ray: ptr<function, Ray>, steps: Steps) {
     let before = (*ray).weight;
     (*ray).weight = floor(before * steps.per_unit) * steps.size;
-    book_loss(CELL_IMPORTANCE_LOSS, before, (*ray).weight);
+    deposit_loss(CELL_IMPORTANCE_LOSS, before, (*ray).weight);
 }
 
 // The weight of the branch with the smaller share. It is a whole number of steps, so that the other branch takes the

@@ -26,7 +26,7 @@ struct Ray {
     // Position in the dispatch's range of ray ids, or in the list of them.
     index: u32,
     bounce: u32,
-    // The primitive that the ray leaves; surfaces first, then sensors.
+    // The primitive that the ray leaves; surfaces first, then detectors.
     last: u32,
     wavelength: u32,
     medium: u32,
@@ -64,12 +64,12 @@ fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 
-// What one dispatch traces: rays first..first+count of one emitter, or so many that are listed (software/path/ids.listed.wgsl).
+// What one dispatch traces: rays first..first+count of one source, or so many that are listed (software/path/ids.listed.wgsl).
 struct Range {
     first_lo: u32,
     first_hi: u32,
     count: u32,
-    emitter: u32,
+    source: u32,
     // The seed's words in the row of step 0 (program::layout::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,

@@ -54,7 +54,7 @@ fn settle(ray: Ray) {
     if ray.fate == DETECTED {
         splat(ray, ray.last - NUM_SURFACES, true);
     } else if ray.fate != ALIVE {
-        book_fate(ray);
+        deposit_fate(ray);
     }
 }
 
@@ -103,7 +103,7 @@ fn go_on(ray: ptr<function, Ray>) {
 }
 
 // Where the ray ended takes its whole weight.
-fn book_fate(ray: Ray) {
+fn deposit_fate(ray: Ray) {
     record_death(ray);
     end_in(select(CELL_ESCAPED + (ray.fate - ESCAPED), CELL_SURFACES + ray.last, ray.fate == ABSORBED), ray.weight);
 }

@@ -1,11 +1,11 @@
 // The device adds up where rays end. Twin of software/log/ends.logged.wgsl, where the host does.
 
 fn end_in(cell: u32, weight: real) {
-    book(cell, weight);
+    deposit_counted(cell, weight);
 }
 
 fn end_in_taps(taps: FourTaps, weight: real) {
-    book_taps(taps, weight);
+    deposit_taps(taps, weight);
 }
 
 fn end_without_place() {

@@ -1,15 +1,15 @@
-// The ledger: every event books what it took, weight before minus weight after in quanta. Differences of quantised
+// The ledger: every event deposits what it took, weight before minus weight after in quanta. Differences of quantised
 // weights telescope, so the bins add up to what was launched to the last bit.
 // Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`) and go to memory once an
-// invocation; where a ray ends, it books once.
+// invocation; where a ray ends, it deposits once.
 
-fn book(cell: u32, weight: real) {
+fn deposit_counted(cell: u32, weight: real) {
     count(cell);
     sum_weight(cell, weight);
 }
 
-// Books before - after if that is positive.
-fn book_loss(cell: u32, before: real, after: real) {
+// Deposits before - after if that is positive.
+fn deposit_loss(cell: u32, before: real, after: real) {
     if after < before {
         add_to_bin(cell, q_sub(quantize(before), quantize(after)));
     }

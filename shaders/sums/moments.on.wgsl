@@ -21,41 +21,41 @@ fn deposit_square(cell: u32, square: real) {
 
 // Sum and square of what the detector takes in all, by source: sources have fixed numbers of rays, so that what differs
 // between them is no noise.
-fn add_total_moments(weight: real, sensor: Sensor, index: u32) {
+fn add_total_moments(weight: real, detector: Detector, index: u32) {
     meet(index);
     if HAS_TOTALS {
-        let cell = CELL_TOTALS + 2u * (index * NUM_EMITTERS + range.emitter);
+        let cell = CELL_TOTALS + 2u * (index * NUM_SOURCES + range.source);
         deposit(cell, quantize(weight));
-        deposit_square(cell + 1u, weight * (weight + 2.0 * taken_by_sensor()));
+        deposit_square(cell + 1u, weight * (weight + 2.0 * taken_by_detector()));
     }
 }
 
-fn add_cell_moment(weight: real, sensor: Sensor, cell: u32) {
+fn add_cell_moment(weight: real, detector: Detector, cell: u32) {
     deposit_square(cell + SQUARES_OFFSET, weight * (weight + 2.0 * taken_by_cell(cell)));
     remember(cell, 0u, vec2<real>(0.0, 0.0), weight);
 }
 
-fn add_pixel_moments(weight: real, sensor: Sensor, p: vec3<real>, pixel: u32, base: u32, stride: u32) {
-    if HAS_HARD && sensor.splat == SPLAT_HARD {
-        add_cell_moment(weight, sensor, base + pixel * stride);
+fn add_pixel_moments(weight: real, detector: Detector, p: vec3<real>, pixel: u32, base: u32, stride: u32) {
+    if HAS_HARD && detector.splat == SPLAT_HARD {
+        add_cell_moment(weight, detector, base + pixel * stride);
         return;
     }
-    let position = pixel_position(p, sensor);
-    let x = taps_of(position.x, sensor);
-    let y = taps_of(position.y, sensor);
-    let last_column = i32(sensor.num_x) - 1;
-    let last_row = i32(sensor.num_y) - 1;
+    let position = pixel_position(p, detector);
+    let x = taps_of(position.x, detector);
+    let y = taps_of(position.y, detector);
+    let last_column = i32(detector.num_x) - 1;
+    let last_row = i32(detector.num_y) - 1;
     let end_row = clamp(y.last, 0, last_row);
     let end_column = clamp(x.last, 0, last_column);
     var row = clamp(y.first, 0, last_row);
     loop {
-        let row_weight = weight * pixel_share(y, row, last_row, sensor);
+        let row_weight = weight * pixel_share(y, row, last_row, detector);
         var column = clamp(x.first, 0, last_column);
         loop {
             if is_dispatched() & (row <= end_row) & (column <= end_column) {
-                let taken = row_weight * pixel_share(x, column, last_column, sensor);
-                let before = taken_by_pixel(sensor, base, column, row);
-                let cell = base + (u32(row) * sensor.num_x + u32(column)) * stride;
+                let taken = row_weight * pixel_share(x, column, last_column, detector);
+                let before = taken_by_pixel(detector, base, column, row);
+                let cell = base + (u32(row) * detector.num_x + u32(column)) * stride;
                 deposit_square(cell + SQUARES_OFFSET, taken * (taken + 2.0 * before));
             }
             if column >= end_column {
@@ -81,35 +81,35 @@ struct Taps {
     sum: real,
 }
 
-fn taps_of(position: real, sensor: Sensor) -> Taps {
+fn taps_of(position: real, detector: Detector) -> Taps {
     let corner = i32(floor(position));
-    if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
-        let radius = i32(sensor.splat_radius);
+    if HAS_GAUSSIAN && detector.splat == SPLAT_GAUSSIAN {
+        let radius = i32(detector.splat_radius);
         var sum: real = 0.0;
         for (var i = corner - radius; i <= corner + radius; i++) {
-            sum += gaussian_share(i, position, sensor);
+            sum += gaussian_share(i, position, detector);
         }
         return Taps(position, corner - radius, corner + radius, sum);
     }
     return Taps(position, corner, corner + 1, 1.0);
 }
 
-fn tap_share(taps: Taps, i: i32, sensor: Sensor) -> real {
-    if HAS_GAUSSIAN && sensor.splat == SPLAT_GAUSSIAN {
-        return gaussian_share(i, taps.position, sensor) / taps.sum;
+fn tap_share(taps: Taps, i: i32, detector: Detector) -> real {
+    if HAS_GAUSSIAN && detector.splat == SPLAT_GAUSSIAN {
+        return gaussian_share(i, taps.position, detector) / taps.sum;
     }
     return 1.0 - abs(taps.position - real(i));
 }
 
 // What a pixel takes along one axis: the edge pixels also take the taps beyond the map.
-fn pixel_share(taps: Taps, pixel: i32, last_pixel: i32, sensor: Sensor) -> real {
+fn pixel_share(taps: Taps, pixel: i32, last_pixel: i32, detector: Detector) -> real {
     let first = select(max(taps.first, pixel), taps.first, pixel == 0);
     let last = select(min(taps.last, pixel), taps.last, pixel == last_pixel);
     var share: real = 0.0;
     var i = first;
     loop {
         if is_dispatched() & (i <= last) {
-            share += tap_share(taps, i, sensor);
+            share += tap_share(taps, i, detector);
         }
         if i >= last {
             break;

@@ -4,6 +4,6 @@ fn key_of_id(id_lo: u32, id_hi: u32) -> RayKey {
     return ray_key(id_lo, id_hi);
 }
 
-fn sensor_for(key: RayKey, sensor: Sensor) -> Sensor {
-    return sensor;
+fn detector_for(key: RayKey, detector: Detector) -> Detector {
+    return detector;
 }

@@ -12,8 +12,8 @@ fn key_of_id(id_lo: u32, id_hi: u32) -> RayKey {
 }
 
 // The detector, with the sums of the ray's scramble.
-fn sensor_for(key: RayKey, sensor: Sensor) -> Sensor {
-    var own = sensor;
+fn detector_for(key: RayKey, detector: Detector) -> Detector {
+    var own = detector;
     own.cell += (key.y >> (32u - REPLICATE_BITS)) * REPLICATE_STRIDE;
     return own;
 }

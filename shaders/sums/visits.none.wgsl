@@ -2,7 +2,7 @@
 
 fn meet(index: u32) {}
 
-fn taken_by_sensor() -> real {
+fn taken_by_detector() -> real {
     return 0.0;
 }
 
@@ -10,7 +10,7 @@ fn taken_by_cell(cell: u32) -> real {
     return 0.0;
 }
 
-fn taken_by_pixel(sensor: Sensor, base: u32, column: i32, row: i32) -> real {
+fn taken_by_pixel(detector: Detector, base: u32, column: i32, row: i32) -> real {
     return 0.0;
 }
 

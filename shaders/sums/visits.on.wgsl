@@ -8,7 +8,7 @@ const MAX_VISITS: u32 = 8u;
 
 struct Visit {
     // The detector's number.
-    sensor: u32,
+    detector: u32,
     // The cell that took all, or NONE where the weight was spread about a position from the cell `base` on.
     cell: u32,
     base: u32,
@@ -28,8 +28,8 @@ fn meet(index: u32) {
     met = index;
 }
 
-fn forget(sensor: u32, weight: real) {
-    forgotten[sensor % FORGOTTEN_PLACES] += weight;
+fn forget(detector: u32, weight: real) {
+    forgotten[detector % FORGOTTEN_PLACES] += weight;
 }
 
 fn forgotten_here() -> real {
@@ -46,7 +46,7 @@ fn remember(cell: u32, base: u32, position: vec2<real>, weight: real) {
             forget(met, weight);
             return;
         }
-        forget(visits[place].sensor, visits[place].weight);
+        forget(visits[place].detector, visits[place].weight);
     }
     visits[place] = Visit(met, cell, base, position.x, position.y, weight);
 }
@@ -59,10 +59,10 @@ fn least_visit() -> u32 {
     return least;
 }
 
-fn taken_by_sensor() -> real {
+fn taken_by_detector() -> real {
     var taken = forgotten_here();
     for (var i = 0u; i < num_visits; i++) {
-        taken += choose(0.0, visits[i].weight, visits[i].sensor == met);
+        taken += choose(0.0, visits[i].weight, visits[i].detector == met);
     }
     return taken;
 }
@@ -75,13 +75,13 @@ fn taken_by_cell(cell: u32) -> real {
     return taken;
 }
 
-fn taken_by_pixel(sensor: Sensor, base: u32, column: i32, row: i32) -> real {
+fn taken_by_pixel(detector: Detector, base: u32, column: i32, row: i32) -> real {
     var taken = forgotten_here();
     for (var i = 0u; i < num_visits; i++) {
         let visit = visits[i];
-        if (visit.sensor == met) & (visit.base == base) {
-            let share_x = pixel_share(taps_of(visit.x, sensor), column, i32(sensor.num_x) - 1, sensor);
-            let share_y = pixel_share(taps_of(visit.y, sensor), row, i32(sensor.num_y) - 1, sensor);
+        if (visit.detector == met) & (visit.base == base) {
+            let share_x = pixel_share(taps_of(visit.x, detector), column, i32(detector.num_x) - 1, detector);
+            let share_y = pixel_share(taps_of(visit.y, detector), row, i32(detector.num_y) - 1, detector);
             taken += visit.weight * share_x * share_y;
         }
     }

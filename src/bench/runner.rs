@@ -216,7 +216,7 @@ pub fn measure(case: &Case, session: &Session, peers: &mut [Box<dyn Peer>]) -> R
         kind: case.kind.name().into(),
         num_rays: case.num_rays,
         max_depth: case.max_depth,
-        num_primitives: ir.surfaces.len() + ir.sensors.len(),
+        num_primitives: ir.surfaces.len() + ir.detectors.len(),
         load_average,
         measurements: subjects.into_iter().map(Subject::measurement).collect::<Result<_>>()?,
         peers: peers.into_iter().flat_map(PeerRuns::measurements).collect(),
@@ -364,7 +364,7 @@ fn per_ray(case: &Case, gpu: &Gpu, ir: &SceneIr, precision: Precision) -> Result
     let count = |wanted: fn(&PathEventKind) -> bool| {
         paths.iter().filter(|event| wanted(&event.kind)).count() as f64 / num_rays as f64
     };
-    let interactions = count(|kind| matches!(kind, PathEventKind::Surface(_) | PathEventKind::Sensor(_)));
+    let interactions = count(|kind| matches!(kind, PathEventKind::Surface(_) | PathEventKind::Detector(_)));
     let casts = interactions + count(|kind| *kind == PathEventKind::Escaped);
     Ok(PerRay { casts, interactions })
 }

@@ -21,8 +21,8 @@ pub fn run(args: &Args) -> Result<String> {
         let _ = writeln!(text, "  {title} ({}): {}", names.len(), names.join(", "));
     };
     list("surfaces", ir.surfaces.iter().map(|s| shown(&s.name)).collect());
-    list("sources", ir.emitters.iter().map(|e| shown(&e.name)).collect());
-    list("detectors", ir.sensors.iter().map(|s| shown(&s.name)).collect());
+    list("sources", ir.sources.iter().map(|e| shown(&e.name)).collect());
+    list("detectors", ir.detectors.iter().map(|s| shown(&s.name)).collect());
     list("media", ir.media.iter().map(|m| shown(&m.name)).collect());
     let wavelengths: Vec<String> = ir.wavelengths.iter().map(|w| format!("{w} um")).collect();
     let _ = writeln!(text, "  wavelengths ({}): {}", wavelengths.len(), wavelengths.join(", "));

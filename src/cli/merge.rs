@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     check(&args.results, &parts)?;
     if let Some(dir) = &args.output {
-        let names = ir.sensors.iter().map(|sensor| sensor.name.as_str());
+        let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
         output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
     }
@@ -127,14 +127,14 @@ fn on_the_bits(ir: &SceneIr, parts: &[Checkpoint], rays: &RaySet) -> String {
     }
     let shares_agree = parts.iter().all(|part| part.identity.of_rays.is_some())
         && parts.iter().all(|part| part.identity.of_rays == first.of_rays);
-    if ir.emitters.len() > 1 && !shares_agree {
+    if ir.sources.len() > 1 && !shares_agree {
         reasons.push(
             "the sources share the rays of each part on their own (--of-rays makes parts of one trace)"
                 .to_string(),
         );
     }
-    let gaps = (0..ir.emitters.len())
-        .any(|emitter| rays.spans().iter().filter(|span| span.emitter as usize == emitter).count() > 1);
+    let gaps = (0..ir.sources.len())
+        .any(|source| rays.spans().iter().filter(|span| span.source as usize == source).count() > 1);
     if gaps {
         reasons.push("there are gaps between the parts' rays".to_string());
     }

@@ -204,7 +204,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
     override_sampling(&mut ir, args)?;
     if let Some(dir) = &args.output {
-        let names = ir.sensors.iter().map(|sensor| sensor.name.as_str());
+        let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = args.record_paths.is_some();
         output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
     }

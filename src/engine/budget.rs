@@ -6,15 +6,15 @@ use crate::format::shown;
 use crate::model::SceneIr;
 use crate::result::QUANTA_PER_WEIGHT;
 
-/// Rays of one emitter, numbered from `first`.
+/// Rays of one source, numbered from `first`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct EmitterRays {
+pub(crate) struct SourceRays {
     pub(crate) first: u64,
     pub(crate) count: u64,
     pub(crate) weight: f64,
 }
 
-impl EmitterRays {
+impl SourceRays {
     /// How many of them are done at `position` of `length`.
     pub(crate) fn done(&self, position: u64, length: u64) -> u64 {
         share(self.count, position, length)
@@ -27,17 +27,17 @@ fn share(count: u64, position: u64, length: u64) -> u64 {
 }
 
 /// Those of a budget's rays that are traced here.
-pub(crate) fn part(budget_rays: Vec<EmitterRays>, options: &TraceOptions) -> Result<Vec<EmitterRays>> {
+pub(crate) fn part(budget_rays: Vec<SourceRays>, options: &TraceOptions) -> Result<Vec<SourceRays>> {
     let Some(of_rays) = options.of_rays else {
-        let shift = |rays: EmitterRays| EmitterRays { first: rays.first + options.first_ray, ..rays };
+        let shift = |rays: SourceRays| SourceRays { first: rays.first + options.first_ray, ..rays };
         return Ok(budget_rays.into_iter().map(shift).collect());
     };
     let end = options.first_ray + options.num_rays;
     let rays = budget_rays.into_iter().map(|rays| {
         let before = rays.done(options.first_ray, of_rays);
-        EmitterRays { first: rays.first + before, count: rays.done(end, of_rays) - before, ..rays }
+        SourceRays { first: rays.first + before, count: rays.done(end, of_rays) - before, ..rays }
     });
-    let rays: Vec<EmitterRays> = rays.collect();
+    let rays: Vec<SourceRays> = rays.collect();
     if rays.iter().all(|rays| rays.count == 0) {
         return Err(Error::Usage(format!(
             "no source has a ray in so small a part: {} of {of_rays} rays",
@@ -47,26 +47,26 @@ pub(crate) fn part(budget_rays: Vec<EmitterRays>, options: &TraceOptions) -> Res
     Ok(rays)
 }
 
-/// The rays of each emitter, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by
+/// The rays of each source, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by
 /// flux with the largest remainders first (of equal ones the larger flux, then the first).
-pub(crate) fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<EmitterRays>> {
-    let fluxes: Vec<f64> = ir.emitters.iter().map(|e| e.total_flux).collect();
+pub(crate) fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<SourceRays>> {
+    let fluxes: Vec<f64> = ir.sources.iter().map(|e| e.total_flux).collect();
     let total: f64 = fluxes.iter().sum();
     let counts = distribute_ray_budget(num_rays, &fluxes);
     let mean = total / num_rays as f64;
     let mut first = 0;
     let mut rays = Vec::new();
-    for ((&count, &flux), emitter) in counts.iter().zip(&fluxes).zip(&ir.emitters) {
+    for ((&count, &flux), source) in counts.iter().zip(&fluxes).zip(&ir.sources) {
         let weight = if count == 0 || total == 0.0 { 0.0 } else { flux / count as f64 / mean };
         if weight > 0.0 && weight * QUANTA_PER_WEIGHT < SMALLEST_BIRTH_QUANTA {
             return Err(Error::Usage(format!(
                 "source `{}` emits {flux:e} W, less than the other sources' sums can resolve (a quantum is {:e} W); \
                  trace it on its own",
-                shown(&emitter.name),
+                shown(&source.name),
                 mean / QUANTA_PER_WEIGHT
             )));
         }
-        rays.push(EmitterRays { first, count, weight });
+        rays.push(SourceRays { first, count, weight });
         first += count;
     }
     Ok(rays)

@@ -25,7 +25,7 @@ pub(crate) struct DeviceState {
     /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
     pub(super) queues: [wgpu::BindGroup; 2],
     pub(super) range: wgpu::Buffer,
-    pub(super) emitter: wgpu::Buffer,
+    pub(super) source: wgpu::Buffer,
     pub(super) counts: wgpu::Buffer,
     pub(super) rng_table: wgpu::Buffer,
     pub(super) sums: DeviceSums,
@@ -99,7 +99,7 @@ impl Compiler {
         check_bindings(gpu, program, &bindings)?;
         let layouts = [("scene", bindings::SCENE), ("queues", bindings::QUEUES)];
         let layouts = layouts.map(|(label, group)| gpu.bind_group_layout(label, &bindings, group));
-        let shader = (!strict).then(|| gpu.shader("trace", program.source()));
+        let shader = (!strict).then(|| gpu.shader("trace", program.device_wgsl()));
         Ok(Compiler { gpu: gpu.clone(), bindings, layouts, shader })
     }
 
@@ -144,7 +144,8 @@ impl DeviceState {
         let tops = program.sums.tops.as_ref().map(|tops| DeviceSums::new(gpu, tops)).transpose()?;
         let counters = DeviceSums::new(gpu, &program.sums.counters)?;
         let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
-        let emitter = gpu.constant_buffer("emitter", program.emitters.first().map_or(&[], Vec::as_slice));
+        let source =
+            gpu.constant_buffer("source", program.source_uniforms.first().map_or(&[], Vec::as_slice));
         let events = match program.options.has_events(&program.features) {
             true => {
                 let rows = program.max_events_per_ray * u64::from(batch);
@@ -177,8 +178,8 @@ impl DeviceState {
                 .flatten()
                 .flat_map(DeviceSums::bindings),
         );
-        if !program.emitters.is_empty() {
-            scene.push((bindings::EMITTER, &emitter));
+        if !program.source_uniforms.is_empty() {
+            scene.push((bindings::SOURCE, &source));
         }
         scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
@@ -210,7 +211,7 @@ impl DeviceState {
             scenes,
             queues,
             range,
-            emitter,
+            source,
             counts,
             rng_table,
             sums,

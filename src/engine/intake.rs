@@ -3,7 +3,7 @@
 
 use crate::program::Cells;
 use crate::program::layout::tables::{MomentCells, ReachedMarks};
-use crate::result::{Booking, Moments, Tally};
+use crate::result::{FluxSum, Moments, Tally};
 
 /// From here on some cell of squares may have overflowed (shaders/sums/moments.on.wgsl).
 const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
@@ -31,7 +31,7 @@ pub(crate) struct Intake<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     /// A cell of a detector, in one of the copies.
-    Cell { sensor: usize, cell: usize, copy: usize },
+    Cell { detector: usize, cell: usize, copy: usize },
     /// Anything else, numbered as if detectors had no cells.
     Other(usize),
 }
@@ -49,7 +49,7 @@ struct Layout<'a> {
 
 impl<'a> Layout<'a> {
     fn of(cells: &'a Cells) -> Self {
-        let first = cells.sensors.first().copied().unwrap_or(cells.num_cells);
+        let first = cells.detectors.first().copied().unwrap_or(cells.num_cells);
         let (stride, copies) = cells.replicates.map_or((cells.num_cells - first, 1), |r| (r.stride, r.num));
         Layout { cells, first: first as usize, stride: stride as usize, copies: copies as usize }
     }
@@ -65,8 +65,8 @@ impl<'a> Layout<'a> {
         }
         let (copy, within) = (behind / self.stride, behind % self.stride);
         let starts_before = |&start: &u32| start as usize <= self.first + within;
-        let sensor = self.cells.sensors.partition_point(starts_before) - 1;
-        Place::Cell { sensor, cell: self.first + within - self.cells.sensors[sensor] as usize, copy }
+        let detector = self.cells.detectors.partition_point(starts_before) - 1;
+        Place::Cell { detector, cell: self.first + within - self.cells.detectors[detector] as usize, copy }
     }
 
     /// The number of a counter that is of no detector's cell.
@@ -81,17 +81,17 @@ impl<'a> Layout<'a> {
 
 impl<'a> Intake<'a> {
     /// For a tally in the scene's shape; moments may be missing in it.
-    pub fn new(cells: &'a Cells, counted: Counted, num_emitters: usize, tally: &'a mut Tally) -> Self {
+    pub fn new(cells: &'a Cells, counted: Counted, num_sources: usize, tally: &'a mut Tally) -> Self {
         let layout = Layout::of(cells);
-        for sensor in &mut tally.sensors {
-            let num_cells = sensor.quanta.len();
+        for detector in &mut tally.detectors {
+            let num_cells = detector.quanta.len();
             if counted.square.is_some() || cells.moments.is_some() {
-                grow(&mut sensor.squares, num_cells);
+                grow(&mut detector.squares, num_cells);
                 let by_source = cells.moments.is_some_and(|moments| moments.totals.is_some());
-                grow(&mut sensor.totals, if by_source { num_emitters } else { 1 });
+                grow(&mut detector.totals, if by_source { num_sources } else { 1 });
             }
             if cells.replicates.is_some() {
-                grow(&mut sensor.replicates, layout.copies * num_cells.max(1));
+                grow(&mut detector.replicates, layout.copies * num_cells.max(1));
             }
         }
         let counters = vec![0; layout.other_counter(cells.num_counters)];
@@ -102,13 +102,13 @@ impl<'a> Intake<'a> {
     /// Adds to a counter.
     pub fn count(&mut self, counter: usize, count: u64) {
         match self.layout.place(counter, self.layout.copies) {
-            Place::Cell { sensor, cell, .. } => {
-                let sensor = &mut self.tally.sensors[sensor];
-                *sensor.hits.get_mut(cell).unwrap_or(&mut sensor.recorded.count) += count;
+            Place::Cell { detector, cell, .. } => {
+                let detector = &mut self.tally.detectors[detector];
+                *detector.hits.get_mut(cell).unwrap_or(&mut detector.recorded.count) += count;
                 if let Some(square) = self.counted.square {
                     let squares = u128::from(count) * square;
-                    sensor.squares.get_mut(cell).into_iter().for_each(|sum| *sum += squares);
-                    sensor.totals[0].squares += squares;
+                    detector.squares.get_mut(cell).into_iter().for_each(|sum| *sum += squares);
+                    detector.totals[0].squares += squares;
                 }
             }
             Place::Other(number) => self.counters[number] += count,
@@ -122,22 +122,22 @@ impl<'a> Intake<'a> {
     pub fn sum(&mut self, index: usize, value: u128) {
         let holds_total = self.cells_hold_totals();
         match self.layout.place(index, self.layout.copies_of_sums()) {
-            Place::Cell { sensor, cell, copy } if copy == self.layout.copies => {
-                let sensor = &mut self.tally.sensors[sensor];
-                sensor.squares.get_mut(cell).into_iter().for_each(|sum| *sum += value);
+            Place::Cell { detector, cell, copy } if copy == self.layout.copies => {
+                let detector = &mut self.tally.detectors[detector];
+                detector.squares.get_mut(cell).into_iter().for_each(|sum| *sum += value);
                 if holds_total {
-                    sensor.totals[0].squares += value;
+                    detector.totals[0].squares += value;
                 }
             }
-            Place::Cell { sensor, cell, copy } => {
-                let sensor = &mut self.tally.sensors[sensor];
-                let num_cells = sensor.quanta.len().max(1);
-                *sensor.quanta.get_mut(cell).unwrap_or(&mut sensor.recorded.quanta) += value;
+            Place::Cell { detector, cell, copy } => {
+                let detector = &mut self.tally.detectors[detector];
+                let num_cells = detector.quanta.len().max(1);
+                *detector.quanta.get_mut(cell).unwrap_or(&mut detector.recorded.quanta) += value;
                 if holds_total {
-                    sensor.totals[0].quanta += value;
+                    detector.totals[0].quanta += value;
                 }
                 if self.layout.cells.replicates.is_some() {
-                    sensor.replicates[copy * num_cells + cell] += value;
+                    detector.replicates[copy * num_cells + cell] += value;
                 }
             }
             Place::Other(number) => self.sums[number] += value,
@@ -155,22 +155,22 @@ impl<'a> Intake<'a> {
     /// Adds what is of no detector's cell.
     pub fn finish(self, marks: ReachedMarks) {
         let Intake { layout, tally, counters, sums, .. } = self;
-        let booking = |cell: usize| Booking { count: counters[cell], quanta: sums[cell] };
+        let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
         tally.invalid_deposits += counters[0];
         tally.medium_stack_underflows += counters[1];
-        tally.roulette_gain += booking(2);
-        tally.bulk += booking(3);
-        tally.importance_loss += booking(4);
-        tally.importance_gain += booking(5);
-        tally.escaped += booking(6);
-        tally.depth_killed += booking(7);
-        tally.roulette_loss += booking(8);
-        tally.coating += booking(9);
-        tally.bsdf_loss += booking(10);
-        tally.bsdf_gain += booking(11);
+        tally.roulette_gain += flux_sum(2);
+        tally.bulk += flux_sum(3);
+        tally.importance_loss += flux_sum(4);
+        tally.importance_gain += flux_sum(5);
+        tally.escaped += flux_sum(6);
+        tally.depth_killed += flux_sum(7);
+        tally.roulette_loss += flux_sum(8);
+        tally.coating += flux_sum(9);
+        tally.bsdf_loss += flux_sum(10);
+        tally.bsdf_gain += flux_sum(11);
         let reached = layout.other_counter(layout.cells.reached);
         for (i, surface) in tally.surfaces.iter_mut().enumerate() {
-            let absorbed = booking(layout.cells.surfaces as usize + i);
+            let absorbed = flux_sum(layout.cells.surfaces as usize + i);
             surface.reached |= match marks {
                 ReachedMarks::None => absorbed.count != 0,
                 ReachedMarks::Bits => counters[reached] >> i & 1 != 0,
@@ -184,7 +184,7 @@ impl<'a> Intake<'a> {
         tally.moments_overflowed |= sums[layout.other_sum(moments.large_squares)] >= LARGE_SQUARES_LIMIT;
         let Some(totals) = moments.totals else { return };
         let pairs = sums[layout.other_sum(totals)..].chunks_exact(2);
-        let by_source = tally.sensors.iter_mut().flat_map(|sensor| &mut sensor.totals);
+        let by_source = tally.detectors.iter_mut().flat_map(|detector| &mut detector.totals);
         by_source.zip(pairs).for_each(|(sum, pair)| *sum += Moments { quanta: pair[0], squares: pair[1] });
     }
 }
@@ -201,13 +201,13 @@ fn grow<T: Clone + Default>(table: &mut Vec<T>, length: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::result::SensorTally;
+    use crate::result::DetectorTally;
 
     /// A ledger of twelve bins, one surface, a map of three cells and a ray database.
     fn cells() -> Cells {
         Cells {
             surfaces: 12,
-            sensors: vec![13, 16],
+            detectors: vec![13, 16],
             num_cells: 17,
             reached: 17,
             saturated: Some(20),
@@ -219,9 +219,9 @@ mod tests {
     }
 
     fn tally() -> Tally {
-        let map = SensorTally { quanta: vec![0; 3], hits: vec![0; 3], ..SensorTally::default() };
+        let map = DetectorTally { quanta: vec![0; 3], hits: vec![0; 3], ..DetectorTally::default() };
         Tally {
-            sensors: vec![map, SensorTally::default()],
+            detectors: vec![map, DetectorTally::default()],
             surfaces: vec![Default::default()],
             ..Tally::default()
         }
@@ -237,18 +237,18 @@ mod tests {
         (0..17).for_each(|i| intake.sum(i, 1000 + i as u128));
         intake.finish(ReachedMarks::Counters);
         assert_eq!((tally.invalid_deposits, tally.medium_stack_underflows), (100, 101));
-        assert_eq!(tally.bsdf_gain, Booking { count: 111, quanta: 1011 });
-        assert_eq!(tally.surfaces[0].absorbed, Booking { count: 112, quanta: 1012 });
+        assert_eq!(tally.bsdf_gain, FluxSum { count: 111, quanta: 1011 });
+        assert_eq!(tally.surfaces[0].absorbed, FluxSum { count: 112, quanta: 1012 });
         assert!(tally.surfaces[0].reached && tally.split_budget_saturated);
-        assert_eq!(tally.sensors[0].hits, [113, 114, 115]);
-        assert_eq!(tally.sensors[0].quanta, [1013, 1014, 1015]);
-        assert_eq!(tally.sensors[1].recorded, Booking { count: 116, quanta: 1016 });
+        assert_eq!(tally.detectors[0].hits, [113, 114, 115]);
+        assert_eq!(tally.detectors[0].quanta, [1013, 1014, 1015]);
+        assert_eq!(tally.detectors[1].recorded, FluxSum { count: 116, quanta: 1016 });
     }
 
     #[test]
     fn where_all_surfaces_absorb_their_ends_tell_that_they_were_reached() {
         let cells = Cells {
-            sensors: vec![14, 17],
+            detectors: vec![14, 17],
             num_cells: 18,
             reached: 18,
             saturated: None,
@@ -273,11 +273,11 @@ mod tests {
         (13..26).for_each(|i| intake.sum(i, i as u128));
         intake.finish(ReachedMarks::Counters);
         assert_eq!(
-            (&tally.sensors[0].quanta[..], &tally.sensors[0].squares[..]),
+            (&tally.detectors[0].quanta[..], &tally.detectors[0].squares[..]),
             (&[13, 14, 15][..], &[17, 18, 19][..])
         );
-        assert_eq!(tally.sensors[0].totals, [Moments { quanta: 21, squares: 22 }]);
-        assert_eq!(tally.sensors[1].totals, [Moments { quanta: 23, squares: 24 }]);
+        assert_eq!(tally.detectors[0].totals, [Moments { quanta: 21, squares: 22 }]);
+        assert_eq!(tally.detectors[1].totals, [Moments { quanta: 23, squares: 24 }]);
         assert!(!tally.moments_overflowed);
     }
 
@@ -288,13 +288,13 @@ mod tests {
         let mut intake = Intake::new(&cells, counted, 1, &mut tally);
         [(6, 5), (14, 2), (16, 3), (17, 1)].into_iter().for_each(|(i, count)| intake.count(i, count));
         intake.finish(ReachedMarks::Bits);
-        assert_eq!(tally.escaped, Booking { count: 5, quanta: 50 });
+        assert_eq!(tally.escaped, FluxSum { count: 5, quanta: 50 });
         assert_eq!(
-            (&tally.sensors[0].quanta[..], &tally.sensors[0].squares[..]),
+            (&tally.detectors[0].quanta[..], &tally.detectors[0].squares[..]),
             (&[0, 20, 0][..], &[0, 14, 0][..])
         );
-        assert_eq!(tally.sensors[0].totals, [Moments { quanta: 20, squares: 14 }]);
-        assert_eq!(tally.sensors[1].totals, [Moments { quanta: 30, squares: 21 }]);
+        assert_eq!(tally.detectors[0].totals, [Moments { quanta: 20, squares: 14 }]);
+        assert_eq!(tally.detectors[1].totals, [Moments { quanta: 30, squares: 21 }]);
     }
 
     #[test]
@@ -316,10 +316,10 @@ mod tests {
         (13..21).for_each(|i| intake.sum(i, i as u128));
         (13..22).for_each(|i| intake.count(i, i as u64));
         intake.finish(ReachedMarks::Counters);
-        assert_eq!(tally.sensors[0].replicates, [13, 14, 15, 17, 18, 19]);
-        assert_eq!(tally.sensors[0].quanta, [30, 32, 34]);
-        assert_eq!(tally.sensors[1].replicates, [16, 20]);
-        assert_eq!(tally.sensors[1].recorded, Booking { count: 36, quanta: 36 });
+        assert_eq!(tally.detectors[0].replicates, [13, 14, 15, 17, 18, 19]);
+        assert_eq!(tally.detectors[0].quanta, [30, 32, 34]);
+        assert_eq!(tally.detectors[1].replicates, [16, 20]);
+        assert_eq!(tally.detectors[1].recorded, FluxSum { count: 36, quanta: 36 });
         assert!(tally.surfaces[0].reached);
     }
 }

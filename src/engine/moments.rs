@@ -2,7 +2,7 @@
 
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::model::surface_optics::splits;
-use crate::model::{SceneIr, Sensor, Splat};
+use crate::model::{Detector, SceneIr, Splat};
 use crate::program::layout::{bsdf, tables};
 use crate::program::{Features, Sampler, SecondMoments};
 
@@ -22,7 +22,7 @@ pub(crate) enum MomentSource {
 impl MomentSource {
     pub(crate) fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
         let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
-        let is_cheap = !splits(ir) && ir.sensors.iter().all(tables::takes_rays_whole);
+        let is_cheap = !splits(ir) && ir.detectors.iter().all(tables::takes_rays_whole);
         let is_needed = hits_say_little(ir);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
@@ -50,11 +50,12 @@ impl MomentSource {
 /// says nothing of the error. Where squares would be many or dear, nobody sums them unasked.
 fn hits_say_little(ir: &SceneIr) -> bool {
     const MOST_CELLS: usize = 1 << 22;
-    let is_near = |sensor: &Sensor| {
-        sensor.absorb && sensor.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
+    let is_near = |detector: &Detector| {
+        detector.absorb
+            && detector.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
     };
     bsdf::kinds(ir).into_iter().any(bsdf::BsdfKind::has_table)
         && !splits(ir)
-        && ir.sensors.iter().all(is_near)
-        && ir.sensors.iter().map(Sensor::num_cells).sum::<usize>() <= MOST_CELLS
+        && ir.detectors.iter().all(is_near)
+        && ir.detectors.iter().map(Detector::num_cells).sum::<usize>() <= MOST_CELLS
 }

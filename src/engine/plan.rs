@@ -3,7 +3,7 @@
 //! Sources take turns: each pass takes the same share of every source's rays. What is done at any moment is so a fair sample
 //! of the scene. A position counts the rays of all sources, from 0 to their number.
 
-use crate::engine::budget::{EmitterRays, distribute, part};
+use crate::engine::budget::{SourceRays, distribute, part};
 use crate::engine::device::{Additions, DeviceState};
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::intake::Counted;
@@ -16,14 +16,14 @@ use crate::model::SceneIr;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::wgsl::extension::Extend;
 use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
-use crate::result::{Booking, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
+use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 
 /// What is to be traced.
 pub(crate) struct Plan {
     pub(crate) options: TraceOptions,
     pub(crate) program: Program,
     /// Those of each source.
-    pub(crate) rays: Vec<EmitterRays>,
+    pub(crate) rays: Vec<SourceRays>,
     /// Rays of all sources.
     pub(crate) num_rays: u64,
     pub(crate) moments: MomentSource,
@@ -39,7 +39,7 @@ fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
 /// A plan whose program is not composed yet.
 pub(crate) struct Draft {
     options: TraceOptions,
-    rays: Vec<EmitterRays>,
+    rays: Vec<SourceRays>,
     moments: MomentSource,
     /// How the program is to be composed: in the plain way, unless a strategy changes it.
     pub(crate) program: ProgramOptions,
@@ -89,10 +89,10 @@ fn plain(
     weights: Vec<f64>,
     moments: MomentSource,
 ) -> ProgramOptions {
-    let primitives = ir.surfaces.len() + ir.sensors.len();
+    let primitives = ir.surfaces.len() + ir.detectors.len();
     let events_per_dispatch = match moments {
         // A ray's crossings are known to the invocation that traces it alone.
-        MomentSource::Device if ir.sensors.iter().any(|sensor| !sensor.absorb) => options.max_depth,
+        MomentSource::Device if ir.detectors.iter().any(|detector| !detector.absorb) => options.max_depth,
         _ => options.events_per_dispatch.min(options.max_depth),
     };
     ProgramOptions {
@@ -137,8 +137,8 @@ impl Plan {
     /// Ids of the rays that are done at a position.
     fn rays_done(&self, position: u64) -> RaySet {
         let mut set = RaySet::default();
-        for (emitter, rays) in (0..).zip(&self.rays) {
-            set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), emitter };
+        for (source, rays) in (0..).zip(&self.rays) {
+            set += RaySpan { first: rays.first, count: rays.done(position, self.num_rays), source };
         }
         set
     }
@@ -160,12 +160,12 @@ impl Plan {
     /// that rays are known to have reached.
     pub(crate) fn ranges(&self, first: u64, end: u64, most: u32, reached: u32) -> Vec<RayRange> {
         let mut ranges = Vec::new();
-        for (emitter, rays) in self.rays.iter().enumerate() {
+        for (source, rays) in self.rays.iter().enumerate() {
             let last = rays.first + rays.done(end, self.num_rays);
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(most)) as u32;
-                ranges.push(RayRange { first: next, count, emitter, log_stride: 0, reached });
+                ranges.push(RayRange { first: next, count, source, log_stride: 0, reached });
                 next += u64::from(count);
             }
         }
@@ -173,14 +173,14 @@ impl Plan {
     }
 
     /// What a range is born with.
-    pub(crate) fn births(&self, range: &RayRange) -> Booking {
-        let quanta = self.birth_quanta(range.emitter);
-        Booking { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
+    pub(crate) fn births(&self, range: &RayRange) -> FluxSum {
+        let quanta = self.birth_quanta(range.source);
+        FluxSum { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
     }
 
     /// The weight of a source's new rays, quantised as the device does it.
-    fn birth_quanta(&self, emitter: usize) -> u128 {
-        let weight = self.options.precision.nearest(self.rays[emitter].weight);
+    fn birth_quanta(&self, source: usize) -> u128 {
+        let weight = self.options.precision.nearest(self.rays[source].weight);
         (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 

@@ -25,8 +25,8 @@ struct DeviceEvent {
 
 impl Rows {
     /// Gives the rows that are fetched from now on to recordings, one for each of so many sources.
-    pub(crate) fn record_to(&mut self, num_emitters: usize, recording: impl Fn() -> Recording) {
-        self.recordings = (0..num_emitters).map(|_| recording()).collect();
+    pub(crate) fn record_to(&mut self, num_sources: usize, recording: impl Fn() -> Recording) {
+        self.recordings = (0..num_sources).map(|_| recording()).collect();
     }
 
     /// What was recorded, sources in order; none without [`Rows::record_to`].
@@ -54,7 +54,7 @@ impl Rows {
         gpu.queue.write_buffer(device_counts, 0, &[0; 12]);
         let splits = plan.program.splitting.is_some();
         events.sort_unstable_by_key(|event| (event.row.order(splits), event.kind));
-        match self.recordings.get_mut(range.emitter) {
+        match self.recordings.get_mut(range.source) {
             Some(recording) => events.into_iter().try_for_each(|event| event.record(recording))?,
             None => self.events.append(&mut events),
         }
@@ -66,7 +66,7 @@ impl Rows {
         for event in self.events.drain(..) {
             match event.path_event() {
                 Some(path_event) => tally.paths.push(path_event),
-                None => tally.sensors[event.subject as usize].rows.push(event.row),
+                None => tally.detectors[event.subject as usize].rows.push(event.row),
             }
         }
     }
@@ -113,7 +113,7 @@ impl DeviceEvent {
             (events::RECORDED, _) => return None,
             (events::BIRTH, _) => PathEventKind::Birth(index),
             (events::SURFACE, _) => PathEventKind::Surface(index),
-            (events::SENSOR, _) => PathEventKind::Sensor(index),
+            (events::DETECTOR, _) => PathEventKind::Detector(index),
             (_, events::ESCAPED) => PathEventKind::Escaped,
             (_, events::DEPTH_KILLED) => PathEventKind::DepthKilled,
             (..) => PathEventKind::FluxKilled,

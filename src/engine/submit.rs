@@ -140,8 +140,8 @@ impl Engine<'_> {
 /// Tells a device which rays its next dispatch traces.
 fn write_range(device: &DeviceState, program: &Program, range: &RayRange) -> Result<()> {
     let queue = &device.gpu.queue;
-    if let Some(emitter) = program.emitters.get(range.emitter) {
-        queue.write_buffer(&device.emitter, 0, emitter);
+    if let Some(source) = program.source_uniforms.get(range.source) {
+        queue.write_buffer(&device.source, 0, source);
     }
     queue.write_buffer(&device.range, 0, &program.range_bytes(range)?);
     Ok(())

@@ -4,12 +4,12 @@ use crate::engine::limits::counts_per_ray;
 use crate::engine::plan::Plan;
 use crate::model::SceneIr;
 use crate::program::RayRange;
-use crate::result::{Booking, RaySet, RaySpan, SensorTally, SurfaceTally, Tally};
+use crate::result::{DetectorTally, FluxSum, RaySet, RaySpan, SurfaceTally, Tally};
 
 /// What was launched since the sums were drained.
 #[derive(Debug, Default)]
 pub(crate) struct Undrained {
-    pub(super) launched: Booking,
+    pub(super) launched: FluxSum,
     pub(super) rays: RaySet,
     /// So much at most any counter has counted.
     pub(crate) counts: u64,
@@ -21,9 +21,9 @@ pub(crate) struct Undrained {
 impl Undrained {
     /// Takes note of a range.
     pub(crate) fn launch(&mut self, plan: &Plan, range: &RayRange) {
-        let (count, emitter) = (u64::from(range.count), range.emitter as u32);
+        let (count, source) = (u64::from(range.count), range.source as u32);
         self.launched += plan.births(range);
-        self.rays += RaySpan { first: range.first, count, emitter };
+        self.rays += RaySpan { first: range.first, count, source };
         self.counts += count * counts_per_ray(&plan.program);
     }
 
@@ -37,13 +37,13 @@ impl Undrained {
 
 /// A tally of no rays, in the scene's shape.
 pub(crate) fn empty_tally(ir: &SceneIr) -> Tally {
-    let sensors = ir.sensors.iter().map(|sensor| SensorTally {
-        quanta: vec![0; sensor.num_cells()],
-        hits: vec![0; sensor.num_cells()],
+    let detectors = ir.detectors.iter().map(|detector| DetectorTally {
+        quanta: vec![0; detector.num_cells()],
+        hits: vec![0; detector.num_cells()],
         ..Default::default()
     });
     Tally {
-        sensors: sensors.collect(),
+        detectors: detectors.collect(),
         surfaces: vec![SurfaceTally::default(); ir.surfaces.len()],
         ..Default::default()
     }

@@ -1,4 +1,4 @@
-//! The scene as the tracer sees it: flat surfaces, media, emitters and sensors, with Optiland's names for each kind.
+//! The scene as the tracer sees it: flat surfaces, media, sources and detectors, with Optiland's names for each kind.
 //!
 //! Lengths are in mm, wavelengths in um, flux in W, angles in rad. A [`Frame`] maps local to global coordinates;
 //! the origin of the global frame is where the user put it (the program re-centres the scene later, in f64).
@@ -25,7 +25,7 @@ pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::precision::Precision;
 pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
 pub use crate::model::sources::{
-    CollimatedGaussian, CollimatedTophat, EmitterKind, EmitterName, Extended, Point,
+    CollimatedGaussian, CollimatedTophat, Extended, Point, SourceFunction, SourceKind,
 };
 use glam::{DMat3, DVec3};
 
@@ -44,9 +44,9 @@ pub struct SceneIr {
     /// Triangle meshes, each once, however often it is placed.
     pub meshes: Vec<Mesh>,
     /// Sources in list order: rays are numbered across them in this order.
-    pub emitters: Vec<Emitter>,
+    pub sources: Vec<Source>,
     /// Detectors in list order; a surface at the same distance wins over a detector.
-    pub sensors: Vec<Sensor>,
+    pub detectors: Vec<Detector>,
     /// How rare branches are sampled.
     pub sampling: Sampling,
 }
@@ -124,13 +124,13 @@ pub enum Interaction {
 
 /// A source of rays.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Emitter {
+pub struct Source {
     /// The user's name for it.
     pub name: String,
     /// Position and orientation; local +z is the axis.
     pub frame: Frame,
     /// How rays are born.
-    pub kind: EmitterKind,
+    pub kind: SourceKind,
     /// Emitted flux \[W\].
     pub total_flux: f64,
     /// Discrete spectrum.
@@ -150,20 +150,20 @@ pub struct Spectrum {
 
 /// A detector.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sensor {
+pub struct Detector {
     /// The user's name for it.
     pub name: String,
     /// Position and orientation; the detector is the plane local z = 0.
     pub frame: Frame,
     /// What it records.
-    pub kind: SensorKind,
+    pub kind: DetectorKind,
     /// True if it ends the rays that it records.
     pub absorb: bool,
 }
 
 /// Kinds of detectors.
 #[derive(Debug, Clone, PartialEq)]
-pub enum SensorKind {
+pub enum DetectorKind {
     /// Flux over a rectangle of pixels.
     Irradiance(PixelGrid),
     /// Flux over pixels and wavelength bins.
@@ -271,15 +271,15 @@ impl SceneIr {
     pub const VACUUM: MediumId = 0;
 }
 
-impl Sensor {
+impl Detector {
     /// The outline of the detector's plane.
     pub fn outline(&self) -> Outline {
         match &self.kind {
-            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
                 Outline::Rectangle { width: grid.width, height: grid.height }
             }
-            SensorKind::FarField { .. } => Outline::Disk { radius: FAR_FIELD_RADIUS },
-            SensorKind::RayDatabase { width, height, .. } => {
+            DetectorKind::FarField { .. } => Outline::Disk { radius: FAR_FIELD_RADIUS },
+            DetectorKind::RayDatabase { width, height, .. } => {
                 Outline::Rectangle { width: *width, height: *height }
             }
         }
@@ -289,12 +289,12 @@ impl Sensor {
     /// The order is C order of `(ny, nx)`, `(ny, nx, n_lambda)` or `(n_theta, n_phi)`.
     pub fn num_cells(&self) -> usize {
         match &self.kind {
-            SensorKind::Irradiance(grid) => grid.num_pixels(),
-            SensorKind::Spectral { grid, wavelength_edges } => {
+            DetectorKind::Irradiance(grid) => grid.num_pixels(),
+            DetectorKind::Spectral { grid, wavelength_edges } => {
                 grid.num_pixels() * (wavelength_edges.len() - 1)
             }
-            SensorKind::FarField { num_theta, num_phi } => *num_theta as usize * *num_phi as usize,
-            SensorKind::RayDatabase { .. } => 0,
+            DetectorKind::FarField { num_theta, num_phi } => *num_theta as usize * *num_phi as usize,
+            DetectorKind::RayDatabase { .. } => 0,
         }
     }
 }
@@ -303,27 +303,27 @@ impl SceneIr {
     /// The scene with detectors of one cell: a pilot trace, whose paths are all that is looked at, has the same ones.
     pub fn with_single_cells(&self) -> Self {
         let mut ir = self.clone();
-        ir.sensors.iter_mut().for_each(|sensor| sensor.kind.keep_one_cell());
+        ir.detectors.iter_mut().for_each(|detector| detector.kind.keep_one_cell());
         ir
     }
 }
 
-impl SensorKind {
+impl DetectorKind {
     fn keep_one_cell(&mut self) {
         match self {
-            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
                 (grid.num_pixels_x, grid.num_pixels_y, grid.splat) = (1, 1, Splat::Hard);
             }
-            SensorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (1, 1),
-            SensorKind::RayDatabase { .. } => {}
+            DetectorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (1, 1),
+            DetectorKind::RayDatabase { .. } => {}
         }
     }
 
     /// The pixels of a detector that has pixels.
     pub fn grid(&self) -> Option<&PixelGrid> {
         match self {
-            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => Some(grid),
-            SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => None,
+            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => Some(grid),
+            DetectorKind::FarField { .. } | DetectorKind::RayDatabase { .. } => None,
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use crate::model::{Frame, SceneIr, Shape};
 
-/// Every primitive: surfaces, then sensors.
+/// Every primitive: surfaces, then detectors.
 pub fn primitives(ir: &SceneIr) -> Vec<(Frame, Shape)> {
     let surfaces = ir.surfaces.iter().map(|s| (s.frame, s.shape));
-    surfaces.chain(ir.sensors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
+    surfaces.chain(ir.detectors.iter().map(|s| (s.frame, Shape::Plane(s.outline())))).collect()
 }

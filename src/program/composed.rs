@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::surface_optics::{coating_pass, reflectance};
-use crate::model::{EmitterName, SceneIr, SensorKind, Surface};
+use crate::model::{DetectorKind, SceneIr, SourceFunction, Surface};
 use crate::program::df64;
 use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
@@ -49,8 +49,8 @@ pub struct Program {
     pub constant_weights: bool,
     /// Largest number of rows for the host that one launched ray can make, its children's included.
     pub max_events_per_ray: u64,
-    /// Per emitter, the uniform that a dispatch of its rays reads; none for a lone emitter, which is compiled in.
-    pub emitters: Vec<Vec<u8>>,
+    /// Per source, the uniform that a dispatch of its rays reads; none for a single source, which is compiled in.
+    pub source_uniforms: Vec<Vec<u8>>,
     /// The words of step 0 of the random generator's table.
     first_step: [u32; 4],
 }
@@ -114,14 +114,14 @@ impl Program {
             rng_table: Vec::new(),
             buffers: Vec::new(),
             constant_weights,
-            emitters: Vec::new(),
+            source_uniforms: Vec::new(),
             first_step: [0; 4],
         };
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
         program.buffers = program.pack(ir, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
         program.buffers.extend(program.trees(&scene.forest, &scene.triangles, scene.tree.as_ref())?);
-        program.emitters = program.pack_emitters(ir)?;
+        program.source_uniforms = program.pack_sources(ir)?;
         Ok(program)
     }
 
@@ -158,12 +158,12 @@ impl Program {
         }
         if !self.options.baked {
             let surfaces = tables::surface_records(ir, self.centre, &self.features);
-            let sensors = tables::sensor_records(ir, self.centre, &self.cells);
+            let detectors = tables::detector_records(ir, self.centre, &self.cells);
             let has_records = tree.is_some_and(|tree| tree.records.is_some());
             let num = self.options.num_in_table(ir);
             let primitives = (!has_records).then(|| tables::primitive_records(ir, self.centre, num));
             let contacts = contacts.any().then(|| tables::contact_records(ir, contacts, facets));
-            tables.extend([surfaces, sensors].into_iter().chain(primitives).chain(contacts));
+            tables.extend([surfaces, detectors].into_iter().chain(primitives).chain(contacts));
         }
         for records in tables {
             let bytes = records.bytes(&self.module, self.options.precision)?;
@@ -194,7 +194,7 @@ impl Program {
     /// Other draws, of the same shader: sets the random generator's table.
     pub fn set_seed(&mut self, seed: u64) -> &[u8] {
         // A source may draw beyond the events of a ray.
-        let source_steps = EmitterName::ALL.iter().map(|name| name.wgsl().num_steps).fold(0, u32::max);
+        let source_steps = SourceFunction::ALL.iter().map(|name| name.wgsl().num_steps).fold(0, u32::max);
         let num_steps = (self.options.max_depth + source_steps) as usize;
         let rows = rng::step_table(self.options.sampler, seed, num_steps);
         self.first_step = rows[0];
@@ -202,16 +202,16 @@ impl Program {
         &self.rng_table
     }
 
-    fn pack_emitters(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {
-        if ir.emitters.len() == 1 {
+    fn pack_sources(&self, ir: &SceneIr) -> Result<Vec<Vec<u8>>> {
+        if ir.sources.len() == 1 {
             return Ok(Vec::new());
         }
-        let records = tables::emitter_records(ir, self.centre, &self.options.weights);
+        let records = tables::source_records(ir, self.centre, &self.options.weights);
         records.bytes_by_row(&self.module, self.options.precision)
     }
 
     /// The WGSL that the device runs.
-    pub fn source(&self) -> &str {
+    pub fn device_wgsl(&self) -> &str {
         self.rewritten.as_deref().unwrap_or(&self.wgsl)
     }
 
@@ -263,7 +263,7 @@ impl Program {
             ("first_lo", range.first as u32),
             ("first_hi", (range.first >> 32) as u32),
             ("count", range.count),
-            ("emitter", range.emitter as u32),
+            ("source", range.source as u32),
             ("seed_lo", seed_lo),
             ("seed_hi", seed_hi),
             ("log_stride", range.log_stride),
@@ -280,7 +280,7 @@ impl Program {
 /// (threshold, wavelength) per entry: bits <= threshold decides as bits / 2^32 <= cdf does.
 fn spectra(ir: &SceneIr) -> Vec<u8> {
     const TWO_POW_32: f64 = 4294967296.0;
-    let entries = ir.emitters.iter().flat_map(|e| e.spectrum.cdf.iter().zip(&e.spectrum.wavelengths));
+    let entries = ir.sources.iter().flat_map(|e| e.spectrum.cdf.iter().zip(&e.spectrum.wavelengths));
     // The conversion saturates: a cdf of 1 gives the largest of all bits.
     entries
         .flat_map(|(cdf, wavelength)| [(cdf * TWO_POW_32).floor() as u32, *wavelength as u32])
@@ -288,15 +288,17 @@ fn spectra(ir: &SceneIr) -> Vec<u8> {
         .collect()
 }
 
-/// The bin of each wavelength, per sensor: Optiland's searchsorted(edges, wavelength, "right") - 1, clamped.
+/// The bin of each wavelength, per detector: Optiland's searchsorted(edges, wavelength, "right") - 1, clamped.
 fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
-    let bins = ir.sensors.iter().flat_map(|sensor| {
-        ir.wavelengths.iter().map(|wavelength| match &sensor.kind {
-            SensorKind::Spectral { wavelength_edges: edges, .. } => {
+    let bins = ir.detectors.iter().flat_map(|detector| {
+        ir.wavelengths.iter().map(|wavelength| match &detector.kind {
+            DetectorKind::Spectral { wavelength_edges: edges, .. } => {
                 let above = edges.partition_point(|edge| edge <= wavelength);
                 above.saturating_sub(1).min(edges.len() - 2) as u32
             }
-            SensorKind::Irradiance(_) | SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => 0,
+            DetectorKind::Irradiance(_)
+            | DetectorKind::FarField { .. }
+            | DetectorKind::RayDatabase { .. } => 0,
         })
     });
     bins.flat_map(u32::to_le_bytes).collect()
@@ -305,7 +307,7 @@ fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
 fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u64 {
     let recorded = if features.ray_database {
         let all_absorb =
-            ir.sensors.iter().all(|s| s.absorb || !matches!(s.kind, SensorKind::RayDatabase { .. }));
+            ir.detectors.iter().all(|s| s.absorb || !matches!(s.kind, DetectorKind::RayDatabase { .. }));
         if all_absorb { 1 } else { options.max_depth }
     } else {
         0

@@ -2,12 +2,12 @@
 
 /// A ray on a ray database.
 pub const RECORDED: u32 = 0;
-/// A path begins, at an emitter.
+/// A path begins, at a source.
 pub const BIRTH: u32 = 1;
 /// It meets a surface.
 pub const SURFACE: u32 = 2;
-/// It meets a sensor.
-pub const SENSOR: u32 = 3;
+/// It meets a detector.
+pub const DETECTOR: u32 = 3;
 /// It ends, by one of the fates below.
 pub const DEATH: u32 = 4;
 

@@ -3,7 +3,9 @@
 pub use crate::model::Precision;
 use crate::model::primitives::primitives;
 use crate::model::surface_optics::{least_share, splits};
-use crate::model::{EmitterName, Interaction, Medium, ReflectProb, SceneIr, SensorKind, ShapeKind, Splat};
+use crate::model::{
+    DetectorKind, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
+};
 use crate::program::layout::bsdf::{self, BsdfKind};
 
 /// What the scene and the options of the trace need.
@@ -53,20 +55,20 @@ pub struct Features {
     pub far_field: bool,
     /// Some detector is a ray database.
     pub ray_database: bool,
-    /// Kinds of emitters, without repetition.
-    pub emitters: Vec<EmitterName>,
+    /// Kinds of sources, without repetition.
+    pub sources: Vec<SourceFunction>,
 }
 
 impl Features {
-    /// Derives the features of a scene whose emitters' rays are born with these weights, with roulette below
+    /// Derives the features of a scene whose sources' rays are born with these weights, with roulette below
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
     pub fn of(ir: &SceneIr, weights: &[f64], roulette_threshold: f64, max_depth: u32) -> Self {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let primitives = primitives(ir);
         let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
-        let mut emitters: Vec<EmitterName> = ir.emitters.iter().map(|e| e.kind.kind()).collect();
-        emitters.sort();
-        emitters.dedup();
+        let mut sources: Vec<SourceFunction> = ir.sources.iter().map(|e| e.kind.kind()).collect();
+        sources.sort();
+        sources.dedup();
         let reflectances = || {
             ir.surfaces.iter().filter_map(|s| match &s.interaction {
                 Interaction::Reflective { reflectance } => Some(reflectance),
@@ -85,7 +87,7 @@ impl Features {
             is_unbounded || reflectances().flatten().any(|&r| r != 1.0) || coatings().next().is_some();
         let lowest_weight = lowest_birth_weight * (ROUNDED_DOWN * least_share).powf(max_depth.into());
         let is_spectral = |values: &Vec<f64>| values.iter().any(|&value| value != values[0]);
-        let grids: Vec<Splat> = ir.sensors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
+        let grids: Vec<Splat> = ir.detectors.iter().filter_map(|s| s.kind.grid().map(|g| g.splat)).collect();
         let roulette =
             lowest_birth_weight < roulette_threshold || loses_weight && lowest_weight < roulette_threshold;
         let keeps_weight = !loses_weight && !roulette;
@@ -116,12 +118,12 @@ impl Features {
                 grids.contains(&Splat::Bilinear),
                 grids.iter().any(|s| matches!(s, Splat::Gaussian { .. })),
             ],
-            transmissive: ir.sensors.iter().any(|s| !s.absorb),
-            spectral: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::Spectral { .. })),
-            irradiance: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::Irradiance(_))),
-            far_field: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::FarField { .. })),
-            ray_database: ir.sensors.iter().any(|s| matches!(s.kind, SensorKind::RayDatabase { .. })),
-            emitters,
+            transmissive: ir.detectors.iter().any(|s| !s.absorb),
+            spectral: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::Spectral { .. })),
+            irradiance: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::Irradiance(_))),
+            far_field: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::FarField { .. })),
+            ray_database: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::RayDatabase { .. })),
+            sources,
         }
     }
 

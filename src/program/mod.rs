@@ -11,7 +11,7 @@ pub mod options;
 pub mod prepared;
 pub mod wgsl;
 
-pub use crate::model::EmitterName;
+pub use crate::model::SourceFunction;
 pub use crate::program::composed::Program;
 pub use crate::program::features::{Features, Precision};
 pub use crate::program::layout::rng::Sampler;

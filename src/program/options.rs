@@ -13,7 +13,7 @@ use glam::DVec3;
 /// primitives compiled in take two to three times as long to compile.
 pub const MAX_BAKED_PRIMITIVES: usize = 24;
 /// Up to so many detectors stand apart from the tree.
-const MAX_SENSORS_APART: usize = 8;
+const MAX_DETECTORS_APART: usize = 8;
 /// Events of an invocation whose loops never make many rounds.
 const FEW_EVENTS: u32 = 1 << 8;
 
@@ -60,7 +60,7 @@ pub struct ProgramOptions {
     pub vector_lanes: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
-    /// The weight that each emitter's rays are born with.
+    /// The weight that each source's rays are born with.
     pub weights: Vec<f64>,
     /// What the draws are.
     pub sampler: Sampler,
@@ -91,8 +91,8 @@ impl ProgramOptions {
     /// The primitives, more than one, that are searched by a tree; none if it is none. Few detectors stand apart and are
     /// compiled in: most rays end on one of them.
     pub fn tree_primitives(&self, ir: &SceneIr) -> std::ops::Range<usize> {
-        let (surfaces, sensors) = (ir.surfaces.len(), ir.sensors.len());
-        let num = if sensors <= MAX_SENSORS_APART { surfaces } else { surfaces + sensors };
+        let (surfaces, detectors) = (ir.surfaces.len(), ir.detectors.len());
+        let num = if detectors <= MAX_DETECTORS_APART { surfaces } else { surfaces + detectors };
         if self.tree && !self.baked && num > 1 { 0..num } else { 0..0 }
     }
 
@@ -100,7 +100,7 @@ impl ProgramOptions {
     /// stand apart from the tree.
     pub fn num_in_table(&self, ir: &SceneIr) -> usize {
         match self.tree_primitives(ir).end {
-            0 => ir.surfaces.len() + ir.sensors.len(),
+            0 => ir.surfaces.len() + ir.detectors.len(),
             num => num,
         }
     }
@@ -169,15 +169,15 @@ impl ProgramOptions {
 /// Texels of an image from one line to the next.
 pub const TEXELS_PER_LINE: u32 = 4096;
 
-/// Rays `first..first + count` of one emitter.
+/// Rays `first..first + count` of one source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayRange {
     /// First ray id.
     pub first: u64,
     /// Number of rays.
     pub count: u32,
-    /// The emitter they come from.
-    pub emitter: usize,
+    /// The source they come from.
+    pub source: usize,
     /// From an entry of a ray in the log to its next.
     pub log_stride: u32,
     /// Primitives that earlier passes reached, a bit each, where they are marked so.

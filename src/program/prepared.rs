@@ -97,7 +97,7 @@ impl<'a> Prepared<'a> {
 /// The middle of all origins, so that coordinates on the device are of the scene's size, not of its distance.
 pub fn centre_of(ir: &SceneIr) -> DVec3 {
     let frames = primitives(ir).into_iter().map(|(frame, _)| frame);
-    let origins = frames.chain(ir.emitters.iter().map(|e| e.frame)).map(|frame| frame.origin);
+    let origins = frames.chain(ir.sources.iter().map(|e| e.frame)).map(|frame| frame.origin);
     let bounds = origins.fold(None, |bounds: Option<(DVec3, DVec3)>, origin| match bounds {
         None => Some((origin, origin)),
         Some((low, high)) => Some((low.min(origin), high.max(origin))),

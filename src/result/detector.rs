@@ -1,10 +1,10 @@
 //! What one detector recorded, by kind.
 
 use crate::error::{Error, Result};
-use crate::model::{Sensor, SensorKind};
+use crate::model::{self, DetectorKind};
 use crate::result::uncertainty::relative_error_of_map;
 use crate::result::{
-    Booking, FarFieldPattern, FluxUnit, IrradianceMap, RayDatabase, Rows, SensorTally, SpectralMap,
+    DetectorTally, FarFieldPattern, FluxSum, FluxUnit, IrradianceMap, RayDatabase, Rows, SpectralMap,
     Uncertainty,
 };
 use std::sync::Arc;
@@ -42,29 +42,29 @@ pub enum DetectorData {
 
 impl Detector {
     pub(crate) fn new(
-        sensor: &Sensor,
-        sums: &SensorTally,
+        detector: &model::Detector,
+        sums: &DetectorTally,
         rows: Option<&Arc<Rows>>,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
         wavelengths: &[f64],
     ) -> Result<Self> {
         let mut total_flux_standard_error = uncertainty.of_total(sums);
-        let Booking { count: num_rays_hit, quanta } = sums.total();
+        let FluxSum { count: num_rays_hit, quanta } = sums.total();
         let mut total_flux = unit.watts(quanta);
-        let data = match &sensor.kind {
-            SensorKind::Irradiance(grid) => {
+        let data = match &detector.kind {
+            DetectorKind::Irradiance(grid) => {
                 DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit, uncertainty)?)
             }
-            SensorKind::Spectral { grid, wavelength_edges } => {
+            DetectorKind::Spectral { grid, wavelength_edges } => {
                 DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit, uncertainty)?)
             }
-            SensorKind::FarField { num_theta, num_phi } => {
+            DetectorKind::FarField { num_theta, num_phi } => {
                 DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit, uncertainty)?)
             }
-            SensorKind::RayDatabase { .. } => {
-                let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", sensor.name)))?;
-                let database = RayDatabase::new(sensor.frame, rows.clone(), total_flux, unit, wavelengths)?;
+            DetectorKind::RayDatabase { .. } => {
+                let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", detector.name)))?;
+                let database = RayDatabase::new(detector.frame, rows.clone(), total_flux, unit, wavelengths)?;
                 if database.truncated {
                     total_flux = database.kept_flux;
                     total_flux_standard_error = None;
@@ -73,8 +73,8 @@ impl Detector {
             }
         };
         Ok(Detector {
-            name: sensor.name.clone(),
-            absorb: sensor.absorb,
+            name: detector.name.clone(),
+            absorb: detector.absorb,
             total_flux,
             total_flux_standard_error,
             num_rays_hit,

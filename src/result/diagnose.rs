@@ -3,7 +3,7 @@
 use crate::format::{percent, shown, significant, thousands};
 use crate::model::{SceneIr, depth};
 use crate::result::{
-    Detector, DetectorData, DetectorDiagnostic, Diagnostics, SensorTally, StoppedBy, Tally, TraceResult,
+    Detector, DetectorData, DetectorDiagnostic, DetectorTally, Diagnostics, StoppedBy, Tally, TraceResult,
     Uncertainty,
 };
 
@@ -49,7 +49,7 @@ impl DetectorDiagnostic {
 /// hits.
 fn undersampled(
     detector: &Detector,
-    sums: &SensorTally,
+    sums: &DetectorTally,
     uncertainty: &Uncertainty,
     num_rays: u64,
 ) -> Option<String> {
@@ -111,7 +111,7 @@ impl Diagnostics {
         warnings.extend(result.run.precision_warning.iter().cloned());
         warnings.extend(result.run.scene_warnings.iter().cloned());
         let maps =
-            result.detectors.iter().zip(&tally.sensors).filter_map(|(detector, sums)| {
+            result.detectors.iter().zip(&tally.detectors).filter_map(|(detector, sums)| {
                 undersampled(detector, sums, uncertainty, result.num_rays_total)
             });
         let without_rays = sources_without_rays(ir, result, tally);
@@ -257,20 +257,20 @@ fn unlit(result: &TraceResult) -> Option<String> {
 /// Sources that no ray was left for. A lone source has all rays, and a part of a trace may have none of a source.
 fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Option<String> {
     let is_part = result.run.of_rays.is_some_and(|all| all > result.num_rays_total);
-    if is_part || ir.emitters.len() < 2 {
+    if is_part || ir.sources.len() < 2 {
         return None;
     }
-    let counts = tally.rays.counts(ir.emitters.len());
-    let without = ir.emitters.iter().zip(counts).filter(|(_, count)| *count == 0);
-    let names: Vec<String> = without.map(|(emitter, _)| shown(&emitter.name)).collect();
+    let counts = tally.rays.counts(ir.sources.len());
+    let without = ir.sources.iter().zip(counts).filter(|(_, count)| *count == 0);
+    let names: Vec<String> = without.map(|(source, _)| shown(&source.name)).collect();
     (!names.is_empty()).then(|| {
         format!(
             "{} of {} sources have no ray: {}; their light is missing; launch at least {} rays, and a thousand times as many \
              for a result",
             thousands(names.len() as u64),
-            thousands(ir.emitters.len() as u64),
+            thousands(ir.sources.len() as u64),
             listed(names.iter().map(String::as_str)),
-            thousands(ir.emitters.len() as u64)
+            thousands(ir.sources.len() as u64)
         )
     })
 }

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::result::irradiance::{bin_centres, bin_edges, shaped};
 use crate::result::npz::NpzFile;
 use crate::result::tally::map_lit;
-use crate::result::{FluxUnit, SensorTally, Uncertainty};
+use crate::result::{DetectorTally, FluxUnit, Uncertainty};
 
 /// Largest polar angle \[deg\]: both hemispheres are folded into one.
 pub const THETA_MAX: f64 = 90.0;
@@ -31,7 +31,7 @@ impl FarFieldPattern {
     pub(crate) fn new(
         num_theta: u32,
         num_phi: u32,
-        sums: &SensorTally,
+        sums: &DetectorTally,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
     ) -> Result<Self> {

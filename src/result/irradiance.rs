@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::model::PixelGrid;
 use crate::result::npz::NpzFile;
 use crate::result::tally::map_lit;
-use crate::result::{FluxUnit, SensorTally, Uncertainty};
+use crate::result::{DetectorTally, FluxUnit, Uncertainty};
 
 /// Irradiance of a planar detector.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +31,7 @@ pub struct IrradianceMap {
 impl IrradianceMap {
     pub(crate) fn new(
         grid: &PixelGrid,
-        sums: &SensorTally,
+        sums: &DetectorTally,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
     ) -> Result<Self> {

@@ -1,9 +1,9 @@
-//! Where every quantum went: integers, so that the books close to the last bit or show that they do not.
+//! Where every quantum went: integers, so that the ledger closes to the last bit or shows that it does not.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::model::{Interaction, SceneIr};
-use crate::result::{Booking, FluxUnit, Tally};
+use crate::result::{FluxSum, FluxUnit, Tally};
 
 /// One line of the ledger.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -61,20 +61,23 @@ pub struct Ledger {
 }
 
 impl Entry {
-    /// The line of a booking.
-    pub fn new(booking: Booking, unit: FluxUnit) -> Self {
-        Entry { count: booking.count, quanta: booking.quanta, flux: unit.watts(booking.quanta) }
+    /// The line of a sum.
+    pub fn new(flux_sum: FluxSum, unit: FluxUnit) -> Self {
+        Entry { count: flux_sum.count, quanta: flux_sum.quanta, flux: unit.watts(flux_sum.quanta) }
     }
 }
 
 impl Ledger {
     /// The ledger of a trace.
     pub fn new(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Self {
-        let entry = |booking| Entry::new(booking, unit);
-        let sensors = |absorb: bool| {
-            let sensors =
-                ir.sensors.iter().zip(&tally.sensors).filter(move |(sensor, _)| sensor.absorb == absorb);
-            total(sensors.map(|(_, sums)| sums.total()))
+        let entry = |flux_sum| Entry::new(flux_sum, unit);
+        let detectors = |absorb: bool| {
+            let detectors = ir
+                .detectors
+                .iter()
+                .zip(&tally.detectors)
+                .filter(move |(detector, _)| detector.absorb == absorb);
+            total(detectors.map(|(_, sums)| sums.total()))
         };
         let surfaces = |absorbing: bool| {
             let surfaces = ir.surfaces.iter().zip(&tally.surfaces);
@@ -89,7 +92,7 @@ impl Ledger {
             roulette_gain: entry(tally.roulette_gain),
             importance_gain: entry(tally.importance_gain),
             bsdf_gain: entry(tally.bsdf_gain),
-            detected: entry(sensors(true)),
+            detected: entry(detectors(true)),
             absorbed: entry(surfaces(true)),
             surface: entry(surfaces(false)),
             coating: entry(tally.coating),
@@ -99,7 +102,7 @@ impl Ledger {
             depth: entry(tally.depth_killed),
             roulette_loss: entry(tally.roulette_loss),
             importance_loss: entry(tally.importance_loss),
-            tapped: entry(sensors(false)),
+            tapped: entry(detectors(false)),
             imbalance_quanta: 0,
             imbalance_flux: 0.0,
             invalid_deposits: tally.invalid_deposits,
@@ -148,9 +151,9 @@ impl Ledger {
     }
 }
 
-fn total(bookings: impl Iterator<Item = Booking>) -> Booking {
-    bookings.fold(Booking::default(), |mut sum, booking| {
-        sum += booking;
+fn total(flux_sums: impl Iterator<Item = FluxSum>) -> FluxSum {
+    flux_sums.fold(FluxSum::default(), |mut sum, flux_sum| {
+        sum += flux_sum;
         sum
     })
 }

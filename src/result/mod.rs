@@ -53,7 +53,7 @@ pub use crate::result::spectral::SpectralMap;
 pub use crate::result::stopped_by::StoppedBy;
 pub(crate) use crate::result::tally::check_shape;
 pub use crate::result::tally::{
-    Booking, Moments, PathEvent, PathEventKind, RayRow, SensorTally, SurfaceTally, Tally,
+    DetectorTally, FluxSum, Moments, PathEvent, PathEventKind, RayRow, SurfaceTally, Tally,
 };
 pub use crate::result::trace_result::{SurfaceResult, TraceResult};
 pub(crate) use crate::result::uncertainty::Uncertainty;

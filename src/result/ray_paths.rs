@@ -19,9 +19,9 @@ pub struct RayPaths {
     rows: Arc<Rows>,
     unit: FluxUnit,
     wavelengths: Vec<f64>,
-    emitters: Vec<String>,
+    sources: Vec<String>,
     surfaces: Vec<String>,
-    sensors: Vec<String>,
+    detectors: Vec<String>,
 }
 
 /// Recorded events in memory. All columns have shape (n,).
@@ -52,9 +52,9 @@ impl RayPaths {
             rows,
             unit,
             wavelengths: ir.wavelengths.clone(),
-            emitters: ir.emitters.iter().map(|emitter| emitter.name.clone()).collect(),
+            sources: ir.sources.iter().map(|source| source.name.clone()).collect(),
             surfaces: ir.surfaces.iter().map(|surface| surface.name.clone()).collect(),
-            sensors: ir.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+            detectors: ir.detectors.iter().map(|detector| detector.name.clone()).collect(),
         })
     }
 
@@ -130,9 +130,9 @@ impl RayPaths {
 
     fn name(&self, kind: PathEventKind) -> &str {
         match kind {
-            PathEventKind::Birth(index) => &self.emitters[index],
+            PathEventKind::Birth(index) => &self.sources[index],
             PathEventKind::Surface(index) => &self.surfaces[index],
-            PathEventKind::Sensor(index) => &self.sensors[index],
+            PathEventKind::Detector(index) => &self.detectors[index],
             PathEventKind::Escaped => "escaped",
             PathEventKind::DepthKilled => "depth_killed",
             PathEventKind::FluxKilled => "flux_killed",
@@ -167,7 +167,7 @@ impl PathEventKind {
     pub fn event_type(self) -> &'static str {
         match self {
             PathEventKind::Birth(_) => "birth",
-            PathEventKind::Surface(_) | PathEventKind::Sensor(_) => "hit",
+            PathEventKind::Surface(_) | PathEventKind::Detector(_) => "hit",
             PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled => "death",
         }
     }

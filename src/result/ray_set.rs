@@ -4,15 +4,15 @@ use std::ops::AddAssign;
 
 use serde::{Deserialize, Serialize};
 
-/// Rays `first..first + count` of one emitter.
+/// Rays `first..first + count` of one source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct RaySpan {
     /// First ray id.
     pub first: u64,
     /// Number of rays.
     pub count: u64,
-    /// The emitter they come from.
-    pub emitter: u32,
+    /// The source they come from.
+    pub source: u32,
 }
 
 /// The ids of the rays that were traced: spans in ascending order, neighbours joined, so that it does not depend on how
@@ -35,16 +35,16 @@ impl RaySet {
         &self.spans
     }
 
-    /// Rays of one emitter.
-    pub fn count_of(&self, emitter: usize) -> u64 {
-        self.spans.iter().filter(|span| span.emitter as usize == emitter).map(|span| span.count).sum()
+    /// Rays of one source.
+    pub fn count_of(&self, source: usize) -> u64 {
+        self.spans.iter().filter(|span| span.source as usize == source).map(|span| span.count).sum()
     }
 
-    /// Launched rays of each of so many emitters.
-    pub fn counts(&self, num_emitters: usize) -> Vec<u64> {
-        let mut counts = vec![0; num_emitters];
+    /// Launched rays of each of so many sources.
+    pub fn counts(&self, num_sources: usize) -> Vec<u64> {
+        let mut counts = vec![0; num_sources];
         for span in &self.spans {
-            counts.iter_mut().skip(span.emitter as usize).take(1).for_each(|count| *count += span.count);
+            counts.iter_mut().skip(span.source as usize).take(1).for_each(|count| *count += span.count);
         }
         counts
     }
@@ -86,7 +86,7 @@ impl AddAssign<RaySpan> for RaySet {
             let Some(&[a, b]) = self.spans.get(left..).and_then(|rest| rest.first_chunk::<2>()) else {
                 continue;
             };
-            if a.emitter == b.emitter && a.end() == b.first {
+            if a.source == b.source && a.end() == b.first {
                 self.spans[left].count += b.count;
                 self.spans.remove(left + 1);
             }
@@ -104,8 +104,8 @@ impl AddAssign<&RaySet> for RaySet {
 mod tests {
     use super::*;
 
-    fn span(first: u64, end: u64, emitter: u32) -> RaySpan {
-        RaySpan { first, count: end - first, emitter }
+    fn span(first: u64, end: u64, source: u32) -> RaySpan {
+        RaySpan { first, count: end - first, source }
     }
 
     fn set(spans: &[RaySpan]) -> RaySet {
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_of_one_emitter_are_joined_in_any_order() {
+    fn neighbours_of_one_source_are_joined_in_any_order() {
         let pieces = [span(0, 10, 0), span(10, 20, 0), span(20, 30, 1), span(30, 35, 1), span(40, 50, 1)];
         let expected = [span(0, 20, 0), span(20, 35, 1), span(40, 50, 1)];
         for turn in 0..5 {

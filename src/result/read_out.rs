@@ -24,18 +24,18 @@ impl TraceResult {
     /// [`Error::Internal`] if tally or rows are not those of this scene, [`Error::File`] if the rows cannot be read.
     pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
-        let emitted: f64 = ir.emitters.iter().map(|emitter| emitter.total_flux).sum();
+        let emitted: f64 = ir.sources.iter().map(|source| source.total_flux).sum();
         let unit = FluxUnit::new(emitted, if run.partial { tally.launched.count } else { run.num_rays });
         let uncertainty = Uncertainty::new(ir, tally, unit);
         let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { emitted };
 
         let detectors: Vec<Detector> = ir
-            .sensors
+            .detectors
             .iter()
-            .zip(&tally.sensors)
+            .zip(&tally.detectors)
             .zip(&recorded.databases)
-            .map(|((sensor, sums), rows)| {
-                Detector::new(sensor, sums, rows.as_ref(), unit, &uncertainty, &ir.wavelengths)
+            .map(|((detector, sums), rows)| {
+                Detector::new(detector, sums, rows.as_ref(), unit, &uncertainty, &ir.wavelengths)
             })
             .collect::<Result<_>>()?;
         let surfaces = surfaces(ir, tally, unit);

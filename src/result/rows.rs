@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
-use crate::model::{SceneIr, SensorKind, ray_id};
+use crate::model::{DetectorKind, SceneIr, ray_id};
 use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
 
 /// Rows in a block.
@@ -134,7 +134,7 @@ impl Rows {
     /// Rays in memory.
     pub(crate) fn of_rays(mut rays: impl Iterator<Item = RayRow>) -> Result<Arc<Self>> {
         let mut writer = RowWriter::in_memory(None);
-        rays.try_for_each(|ray| writer.push(&PathEvent { ray, kind: PathEventKind::Sensor(0) }))?;
+        rays.try_for_each(|ray| writer.push(&PathEvent { ray, kind: PathEventKind::Detector(0) }))?;
         Ok(writer.finish())
     }
 
@@ -325,7 +325,7 @@ fn with_file<T>(
 /// All that a trace records by rows: the rays of databases, and the events of paths.
 #[derive(Debug)]
 pub struct Recording {
-    /// Per sensor; none unless it is a ray database.
+    /// Per detector; none unless it is a ray database.
     databases: Vec<Option<RowWriter>>,
     paths: RowWriter,
 }
@@ -333,7 +333,7 @@ pub struct Recording {
 /// A finished [`Recording`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {
-    /// Per sensor; none unless it is a ray database.
+    /// Per detector; none unless it is a ray database.
     pub databases: Vec<Option<Arc<Rows>>>,
     /// Events of the recorded paths.
     pub paths: Arc<Rows>,
@@ -341,11 +341,13 @@ pub struct Recorded {
 
 impl Recording {
     fn new(ir: &SceneIr, paths: RowWriter, rows: impl Fn(Option<u64>) -> RowWriter) -> Self {
-        let database = |kind: &SensorKind| match kind {
-            SensorKind::RayDatabase { max_rays, .. } => Some(rows(*max_rays)),
-            SensorKind::Irradiance(_) | SensorKind::Spectral { .. } | SensorKind::FarField { .. } => None,
+        let database = |kind: &DetectorKind| match kind {
+            DetectorKind::RayDatabase { max_rays, .. } => Some(rows(*max_rays)),
+            DetectorKind::Irradiance(_) | DetectorKind::Spectral { .. } | DetectorKind::FarField { .. } => {
+                None
+            }
         };
-        Recording { databases: ir.sensors.iter().map(|sensor| database(&sensor.kind)).collect(), paths }
+        Recording { databases: ir.detectors.iter().map(|detector| database(&detector.kind)).collect(), paths }
     }
 
     /// Rows stay in memory.
@@ -371,10 +373,10 @@ impl Recording {
     ///
     /// # Errors
     /// [`Error::File`] if a file cannot be written.
-    pub fn ray(&mut self, sensor: usize, ray: RayRow) -> Result<()> {
-        match self.databases.get_mut(sensor) {
-            Some(Some(rows)) => rows.push(&PathEvent { ray, kind: PathEventKind::Sensor(sensor) }),
-            _ => Err(Error::Internal(format!("a row for detector {sensor}, which is no ray database"))),
+    pub fn ray(&mut self, detector: usize, ray: RayRow) -> Result<()> {
+        match self.databases.get_mut(detector) {
+            Some(Some(rows)) => rows.push(&PathEvent { ray, kind: PathEventKind::Detector(detector) }),
+            _ => Err(Error::Internal(format!("a row for detector {detector}, which is no ray database"))),
         }
     }
 
@@ -416,8 +418,8 @@ impl Recorded {
     pub fn of_tally(ir: &SceneIr, tally: &Tally) -> Result<Self> {
         let mut recording = Recording::in_memory(ir);
         let splits = crate::model::surface_optics::splits(ir);
-        for (index, sensor) in tally.sensors.iter().enumerate() {
-            let mut rows: Vec<&RayRow> = sensor.rows.iter().collect();
+        for (index, detector) in tally.detectors.iter().enumerate() {
+            let mut rows: Vec<&RayRow> = detector.rows.iter().collect();
             rows.sort_by_key(|row| row.order(splits));
             rows.into_iter().try_for_each(|row| recording.ray(index, *row))?;
         }
@@ -472,7 +474,7 @@ pub(crate) fn kind_of(word: u64) -> PathEventKind {
     match word & 0xff {
         0 => PathEventKind::Birth(index),
         1 => PathEventKind::Surface(index),
-        2 => PathEventKind::Sensor(index),
+        2 => PathEventKind::Detector(index),
         3 => PathEventKind::Escaped,
         4 => PathEventKind::DepthKilled,
         _ => PathEventKind::FluxKilled,
@@ -483,7 +485,7 @@ fn kind_word(kind: PathEventKind) -> u64 {
     let (kind, index) = match kind {
         PathEventKind::Birth(index) => (0, index),
         PathEventKind::Surface(index) => (1, index),
-        PathEventKind::Sensor(index) => (2, index),
+        PathEventKind::Detector(index) => (2, index),
         PathEventKind::Escaped => (3, 0),
         PathEventKind::DepthKilled => (4, 0),
         PathEventKind::FluxKilled => (5, 0),
@@ -501,7 +503,7 @@ mod tests {
         let kinds = [
             PathEventKind::Birth(3),
             PathEventKind::Surface(70_000),
-            PathEventKind::Sensor(2),
+            PathEventKind::Detector(2),
             PathEventKind::Escaped,
             PathEventKind::DepthKilled,
             PathEventKind::FluxKilled,

@@ -7,7 +7,7 @@ use crate::model::PixelGrid;
 use crate::result::irradiance::{bin_centres, centres, pixel_area, shaped};
 use crate::result::npz::NpzFile;
 use crate::result::tally::map_lit;
-use crate::result::{FluxUnit, SensorTally, Uncertainty};
+use crate::result::{DetectorTally, FluxUnit, Uncertainty};
 
 /// Irradiance of a planar detector per wavelength bin.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,7 +39,7 @@ impl SpectralMap {
     pub(crate) fn new(
         grid: &PixelGrid,
         edges: &[f64],
-        sums: &SensorTally,
+        sums: &DetectorTally,
         unit: FluxUnit,
         uncertainty: &Uncertainty,
     ) -> Result<Self> {

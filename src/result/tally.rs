@@ -5,12 +5,12 @@ use std::ops::AddAssign;
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::{SceneIr, Sensor};
+use crate::model::{Detector, SceneIr};
 use crate::result::RaySet;
 
 /// Number of events and the quanta that they took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Booking {
+pub struct FluxSum {
     /// Number of events.
     pub count: u64,
     /// Sum of weight before minus weight after \[quanta\].
@@ -22,33 +22,33 @@ pub struct Booking {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     /// Rays launched, and the weight they were born with.
-    pub launched: Booking,
+    pub launched: FluxSum,
     /// Which rays they are.
     pub rays: RaySet,
     /// Per detector, in scene order.
-    pub sensors: Vec<SensorTally>,
+    pub detectors: Vec<DetectorTally>,
     /// Per surface, in scene order.
     pub surfaces: Vec<SurfaceTally>,
     /// Rays that met nothing any more.
-    pub escaped: Booking,
+    pub escaped: FluxSum,
     /// Rays that reached the largest number of events.
-    pub depth_killed: Booking,
+    pub depth_killed: FluxSum,
     /// Rays ended by Russian roulette.
-    pub roulette_loss: Booking,
+    pub roulette_loss: FluxSum,
     /// Weight gained by the survivors of roulette.
-    pub roulette_gain: Booking,
+    pub roulette_gain: FluxSum,
     /// Weight taken by absorbing media (events are segments with a loss).
-    pub bulk: Booking,
+    pub bulk: FluxSum,
     /// Weight lost where a branch was drawn more often than its share.
-    pub importance_loss: Booking,
+    pub importance_loss: FluxSum,
     /// Weight gained where a branch was drawn less often than its share.
-    pub importance_gain: Booking,
+    pub importance_gain: FluxSum,
     /// Weight absorbed by coatings.
-    pub coating: Booking,
+    pub coating: FluxSum,
     /// Weight lost where rays were scattered, or drawn not to be more often than their share.
-    pub bsdf_loss: Booking,
+    pub bsdf_loss: FluxSum,
     /// Weight gained there.
-    pub bsdf_gain: Booking,
+    pub bsdf_gain: FluxSum,
     /// Rays that left a solid which they had never entered.
     pub medium_stack_underflows: u64,
     /// True if splitting wanted more rays of some launched ray than its budget.
@@ -63,19 +63,19 @@ pub struct Tally {
 
 /// The sums of one detector.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct SensorTally {
-    /// Quanta per cell; the order of [`crate::model::Sensor::num_cells`]. Empty for a ray database.
+pub struct DetectorTally {
+    /// Quanta per cell; the order of [`crate::model::Detector::num_cells`]. Empty for a ray database.
     pub quanta: Vec<u128>,
     /// Rays per cell: the cell that was hit, whatever the splat.
     pub hits: Vec<u64>,
     /// Ray database: rays recorded and their weight.
-    pub recorded: Booking,
+    pub recorded: FluxSum,
     /// Ray database: the rows.
     pub rows: Vec<RayRow>,
     /// Per cell, the sum over primary rays of the square of the weight that the ray left there, in units of 2^-52,
     /// rounded up. Empty where second moments were not summed, and for a ray database.
     pub squares: Vec<u128>,
-    /// Per emitter, the moments of what its rays left on the detector in all. Empty where they were not summed.
+    /// Per source, the moments of what its rays left on the detector in all. Empty where they were not summed.
     pub totals: Vec<Moments>,
     /// Where points were scrambled in several independent ways: the quanta per cell of each, one after the other; of a ray
     /// database in all. The ray whose id has the remainder r by their number is of the scramble r.
@@ -97,7 +97,7 @@ pub struct SurfaceTally {
     /// True if some ray hit the surface.
     pub reached: bool,
     /// Rays that ended there (absorbing surfaces), or events with a loss (mirrors), and what they left there.
-    pub absorbed: Booking,
+    pub absorbed: FluxSum,
 }
 
 /// One row of a ray database, in global coordinates.
@@ -129,12 +129,12 @@ pub struct PathEvent {
 /// Kinds of path events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PathEventKind {
-    /// Born at this emitter.
+    /// Born at this source.
     Birth(usize),
     /// Hit this surface.
     Surface(usize),
     /// Crossed this detector.
-    Sensor(usize),
+    Detector(usize),
     /// Met nothing any more.
     Escaped,
     /// Reached the largest number of events.
@@ -143,15 +143,15 @@ pub enum PathEventKind {
     FluxKilled,
 }
 
-impl AddAssign for Booking {
+impl AddAssign for FluxSum {
     fn add_assign(&mut self, other: Self) {
         self.count += other.count;
         self.quanta += other.quanta;
     }
 }
 
-impl AddAssign<&SensorTally> for SensorTally {
-    fn add_assign(&mut self, other: &SensorTally) {
+impl AddAssign<&DetectorTally> for DetectorTally {
+    fn add_assign(&mut self, other: &DetectorTally) {
         add_cells(&mut self.quanta, &other.quanta);
         add_cells(&mut self.hits, &other.hits);
         self.recorded += other.recorded;
@@ -180,7 +180,7 @@ impl AddAssign<&Tally> for Tally {
     fn add_assign(&mut self, other: &Tally) {
         self.launched += other.launched;
         self.rays += &other.rays;
-        add_each(&mut self.sensors, &other.sensors, |sum, sensor| *sum += sensor);
+        add_each(&mut self.detectors, &other.detectors, |sum, detector| *sum += detector);
         add_each(&mut self.surfaces, &other.surfaces, |sum, surface| *sum += *surface);
         self.escaped += other.escaped;
         self.depth_killed += other.depth_killed;
@@ -232,13 +232,13 @@ pub(crate) fn map_lit<T: Copy + Default + PartialEq, V: Clone + Default>(
 impl Tally {
     /// The tally of no rays, with a cell for everything in the scene.
     pub fn zeros(ir: &SceneIr) -> Self {
-        let sensor = |sensor: &Sensor| SensorTally {
-            quanta: vec![0; sensor.num_cells()],
-            hits: vec![0; sensor.num_cells()],
-            ..SensorTally::default()
+        let detector = |detector: &Detector| DetectorTally {
+            quanta: vec![0; detector.num_cells()],
+            hits: vec![0; detector.num_cells()],
+            ..DetectorTally::default()
         };
         Tally {
-            sensors: ir.sensors.iter().map(sensor).collect(),
+            detectors: ir.detectors.iter().map(detector).collect(),
             surfaces: vec![SurfaceTally::default(); ir.surfaces.len()],
             ..Tally::default()
         }
@@ -249,15 +249,15 @@ impl Tally {
     /// Puts the rows and paths of a scene in the order in which files hold them.
     pub fn sort_rows(&mut self, ir: &SceneIr) {
         let splits = crate::model::surface_optics::splits(ir);
-        self.sensors.iter_mut().for_each(|sensor| sensor.rows.sort_by_key(|row| row.order(splits)));
+        self.detectors.iter_mut().for_each(|detector| detector.rows.sort_by_key(|row| row.order(splits)));
         self.paths.sort_by_key(|event| event.ray.order(splits));
     }
 }
 
-impl SensorTally {
+impl DetectorTally {
     /// Rays recorded, and their weight: the sum over cells, or over the rays of a database.
-    pub fn total(&self) -> Booking {
-        Booking {
+    pub fn total(&self) -> FluxSum {
+        FluxSum {
             count: self.recorded.count + self.hits.iter().sum::<u64>(),
             quanta: self.recorded.quanta + self.quanta.iter().sum::<u128>(),
         }
@@ -266,11 +266,11 @@ impl SensorTally {
 
 /// Refuses sums that are not of this scene.
 pub(crate) fn check_shape(ir: &SceneIr, tally: &Tally) -> Result<()> {
-    let sensors_fit = ir.sensors.len() == tally.sensors.len()
-        && ir.sensors.iter().zip(&tally.sensors).all(|(sensor, sums)| {
-            sums.quanta.len() == sensor.num_cells() && sums.hits.len() == sensor.num_cells()
+    let detectors_fit = ir.detectors.len() == tally.detectors.len()
+        && ir.detectors.iter().zip(&tally.detectors).all(|(detector, sums)| {
+            sums.quanta.len() == detector.num_cells() && sums.hits.len() == detector.num_cells()
         });
-    if sensors_fit && ir.surfaces.len() == tally.surfaces.len() {
+    if detectors_fit && ir.surfaces.len() == tally.surfaces.len() {
         Ok(())
     } else {
         Err(Error::Internal("the sums of the trace do not have the shape of the scene".into()))

@@ -17,7 +17,7 @@
 
 use crate::model::SceneIr;
 use crate::model::ray_id::NUM_REPLICATES;
-use crate::result::{FluxUnit, Moments, QUANTA_PER_WEIGHT, SensorTally, Tally};
+use crate::result::{DetectorTally, FluxUnit, Moments, QUANTA_PER_WEIGHT, Tally};
 
 /// Standard error of a sum over `num_rays` rays, in units of weight; NaN for a single ray, which says nothing.
 pub fn standard_error(num_rays: u64, moments: Moments) -> f64 {
@@ -56,7 +56,7 @@ fn replicates_error(sums: impl Iterator<Item = u128> + Clone, num_rays: &[u64]) 
 #[derive(Debug, Clone)]
 pub(crate) struct Uncertainty {
     num_rays: u64,
-    rays_of_emitters: Vec<u64>,
+    rays_of_sources: Vec<u64>,
     rays_of_replicates: Vec<u64>,
     unit: FluxUnit,
     overflowed: bool,
@@ -64,14 +64,14 @@ pub(crate) struct Uncertainty {
 
 impl Uncertainty {
     pub(crate) fn new(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Self {
-        let rays_of_emitters = match ir.emitters.len() {
+        let rays_of_sources = match ir.sources.len() {
             1 => vec![tally.launched.count],
-            emitters => tally.rays.counts(emitters),
+            sources => tally.rays.counts(sources),
         };
         let overflowed = tally.moments_overflowed;
         let rays_of_replicates = tally.rays.counts_by_remainder(u64::from(NUM_REPLICATES));
         let num_rays = tally.launched.count;
-        Uncertainty { num_rays, rays_of_emitters, rays_of_replicates, unit, overflowed }
+        Uncertainty { num_rays, rays_of_sources, rays_of_replicates, unit, overflowed }
     }
 
     /// Standard error of the flux in each cell \[W\]; none where second moments were not summed. The sources are pooled:
@@ -79,7 +79,7 @@ impl Uncertainty {
     /// largest share of a source's rays that comes by the cell; it is never too small.
     ///
     /// Each is divided by the size of its cell: area, or solid angle.
-    pub(crate) fn of_cells(&self, sums: &SensorTally, size: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
+    pub(crate) fn of_cells(&self, sums: &DetectorTally, size: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
         if !Uncertainty::knows_cells(sums) {
             return None;
         }
@@ -94,14 +94,14 @@ impl Uncertainty {
     }
 
     /// The error of a detector's map; none of a dark one, of a ray database, and where nothing tells the errors of cells.
-    pub(crate) fn of_map(&self, sums: &SensorTally) -> Option<MapError> {
+    pub(crate) fn of_map(&self, sums: &DetectorTally) -> Option<MapError> {
         Uncertainty::knows_cells(sums)
             .then(|| MapError::new(sums, self.unit, |cell| self.of_cell(sums, cell)))?
     }
 
     /// The same by the hits alone: each cell's error is its value over the root of its hits. It is right where all rays
     /// weigh the same and each comes to one cell.
-    pub(crate) fn of_map_by_hits(&self, sums: &SensorTally) -> Option<MapError> {
+    pub(crate) fn of_map_by_hits(&self, sums: &DetectorTally) -> Option<MapError> {
         let error = |cell: usize| {
             let hits = sums.hits.get(cell).map_or(1, |&hits| hits.max(1));
             self.unit.watts(sums.quanta[cell]) / (hits as f64).sqrt()
@@ -110,13 +110,13 @@ impl Uncertainty {
     }
 
     /// True if the tally tells errors of the cells.
-    fn knows_cells(sums: &SensorTally) -> bool {
+    fn knows_cells(sums: &DetectorTally) -> bool {
         let has_squares = sums.squares.len() == sums.quanta.len() && !sums.totals.is_empty();
         has_squares || !sums.replicates.is_empty()
     }
 
     /// Standard error of the flux in a cell \[W\].
-    fn of_cell(&self, sums: &SensorTally, cell: usize) -> f64 {
+    fn of_cell(&self, sums: &DetectorTally, cell: usize) -> f64 {
         if sums.replicates.is_empty() {
             return self.of_moments(Moments { quanta: sums.quanta[cell], squares: sums.squares[cell] });
         }
@@ -135,15 +135,15 @@ impl Uncertainty {
 
     /// Standard error of a detector's flux \[W\]; none where second moments were not summed. Each source has a fixed
     /// number of rays, so that the variances of the sources add up.
-    pub(crate) fn of_total(&self, sums: &SensorTally) -> Option<f64> {
+    pub(crate) fn of_total(&self, sums: &DetectorTally) -> Option<f64> {
         if !sums.replicates.is_empty() {
             let of_replicate = sums.replicates.chunks(sums.quanta.len().max(1));
             return Some(self.of_replicates(of_replicate.map(|cells| cells.iter().sum())));
         }
-        if sums.totals.len() != self.rays_of_emitters.len() {
+        if sums.totals.len() != self.rays_of_sources.len() {
             return None;
         }
-        let strata = sums.totals.iter().zip(&self.rays_of_emitters);
+        let strata = sums.totals.iter().zip(&self.rays_of_sources);
         let variance: f64 = strata.map(|(&moments, &num_rays)| variance(num_rays, moments)).sum();
         Some(self.watts(variance.sqrt()))
     }
@@ -174,7 +174,7 @@ impl MapError {
     /// Of fewer hits, the root tells too little of the root of the hits that are expected.
     const MANY_HITS: u64 = 8;
 
-    fn new(sums: &SensorTally, unit: FluxUnit, error: impl Fn(usize) -> f64) -> Option<Self> {
+    fn new(sums: &DetectorTally, unit: FluxUnit, error: impl Fn(usize) -> f64) -> Option<Self> {
         let mut map = MapError { value: 0.0, of_many: 0.0, of_few: 0.0, expected_hits: 1.0 };
         for (cell, &quanta) in sums.quanta.iter().enumerate().filter(|(_, quanta)| **quanta > 0) {
             map.value += unit.watts(quanta);
@@ -243,10 +243,10 @@ pub(crate) struct Errors(Vec<DetectorError>);
 impl Errors {
     pub(crate) fn of(ir: &SceneIr, tally: &Tally) -> Self {
         let uncertainty = Uncertainty::new(ir, tally, FluxUnit::new(QUANTA_PER_WEIGHT, 1));
-        let lit = tally.sensors.iter().map(|sensor| (sensor, sensor.total().quanta as f64));
-        let errors = lit.filter(|(_, total)| *total > 0.0).map(|(sensor, total)| DetectorError {
-            map: uncertainty.of_map(sensor),
-            flux: uncertainty.of_total(sensor).map_or(f64::NAN, |error| error / total),
+        let lit = tally.detectors.iter().map(|detector| (detector, detector.total().quanta as f64));
+        let errors = lit.filter(|(_, total)| *total > 0.0).map(|(detector, total)| DetectorError {
+            map: uncertainty.of_map(detector),
+            flux: uncertainty.of_total(detector).map_or(f64::NAN, |error| error / total),
         });
         Errors(errors.collect())
     }
@@ -342,10 +342,10 @@ mod tests {
     /// A map of cells of so many hits, all of weight 1.
     fn map_of(hits: Vec<u64>) -> MapError {
         let quanta = hits.iter().map(|&hits| u128::from(hits) << 52).collect();
-        let sums = SensorTally { quanta, hits, ..SensorTally::default() };
+        let sums = DetectorTally { quanta, hits, ..DetectorTally::default() };
         let uncertainty = Uncertainty {
             num_rays: 1,
-            rays_of_emitters: Vec::new(),
+            rays_of_sources: Vec::new(),
             rays_of_replicates: Vec::new(),
             unit: FluxUnit::new(1.0, 1),
             overflowed: false,

@@ -57,7 +57,7 @@ fn lowered(name: &str, place: &str, bsdf: &Bsdf, reading: &mut Reading<'_>) -> R
                     ));
                 }
             };
-            reading.warnings.extend(doubts(name, &table));
+            reading.warnings.extend(warnings(name, &table));
             model::Bsdf::Tabulated { table, transmissive_fraction: *transmissive_fraction }
         }
     })
@@ -281,15 +281,15 @@ fn gridded(place: &str, values: &BTreeMap<(Angle, Angle), f64>) -> Result<BsdfTa
 }
 
 /// What the user should know of a table: angles at which it is dark, and rows that give more light than they get.
-fn doubts(name: &str, table: &BsdfTable) -> Vec<String> {
+fn warnings(name: &str, table: &BsdfTable) -> Vec<String> {
     /// Measured tables exceed 1 by their own errors.
     const TOLERANCE: f64 = 1e-3;
     let name = quoted(name);
-    let mut doubts = Vec::new();
+    let mut warnings = Vec::new();
     for (what, angles) in [("incidence", &table.theta_i), ("scatter", &table.theta_s)] {
         let (first, last) = (angles[0], angles[angles.len() - 1]);
         if first > 0.0 || last < 90.0 {
-            doubts.push(format!(
+            warnings.push(format!(
                 "the BSDF of {name} covers angles of {what} from {first} to {last} degrees; beyond them it is 0"
             ));
         }
@@ -298,9 +298,9 @@ fn doubts(name: &str, table: &BsdfTable) -> Vec<String> {
         .map(|i| (table.albedo(i), table.theta_i[i]))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((albedo, theta_i)) = brightest.filter(|(albedo, _)| *albedo > 1.0 + TOLERANCE) {
-        doubts.push(format!(
+        warnings.push(format!(
             "the BSDF of {name} scatters {albedo:.4} times what it gets at an incidence of {theta_i} degrees"
         ));
     }
-    doubts
+    warnings
 }

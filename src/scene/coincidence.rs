@@ -7,12 +7,12 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::model::shapes;
 use crate::model::{Frame, Interaction, Mesh, Outline, Shape, area_vector};
-use crate::scene::detectors::sensor;
+use crate::scene::detectors::lowered;
 use crate::scene::frame::frame_of;
 use crate::scene::json::{SceneFile, Source};
 use crate::scene::media::MediaTable;
 use crate::scene::place::quoted;
-use crate::scene::sources::emitter_kind;
+use crate::scene::sources::kind_of;
 use crate::scene::surfaces::SceneSurface;
 
 /// What `check` and `trace` say of them. The tracer meets what is named here first (program::contact).
@@ -39,7 +39,7 @@ fn births_in_faces(
 ) -> Option<String> {
     /// Within which a direction lies in a face \[rad\].
     const ANGLE: f64 = 1e-9;
-    let kind = emitter_kind(source);
+    let kind = kind_of(source);
     let frame = frame_of(source.cs());
     let half_angle = kind.half_angle();
     let outline = if kind.is_point() { Outline::Disk { radius: POINT } } else { kind.births() };
@@ -79,19 +79,19 @@ fn births_in_faces(
 
 /// Detectors in the plane of a surface, or of a detector before them in the list.
 fn hidden_detectors(file: &SceneFile, surfaces: &[SceneSurface], meshes: &[Mesh]) -> Vec<String> {
-    let sensors: Vec<_> = file.detectors.iter().map(|detector| sensor(detector, None)).collect();
+    let detectors: Vec<_> = file.detectors.iter().map(|detector| lowered(detector, None)).collect();
     let faces: Vec<Face<'_>> = surfaces.iter().map(|surface| Face::of(surface, meshes)).collect();
     let mut before: Vec<Flat<'_>> = Vec::new();
     let mut warnings = Vec::new();
-    for sensor in &sensors {
-        let flat = Flat::new(&sensor.name, sensor.frame, sensor.outline(), 0.0);
+    for detector in &detectors {
+        let flat = Flat::new(&detector.name, detector.frame, detector.outline(), 0.0);
         let surface = surfaces.iter().zip(&faces).find(|(_, face)| face.covers_flat(&flat));
-        let detector = || before.iter().find(|other| other.covers(&flat)).map(|other| other.name);
-        if let Some(other) = surface.map(|(surface, _)| surface.name.as_str()).or_else(detector) {
+        let earlier = || before.iter().find(|other| other.covers(&flat)).map(|other| other.name);
+        if let Some(other) = surface.map(|(surface, _)| surface.name.as_str()).or_else(earlier) {
             warnings.push(format!(
                 "detector {} lies in the plane of {}: where the two coincide, rays meet the latter alone, as in Optiland; \
                  move one by a micrometre",
-                quoted(&sensor.name),
+                quoted(&detector.name),
                 quoted(other)
             ));
         }

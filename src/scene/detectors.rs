@@ -1,33 +1,36 @@
 //! Detectors as scene files give them -> those of the model.
 
-use crate::model::{Frame, PixelGrid, Sensor, SensorKind, Splat};
+use crate::model::{Detector, DetectorKind, Frame, PixelGrid, Splat};
 use crate::scene::frame::frame_of;
-use crate::scene::json::{Detector, DetectorExtra, SplatKind};
+use crate::scene::json::{self, DetectorExtra, SplatKind};
 
 /// The detector, with what the block says of it.
-pub(crate) fn sensor(detector: &Detector, extra: Option<&DetectorExtra>) -> Sensor {
-    let frame: Frame = frame_of(detector.cs());
-    let (kind, absorb) = match detector {
-        Detector::Irradiance(d) => {
+pub(crate) fn lowered(written: &json::Detector, extra: Option<&DetectorExtra>) -> Detector {
+    let frame: Frame = frame_of(written.cs());
+    let (kind, absorb) = match written {
+        json::Detector::Irradiance(d) => {
             let splat = splat(d.splat, d.splat_sigma);
-            (SensorKind::Irradiance(grid(d.width, d.height, d.num_pixels_x, d.num_pixels_y, splat)), d.absorb)
+            (
+                DetectorKind::Irradiance(grid(d.width, d.height, d.num_pixels_x, d.num_pixels_y, splat)),
+                d.absorb,
+            )
         }
-        Detector::Spectral(d) => {
+        json::Detector::Spectral(d) => {
             let splat = splat(d.splat, d.splat_sigma);
             let grid = grid(d.width, d.height, d.num_pixels_x, d.num_pixels_y, splat);
             let wavelength_edges = edges(d.wl_min, d.wl_max, d.num_bins);
-            (SensorKind::Spectral { grid, wavelength_edges }, d.absorb)
+            (DetectorKind::Spectral { grid, wavelength_edges }, d.absorb)
         }
-        Detector::FarField(d) => {
-            (SensorKind::FarField { num_theta: d.num_bins_theta, num_phi: d.num_bins_phi }, d.absorb)
+        json::Detector::FarField(d) => {
+            (DetectorKind::FarField { num_theta: d.num_bins_theta, num_phi: d.num_bins_phi }, d.absorb)
         }
-        Detector::RayDatabase(d) => {
+        json::Detector::RayDatabase(d) => {
             // Optiland's 0 stands for no limit.
             let max_rays = extra.and_then(|extra| extra.max_rays).filter(|limit| *limit > 0);
-            (SensorKind::RayDatabase { width: d.width, height: d.height, max_rays }, d.absorb)
+            (DetectorKind::RayDatabase { width: d.width, height: d.height, max_rays }, d.absorb)
         }
     };
-    Sensor { name: detector.name().to_owned(), frame, kind, absorb }
+    Detector { name: written.name().to_owned(), frame, kind, absorb }
 }
 
 fn grid(width: f64, height: f64, num_pixels_x: u32, num_pixels_y: u32, splat: Splat) -> PixelGrid {

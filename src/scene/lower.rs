@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use crate::model::{Emitter, MediumId, ReflectProb, Sampling, SceneIr, Spectrum, Surface};
+use crate::model::{MediumId, ReflectProb, Sampling, SceneIr, Source, Spectrum, Surface};
 use crate::scene::Scene;
-use crate::scene::detectors::sensor;
+use crate::scene::detectors::lowered as lowered_detector;
 use crate::scene::frame::frame_of;
-use crate::scene::json::{self, Material, Source};
-use crate::scene::sources::emitter_kind;
+use crate::scene::json::{self, Material};
+use crate::scene::sources::kind_of;
 use crate::{Error, Result};
 
 impl Scene {
@@ -24,11 +24,11 @@ impl Scene {
             media: self.media.media.clone(),
             surfaces: surfaces(self)?,
             meshes: self.meshes.clone(),
-            emitters: file.sources.iter().map(|source| emitter(self, source)).collect::<Result<_>>()?,
-            sensors: file
+            sources: file.sources.iter().map(|written| source(self, written)).collect::<Result<_>>()?,
+            detectors: file
                 .detectors
                 .iter()
-                .map(|detector| sensor(detector, extras.get(detector.name())))
+                .map(|written| lowered_detector(written, extras.get(written.name())))
                 .collect(),
             sampling: sampling(
                 &file.nsq_gpu.as_ref().map(|block| block.sampling.clone()).unwrap_or_default(),
@@ -60,14 +60,14 @@ fn surfaces(scene: &Scene) -> Result<Vec<Surface>> {
     lowered.collect()
 }
 
-fn emitter(scene: &Scene, source: &Source) -> Result<Emitter> {
-    Ok(Emitter {
-        name: source.name().to_owned(),
-        frame: frame_of(source.cs()),
-        kind: emitter_kind(source),
-        total_flux: source.total_flux(),
-        spectrum: spectrum(source.spectrum(), &scene.wavelengths)?,
-        medium: medium(scene, source.medium())?,
+fn source(scene: &Scene, written: &json::Source) -> Result<Source> {
+    Ok(Source {
+        name: written.name().to_owned(),
+        frame: frame_of(written.cs()),
+        kind: kind_of(written),
+        total_flux: written.total_flux(),
+        spectrum: spectrum(written.spectrum(), &scene.wavelengths)?,
+        medium: medium(scene, written.medium())?,
     })
 }
 

@@ -53,7 +53,7 @@ impl Meshes {
                         .solids
                         .entry(placed.mesh)
                         .or_insert_with(|| Solid::of(&meshes.meshes[placed.mesh]));
-                    warnings.extend(solid.doubts(raw));
+                    warnings.extend(solid.warnings(raw));
                 }
             }
         }
@@ -261,7 +261,7 @@ impl Solid {
     }
 
     /// Says where a solid would leak, or light take its inside for its outside.
-    fn doubts(&self, raw: &RawSurface) -> Option<String> {
+    fn warnings(&self, raw: &RawSurface) -> Option<String> {
         let name = quoted(&raw.name);
         match *self {
             Solid { open_edges: open @ 1.., .. } => Some(format!(

@@ -19,13 +19,13 @@ pub(super) fn of(
     media: &MediaTable,
     wavelengths: &[f64],
 ) -> Vec<String> {
-    let mut doubts: Vec<String> = surfaces.iter().filter_map(swapped_lobe).collect();
-    doubts.extend(open_media(file, surfaces, media));
-    doubts.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
-    doubts.extend(coincidence::warnings(file, surfaces, meshes, media));
-    doubts.extend(one_branch(file, surfaces));
-    doubts.extend(file.sources.iter().filter_map(rays_on_the_rim));
-    doubts
+    let mut warnings: Vec<String> = surfaces.iter().filter_map(swapped_lobe).collect();
+    warnings.extend(open_media(file, surfaces, media));
+    warnings.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
+    warnings.extend(coincidence::warnings(file, surfaces, meshes, media));
+    warnings.extend(one_branch(file, surfaces));
+    warnings.extend(file.sources.iter().filter_map(rays_on_the_rim));
+    warnings
 }
 
 // Scattering
@@ -56,7 +56,7 @@ fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -
         sides.into_iter().for_each(|medium| *num_faces.entry(medium).or_default() += 1);
     }
     let of_sources: HashSet<_> = file.sources.iter().map(|source| media.id(source.medium())).collect();
-    let is_lone = |medium: &Material| {
+    let is_single = |medium: &Material| {
         let id = media.id(medium);
         *medium != Material::Vacuum && num_faces.get(&id) == Some(&1) && !of_sources.contains(&id)
     };
@@ -65,7 +65,7 @@ fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -
     };
     let open = surfaces.iter().filter(bounds).filter(|surface| !surface.shape.is_closed());
     open.flat_map(|surface| [(surface, &surface.front), (surface, &surface.back)])
-        .filter(|(_, medium)| is_lone(medium))
+        .filter(|(_, medium)| is_single(medium))
         .map(|(surface, medium)| {
             format!(
                 "{} alone borders on {}: if that is a solid, the face where light leaves it has lost its medium",
@@ -133,6 +133,6 @@ fn one_branch(file: &SceneFile, surfaces: &[SceneSurface]) -> Option<String> {
     };
     Some(format!(
         "with this reflect_prob no ray takes the {missing} of a refractive surface, beyond its first split_depth events: that \
-         light is missing, and booked as importance loss"
+         light is missing, and counted as importance loss"
     ))
 }

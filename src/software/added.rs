@@ -3,7 +3,7 @@
 use crate::program::Program;
 use crate::program::prepared::Prepared;
 use crate::software::log::format::EndLog;
-use crate::software::path::main_path::{NominalPath, PilotPath};
+use crate::software::path::main_path::{MainPath, PilotPath};
 use crate::software::path::path_log::{self, LoggedScene, PathLog};
 use crate::software::path::side_path::SidePath;
 use std::any::Any;
@@ -20,14 +20,14 @@ pub struct Wanted {
     /// each stores its own.
     pub lanes: u32,
     /// The path that most rays take, for a stage of its own.
-    pub nominal: Option<PilotPath>,
+    pub main_path: Option<PilotPath>,
     /// Those that most of the others take, the most frequent first, for stages of their own.
     pub side_paths: Vec<PilotPath>,
 }
 
 impl Default for Wanted {
     fn default() -> Self {
-        Wanted { host_sums: false, side_by_side: false, lanes: 1, nominal: None, side_paths: Vec::new() }
+        Wanted { host_sums: false, side_by_side: false, lanes: 1, main_path: None, side_paths: Vec::new() }
     }
 }
 
@@ -37,7 +37,7 @@ pub struct SoftwareExtension {
     /// The log of where rays end, if the host adds it up.
     pub end_log: Option<EndLog>,
     /// The main path, if it has a stage of its own; the other stages then trace the rays that it rejects.
-    pub nominal: Option<NominalPath>,
+    pub main_path: Option<MainPath>,
     /// What that stage logs, where positions tell all, alone or with weights.
     pub path_log: Option<PathLog>,
     /// The paths that `trace_side_a` and so on follow, which log as it does.
@@ -58,7 +58,7 @@ impl SoftwareExtension {
         let Prepared { ir, options, features, cells, contacts, .. } = scene;
         let log = EndLog::of(ir, features, cells, options, scene.constant_weights);
         let Some(log) = log.filter(|_| wanted.host_sums) else { return SoftwareExtension::default() };
-        let pilot = wanted.nominal.as_ref();
+        let pilot = wanted.main_path.as_ref();
         let is_weak = pilot.is_some_and(path_log::media_absorb_weakly);
         let alone = SoftwareExtension {
             end_log: Some(log.clone()),
@@ -66,11 +66,11 @@ impl SoftwareExtension {
             ..Default::default()
         };
         let Some(pilot) = pilot else { return alone };
-        let Some(nominal) = NominalPath::of(ir, scene.centre, contacts, options, pilot) else { return alone };
+        let Some(main_path) = MainPath::of(ir, scene.centre, contacts, options, pilot) else { return alone };
         let logged = LoggedScene { ir, cells, log: &log, options, features };
-        let path_log = PathLog::of(&logged, &nominal, pilot);
+        let path_log = PathLog::of(&logged, &main_path, pilot);
         let side_paths =
-            SidePath::of(&logged, scene.centre, contacts, &nominal, path_log.as_ref(), &wanted.side_paths);
+            SidePath::of(&logged, scene.centre, contacts, &main_path, path_log.as_ref(), &wanted.side_paths);
         SoftwareExtension {
             media_absorb_weakly: is_weak && side_paths.iter().all(|side| side.media_absorb_weakly),
             // Where rays leave nothing but what they log, and have no triangles to remember.
@@ -79,7 +79,7 @@ impl SoftwareExtension {
                 && !features.has_meshes(),
             rays_per_invocation: rays_per_invocation(scene, path_log.as_ref()),
             lanes: wanted.lanes,
-            nominal: Some(nominal),
+            main_path: Some(main_path),
             path_log,
             side_paths,
             ..alone
@@ -103,8 +103,8 @@ impl SoftwareExtension {
         self.path_log.as_ref().is_some_and(|log| log.attenuating_legs.is_some())
     }
 
-    /// Rays that an invocation of trace_nominal follows, side by side or one after the other.
-    pub fn nominal_rays_per_invocation(&self) -> u32 {
+    /// Rays that an invocation of trace_main_path follows, side by side or one after the other.
+    pub fn rays_per_main_path_invocation(&self) -> u32 {
         if self.has_pairs { 2 } else { self.rays_per_invocation }
     }
 

@@ -24,7 +24,7 @@ impl Extend for Wanted {
 impl SoftwareExtension {
     fn constants(&self, composition: &Composition) -> Constants {
         let mut constants = Constants::default();
-        if self.nominal.is_some() {
+        if self.main_path.is_some() {
             constants.uint("PATH_RAYS_PER_INVOCATION", self.rays_per_invocation);
         }
         if self.stores_together() {
@@ -44,7 +44,7 @@ impl SoftwareExtension {
     /// The files that stand in no slot of the plain module.
     fn files(&self, composition: &Composition) -> Vec<ShaderFile> {
         let entries = self.end_log.as_ref().map(|log| entries_file(log.form));
-        if self.nominal.is_none() {
+        if self.main_path.is_none() {
             return entries.into_iter().collect();
         }
         let several = self.rays_per_invocation > 1;
@@ -94,7 +94,7 @@ impl SoftwareExtension {
 impl Extension for SoftwareExtension {
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         match slot {
-            "stages/ids" => self.nominal.as_ref().map(|_| shader!("software/path/ids.listed.wgsl")),
+            "stages/ids" => self.main_path.as_ref().map(|_| shader!("software/path/ids.listed.wgsl")),
             "sums/ends" => self.end_log.as_ref().map(|_| shader!("software/log/ends.logged.wgsl")),
             "sums/passes" => self.logs_passes().then_some(shader!("software/log/passes.logged.wgsl")),
             _ => None,
@@ -113,11 +113,11 @@ impl Extension for SoftwareExtension {
     }
 
     fn restores_bins(&self) -> bool {
-        self.nominal.is_some()
+        self.main_path.is_some()
     }
 
     fn keeps_bin_of(&self, primitive: usize) -> bool {
-        let paths = self.nominal.iter().chain(self.side_paths.iter().map(|side| &side.path));
+        let paths = self.main_path.iter().chain(self.side_paths.iter().map(|side| &side.path));
         paths.flat_map(|path| &path.events).any(|event| event.primitive == primitive)
     }
 }

@@ -285,12 +285,12 @@ impl EndLogs {
         let rejected = {
             let bytes = log.get_mapped_range(..);
             let bytes = bytes.map_err(|e| Error::Device(format!("reading the log of ends: {e}")))?;
-            let RayRange { count, emitter, .. } = written.range;
+            let RayRange { count, source, .. } = written.range;
             let logged = LoggedRays {
                 bytes: &bytes,
                 rays: 0..count as usize,
                 stride: self.stride as usize,
-                weight: self.shape.weights.get(emitter).copied().unwrap_or_default(),
+                weight: self.shape.weights.get(source).copied().unwrap_or_default(),
             };
             let path = match written.rays {
                 Rays::OfRange => self.path.as_ref(),
@@ -316,7 +316,7 @@ impl EndLogs {
             Rays::OfSide { side, ids } => {
                 let unknown =
                     || Error::Internal("a ray that nobody traced was rejected by a side path".into());
-                self.rejected.add_of_side(*side, rejected, ids, range.emitter).ok_or_else(unknown)
+                self.rejected.add_of_side(*side, rejected, ids, range.source).ok_or_else(unknown)
             }
             Rays::Rejected => Ok(()),
         }

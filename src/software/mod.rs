@@ -84,7 +84,7 @@ impl Software {
     fn additions(&mut self, gpu: &Gpu, plan: &Plan, logs: &DeviceLogs) -> Result<Additions> {
         let program = &plan.program;
         let mut shared = Vec::new();
-        if SoftwareExtension::of_program(program).nominal.is_some() {
+        if SoftwareExtension::of_program(program).main_path.is_some() {
             let ids = gpu.buffer("rejected rays", u64::from(plan.batch) * 8)?;
             shared.push((bindings::REJECTED, ids.clone()));
             self.ids.push(ids);
@@ -111,8 +111,8 @@ impl Software {
         let added = SoftwareExtension::of_program(program);
         let side_rays = added.side_rays_per_invocation();
         match rays {
-            Rays::OfRange if added.nominal.is_some() => {
-                let rays_per_invocation = added.nominal_rays_per_invocation();
+            Rays::OfRange if added.main_path.is_some() => {
+                let rays_per_invocation = added.rays_per_main_path_invocation();
                 Way { group, added: Some(MAIN_PATH), rays_per_invocation }
             }
             Rays::OfSide { side, .. } => {
@@ -172,9 +172,9 @@ impl Software {
 /// A stage for each path. Those of side paths are compiled when they are first needed.
 fn path_stages(program: &Program) -> Vec<AddedStage> {
     let added = SoftwareExtension::of_program(program);
-    let main = added.nominal.iter().map(|_| AddedStage {
-        name: "trace_nominal",
-        entry_point: "trace_nominal".into(),
+    let main = added.main_path.iter().map(|_| AddedStage {
+        name: "trace_main_path",
+        entry_point: "trace_main_path".into(),
         at_once: true,
     });
     let side = |number| AddedStage {
@@ -212,7 +212,7 @@ impl Strategy for Software {
         if wanted.host_sums
             && let Some(paths) = pilot::find(gpu, ir, options, program, choices.main_path)?
         {
-            wanted.nominal = Some(paths.main);
+            wanted.main_path = Some(paths.main);
             wanted.side_paths = if choices.side_paths == When::Never { Vec::new() } else { paths.sides };
         }
         Ok(Box::new(wanted))
@@ -246,7 +246,7 @@ impl Strategy for Software {
 
     /// Those of the main path take so little time that they are always a batch.
     fn range_rays(&self, engine: &Engine) -> u32 {
-        let follows_path = SoftwareExtension::of_program(&engine.plan.program).nominal.is_some()
+        let follows_path = SoftwareExtension::of_program(&engine.plan.program).main_path.is_some()
             && self.path_pays(&engine.plan.program);
         if follows_path { engine.plan.batch } else { engine.size.rays() }
     }
@@ -259,8 +259,8 @@ impl Strategy for Software {
             _ => self.dispatch(engine, &range, Rays::OfRange)?,
         }
         // Enough for two, so that lists of many side paths do not grow long.
-        self.follow_sides(engine, range.emitter, 2 * engine.plan.batch as usize)?;
-        self.retrace_rejected(engine, range.emitter, engine.size.rays())
+        self.follow_sides(engine, range.source, 2 * engine.plan.batch as usize)?;
+        self.retrace_rejected(engine, range.source, engine.size.rays())
     }
 
     /// Logs are added up while the device traces on.
@@ -277,8 +277,8 @@ impl Strategy for Software {
         while self.follow_last_sides(engine)? {
             self.finish_logs(engine)?;
         }
-        for emitter in 0..engine.plan.rays.len() {
-            self.retrace_rejected(engine, emitter, 1)?;
+        for source in 0..engine.plan.rays.len() {
+            self.retrace_rejected(engine, source, 1)?;
         }
         self.finish_logs(engine)
     }

@@ -70,7 +70,7 @@ impl Width {
             && match processor {
                 Processor::Slow => false,
                 Processor::Whole => {
-                    pays::is_long_enough(num_rays) && ir.sensors.iter().all(|sensor| sensor.absorb)
+                    pays::is_long_enough(num_rays) && ir.detectors.iter().all(|detector| detector.absorb)
                 }
                 Processor::Fast => true,
             };

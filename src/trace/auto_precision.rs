@@ -9,7 +9,7 @@
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::shapes::Level;
-use crate::model::{Bsdf, Frame, Interaction, Sampling, SceneIr, Sensor, SensorKind, Surface};
+use crate::model::{Bsdf, Detector, DetectorKind, Frame, Interaction, Sampling, SceneIr, Surface};
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
@@ -57,7 +57,7 @@ pub struct Choice {
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorError {
     /// Index of the detector.
-    pub sensor: usize,
+    pub detector: usize,
     /// 99 % of the flux lands within so many pixels of where it should; none where it has no pixels.
     pub pixels: Option<f64>,
     /// The same as a distance \[mm\].
@@ -72,7 +72,7 @@ pub struct Arrival {
     /// Its events before this one.
     pub bounce: u32,
     /// The detector.
-    pub sensor: usize,
+    pub detector: usize,
     /// The ray's weight.
     pub weight: f64,
     /// Bound of its error across the detector \[mm\].
@@ -121,7 +121,7 @@ pub enum Need {
 impl Need {
     /// The need of a scene whose detectors are in error by so much.
     pub fn of(ir: &SceneIr, errors: &[DetectorError]) -> Self {
-        let database = errors.iter().find(|error| is_database(ir, error.sensor));
+        let database = errors.iter().find(|error| is_database(ir, error.detector));
         if let Some(database) = database {
             return Need::Positions(database.clone());
         }
@@ -147,12 +147,12 @@ impl Need {
             Need::Pixels(error) => format!(
                 "in f32, 99 % of the flux on `{}` lands within {:.2e} pixel of where it should (predicted; good below \
                  {GOOD_PIXELS})",
-                ir.sensors[error.sensor].name,
+                ir.detectors[error.detector].name,
                 error.pixels.unwrap_or(0.0)
             ),
             Need::Positions(error) => format!(
                 "`{}` records positions, which f32 holds to {:.2e} mm (predicted)",
-                ir.sensors[error.sensor].name, error.position
+                ir.detectors[error.detector].name, error.position
             ),
             Need::Unknown => {
                 format!("the error of f32 is unknown: none of {PILOT_RAYS} rays reached a detector")
@@ -166,7 +166,7 @@ impl Need {
         Some(format!(
             "f32 is too coarse for detector '{}': 1 % of its flux or more may land beyond {pixels:.2} pixel from where it \
              should (predicted); in f64 (--precision f64) it is 2^29 times less, in df64 2^22 times",
-            ir.sensors[error.sensor].name
+            ir.detectors[error.detector].name
         ))
     }
 }
@@ -179,8 +179,8 @@ fn finest(gpu: &Gpu) -> Precision {
     gpu.check_df64().map_or(Precision::F32, |()| Precision::Df64)
 }
 
-fn is_database(ir: &SceneIr, sensor: usize) -> bool {
-    matches!(ir.sensors[sensor].kind, SensorKind::RayDatabase { .. })
+fn is_database(ir: &SceneIr, detector: usize) -> bool {
+    matches!(ir.detectors[detector].kind, DetectorKind::RayDatabase { .. })
 }
 
 /// Predicts the error of f32 in every detector that the pilot reaches.
@@ -201,12 +201,13 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
     let drawn = SceneIr { sampling, ..ir.with_single_cells() };
     let tally = Tracer::new(gpu, &drawn, &pilot)?.trace(|_| true)?;
     let arrivals = arrivals(ir, &tally.paths);
-    let of_sensor = |sensor| arrivals.iter().filter(|a| a.sensor == sensor).copied().collect::<Vec<_>>();
-    let errors = (0..ir.sensors.len()).map(|sensor| (sensor, of_sensor(sensor)));
+    let of_detector =
+        |detector| arrivals.iter().filter(|a| a.detector == detector).copied().collect::<Vec<_>>();
+    let errors = (0..ir.detectors.len()).map(|detector| (detector, of_detector(detector)));
     Ok(errors
         .filter(|(_, arrivals)| !arrivals.is_empty())
-        .map(|(sensor, arrivals)| DetectorError {
-            sensor,
+        .map(|(detector, arrivals)| DetectorError {
+            detector,
             pixels: quantile(arrivals.iter().filter_map(|a| Some((a.pixels?, a.weight)))),
             position: quantile(arrivals.iter().map(|a| (a.position, a.weight))).unwrap_or(0.0),
         })
@@ -242,7 +243,7 @@ pub fn arrivals(ir: &SceneIr, paths: &[PathEvent]) -> Vec<Arrival> {
 fn order(kind: PathEventKind) -> u8 {
     match kind {
         PathEventKind::Birth(_) => 0,
-        PathEventKind::Surface(_) | PathEventKind::Sensor(_) => 1,
+        PathEventKind::Surface(_) | PathEventKind::Detector(_) => 1,
         PathEventKind::Escaped | PathEventKind::DepthKilled | PathEventKind::FluxKilled => 2,
     }
 }
@@ -267,9 +268,9 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
                 errors.fly(distance, direction, bend.normal, size);
                 errors.turn(&bend);
             }
-            PathEventKind::Sensor(index) => {
-                errors.fly(distance, direction, ir.sensors[index].frame.rotation.z_axis, size);
-                arrivals.push(arrival(event, index, &ir.sensors[index], &errors));
+            PathEventKind::Detector(index) => {
+                errors.fly(distance, direction, ir.detectors[index].frame.rotation.z_axis, size);
+                arrivals.push(arrival(event, index, &ir.detectors[index], &errors));
             }
             PathEventKind::Birth(_)
             | PathEventKind::Escaped
@@ -283,9 +284,9 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
 /// Lambert's law draws the cosine: where it is near 1, the sine holds few digits.
 fn birth_roundings(ir: &SceneIr, birth: &PathEvent) -> f64 {
     let PathEventKind::Birth(index) = birth.kind else { return 1.0 };
-    let emitter = &ir.emitters[index];
-    match emitter.kind.is_lambertian() {
-        true => lambertian_roundings(DVec3::from_array(birth.ray.direction), emitter.frame.rotation.z_axis),
+    let source = &ir.sources[index];
+    match source.kind.is_lambertian() {
+        true => lambertian_roundings(DVec3::from_array(birth.ray.direction), source.frame.rotation.z_axis),
         false => 1.0,
     }
 }
@@ -296,29 +297,29 @@ fn lambertian_roundings(direction: DVec3, normal: DVec3) -> f64 {
     1.0 + direction.cross(normal).length().max(ROUNDING.sqrt()).recip()
 }
 
-fn arrival(event: &PathEvent, index: usize, sensor: &Sensor, errors: &Covariance) -> Arrival {
-    let axes = sensor.frame.rotation;
+fn arrival(event: &PathEvent, index: usize, detector: &Detector, errors: &Covariance) -> Arrival {
+    let axes = detector.frame.rotation;
     let along = |matrix: DMat3, axis: DVec3| SIGMAS * axis.dot(matrix * axis).max(0.0).sqrt();
     let (x, y) = (along(errors.pp, axes.x_axis), along(errors.pp, axes.y_axis));
     let dd = errors.dd;
     let bent = SIGMAS * (dd.x_axis.x + dd.y_axis.y + dd.z_axis.z).max(0.0).sqrt();
-    let pixels = match &sensor.kind {
-        SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+    let pixels = match &detector.kind {
+        DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
             let (pitch_x, pitch_y) =
                 (grid.width / f64::from(grid.num_pixels_x), grid.height / f64::from(grid.num_pixels_y));
             Some((x / pitch_x).max(y / pitch_y))
         }
-        SensorKind::FarField { num_theta, num_phi } => {
+        DetectorKind::FarField { num_theta, num_phi } => {
             let direction = axes.transpose() * DVec3::from_array(event.ray.direction);
             let (theta, phi) = (FRAC_PI_2 / f64::from(*num_theta), 2.0 * PI / f64::from(*num_phi));
             // In the ring at the pole the azimuth is rounding noise in every precision.
             let sine = direction.truncate().length().max(theta.sin());
             Some((bent / theta).max(bent / (sine * phi)))
         }
-        SensorKind::RayDatabase { .. } => None,
+        DetectorKind::RayDatabase { .. } => None,
     };
     let RayRow { ray_id, bounce, weight, .. } = event.ray;
-    Arrival { ray_id, bounce, sensor: index, weight, position: x.hypot(y), direction: bent, pixels }
+    Arrival { ray_id, bounce, detector: index, weight, position: x.hypot(y), direction: bent, pixels }
 }
 
 /// Covariances of a ray's errors: position with position \[mm^2\], position with direction, direction with direction.

@@ -10,7 +10,7 @@ use crate::gpu::AdapterInfo;
 use crate::model::SceneIr;
 use crate::placing;
 use crate::result::output::{REPORT, SUMS_MAGIC, TALLY, holds_sums};
-use crate::result::{SensorTally, Tally, integrity};
+use crate::result::{DetectorTally, Tally, integrity};
 use crate::trace::{RecordPaths, TraceOptions};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -164,8 +164,8 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::Usage`] with the path and the option.
     pub fn check_rows(&self, path: &Path, option: &str) -> Result<()> {
-        let recorded = |sensor: &SensorTally| sensor.recorded.count > sensor.rows.len() as u64;
-        if !self.tally.sensors.iter().any(recorded) && !self.identity.has_paths_apart() {
+        let recorded = |detector: &DetectorTally| detector.recorded.count > detector.rows.len() as u64;
+        if !self.tally.detectors.iter().any(recorded) && !self.identity.has_paths_apart() {
             return Ok(());
         }
         Err(Error::Usage(format!(
@@ -287,9 +287,9 @@ impl std::fmt::Write for Fnv {
 /// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.
 pub fn scene_hash(ir: &SceneIr) -> u128 {
     let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
-    let SceneIr { wavelengths, media, surfaces, meshes, emitters, sensors, sampling: _ } = ir;
+    let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _ } = ir;
     // Fnv never refuses a text.
-    let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{emitters:?}{sensors:?}");
+    let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{sources:?}{detectors:?}");
     hash.0
 }
 
@@ -297,19 +297,19 @@ pub fn scene_hash(ir: &SceneIr) -> u128 {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::result::{Booking, Moments, SensorTally};
+    use crate::result::{DetectorTally, FluxSum, Moments};
 
     fn checkpoint() -> Checkpoint {
-        let sensor = SensorTally {
+        let detector = DetectorTally {
             quanta: vec![0, u128::MAX, 1 << 52],
             hits: vec![0, u64::MAX, 1],
             squares: vec![0, 3, 1 << 100],
             totals: vec![Moments { quanta: 5, squares: u128::MAX }],
             replicates: vec![1, u128::MAX],
-            ..SensorTally::default()
+            ..DetectorTally::default()
         };
-        let launched = Booking { count: 7, quanta: 7 << 52 };
-        let tally = Tally { launched, sensors: vec![sensor], ..Tally::default() };
+        let launched = FluxSum { count: 7, quanta: 7 << 52 };
+        let tally = Tally { launched, detectors: vec![detector], ..Tally::default() };
         let identity = Identity {
             version: "0.1.0".into(),
             scene: Some("scene.json".into()),

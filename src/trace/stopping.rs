@@ -45,7 +45,7 @@ impl Stopping {
     /// Stops when the largest relative error of all detectors ([`crate::result::uncertainty::worst_relative_error`]) is at
     /// most `target_error`, or after `time_limit`.
     pub fn new(ir: &SceneIr, target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
-        let num_cells: u64 = ir.sensors.iter().map(|sensor| sensor.num_cells() as u64).sum();
+        let num_cells: u64 = ir.detectors.iter().map(|detector| detector.num_cells() as u64).sum();
         let first_check = FIRST_CHECK.max(num_cells / CELLS_PER_RAY);
         Stopping { target_error, time_limit, first_check, known: None }
     }
@@ -126,7 +126,7 @@ mod tests {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/bench_lens.json");
         let mut ir = crate::Scene::from_path(path.as_ref()).unwrap().lower().unwrap();
         assert_eq!(Stopping::new(&ir, None, None).next_check(0), FIRST_CHECK);
-        if let crate::model::SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+        if let crate::model::DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind {
             (grid.num_pixels_x, grid.num_pixels_y) = (8192, 8192);
         }
         assert_eq!(Stopping::new(&ir, None, None).next_check(0), 1 << 22);

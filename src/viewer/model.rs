@@ -356,7 +356,7 @@ impl Model {
     pub fn detector_names(&self) -> Vec<String> {
         match (&self.a, &self.scene) {
             (Some(result), _) => result.detectors.iter().map(|detector| detector.name.clone()).collect(),
-            (None, Some(scene)) => scene.ir.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+            (None, Some(scene)) => scene.ir.detectors.iter().map(|detector| detector.name.clone()).collect(),
             (None, None) => Vec::new(),
         }
     }

@@ -5,9 +5,9 @@ use crate::closed_forms;
 use crate::oracle::Oracle;
 use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
-use nsq_gpu::model::{SceneIr, Sensor, SensorKind, Splat};
+use nsq_gpu::model::{Detector, DetectorKind, SceneIr, Splat};
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::{PathEventKind, SensorTally, Tally};
+use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
 use nsq_gpu::software::When;
 use nsq_gpu::trace::RecordPaths;
 use std::collections::BTreeMap;
@@ -94,7 +94,7 @@ impl Scene {
                     setting.choices.host_sums = When::Always;
                     setting.choices.rays_per_invocation = Some(8);
                 }
-                ("nominal", _) => {
+                ("main_path", _) => {
                     setting.choices.host_sums = When::Always;
                     setting.choices.main_path = When::Always;
                     setting.choices.stores_together = When::Never;
@@ -167,9 +167,9 @@ fn squares(bench: &Bench, scene_of: &Scene) -> Outcome {
     for num_pixels in [3, 1] {
         let mut lone = ir.clone();
         // Of several sources, one step would launch several rays.
-        lone.emitters.truncate(1);
-        for sensor in &mut lone.sensors {
-            if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+        lone.sources.truncate(1);
+        for detector in &mut lone.detectors {
+            if let DetectorKind::Irradiance(grid) = &mut detector.kind {
                 (grid.num_pixels_x, grid.num_pixels_y) = (num_pixels, num_pixels);
             }
         }
@@ -182,10 +182,10 @@ fn squares(bench: &Bench, scene_of: &Scene) -> Outcome {
 fn totals_of_sources(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
     let mut setting = setting.clone();
     setting.options.standard_error = StandardError::On;
-    for sensor in &bench.tally(ir, &setting).sensors {
-        let quanta: u128 = sensor.totals.iter().map(|total| total.quanta).sum();
-        if quanta != sensor.total().quanta {
-            return Err(format!("the sources' sums add up to {quanta}, not {}", sensor.total().quanta));
+    for detector in &bench.tally(ir, &setting).detectors {
+        let quanta: u128 = detector.totals.iter().map(|total| total.quanta).sum();
+        if quanta != detector.total().quanta {
+            return Err(format!("the sources' sums add up to {quanta}, not {}", detector.total().quanta));
         }
     }
     Ok(())
@@ -200,9 +200,9 @@ fn squares_of_rays(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
     let snapshots = bench.ray_by_ray(ir, &setting);
     let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
     let last = snapshots.last().ok_or("no ray was traced")?;
-    for (index, sensor) in last.sensors.iter().enumerate() {
-        let expected = |value: &dyn Fn(&SensorTally) -> u128| -> f64 {
-            let of_ray = |pair: &[Tally]| value(&pair[1].sensors[index]) - value(&pair[0].sensors[index]);
+    for (index, detector) in last.detectors.iter().enumerate() {
+        let expected = |value: &dyn Fn(&DetectorTally) -> u128| -> f64 {
+            let of_ray = |pair: &[Tally]| value(&pair[1].detectors[index]) - value(&pair[0].detectors[index]);
             snapshots.windows(2).map(|pair| weight(of_ray(pair)).powi(2)).sum()
         };
         let agrees = |what: String, found: u128, expected: f64| {
@@ -210,11 +210,15 @@ fn squares_of_rays(bench: &Bench, ir: &SceneIr, setting: &Setting) -> Outcome {
             let agree = (found - expected).abs() <= 1e-9 * expected + 1e-12;
             if agree { Ok(()) } else { Err(format!("{what}: {found} for {expected}")) }
         };
-        for cell in 0..sensor.quanta.len() {
-            agrees(format!("cell {cell}"), sensor.squares[cell], expected(&|sensor| sensor.quanta[cell]))?;
+        for cell in 0..detector.quanta.len() {
+            agrees(
+                format!("cell {cell}"),
+                detector.squares[cell],
+                expected(&|detector| detector.quanta[cell]),
+            )?;
         }
-        let total = sensor.totals.iter().map(|total| total.squares).sum();
-        agrees("the total".into(), total, expected(&|sensor| sensor.total().quanta))?;
+        let total = detector.totals.iter().map(|total| total.squares).sum();
+        agrees("the total".into(), total, expected(&|detector| detector.total().quanta))?;
     }
     Ok(())
 }
@@ -235,8 +239,8 @@ fn paths(bench: &Bench, scene_of: &Scene) -> Outcome {
     for (i, surface) in ir.surfaces.iter().enumerate() {
         expected.insert(label(PathEventKind::Surface(i)), oracle.surface_hits(&surface.name));
     }
-    for (i, sensor) in tally.sensors.iter().enumerate() {
-        expected.insert(label(PathEventKind::Sensor(i)), sensor.total().count);
+    for (i, detector) in tally.detectors.iter().enumerate() {
+        expected.insert(label(PathEventKind::Detector(i)), detector.total().count);
     }
     expected.retain(|_, count| *count > 0);
     if events == expected { Ok(()) } else { Err(format!("{events:?} instead of {expected:?}")) }
@@ -260,15 +264,19 @@ fn label(kind: PathEventKind) -> String {
 fn hits(bench: &Bench, scene_of: &Scene) -> Outcome {
     let ir = scene(&scene_of.name);
     let tally = bench.tally(&ir, &scene_of.setting);
-    let sharp = |sensor: &Sensor| sensor.kind.grid().is_some_and(|grid| grid.splat == Splat::Hard);
-    let sensors: Vec<_> = ir.sensors.iter().zip(&tally.sensors).filter(|(sensor, _)| sharp(sensor)).collect();
-    if sensors.is_empty() {
+    let sharp = |detector: &Detector| detector.kind.grid().is_some_and(|grid| grid.splat == Splat::Hard);
+    let detectors: Vec<_> =
+        ir.detectors.iter().zip(&tally.detectors).filter(|(detector, _)| sharp(detector)).collect();
+    if detectors.is_empty() {
         return Err("no detector of the scene keeps a ray in one pixel".into());
     }
-    for (sensor, sums) in sensors {
+    for (detector, sums) in detectors {
         let lit = |cell: &usize| (sums.quanta[*cell] > 0) != (sums.hits[*cell] > 0);
         if let Some(cell) = (0..sums.quanta.len()).find(lit) {
-            return Err(format!("{}: cell {cell} has hits without flux, or flux without hits", sensor.name));
+            return Err(format!(
+                "{}: cell {cell} has hits without flux, or flux without hits",
+                detector.name
+            ));
         }
     }
     Ok(())

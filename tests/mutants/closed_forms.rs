@@ -5,9 +5,9 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, CollimatedTophat, Emitter, EmitterKind, Extended, Frame, Interaction, Medium,
-    Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb, Sampling, Scatter, SceneIr, Sensor, SensorKind,
-    Shape, Spectrum, Splat, Surface,
+    Bsdf, BsdfTable, Coating, CollimatedTophat, Detector, DetectorKind, Extended, Frame, Interaction, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source,
+    SourceKind, Spectrum, Splat, Surface,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -55,22 +55,22 @@ fn plane(name: &str, z: f64, interaction: Interaction, front: usize, back: usize
     Surface { name: name.into(), frame: at(z), shape, interaction, front, back, coating: None, scatter: None }
 }
 
-fn pixels(name: &str, z: f64) -> Sensor {
+fn pixels(name: &str, z: f64) -> Detector {
     let grid = PixelGrid { width: 1e3, height: 1e3, num_pixels_x: 8, num_pixels_y: 8, splat: Splat::Hard };
-    Sensor { name: name.into(), frame: at(z), kind: SensorKind::Irradiance(grid), absorb: true }
+    Detector { name: name.into(), frame: at(z), kind: DetectorKind::Irradiance(grid), absorb: true }
 }
 
-fn sky() -> Sensor {
-    let kind = SensorKind::FarField { num_theta: 18, num_phi: 8 };
-    Sensor { name: "sky".into(), frame: at(10.0), kind, absorb: true }
+fn sky() -> Detector {
+    let kind = DetectorKind::FarField { num_theta: 18, num_phi: 8 };
+    Detector { name: "sky".into(), frame: at(10.0), kind, absorb: true }
 }
 
-fn beam() -> EmitterKind {
-    EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 1.0 })
+fn beam() -> SourceKind {
+    SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 1.0 })
 }
 
 /// Media: vacuum, glass, and a vapour of index 1 that absorbs.
-fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> SceneIr {
+fn scene(kind: SourceKind, surfaces: Vec<Surface>, detectors: Vec<Detector>) -> SceneIr {
     let medium =
         |name: &str, n, k| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![k] };
     SceneIr {
@@ -78,7 +78,7 @@ fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Sce
         media: vec![medium("vacuum", 1.0, 0.0), medium("glass", INDEX, 0.0), medium("vapour", 1.0, 0.0)],
         surfaces,
         meshes: vec![],
-        emitters: vec![Emitter {
+        sources: vec![Source {
             name: "lamp".into(),
             frame: at(0.0),
             kind,
@@ -86,7 +86,7 @@ fn scene(kind: EmitterKind, surfaces: Vec<Surface>, sensors: Vec<Sensor>) -> Sce
             spectrum: Spectrum { wavelengths: vec![0], cdf: vec![1.0] },
             medium: SceneIr::VACUUM,
         }],
-        sensors,
+        detectors,
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
     }
 }
@@ -146,8 +146,8 @@ fn window_by_importance(bench: &Bench) -> Outcome {
 fn total_reflection(bench: &Bench) -> Outcome {
     let face = plane("face", 5.0, Interaction::Refractive, 1, 0);
     let mut ir = scene(beam(), vec![face], vec![pixels("inside", -10.0), pixels("outside", 10.0)]);
-    ir.emitters[0].medium = 1;
-    ir.emitters[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
+    ir.sources[0].medium = 1;
+    ir.sources[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
     let result = trace(bench, &ir, 10_000);
     near("flux inside", result.detectors[0].total_flux, 1.0, 10_000, 1.0)
 }
@@ -186,7 +186,7 @@ fn roulette_in_passing(bench: &Bench) -> Outcome {
     let mut passed = pixels("passed", 4.0);
     passed.absorb = false;
     let mut ir = scene(beam(), vec![], vec![passed, pixels("end", 8.0)]);
-    ir.emitters[0].medium = 2;
+    ir.sources[0].medium = 2;
     ir.media[2].k[0] = 1e-5;
     ir.sampling.rr_start_flux = 0.9;
     let result = trace(bench, &ir, num_rays);
@@ -203,7 +203,7 @@ fn polar_shares(result: &TraceResult) -> Vec<(f64, f64)> {
     (1..=counts.len()).map(|bins| (edge(bins), counts[..bins].iter().sum::<f64>() / total)).collect()
 }
 
-fn compare_shares(bench: &Bench, kind: EmitterKind, share: impl Fn(f64) -> f64) -> Outcome {
+fn compare_shares(bench: &Bench, kind: SourceKind, share: impl Fn(f64) -> f64) -> Outcome {
     let num_rays = 50_000;
     let result = trace(bench, &scene(kind, vec![], vec![sky()]), num_rays);
     near("flux seen", result.detectors[0].total_flux, 1.0, num_rays, 1.0)?;
@@ -220,19 +220,19 @@ fn share_of_cap(angle: f64) -> f64 {
 }
 
 fn cap(bench: &Bench) -> Outcome {
-    compare_shares(bench, EmitterKind::Point(Point { half_angle: HALF_ANGLE }), share_of_cap)
+    compare_shares(bench, SourceKind::Point(Point { half_angle: HALF_ANGLE }), share_of_cap)
 }
 
 fn extended_cap(bench: &Bench) -> Outcome {
     let area = Outline::Disk { radius: 1.0 };
-    compare_shares(bench, EmitterKind::Extended(Extended { area, half_angle: HALF_ANGLE }), share_of_cap)
+    compare_shares(bench, SourceKind::Extended(Extended { area, half_angle: HALF_ANGLE }), share_of_cap)
 }
 
 /// Lambert's law: sin^2 theta.
 fn lambertian(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 1.0, height: 2.0 };
     let half_angle = std::f64::consts::FRAC_PI_2;
-    compare_shares(bench, EmitterKind::Extended(Extended { area, half_angle }), |angle| angle.sin().powi(2))
+    compare_shares(bench, SourceKind::Extended(Extended { area, half_angle }), |angle| angle.sin().powi(2))
 }
 
 /// Of two surfaces at one place the first in the list takes every ray, and a surface takes it before a detector.
@@ -284,18 +284,18 @@ fn points_over_an_area(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 16.0, height: 16.0 };
     let grid =
         PixelGrid { width: 16.0, height: 16.0, num_pixels_x: 32, num_pixels_y: 32, splat: Splat::Hard };
-    let kind = EmitterKind::Extended(Extended { area, half_angle: 1e-9 });
+    let kind = SourceKind::Extended(Extended { area, half_angle: 1e-9 });
     let mut film = pixels("film", 1.0);
-    film.kind = SensorKind::Irradiance(grid);
+    film.kind = DetectorKind::Irradiance(grid);
     let tally = points(bench, &scene(kind, vec![], vec![film]), 1024);
-    evenly("in a pixel", &tally.sensors[0].hits, 1)
+    evenly("in a pixel", &tally.detectors[0].hits, 1)
 }
 
 /// Each of several scrambles has 1024 rays of its own, one in each pixel, and puts them elsewhere within the pixels; and so
 /// do the rays beyond 2^32.
 fn points_of_scrambles(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 16.0, height: 16.0 };
-    let kind = EmitterKind::Extended(Extended { area, half_angle: 1e-9 });
+    let kind = SourceKind::Extended(Extended { area, half_angle: 1e-9 });
     let sums = |num_pixels: u32, first_ray: u64| {
         let grid = PixelGrid {
             width: 16.0,
@@ -305,14 +305,14 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
             splat: Splat::Hard,
         };
         let mut film = pixels("film", 1.0);
-        film.kind = SensorKind::Irradiance(grid);
+        film.kind = DetectorKind::Irradiance(grid);
         let mut setting = Setting::default();
         setting.options.first_ray = first_ray;
         setting.options.num_rays = 1024 * u64::from(NUM_REPLICATES);
         setting.options.sampler = Sampler::Sobol;
         setting.options.standard_error = StandardError::On;
         let tally = bench.tally(&scene(kind, vec![], vec![film]), &setting);
-        let rays = tally.sensors[0].replicates.iter().map(|quanta| (quanta >> 52) as u64);
+        let rays = tally.detectors[0].replicates.iter().map(|quanta| (quanta >> 52) as u64);
         rays.collect::<Vec<u64>>()
     };
     evenly("of a scramble in a pixel", &sums(32, 0), 1)?;
@@ -325,16 +325,16 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
 
 /// Of a point's rays, and of an area's, each of eight azimuths gets the same number, and each of two wavelengths.
 fn points_over_the_sky(bench: &Bench) -> Outcome {
-    let azimuths = SensorKind::FarField { num_theta: 1, num_phi: 8 };
+    let azimuths = DetectorKind::FarField { num_theta: 1, num_phi: 8 };
     let area = Outline::Disk { radius: 1.0 };
     for kind in [
-        EmitterKind::Point(Point { half_angle: 0.8 }),
-        EmitterKind::Extended(Extended { area, half_angle: 0.8 }),
+        SourceKind::Point(Point { half_angle: 0.8 }),
+        SourceKind::Extended(Extended { area, half_angle: 0.8 }),
     ] {
         let mut ir = scene(kind, vec![], vec![sky()]);
-        ir.sensors[0].kind = azimuths.clone();
+        ir.detectors[0].kind = azimuths.clone();
         let tally = points(bench, &ir, 1024);
-        evenly("in an azimuth", &tally.sensors[0].hits, 128)?;
+        evenly("in an azimuth", &tally.detectors[0].hits, 128)?;
     }
     let mut ir = scene(beam(), vec![], vec![pixels("colours", 1.0)]);
     ir.wavelengths = vec![0.4, 0.5];
@@ -342,10 +342,10 @@ fn points_over_the_sky(bench: &Bench) -> Outcome {
         medium.n.push(medium.n[0]);
         medium.k.push(medium.k[0]);
     });
-    ir.emitters[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+    ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     let grid = PixelGrid { width: 4.0, height: 4.0, num_pixels_x: 1, num_pixels_y: 1, splat: Splat::Hard };
-    ir.sensors[0].kind = SensorKind::Spectral { grid, wavelength_edges: vec![0.3, 0.45, 0.6] };
-    evenly("of a wavelength", &points(bench, &ir, 1024).sensors[0].hits, 512)
+    ir.detectors[0].kind = DetectorKind::Spectral { grid, wavelength_edges: vec![0.3, 0.45, 0.6] };
+    evenly("of a wavelength", &points(bench, &ir, 1024).detectors[0].hits, 512)
 }
 
 /// Two faces' reflections are a point of two dimensions, and all further ones nearly so: the transmittance is a tenth as
@@ -353,7 +353,7 @@ fn points_over_the_sky(bench: &Bench) -> Outcome {
 fn points_of_a_window(bench: &Bench) -> Outcome {
     let num_rays = 1 << 14;
     let tally = points(bench, &window_scene(), num_rays);
-    let through: u64 = tally.sensors[0].hits.iter().sum();
+    let through: u64 = tally.detectors[0].hits.iter().sum();
     let expected = 2.0 * INDEX / (INDEX * INDEX + 1.0);
     let limit = 0.2 * (expected * (1.0 - expected) / num_rays as f64).sqrt();
     let mean = through as f64 / num_rays as f64;
@@ -376,7 +376,7 @@ fn points_of_half_mirrors(bench: &Bench) -> Outcome {
     // No more than two faces and a detector.
     setting.options.max_depth = 3;
     let tally = bench.tally(&ir, &setting);
-    let hits = |sensor: usize| tally.sensors[sensor].hits.iter().sum::<u64>();
+    let hits = |detector: usize| tally.detectors[detector].hits.iter().sum::<u64>();
     evenly("passed", &[hits(0)], 1 << 12)?;
     evenly("came back", &[hits(1)], 1 << 13)
 }
@@ -396,15 +396,15 @@ fn scatter_gain(bench: &Bench) -> Outcome {
     }
 }
 
-fn database(name: &str, z: f64) -> Sensor {
-    let kind = SensorKind::RayDatabase { width: 1e4, height: 1e4, max_rays: None };
-    Sensor { name: name.into(), frame: at(z), kind, absorb: true }
+fn database(name: &str, z: f64) -> Detector {
+    let kind = DetectorKind::RayDatabase { width: 1e4, height: 1e4, max_rays: None };
+    Detector { name: name.into(), frame: at(z), kind, absorb: true }
 }
 
 /// Surfaces between two ray databases, and a pencil beam from z = 0; as many rays as are traced below have weight 1.
 fn split_scene(surfaces: Vec<Surface>, split_depth: u32, split_budget: f64) -> SceneIr {
     let databases = vec![database("reflected", -20.0), database("transmitted", 20.0)];
-    let mut ir = scene(EmitterKind::Point(Point { half_angle: 0.0 }), surfaces, databases);
+    let mut ir = scene(SourceKind::Point(Point { half_angle: 0.0 }), surfaces, databases);
     ir.sampling = Sampling { split_depth, split_budget, ..ir.sampling };
     ir
 }
@@ -423,7 +423,7 @@ fn split_rows(
     setting.options.min_flux_fraction = 0.0;
     let tally = bench.tally(ir, &setting);
     let ledger = bench.result(ir, &setting).ledger;
-    let rows = tally.sensors.iter().flat_map(|sensor| sensor.rows.clone()).collect();
+    let rows = tally.detectors.iter().flat_map(|detector| detector.rows.clone()).collect();
     (rows, ledger, tally.split_budget_saturated)
 }
 
@@ -510,8 +510,8 @@ fn split_saturation(bench: &Bench) -> Outcome {
         split_rows(bench, &ir, 16, Precision::F64).2
     };
     let mut inside = split_scene(vec![plane("face", 5.0, Interaction::Refractive, 1, 0)], 3, 1.0);
-    inside.emitters[0].medium = 1;
-    inside.emitters[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
+    inside.sources[0].medium = 1;
+    inside.sources[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
     let totally_reflected = split_rows(bench, &inside, 16, Precision::F64).2;
     let found = [plate(4, 3.0), plate(4, 4.0), plate(2, 3.0), totally_reflected];
     if found != [true, false, false, false] {
@@ -540,7 +540,7 @@ fn split_mesh(bench: &Bench) -> Outcome {
         Surface { shape: Shape::Mesh(MeshId(0)), ..plane("valley", 15.0, Interaction::Refractive, 0, 1) };
     let mut ir = split_scene(vec![valley], 1, 2.0);
     ir.meshes.push(Mesh { vertices, faces });
-    ir.emitters[0].frame.origin = DVec3::new(-3.0, 0.1, 0.0);
+    ir.sources[0].frame.origin = DVec3::new(-3.0, 0.1, 0.0);
     let (rows, ..) = split_rows(bench, &ir, 16, Precision::F64);
     let children: Vec<&RayRow> = rows.iter().filter(|row| row.ray_id >= SPLIT_RAYS).collect();
     let bend = std::f64::consts::FRAC_PI_4 - (0.5_f64.sqrt() / INDEX).asin();

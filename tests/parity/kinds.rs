@@ -1,8 +1,8 @@
 //! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
 
 use nsq_gpu::model::{
-    Annulus, Bsdf, CollimatedGaussian, CollimatedTophat, Conic, Emitter, EmitterKind, Extended, Frustum,
-    Outline, Point, Sensor, SensorKind, Shape, Sphere, Splat, Surface,
+    Annulus, Bsdf, CollimatedGaussian, CollimatedTophat, Conic, Detector, DetectorKind, Extended, Frustum,
+    Outline, Point, Shape, Source, SourceKind, Sphere, Splat, Surface,
 };
 
 /// Every kind of source.
@@ -53,14 +53,14 @@ pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
 }
 
 /// The kind of a source, of [`SOURCES`].
-pub fn of_source(emitter: &Emitter) -> &'static str {
-    match emitter.kind {
-        EmitterKind::Point(Point { half_angle }) if half_angle < std::f64::consts::PI => "point in a cone",
-        EmitterKind::Point(Point { .. }) => "point in all directions",
-        EmitterKind::CollimatedTophat(CollimatedTophat { .. }) => "top hat",
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { .. }) => "Gaussian beam",
-        EmitterKind::Extended(Extended { area: Outline::Rectangle { .. }, .. }) => "extended rectangle",
-        EmitterKind::Extended(Extended { area: Outline::Disk { .. } | Outline::Infinite, .. }) => {
+pub fn of_source(source: &Source) -> &'static str {
+    match source.kind {
+        SourceKind::Point(Point { half_angle }) if half_angle < std::f64::consts::PI => "point in a cone",
+        SourceKind::Point(Point { .. }) => "point in all directions",
+        SourceKind::CollimatedTophat(CollimatedTophat { .. }) => "top hat",
+        SourceKind::CollimatedGaussian(CollimatedGaussian { .. }) => "Gaussian beam",
+        SourceKind::Extended(Extended { area: Outline::Rectangle { .. }, .. }) => "extended rectangle",
+        SourceKind::Extended(Extended { area: Outline::Disk { .. } | Outline::Infinite, .. }) => {
             "extended disk"
         }
     }
@@ -83,18 +83,18 @@ pub fn of_shape(shape: &Shape) -> &'static str {
 }
 
 /// The kind of a detector, of [`DETECTORS`].
-pub fn of_detector(sensor: &Sensor) -> &'static str {
-    match &sensor.kind {
-        SensorKind::Irradiance(grid) => match grid.splat {
+pub fn of_detector(detector: &Detector) -> &'static str {
+    match &detector.kind {
+        DetectorKind::Irradiance(grid) => match grid.splat {
             Splat::Hard => "irradiance, hard",
             Splat::Bilinear => "irradiance, bilinear",
             Splat::Gaussian { .. } => "irradiance, Gaussian",
         },
-        SensorKind::Spectral { grid, .. } => match grid.splat {
+        DetectorKind::Spectral { grid, .. } => match grid.splat {
             Splat::Hard => "spectral, hard",
             Splat::Bilinear | Splat::Gaussian { .. } => "spectral, splatted",
         },
-        SensorKind::FarField { .. } => "far field",
-        SensorKind::RayDatabase { .. } => "ray database",
+        DetectorKind::FarField { .. } => "far field",
+        DetectorKind::RayDatabase { .. } => "ray database",
     }
 }

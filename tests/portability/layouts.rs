@@ -77,7 +77,8 @@ fn tiers_in_tables() -> [Tier; 2] {
 fn structs_shared_with_the_host_are_packed_scalars() {
     for tier in tiers_in_tables() {
         let program = everything_in_buffers().program(tier);
-        let structs = ["Range", "Emitter", "Event", "SurfaceRow", "SensorRow", "PrimitiveRow", "QueueCounts"];
+        let structs =
+            ["Range", "Source", "Event", "SurfaceRow", "DetectorRow", "PrimitiveRow", "QueueCounts"];
         for name in structs {
             assert_packed(&program.module, name, program.real_size());
         }
@@ -210,12 +211,12 @@ const SEED: u64 = 0;
 fn host_writes_every_field_of_a_range() {
     for tier in tiers_in_tables() {
         let (ir, program) = range_scene(tier);
-        let emitter = ir.emitters.len() - 1;
-        let range = RayRange { first: (7 << 32) + 5, count: 11, emitter, log_stride: 13, reached: 5 };
+        let source = ir.sources.len() - 1;
+        let range = RayRange { first: (7 << 32) + 5, count: 11, source, log_stride: 13, reached: 5 };
         let bytes = program.range_bytes(&range).unwrap();
-        assert_eq!(written(&program, "Range", &bytes), expected_range(emitter), "{tier:?}");
-        let written = written(&program, "Emitter", &program.emitters[emitter]);
-        assert_eq!(written, expected_emitter(&ir, &program, emitter), "{tier:?}");
+        assert_eq!(written(&program, "Range", &bytes), expected_range(source), "{tier:?}");
+        let written = written(&program, "Source", &program.source_uniforms[source]);
+        assert_eq!(written, expected_source(&ir, &program, source), "{tier:?}");
     }
 }
 
@@ -230,8 +231,8 @@ fn written(program: &Program, name: &str, bytes: &[u8]) -> Vec<(String, f64)> {
 fn range_scene(tier: Tier) -> (SceneIr, Program) {
     let mut variant = Variant::default();
     Choice::Polychromatic.apply(&mut variant);
-    Choice::Emitter(nsq_gpu::program::EmitterName::ExtendedRectangle).apply(&mut variant);
-    let lamp = variant.ir.emitters.last_mut().unwrap();
+    Choice::Source(nsq_gpu::program::SourceFunction::ExtendedRectangle).apply(&mut variant);
+    let lamp = variant.ir.sources.last_mut().unwrap();
     lamp.medium = 1;
     lamp.frame.origin = glam::DVec3::new(2.0, 4.0, 8.0);
     // A table of distinct numbers that f32 holds, to see each in its place.
@@ -241,13 +242,13 @@ fn range_scene(tier: Tier) -> (SceneIr, Program) {
     (variant.ir, program)
 }
 
-fn expected_range(emitter: usize) -> Vec<(String, f64)> {
+fn expected_range(source: usize) -> Vec<(String, f64)> {
     let [seed_lo, seed_hi, ..] = nsq_gpu::program::layout::rng::step_table(Sampler::Pcg, SEED, 1)[0];
     let expected = [
         ("first_lo", 5.0),
         ("first_hi", 7.0),
         ("count", 11.0),
-        ("emitter", emitter as f64),
+        ("source", source as f64),
         ("seed_lo", f64::from(seed_lo)),
         ("seed_hi", f64::from(seed_hi)),
         ("log_stride", 13.0),
@@ -256,14 +257,14 @@ fn expected_range(emitter: usize) -> Vec<(String, f64)> {
     expected.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }
 
-fn expected_emitter(ir: &SceneIr, program: &Program, emitter: usize) -> Vec<(String, f64)> {
-    let lamp = &ir.emitters[emitter];
+fn expected_source(ir: &SceneIr, program: &Program, source: usize) -> Vec<(String, f64)> {
+    let lamp = &ir.sources[source];
     let origin = lamp.frame.origin - program.centre;
     let s = (0.5_f64 / 2.0).sin();
     let height = 2.0 * s * s;
     let height = if program.options.precision == Precision::F32 { f64::from(height as f32) } else { height };
     let mut expected = vec![
-        ("kind", f64::from(nsq_gpu::program::EmitterName::ExtendedRectangle as u32)),
+        ("kind", f64::from(nsq_gpu::program::SourceFunction::ExtendedRectangle as u32)),
         ("medium", 1.0),
         ("spectrum_first", 2.0),
         ("spectrum_count", 2.0),
@@ -320,10 +321,10 @@ fn tables_hold_the_scene_where_the_shaders_look() {
         assert_eq!(of("SurfaceRow", "surface_table", "origin_z"), origins, "{tier:?}");
         let backs: Vec<f64> = ir.surfaces.iter().map(|s| s.back as f64).collect();
         assert_eq!(of("SurfaceRow", "surface_table", "back"), backs, "{tier:?}");
-        let cells: Vec<f64> = program.cells.sensors.iter().map(|&cell| f64::from(cell)).collect();
-        assert_eq!(of("SensorRow", "sensor_table", "cell"), cells, "{tier:?}");
-        let absorb: Vec<f64> = ir.sensors.iter().map(|s| f64::from(u8::from(s.absorb))).collect();
-        assert_eq!(of("SensorRow", "sensor_table", "absorb"), absorb, "{tier:?}");
+        let cells: Vec<f64> = program.cells.detectors.iter().map(|&cell| f64::from(cell)).collect();
+        assert_eq!(of("DetectorRow", "detector_table", "cell"), cells, "{tier:?}");
+        let absorb: Vec<f64> = ir.detectors.iter().map(|s| f64::from(u8::from(s.absorb))).collect();
+        assert_eq!(of("DetectorRow", "detector_table", "absorb"), absorb, "{tier:?}");
         let shapes: Vec<f64> =
             nsq_gpu::model::primitives::primitives(ir).iter().map(|(_, shape)| code_of(shape)).collect();
         assert_eq!(of("PrimitiveRow", "primitive_table", "shape"), shapes, "{tier:?}");
@@ -338,8 +339,8 @@ fn code_of(shape: &Shape) -> f64 {
 fn tables_hold_no_detectors_that_stand_apart_from_the_tree() {
     for tier in tiers_in_tables() {
         let mut variant = everything_in_buffers();
-        variant.nominal = None;
-        variant.ir.sensors.truncate(8);
+        variant.main_path = None;
+        variant.ir.detectors.truncate(8);
         let program = variant.program(tier);
         let shapes: Vec<f64> = variant.ir.surfaces.iter().map(|surface| code_of(&surface.shape)).collect();
         let codes = column(&program, "PrimitiveRow", binding(&program, "primitive_table"), "shape");
@@ -408,12 +409,12 @@ fn texels_hold_the_primitives_where_the_shaders_look() {
 /// Every read-only buffer of group 0 that a shader declares is one that the host fills, and no other.
 #[test]
 fn host_fills_the_buffers_that_shaders_declare() {
-    // Of the trace, not of the program: range, draws, rows, emitter, the log of ends, the rays that strayed; and the sums.
+    // Of the trace, not of the program: range, draws, rows, source, the log of ends, the rejected rays; and the sums.
     let traced = [
         bindings::RANGE,
         bindings::RNG_TABLE,
         bindings::EVENTS,
-        bindings::EMITTER,
+        bindings::SOURCE,
         bindings::LOG,
         bindings::REJECTED,
     ];

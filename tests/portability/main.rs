@@ -159,7 +159,7 @@ fn every_shader_file_is_composed_by_some_variant() {
             texts.push(variant.program(tier).wgsl);
         }
         // Only drivers of processors get such shaders.
-        for choice in [Choice::NominalThroughDetector, Choice::NominalThroughGlass] {
+        for choice in [Choice::MainPathThroughDetector, Choice::MainPathThroughGlass] {
             let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
             texts.push(together.program(tier).wgsl);
         }

@@ -2,12 +2,12 @@
 
 use crate::layouts::{binding, column};
 use crate::variants::{
-    Tier, Variant, bsdf_of, bsdfs, emitters, everything_in_buffers, interactions, sensors, shapes, splats,
+    Tier, Variant, bsdf_of, bsdfs, detectors, everything_in_buffers, interactions, shapes, sources, splats,
 };
 use naga::{Expression, Literal, Module};
 use nsq_gpu::engine::sums;
-use nsq_gpu::model::{HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, SensorKind, Splat};
-use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, sensor_code};
+use nsq_gpu::model::{DetectorKind, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, Splat};
+use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, detector_code};
 use nsq_gpu::program::layout::{bindings, rng};
 use nsq_gpu::program::{Precision, Program, events};
 
@@ -48,7 +48,7 @@ fn interactions_have_the_codes_of_the_shaders() {
 #[test]
 fn splats_have_the_codes_of_the_shaders() {
     let (variant, program) = tables();
-    let codes = column(&program, "SensorRow", binding(&program, "sensor_table"), "splat");
+    let codes = column(&program, "DetectorRow", binding(&program, "detector_table"), "splat");
     for splat in splats() {
         let name = match splat {
             Splat::Hard => "SPLAT_HARD",
@@ -56,7 +56,7 @@ fn splats_have_the_codes_of_the_shaders() {
             Splat::Gaussian { .. } => "SPLAT_GAUSSIAN",
         };
         let row =
-            variant.ir.sensors.iter().position(|s| s.kind.grid().is_some_and(|grid| grid.splat == splat));
+            variant.ir.detectors.iter().position(|s| s.kind.grid().is_some_and(|grid| grid.splat == splat));
         assert_eq!(codes[row.unwrap()], constant(&program.module, name), "{name}");
     }
 }
@@ -92,24 +92,24 @@ fn harvey_shack_tables_have_the_knots_of_the_shaders() {
     assert_eq!(constant(&program.module, "HARVEY_SHACK_STEP"), f64::from(HARVEY_SHACK_STEP as f32));
 }
 
-/// The composed dispatch sends a sensor's code to the function of its kind.
+/// The composed dispatch sends a detector's code to the function of its kind.
 #[test]
-fn sensors_have_the_codes_of_the_dispatch() {
+fn detectors_have_the_codes_of_the_dispatch() {
     let (variant, program) = tables();
-    let codes = column(&program, "SensorRow", binding(&program, "sensor_table"), "kind");
-    for kind in sensors() {
-        let code = sensor_code(&kind);
+    let codes = column(&program, "DetectorRow", binding(&program, "detector_table"), "kind");
+    for kind in detectors() {
+        let code = detector_code(&kind);
         let function = match kind {
-            SensorKind::Irradiance(_) => "irradiance",
-            SensorKind::Spectral { .. } => "spectral",
-            SensorKind::FarField { .. } => "far_field",
-            SensorKind::RayDatabase { .. } => "ray_database",
+            DetectorKind::Irradiance(_) => "irradiance",
+            DetectorKind::Spectral { .. } => "spectral",
+            DetectorKind::FarField { .. } => "far_field",
+            DetectorKind::RayDatabase { .. } => "ray_database",
         };
-        let call = format!("if sensor.kind == {code}u {{ record_{function}(");
+        let call = format!("if detector.kind == {code}u {{ record_{function}(");
         assert!(program.wgsl.contains(&call), "no `{call}`");
         assert!(program.wgsl.contains(&format!("fn record_{function}(")), "{function}");
-        let same = |other: &SensorKind| std::mem::discriminant(other) == std::mem::discriminant(&kind);
-        let row = variant.ir.sensors.iter().position(|sensor| same(&sensor.kind)).unwrap();
+        let same = |other: &DetectorKind| std::mem::discriminant(other) == std::mem::discriminant(&kind);
+        let row = variant.ir.detectors.iter().position(|detector| same(&detector.kind)).unwrap();
         assert_eq!(codes[row], f64::from(code), "{function}");
     }
 }
@@ -146,20 +146,20 @@ fn shapes_take_the_numbers_of_the_host() {
 }
 
 #[test]
-fn emitters_have_the_codes_of_the_dispatch() {
+fn sources_have_the_codes_of_the_dispatch() {
     let (variant, program) = tables();
-    let last = emitters().into_iter().max().unwrap();
-    for name in emitters() {
+    let last = sources().into_iter().max().unwrap();
+    for name in sources() {
         let call = match name == last {
             true => format!("    return emit_{}(key, e);", name.name()),
             false => format!("if e.kind == {}u {{ return emit_{}(key, e); }}", name as u32, name.name()),
         };
         assert!(program.wgsl.contains(&call), "no `{call}`");
-        let kind = crate::variants::emitter_of(name);
-        let emitter = variant.ir.emitters.iter().position(|emitter| emitter.kind == kind).unwrap();
-        let layout = nsq_gpu::program::layout::records::StructLayout::of(&program.module, "Emitter").unwrap();
+        let kind = crate::variants::source_of(name);
+        let source = variant.ir.sources.iter().position(|source| source.kind == kind).unwrap();
+        let layout = nsq_gpu::program::layout::records::StructLayout::of(&program.module, "Source").unwrap();
         let offset = layout.offset("kind").unwrap();
-        let bytes = &program.emitters[emitter];
+        let bytes = &program.source_uniforms[source];
         assert_eq!(bytes[offset..offset + 4], (name as u32).to_le_bytes(), "{name:?}");
     }
 }
@@ -174,7 +174,7 @@ fn ledger_cells_are_numbered_in_order() {
     let known = [CELL_BULK, CELL_DEPTH_KILLED].map(|cell| LEDGER_CELLS[cell as usize]);
     assert_eq!(known, ["CELL_BULK", "CELL_DEPTH_KILLED"]);
     assert_eq!(constant(&program.module, "CELL_SURFACES"), LEDGER_CELLS.len() as f64);
-    assert_eq!(program.cells.sensors[0] as usize, LEDGER_CELLS.len() + variant.ir.surfaces.len());
+    assert_eq!(program.cells.detectors[0] as usize, LEDGER_CELLS.len() + variant.ir.surfaces.len());
     assert_eq!(constant(&program.module, "COUNTER_REACHED"), f64::from(program.cells.num_cells));
     assert_eq!(constant(&program.module, "INVALID_DEPOSITS"), sums::INVALID_DEPOSITS as f64);
     assert_eq!(constant(&program.module, "CELL_INVALID"), sums::INVALID_DEPOSITS as f64);
@@ -188,7 +188,7 @@ fn event_kinds_and_fates_are_those_that_the_host_reads() {
         ("EVENT_RECORDED", events::RECORDED),
         ("EVENT_BIRTH", events::BIRTH),
         ("EVENT_SURFACE", events::SURFACE),
-        ("EVENT_SENSOR", events::SENSOR),
+        ("EVENT_DETECTOR", events::DETECTOR),
         ("EVENT_DEATH", events::DEATH),
         ("ESCAPED", events::ESCAPED),
         ("DEPTH_KILLED", events::DEPTH_KILLED),
@@ -199,7 +199,7 @@ fn event_kinds_and_fates_are_those_that_the_host_reads() {
     }
 }
 
-/// The shaders book a fate in the cell that lies as far behind the first as the fate does.
+/// The shaders deposit a fate in the cell that lies as far behind the first as the fate does.
 #[test]
 fn cells_of_fates_are_in_the_order_of_fates() {
     let (_, program) = tables();

@@ -3,13 +3,13 @@
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Annulus, Bsdf, BsdfTable, Coating, CollimatedGaussian, CollimatedTophat, Conic, Emitter, EmitterKind,
+    Annulus, Bsdf, BsdfTable, Coating, CollimatedGaussian, CollimatedTophat, Conic, Detector, DetectorKind,
     Extended, Frame, Frustum, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb,
-    Sampling, Scatter, SceneIr, Sensor, SensorKind, Shape, Spectrum, Sphere, Splat, Surface,
+    Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::layout::bsdf::BsdfKind;
 use nsq_gpu::program::{
-    EmitterName, PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments,
+    PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
 use nsq_gpu::software::added::Wanted;
 use nsq_gpu::software::path::main_path::{PilotPath, Way};
@@ -52,8 +52,8 @@ pub struct Variant {
     /// Lanes that store places together.
     pub lanes: u32,
     /// The path that has a stage of its own.
-    pub nominal: Option<PilotPath>,
-    /// Those of rays that stray from it.
+    pub main_path: Option<PilotPath>,
+    /// Those of rays that it rejects.
     pub side_paths: Vec<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
@@ -63,9 +63,9 @@ pub struct Variant {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Choice {
     Shape(ShapeKind),
-    Emitter(EmitterName),
-    Sensor(usize),
-    TransmissiveSensor(usize),
+    Source(SourceFunction),
+    Detector(usize),
+    TransmissiveDetector(usize),
     Splat(Splat),
     SpectralSplat(Splat),
     Refractive,
@@ -93,9 +93,9 @@ pub enum Choice {
     Sampler(Sampler),
     Moments,
     HostSums,
-    Nominal { absorbs: bool },
-    NominalThroughDetector,
-    NominalThroughGlass,
+    MainPath { absorbs: bool },
+    MainPathThroughDetector,
+    MainPathThroughGlass,
     Replicates,
     SumsInParts,
 }
@@ -114,13 +114,13 @@ fn shape_after(kind: ShapeKind) -> Option<ShapeKind> {
     }
 }
 
-fn emitter_after(name: EmitterName) -> Option<EmitterName> {
+fn source_after(name: SourceFunction) -> Option<SourceFunction> {
     match name {
-        EmitterName::Point => Some(EmitterName::CollimatedTophat),
-        EmitterName::CollimatedTophat => Some(EmitterName::CollimatedGaussian),
-        EmitterName::CollimatedGaussian => Some(EmitterName::ExtendedRectangle),
-        EmitterName::ExtendedRectangle => Some(EmitterName::ExtendedDisk),
-        EmitterName::ExtendedDisk => None,
+        SourceFunction::Point => Some(SourceFunction::CollimatedTophat),
+        SourceFunction::CollimatedTophat => Some(SourceFunction::CollimatedGaussian),
+        SourceFunction::CollimatedGaussian => Some(SourceFunction::ExtendedRectangle),
+        SourceFunction::ExtendedRectangle => Some(SourceFunction::ExtendedDisk),
+        SourceFunction::ExtendedDisk => None,
     }
 }
 
@@ -143,30 +143,30 @@ pub fn shapes() -> Vec<ShapeKind> {
     std::iter::successors(Some(ShapeKind::Conic), |kind| shape_after(*kind)).collect()
 }
 
-/// Every kind of emitter function.
-pub fn emitters() -> Vec<EmitterName> {
-    std::iter::successors(Some(EmitterName::Point), |name| emitter_after(*name)).collect()
+/// Every kind of source function.
+pub fn sources() -> Vec<SourceFunction> {
+    std::iter::successors(Some(SourceFunction::Point), |name| source_after(*name)).collect()
 }
 
-/// Position of a kind among [`sensors`]; a new one fails to compile here.
-fn sensor_position(kind: &SensorKind) -> usize {
+/// Position of a kind among [`detectors`]; a new one fails to compile here.
+fn detector_position(kind: &DetectorKind) -> usize {
     match kind {
-        SensorKind::Irradiance(_) => 0,
-        SensorKind::Spectral { .. } => 1,
-        SensorKind::FarField { .. } => 2,
-        SensorKind::RayDatabase { .. } => 3,
+        DetectorKind::Irradiance(_) => 0,
+        DetectorKind::Spectral { .. } => 1,
+        DetectorKind::FarField { .. } => 2,
+        DetectorKind::RayDatabase { .. } => 3,
     }
 }
 
-/// One sensor of every kind.
-pub fn sensors() -> Vec<SensorKind> {
+/// One detector of every kind.
+pub fn detectors() -> Vec<DetectorKind> {
     let kinds = vec![
-        SensorKind::Irradiance(grid(Splat::Hard)),
-        SensorKind::Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] },
-        SensorKind::FarField { num_theta: 9, num_phi: 18 },
-        SensorKind::RayDatabase { width: 20.0, height: 30.0, max_rays: None },
+        DetectorKind::Irradiance(grid(Splat::Hard)),
+        DetectorKind::Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] },
+        DetectorKind::FarField { num_theta: 9, num_phi: 18 },
+        DetectorKind::RayDatabase { width: 20.0, height: 30.0, max_rays: None },
     ];
-    assert!(kinds.iter().map(sensor_position).eq(0..kinds.len()));
+    assert!(kinds.iter().map(detector_position).eq(0..kinds.len()));
     kinds
 }
 
@@ -234,8 +234,10 @@ impl Choice {
     /// Every feature.
     pub fn all() -> Vec<Choice> {
         let mut choices: Vec<Choice> = shapes().into_iter().map(Choice::Shape).collect();
-        choices.extend(emitters().into_iter().map(Choice::Emitter));
-        choices.extend((0..sensors().len()).flat_map(|i| [Choice::Sensor(i), Choice::TransmissiveSensor(i)]));
+        choices.extend(sources().into_iter().map(Choice::Source));
+        choices.extend(
+            (0..detectors().len()).flat_map(|i| [Choice::Detector(i), Choice::TransmissiveDetector(i)]),
+        );
         choices.extend(
             splats().into_iter().flat_map(|splat| [Choice::Splat(splat), Choice::SpectralSplat(splat)]),
         );
@@ -267,10 +269,10 @@ impl Choice {
             Choice::Rotated,
             Choice::Moments,
             Choice::HostSums,
-            Choice::Nominal { absorbs: false },
-            Choice::Nominal { absorbs: true },
-            Choice::NominalThroughDetector,
-            Choice::NominalThroughGlass,
+            Choice::MainPath { absorbs: false },
+            Choice::MainPath { absorbs: true },
+            Choice::MainPathThroughDetector,
+            Choice::MainPathThroughGlass,
             Choice::Replicates,
             Choice::SumsInParts,
         ]);
@@ -287,13 +289,13 @@ impl Choice {
                 }
                 ir.surfaces.push(surface(shape_of(kind), Interaction::Absorbing));
             }
-            Choice::Emitter(name) => ir.emitters.push(emitter(emitter_of(name), ir.wavelengths.len())),
-            Choice::Sensor(i) => ir.sensors.push(sensor(sensors()[i].clone(), true)),
-            Choice::TransmissiveSensor(i) => ir.sensors.push(sensor(sensors()[i].clone(), false)),
-            Choice::Splat(splat) => ir.sensors.push(sensor(SensorKind::Irradiance(grid(splat)), true)),
+            Choice::Source(name) => ir.sources.push(source(source_of(name), ir.wavelengths.len())),
+            Choice::Detector(i) => ir.detectors.push(detector(detectors()[i].clone(), true)),
+            Choice::TransmissiveDetector(i) => ir.detectors.push(detector(detectors()[i].clone(), false)),
+            Choice::Splat(splat) => ir.detectors.push(detector(DetectorKind::Irradiance(grid(splat)), true)),
             Choice::SpectralSplat(splat) => {
-                let kind = SensorKind::Spectral { grid: grid(splat), wavelength_edges: vec![0.4, 0.6] };
-                ir.sensors.push(sensor(kind, true));
+                let kind = DetectorKind::Spectral { grid: grid(splat), wavelength_edges: vec![0.4, 0.6] };
+                ir.detectors.push(detector(kind, true));
             }
             Choice::Refractive => ir.surfaces.push(surface(ball(), Interaction::Refractive)),
             Choice::Reflective => ir.surfaces.push(surface(ball(), mirror(0.9, 0.9, ir.wavelengths.len()))),
@@ -347,31 +349,32 @@ impl Choice {
                 Choice::Shape(ShapeKind::Mesh).apply(variant);
             }
             Choice::HostSums => variant.host_sums = true,
-            Choice::Nominal { absorbs } => {
+            Choice::MainPath { absorbs } => {
                 variant.host_sums = true;
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
-                ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Hard)), true));
+                ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Hard)), true));
                 if absorbs {
                     ir.media[1].k.fill(1e-6);
                 }
                 // Numbers of primitives shift as others come: the last detector is then some other, or a surface.
-                let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1];
+                let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.detectors.len() - 1];
                 // A ray of the pilot that stays far from everything, so that the others are clear of all of it.
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
                 let way = Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0; 3] };
-                variant.nominal = Some(PilotPath { primitives, ways: vec![way], escapes: false, share: 0.5 });
+                variant.main_path =
+                    Some(PilotPath { primitives, ways: vec![way], escapes: false, share: 0.5 });
             }
             // Another path takes its place, and then there is the detector alone. In a trace of 16 events it is full, and
             // arrives at some places again.
-            Choice::NominalThroughDetector => {
+            Choice::MainPathThroughDetector => {
                 variant.host_sums = true;
-                ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Bilinear)), false));
-                let primitives = vec![ir.surfaces.len() + ir.sensors.len() - 1; 16];
+                ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Bilinear)), false));
+                let primitives = vec![ir.surfaces.len() + ir.detectors.len() - 1; 16];
                 let away = |z| DVec3::new(1e3, 1e3, 1e3 + f64::from(z % 5));
                 let mut weights = vec![0.5; 17];
                 weights[0] = 1.0;
                 let way = Way { positions: (0..17).map(away).collect(), weights };
-                variant.nominal.get_or_insert(PilotPath {
+                variant.main_path.get_or_insert(PilotPath {
                     primitives,
                     ways: vec![way],
                     escapes: false,
@@ -379,33 +382,33 @@ impl Choice {
                 });
             }
             // A path whose rays log what they weigh; another one takes its place.
-            Choice::NominalThroughGlass => {
+            Choice::MainPathThroughGlass => {
                 variant.host_sums = true;
                 ir.surfaces.push(surface(ball(), Interaction::Refractive));
-                ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Bilinear)), true));
+                ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Bilinear)), true));
                 ir.media[1].k.fill(1e-6);
-                let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.sensors.len() - 1];
+                let primitives = vec![ir.surfaces.len() - 1, ir.surfaces.len() + ir.detectors.len() - 1];
                 let way = |weight: f64| {
                     let away = |z| DVec3::new(1e3, 1e3, 1e3 + z);
                     Way { positions: [0.0, 1.0, 2.0].map(away).to_vec(), weights: vec![1.0, 1.0, weight] }
                 };
-                let nominal =
+                let main_path =
                     PilotPath { primitives, ways: vec![way(0.5), way(0.75)], escapes: false, share: 0.5 };
                 // One side path misses the detector, the other one meets the ball again.
                 let escaping = |primitives| PilotPath {
                     primitives,
-                    ways: nominal.ways.clone(),
+                    ways: main_path.ways.clone(),
                     escapes: true,
                     share: 0.1,
                 };
                 let ball = ir.surfaces.len() - 1;
                 variant.side_paths = vec![escaping(vec![ball]), escaping(vec![ball, ball])];
-                variant.nominal.get_or_insert(nominal);
+                variant.main_path.get_or_insert(main_path);
             }
             // So many cells that those of all other choices add few parts.
             Choice::SumsInParts => {
                 let wide = PixelGrid { num_pixels_x: 64, num_pixels_y: 64, ..grid(Splat::Hard) };
-                ir.sensors.push(sensor(SensorKind::Irradiance(wide), true));
+                ir.detectors.push(detector(DetectorKind::Irradiance(wide), true));
                 variant.part_bytes = 1 << 13;
             }
             // Replicates take the place of squares.
@@ -430,7 +433,7 @@ impl Choice {
 }
 
 impl Default for Variant {
-    /// A lamp in the void: no surface, no sensor.
+    /// A lamp in the void: no surface, no detector.
     fn default() -> Self {
         let medium =
             |name: &str, n| Medium { name: name.into(), ambient: name == "vacuum", n: vec![n], k: vec![0.0] };
@@ -439,8 +442,8 @@ impl Default for Variant {
             media: vec![medium("vacuum", 1.0), medium("glass", 1.5)],
             surfaces: vec![],
             meshes: vec![],
-            emitters: vec![emitter(EmitterKind::Point(Point { half_angle: 0.5 }), 1)],
-            sensors: vec![],
+            sources: vec![source(SourceKind::Point(Point { half_angle: 0.5 }), 1)],
+            detectors: vec![],
             sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
         };
         Variant {
@@ -454,7 +457,7 @@ impl Default for Variant {
             sampler: Sampler::Pcg,
             host_sums: false,
             lanes: 1,
-            nominal: None,
+            main_path: None,
             side_paths: Vec::new(),
             part_bytes: 1 << 27,
             moments: SecondMoments::None,
@@ -484,7 +487,7 @@ impl Variant {
             events_per_dispatch: if self.queue { 4 } else { 16 },
             workgroup_size: 64,
             paths: self.paths,
-            weights: (0..self.ir.emitters.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
+            weights: (0..self.ir.sources.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
@@ -495,7 +498,7 @@ impl Variant {
             host_sums: self.host_sums,
             side_by_side: true,
             lanes: self.lanes,
-            nominal: self.nominal.clone(),
+            main_path: self.main_path.clone(),
             side_paths: self.side_paths.clone(),
         };
         Program::extended(&self.ir, options, &wanted, 0, |wgsl| wgsl)
@@ -552,24 +555,24 @@ fn tetrahedron() -> Mesh {
 }
 
 /// A source that its function emits.
-pub fn emitter_of(name: EmitterName) -> EmitterKind {
+pub fn source_of(name: SourceFunction) -> SourceKind {
     let rectangle = Outline::Rectangle { width: 3.0, height: 4.0 };
     let kind = match name {
-        EmitterName::Point => EmitterKind::Point(Point { half_angle: 0.5 }),
-        EmitterName::CollimatedTophat => {
-            EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 })
+        SourceFunction::Point => SourceKind::Point(Point { half_angle: 0.5 }),
+        SourceFunction::CollimatedTophat => {
+            SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 })
         }
-        EmitterName::CollimatedGaussian => {
-            EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 })
+        SourceFunction::CollimatedGaussian => {
+            SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 })
         }
-        EmitterName::ExtendedRectangle => {
-            EmitterKind::Extended(Extended { area: rectangle, half_angle: 0.5 })
+        SourceFunction::ExtendedRectangle => {
+            SourceKind::Extended(Extended { area: rectangle, half_angle: 0.5 })
         }
-        EmitterName::ExtendedDisk => {
-            EmitterKind::Extended(Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 })
+        SourceFunction::ExtendedDisk => {
+            SourceKind::Extended(Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 })
         }
     };
-    assert_eq!(EmitterName::of(&kind), name);
+    assert_eq!(SourceFunction::of(&kind), name);
     kind
 }
 
@@ -628,13 +631,13 @@ fn coated(first: f64, others: f64, num_wavelengths: usize) -> Surface {
     Surface { coating: Some(coating), ..surface(ball(), Interaction::Refractive) }
 }
 
-fn sensor(kind: SensorKind, absorb: bool) -> Sensor {
-    Sensor { name: "sensor".into(), frame: frame(40.0), kind, absorb }
+fn detector(kind: DetectorKind, absorb: bool) -> Detector {
+    Detector { name: "detector".into(), frame: frame(40.0), kind, absorb }
 }
 
-fn emitter(kind: EmitterKind, num_wavelengths: usize) -> Emitter {
+fn source(kind: SourceKind, num_wavelengths: usize) -> Source {
     let cdf = (1..=num_wavelengths).map(|i| i as f64 / num_wavelengths as f64).collect();
-    Emitter {
+    Source {
         name: "lamp".into(),
         frame: frame(0.0),
         kind,
@@ -669,7 +672,7 @@ fn polychromatic(ir: &mut SceneIr) {
             transmittance.push(transmittance[0]);
         }
     }
-    for lamp in &mut ir.emitters {
+    for lamp in &mut ir.sources {
         lamp.spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     }
 }
@@ -677,8 +680,8 @@ fn polychromatic(ir: &mut SceneIr) {
 fn rotate(ir: &mut SceneIr) {
     let rotation = DMat3::from_rotation_x(0.25);
     ir.surfaces.push(surface(ball(), Interaction::Absorbing));
-    ir.sensors.push(sensor(SensorKind::Irradiance(grid(Splat::Hard)), true));
+    ir.detectors.push(detector(DetectorKind::Irradiance(grid(Splat::Hard)), true));
     ir.surfaces.iter_mut().for_each(|surface| surface.frame.rotation = rotation);
-    ir.sensors.iter_mut().for_each(|sensor| sensor.frame.rotation = rotation);
-    ir.emitters.iter_mut().for_each(|lamp| lamp.frame.rotation = rotation);
+    ir.detectors.iter_mut().for_each(|detector| detector.frame.rotation = rotation);
+    ir.sources.iter_mut().for_each(|lamp| lamp.frame.rotation = rotation);
 }

@@ -52,7 +52,7 @@ fn every_snapshot_closes_its_books_and_the_last_is_the_whole() {
 #[test]
 fn a_snapshot_is_the_trace_of_its_rays() {
     let ir = zoo::load("ball_lens_ghosts");
-    assert_eq!(ir.emitters.len(), 1);
+    assert_eq!(ir.sources.len(), 1);
     for tally in snapshots("ball_lens_ghosts", &options(20_000)) {
         let num_rays = tally.launched.count;
         assert!(tally == zoo::trace(&ir, &options(num_rays)), "{num_rays} rays");
@@ -62,12 +62,12 @@ fn a_snapshot_is_the_trace_of_its_rays() {
 #[test]
 fn sources_take_turns() {
     let ir = zoo::load("tessar_gaussian_beams");
-    assert!(ir.emitters.len() > 1);
+    assert!(ir.sources.len() > 1);
     for tally in snapshots("tessar_gaussian_beams", &options(20_000)) {
-        let share = |emitter: usize| tally.rays.count_of(emitter) as f64 / tally.launched.count as f64;
-        let whole: f64 = ir.emitters.iter().map(|emitter| emitter.total_flux).sum();
-        for (index, emitter) in ir.emitters.iter().enumerate() {
-            assert!((share(index) - emitter.total_flux / whole).abs() < 2e-3, "{index}: {}", share(index));
+        let share = |source: usize| tally.rays.count_of(source) as f64 / tally.launched.count as f64;
+        let whole: f64 = ir.sources.iter().map(|source| source.total_flux).sum();
+        for (index, source) in ir.sources.iter().enumerate() {
+            assert!((share(index) - source.total_flux / whole).abs() < 2e-3, "{index}: {}", share(index));
         }
     }
 }
@@ -89,8 +89,8 @@ fn a_trace_that_is_taken_up_again_has_the_same_bits() {
 /// The second is opened after the first pass, when the host has yet to add up what the first has logged.
 #[test]
 fn two_devices_by_turns_add_up_to_one() {
-    // Rays that stray from a path; several sources; rays that outlive a dispatch; a tree in an image; a scattering bulk.
-    for (name, nominal_path) in [
+    // Rays that a path rejects; several sources; rays that outlive a dispatch; a tree in an image; a scattering bulk.
+    for (name, main_path) in [
         ("bench_lens", true),
         ("tessar_gaussian_beams", false),
         ("kaleidoscope", false),
@@ -103,7 +103,7 @@ fn two_devices_by_turns_add_up_to_one() {
         {
             let alone = TraceOptions { standard_error, precision, ..options(10_007) };
             let alone = alone.with(|choices| {
-                choices.main_path = When::forced(nominal_path);
+                choices.main_path = When::forced(main_path);
                 choices.second_device = When::Never;
             });
             let both = alone.with(|choices| {
@@ -213,13 +213,13 @@ fn ray_ids_go_on_beyond_32_bits() {
         halves += &zoo::trace(&lone, &part(edge, 500));
         assert!(halves == zoo::trace(&lone, &part(edge - 500, 1000)), "around ray {edge}");
         let ids = |tally: &Tally| -> Vec<u64> {
-            tally.sensors.iter().flat_map(|sensor| sensor.rows.iter().map(|row| row.ray_id)).collect()
+            tally.detectors.iter().flat_map(|detector| detector.rows.iter().map(|row| row.ray_id)).collect()
         };
         let found = ids(&whole);
         assert!(found.iter().all(|id| (edge - 500..edge + 500).contains(id)), "{edge}: {found:?}");
         assert!(found.iter().any(|id| *id >= edge) && found.iter().any(|id| *id < edge));
         // The upper word counts: the same lower words elsewhere draw other numbers.
-        let hits = |first_ray| zoo::trace(&lone, &part(first_ray, 500)).sensors[0].hits.clone();
+        let hits = |first_ray| zoo::trace(&lone, &part(first_ray, 500)).detectors[0].hits.clone();
         assert!(hits(edge) != hits(edge & 0xffff_ffff));
     }
 }

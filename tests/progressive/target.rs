@@ -1,7 +1,7 @@
 //! A target for the error stops where the error is what was asked, and what it promises comes true.
 
 use crate::zoo;
-use nsq_gpu::model::{SceneIr, SensorKind, Splat};
+use nsq_gpu::model::{DetectorKind, SceneIr, Splat};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::StoppedBy;
 use nsq_gpu::result::Tally;
@@ -58,16 +58,16 @@ struct Apart {
 }
 
 impl Apart {
-    fn of(tallies: &[Tally], sensor: usize) -> Self {
+    fn of(tallies: &[Tally], detector: usize) -> Self {
         let fluxes: Vec<f64> =
-            tallies.iter().map(|tally| tally.sensors[sensor].total().quanta as f64).collect();
+            tallies.iter().map(|tally| tally.detectors[detector].total().quanta as f64).collect();
         let mean = fluxes.iter().sum::<f64>() / fluxes.len() as f64;
         let of_cell = |cell: usize| {
             let values: Vec<f64> =
-                tallies.iter().map(|tally| tally.sensors[sensor].quanta[cell] as f64).collect();
+                tallies.iter().map(|tally| tally.detectors[detector].quanta[cell] as f64).collect();
             deviation(&values)
         };
-        let cells: Vec<f64> = (0..tallies[0].sensors[sensor].quanta.len()).map(of_cell).collect();
+        let cells: Vec<f64> = (0..tallies[0].detectors[detector].quanta.len()).map(of_cell).collect();
         let (sum, squares) = cells.iter().fold((0.0, 0.0), |(sum, squares), s| (sum + s, squares + s * s));
         let of_one = 0.5 / (tallies.len() as f64 - 1.0);
         Apart {
@@ -108,7 +108,8 @@ fn a_target_stops_where_the_error_is_what_was_asked() {
                 tracer.trace(|_| true).unwrap()
             })
             .collect();
-        let found: Vec<Apart> = (0..ir.sensors.len()).map(|sensor| Apart::of(&tallies, sensor)).collect();
+        let found: Vec<Apart> =
+            (0..ir.detectors.len()).map(|detector| Apart::of(&tallies, detector)).collect();
         let worst = found.iter().max_by(|a, b| a.map.total_cmp(&b.map)).unwrap();
         println!("{name}: {num_rays} rays, {said:.4} of {target}, {worst:.4?}");
         // 5 sigma, and 5 % for what the root of few hits hides, and for errors that are bounds.
@@ -145,8 +146,8 @@ fn the_promised_number_of_rays_comes_true() {
 #[test]
 fn a_target_is_met_with_stray_light_and_beside_the_taps_of_a_splat() {
     let mut ir = zoo::load("bench_lens");
-    for sensor in &mut ir.sensors {
-        if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+    for detector in &mut ir.detectors {
+        if let DetectorKind::Irradiance(grid) = &mut detector.kind {
             // The spot is small, and what the lens reflects twice spreads over 512 x 512 pixels.
             (grid.width, grid.height) = (20.0 * grid.width, 20.0 * grid.height);
             (grid.num_pixels_x, grid.num_pixels_y, grid.splat) = (512, 512, Splat::Bilinear);
@@ -154,8 +155,8 @@ fn a_target_is_met_with_stray_light_and_beside_the_taps_of_a_splat() {
     }
     let Stopped { tally, promises } = stopped(&ir, 0.05);
     let lit = |cell: &&u128| **cell > 0;
-    let (few, all) = tally.sensors.iter().fold((0, 0), |(few, all), sensor| {
-        let hits = sensor.quanta.iter().zip(&sensor.hits).filter(|(quanta, _)| lit(quanta));
+    let (few, all) = tally.detectors.iter().fold((0, 0), |(few, all), detector| {
+        let hits = detector.quanta.iter().zip(&detector.hits).filter(|(quanta, _)| lit(quanta));
         (few + hits.clone().filter(|(_, hits)| **hits <= 1).count(), all + hits.count())
     });
     assert!(2 * few > all, "{few} of {all} lit cells are lit by stray light or outer taps alone");

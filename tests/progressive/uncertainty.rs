@@ -2,9 +2,9 @@
 
 use crate::zoo;
 use nsq_gpu::model::ray_id::NUM_REPLICATES;
-use nsq_gpu::model::{Bsdf, Sampling, SceneIr, SensorKind, Splat};
+use nsq_gpu::model::{Bsdf, DetectorKind, Sampling, SceneIr, Splat};
 use nsq_gpu::program::{Precision, Sampler};
-use nsq_gpu::result::{DetectorData, RaySet, RaySpan, RunInfo, SensorTally, Tally, TraceResult};
+use nsq_gpu::result::{DetectorData, DetectorTally, RaySet, RaySpan, RunInfo, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use statrs::distribution::{Binomial, ContinuousCDF, Discrete, DiscreteCDF, StudentsT};
 
@@ -51,14 +51,14 @@ fn sobol(num_rays: u64, seed: u64, precision: Precision) -> TraceOptions {
 /// A scene whose detectors have few pixels, so that many rays hit each.
 fn coarse(name: &str, num: u32, splat: Option<Splat>) -> SceneIr {
     let mut ir = zoo::load(name);
-    for sensor in &mut ir.sensors {
-        match &mut sensor.kind {
-            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => {
+    for detector in &mut ir.detectors {
+        match &mut detector.kind {
+            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
                 (grid.num_pixels_x, grid.num_pixels_y) = (num, num);
                 grid.splat = splat.unwrap_or(grid.splat);
             }
-            SensorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (num, num),
-            SensorKind::RayDatabase { .. } => {}
+            DetectorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (num, num),
+            DetectorKind::RayDatabase { .. } => {}
         }
     }
     ir
@@ -98,24 +98,24 @@ fn difference(later: &Tally, earlier: &Tally) -> Tally {
     block.launched.quanta -= earlier.launched.quanta;
     block.rays = RaySet::default();
     for span in later.rays.spans() {
-        let emitter = span.emitter;
-        let done = earlier.rays.count_of(emitter as usize);
-        block.rays += RaySpan { first: span.first + done, count: span.count - done, emitter };
+        let source = span.source;
+        let done = earlier.rays.count_of(source as usize);
+        block.rays += RaySpan { first: span.first + done, count: span.count - done, source };
     }
-    for (sensor, before) in block.sensors.iter_mut().zip(&earlier.sensors) {
+    for (detector, before) in block.detectors.iter_mut().zip(&earlier.detectors) {
         let minus = |sums: &mut Vec<u128>, before: &[u128]| {
             sums.iter_mut().zip(before).for_each(|(sum, before)| *sum -= before);
         };
         // Squares are there from the first drain on.
-        minus(&mut sensor.quanta, &before.quanta);
-        minus(&mut sensor.squares, &before.squares);
-        sensor.hits.iter_mut().zip(&before.hits).for_each(|(sum, before)| *sum -= before);
-        for (total, before) in sensor.totals.iter_mut().zip(&before.totals) {
+        minus(&mut detector.quanta, &before.quanta);
+        minus(&mut detector.squares, &before.squares);
+        detector.hits.iter_mut().zip(&before.hits).for_each(|(sum, before)| *sum -= before);
+        for (total, before) in detector.totals.iter_mut().zip(&before.totals) {
             total.quanta -= before.quanta;
             total.squares -= before.squares;
         }
-        sensor.recorded.count -= before.recorded.count;
-        sensor.recorded.quanta -= before.recorded.quanta;
+        detector.recorded.count -= before.recorded.count;
+        detector.recorded.quanta -= before.recorded.quanta;
     }
     block
 }
@@ -142,7 +142,7 @@ fn coverage(
     let (mut within, mut all) = (0, 0);
     for tally in tallies {
         let result = result_of(ir, &tally);
-        for detector in 0..ir.sensors.len() {
+        for detector in 0..ir.detectors.len() {
             let truth = cells(converged, detector);
             for ((value, error, hits), (truth, truth_error, _)) in cells(&result, detector).iter().zip(truth)
             {
@@ -179,7 +179,7 @@ fn intervals_of_pixels_hold_the_converged_value() {
     // A disk of light on a detector that ends it: the hits say it all, or splats spread them.
     let disk = |splat| {
         let mut ir = coarse("bench_cavity", 16, splat);
-        ir.sensors[0].absorb = true;
+        ir.detectors[0].absorb = true;
         ir.surfaces.clear();
         ir
     };
@@ -188,7 +188,7 @@ fn intervals_of_pixels_hold_the_converged_value() {
     assert_covers("Gaussian", &disk(gaussian), 15_000, 120);
     // The port of a sphere, after many lossy reflections and roulette.
     let mut port = coarse("lambertian_sphere", 3, None);
-    port.sensors.retain(|sensor| sensor.absorb);
+    port.detectors.retain(|detector| detector.absorb);
     assert_covers("losses and roulette", &port, 10_000, 500);
 }
 
@@ -205,7 +205,7 @@ fn intervals_hold_where_rays_come_by_a_pixel_several_times() {
     // A transmissive detector in a cavity: no deposit is independent of the ray's others.
     for splat in [Splat::Hard, Splat::Bilinear, Splat::Gaussian { sigma: 0.7 }] {
         let ir = coarse("bench_cavity", 4, Some(splat));
-        assert!(!ir.sensors[0].absorb);
+        assert!(!ir.detectors[0].absorb);
         assert_covers(&format!("{splat:?}, eight visits"), &ir, 1000, 1000);
     }
 }
@@ -237,7 +237,7 @@ fn coverage_of_totals(
     num_seeds: u64,
 ) -> Vec<u64> {
     let mut tracer = Tracer::new(zoo::gpu(), ir, options).unwrap();
-    let mut within = vec![0; ir.sensors.len()];
+    let mut within = vec![0; ir.detectors.len()];
     for tally in zoo::tallies_of(&mut tracer, 0..num_seeds) {
         let result = result_of(ir, &tally);
         for ((found, truth), within) in result.detectors.iter().zip(&converged.detectors).zip(&mut within) {
@@ -294,9 +294,9 @@ fn intervals_of_pixels_of_sobol_points_hold_the_converged_value() {
     {
         for splat in [Splat::Hard, Splat::Bilinear] {
             let mut ir = coarse(name, num, Some(splat));
-            ir.sensors.retain(|sensor| sensor.absorb || name == "bench_cavity");
+            ir.detectors.retain(|detector| detector.absorb || name == "bench_cavity");
             if name == "bench_cavity" {
-                ir.sensors[0].absorb = true;
+                ir.detectors[0].absorb = true;
                 ir.surfaces.clear();
             }
             let converged = zoo::result(&ir, &sobol(64 * num_rays, 1 << 40, Precision::F32));
@@ -323,21 +323,21 @@ fn squares_are_those_of_whole_rays() {
         let rays = blocks(&ir, 1, 200);
         let mut whole = Tally::zeros(&ir);
         rays.iter().for_each(|ray| whole += ray);
-        for (index, sensor) in whole.sensors.iter().enumerate() {
+        for (index, detector) in whole.detectors.iter().enumerate() {
             let of_rays = |value: &dyn Fn(&Tally) -> u128| -> f64 {
                 rays.iter().map(|ray| weight(value(ray)).powi(2)).sum()
             };
-            assert_eq!(sensor.squares.len(), sensor.quanta.len());
-            for (cell, &squares) in sensor.squares.iter().enumerate() {
-                let expected = of_rays(&|ray| ray.sensors[index].quanta[cell]);
+            assert_eq!(detector.squares.len(), detector.quanta.len());
+            for (cell, &squares) in detector.squares.iter().enumerate() {
+                let expected = of_rays(&|ray| ray.detectors[index].quanta[cell]);
                 let difference = (weight(squares) - expected).abs();
                 assert!(
                     difference <= 2e-5 * expected + 1e-9,
                     "{name} {splat:?} cell {cell}: {difference:e} of {expected}"
                 );
             }
-            let expected = of_rays(&|ray| ray.sensors[index].total().quanta);
-            let found = weight(sensor.totals[0].squares);
+            let expected = of_rays(&|ray| ray.detectors[index].total().quanta);
+            let found = weight(detector.totals[0].squares);
             assert!((found - expected).abs() <= 2e-5 * expected, "{name} {splat:?}: {found} for {expected}");
         }
     }
@@ -350,9 +350,9 @@ fn many_visits_are_bounded_from_above() {
     let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
     let options = TraceOptions { max_depth: 64, ..options(1, 0, Precision::F64) };
     let tally = zoo::trace(&ir, &options);
-    let sensor = &tally.sensors[0];
-    assert!(sensor.hits[0] > 16, "{} visits", sensor.hits[0]);
-    let (square, bound) = (weight(sensor.quanta[0]).powi(2), weight(sensor.squares[0]));
+    let detector = &tally.detectors[0];
+    assert!(detector.hits[0] > 16, "{} visits", detector.hits[0]);
+    let (square, bound) = (weight(detector.quanta[0]).powi(2), weight(detector.squares[0]));
     assert!(square <= bound * (1.0 + 1e-12) && bound < 1.001 * square, "{square} and {bound}");
 }
 
@@ -363,29 +363,29 @@ fn squares_of_totals_are_exact_whatever_the_visits() {
     family.sampling = Sampling { split_depth: 6, split_budget: 8.0, ..family.sampling };
     // Twelve detectors, one behind the other.
     let mut row = coarse("bench_lens", 1, Some(Splat::Hard));
-    let last = row.sensors[0].clone();
-    row.sensors = vec![last; 12];
-    for (sensor, before_last) in row.sensors.iter_mut().rev().zip(0_u32..) {
-        sensor.name = format!("{before_last} before the last");
-        sensor.frame.origin.z -= 0.05 * f64::from(before_last);
-        sensor.absorb = before_last == 0;
+    let last = row.detectors[0].clone();
+    row.detectors = vec![last; 12];
+    for (detector, before_last) in row.detectors.iter_mut().rev().zip(0_u32..) {
+        detector.name = format!("{before_last} before the last");
+        detector.frame.origin.z -= 0.05 * f64::from(before_last);
+        detector.absorb = before_last == 0;
     }
     let weight = |quanta: u128| quanta as f64 / 2_f64.powi(52);
     for (name, ir) in [("family", family), ("row", row)] {
         let rays = blocks(&ir, 1, 200);
-        let visits = |ray: &Tally| ray.sensors.iter().map(|sensor| sensor.total().count).sum::<u64>();
+        let visits = |ray: &Tally| ray.detectors.iter().map(|detector| detector.total().count).sum::<u64>();
         assert!(rays.iter().any(|ray| visits(ray) > 8), "{name}: all visits are remembered");
         let mut whole = Tally::zeros(&ir);
         rays.iter().for_each(|ray| whole += ray);
-        for (index, sensor) in whole.sensors.iter().enumerate() {
+        for (index, detector) in whole.detectors.iter().enumerate() {
             let of_rays = |value: &dyn Fn(&Tally) -> u128| -> f64 {
                 rays.iter().map(|ray| weight(value(ray)).powi(2)).sum()
             };
-            let expected = of_rays(&|ray| ray.sensors[index].total().quanta);
-            let found = weight(sensor.totals[0].squares);
+            let expected = of_rays(&|ray| ray.detectors[index].total().quanta);
+            let found = weight(detector.totals[0].squares);
             assert!((found - expected).abs() <= 2e-5 * expected, "{name} {index}: {found} for {expected}");
-            for (cell, &squares) in sensor.squares.iter().enumerate() {
-                let expected = of_rays(&|ray| ray.sensors[index].quanta[cell]);
+            for (cell, &squares) in detector.squares.iter().enumerate() {
+                let expected = of_rays(&|ray| ray.detectors[index].quanta[cell]);
                 let found = weight(squares);
                 assert!(
                     found >= (1.0 - 2e-5) * expected,
@@ -402,8 +402,9 @@ fn what_errors_are_made_from_has_the_same_bits_however_it_is_summed() {
         let ir = zoo::load(name);
         for options in [options(10_000, 3, Precision::F32), sobol(10_000, 3, Precision::F32)] {
             let whole = zoo::trace(&ir, &options);
-            let are_there = |sensor: &SensorTally| sensor.totals.is_empty() != sensor.replicates.is_empty();
-            assert!(whole.sensors.iter().all(are_there));
+            let are_there =
+                |detector: &DetectorTally| detector.totals.is_empty() != detector.replicates.is_empty();
+            assert!(whole.detectors.iter().all(are_there));
             let batches = TraceOptions { batch_size: Some(777), workgroup_size: 32, ..options.clone() };
             assert!(zoo::trace(&ir, &batches) == whole, "{name}: other bits in other batches");
             assert!(
@@ -421,12 +422,12 @@ fn scrambles_add_up_to_the_whole() {
         let ir = zoo::load(name);
         let options = TraceOptions { of_rays: Some(10_000), ..sobol(10_000, 3, Precision::F32) };
         let whole = zoo::trace(&ir, &options);
-        for sensor in &whole.sensors {
-            let num_cells = sensor.quanta.len().max(1);
-            assert_eq!(sensor.replicates.len(), num_cells * NUM_REPLICATES as usize);
-            assert_eq!(sensor.replicates.iter().sum::<u128>(), sensor.total().quanta);
-            for (cell, &quanta) in sensor.quanta.iter().enumerate() {
-                assert_eq!(sensor.replicates.iter().skip(cell).step_by(num_cells).sum::<u128>(), quanta);
+        for detector in &whole.detectors {
+            let num_cells = detector.quanta.len().max(1);
+            assert_eq!(detector.replicates.len(), num_cells * NUM_REPLICATES as usize);
+            assert_eq!(detector.replicates.iter().sum::<u128>(), detector.total().quanta);
+            for (cell, &quanta) in detector.quanta.iter().enumerate() {
+                assert_eq!(detector.replicates.iter().skip(cell).step_by(num_cells).sum::<u128>(), quanta);
             }
         }
         let mut sum = Tally::zeros(&ir);
@@ -491,9 +492,9 @@ fn first_moments_are_the_same_bits_without_second_ones() {
         let mut with = zoo::trace(&ir, &options);
         let without =
             zoo::trace(&ir, &TraceOptions { standard_error: StandardError::Off, ..options.clone() });
-        for sensor in &mut with.sensors {
-            sensor.squares.clear();
-            sensor.totals.clear();
+        for detector in &mut with.detectors {
+            detector.squares.clear();
+            detector.totals.clear();
         }
         assert!(with == without, "{name}: the maps differ");
         let result = zoo::result_of(&ir, &options, &without);
@@ -523,7 +524,7 @@ fn squares_that_no_sum_can_hold_are_not_given_as_errors() {
             let options = options(20_000, 0, precision);
             for gpu in [zoo::gpu(), zoo::portable_gpu()] {
                 let tally = zoo::trace_on(gpu, &ir, &options);
-                let largest = tally.sensors.iter().map(|sensor| sensor.total().quanta).max().unwrap();
+                let largest = tally.detectors.iter().map(|detector| detector.total().quanta).max().unwrap();
                 println!("{factor:e}: {:e} units on a detector", largest as f64 / 2_f64.powi(52));
                 assert_eq!(tally.moments_overflowed, overflows, "{factor:e}, {precision:?}");
                 let result = zoo::result_of(&ir, &options, &tally);

@@ -124,7 +124,7 @@ fn surface_of(i: u32) -> Surface {
         select(real(1.0), real(1.5), (i == 0u)),
     );
 }
-struct Sensor {
+struct Detector {
     kind: u32,
     absorb: u32,
     cell: u32,
@@ -143,8 +143,8 @@ struct Sensor {
     bins: u32,
     num_bins: u32,
 }
-fn sensor_of(i: u32) -> Sensor {
-    return Sensor(
+fn detector_of(i: u32) -> Detector {
+    return Detector(
         0u,
         1u,
         15u,
@@ -170,13 +170,13 @@ fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
 fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
     return v;
 }
-fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+fn to_detector(r: Detector, v: vec3<real>) -> vec3<real> {
     return v;
 }
-fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+fn from_detector(r: Detector, v: vec3<real>) -> vec3<real> {
     return v;
 }
-struct Emitter {
+struct Source {
     kind: u32,
     medium: u32,
     spectrum_first: u32,
@@ -189,8 +189,8 @@ struct Emitter {
     p1: real,
     p2: real,
 }
-fn emitter_of(i: u32) -> Emitter {
-    return Emitter(
+fn source_of(i: u32) -> Source {
+    return Source(
         1u,
         0u,
         0u,
@@ -204,14 +204,14 @@ fn emitter_of(i: u32) -> Emitter {
         real(0.0),
     );
 }
-fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+fn to_source(r: Source, v: vec3<real>) -> vec3<real> {
     return v;
 }
-fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+fn from_source(r: Source, v: vec3<real>) -> vec3<real> {
     return v;
 }
-fn emitter() -> Emitter {
-    return emitter_of(0u);
+fn source() -> Source {
+    return source_of(0u);
 }
 fn begin() {
     range = range_uniform;
@@ -240,10 +240,10 @@ fn flush_bins() {
 }
 
 // ==== composed by program::wgsl::dispatch
-fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
-    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
+fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {
+    if detector.kind == 0u { record_irradiance(ray, detector, ends); }
 }
-fn emit(key: RayKey, e: Emitter) -> LocalRay {
+fn emit(key: RayKey, e: Source) -> LocalRay {
     return emit_collimated_tophat(key, e);
 }
 

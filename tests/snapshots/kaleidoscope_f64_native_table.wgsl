@@ -156,7 +156,7 @@ fn surface_of(i: u32) -> Surface {
         0u,
     );
 }
-struct Sensor {
+struct Detector {
     kind: u32,
     absorb: u32,
     cell: u32,
@@ -175,7 +175,7 @@ struct Sensor {
     bins: u32,
     num_bins: u32,
 }
-struct SensorRow {
+struct DetectorRow {
     kind: u32,
     absorb: u32,
     cell: u32,
@@ -190,10 +190,10 @@ struct SensorRow {
     bins: u32,
     num_bins: u32,
 }
-@group(0) @binding(10) var<storage, read> sensor_table: array<SensorRow>;
-fn sensor_of(i: u32) -> Sensor {
-    let row = sensor_table[i];
-    return Sensor(
+@group(0) @binding(10) var<storage, read> detector_table: array<DetectorRow>;
+fn detector_of(i: u32) -> Detector {
+    let row = detector_table[i];
+    return Detector(
         row.kind,
         row.absorb,
         row.cell,
@@ -219,13 +219,13 @@ fn to_surface(r: Surface, v: vec3<real>) -> vec3<real> {
 fn from_surface(r: Surface, v: vec3<real>) -> vec3<real> {
     return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
-fn to_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+fn to_detector(r: Detector, v: vec3<real>) -> vec3<real> {
     return v;
 }
-fn from_sensor(r: Sensor, v: vec3<real>) -> vec3<real> {
+fn from_detector(r: Detector, v: vec3<real>) -> vec3<real> {
     return v;
 }
-struct Emitter {
+struct Source {
     kind: u32,
     medium: u32,
     spectrum_first: u32,
@@ -247,20 +247,20 @@ struct Emitter {
     p1: real,
     p2: real,
 }
-@group(0) @binding(13) var<uniform> emitter_uniform: Emitter;
-var<private> emitter_copy: Emitter;
-fn to_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+@group(0) @binding(13) var<uniform> source_uniform: Source;
+var<private> source_copy: Source;
+fn to_source(r: Source, v: vec3<real>) -> vec3<real> {
     return to_local(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
-fn from_emitter(r: Emitter, v: vec3<real>) -> vec3<real> {
+fn from_source(r: Source, v: vec3<real>) -> vec3<real> {
     return to_global(v, Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz)));
 }
-fn emitter() -> Emitter {
-    return emitter_copy;
+fn source() -> Source {
+    return source_copy;
 }
 fn begin() {
     range = range_uniform;
-    emitter_copy = emitter_uniform;
+    source_copy = source_uniform;
 }
 struct Primitive {
     shape: u32,
@@ -340,11 +340,11 @@ fn flush_bins() {
 }
 
 // ==== composed by program::wgsl::dispatch
-fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {
-    if sensor.kind == 0u { record_irradiance(ray, sensor, ends); }
-    if sensor.kind == 1u { record_spectral(ray, sensor, ends); }
+fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {
+    if detector.kind == 0u { record_irradiance(ray, detector, ends); }
+    if detector.kind == 1u { record_spectral(ray, detector, ends); }
 }
-fn emit(key: RayKey, e: Emitter) -> LocalRay {
+fn emit(key: RayKey, e: Source) -> LocalRay {
     if e.kind == 3u { return emit_extended_rectangle(key, e); }
     return emit_extended_disk(key, e);
 }

@@ -14,7 +14,7 @@ const END_HIT_TAP_SHIFT: u32 = 24u;
 const END_IN_CELL: u32 = 0x04000000u;
 const END_IN_TAPS: u32 = 0x08000000u;
 const END_WITHOUT_PLACE: u32 = 0x10000000u;
-const END_STRAYED: u32 = 0x40000000u;
+const END_REJECTED: u32 = 0x40000000u;
 
 // 0: the ray goes on, or what it ended on adds it up itself.
 var<private> end: u32 = 0u;
@@ -64,9 +64,9 @@ fn end_without_place() {
     end = END_WITHOUT_PLACE;
 }
 
-// `event`: of the nominal path, the one at which the ray has strayed.
-fn end_strayed(event: u32) {
-    end = END_STRAYED | event;
+// `event`: of the main path, the one at which the ray was rejected.
+fn end_rejected(event: u32) {
+    end = END_REJECTED | event;
 }
 
 fn log_end(index: u32) {

@@ -1,8 +1,8 @@
 // The rays of a dispatch are those that the main path rejected: their ids, as low and high word. Twin of
 // stages/ids.range.wgsl.
-@group(GROUP_SCENE) @binding(BINDING_REJECTED) var<storage, read> strays: array<vec2<u32>>;
+@group(GROUP_SCENE) @binding(BINDING_REJECTED) var<storage, read> rejected: array<vec2<u32>>;
 
 fn key_of(index: u32) -> RayKey {
-    let id = strays[index];
+    let id = rejected[index];
     return key_of_id(id.x, id.y);
 }

@@ -1,4 +1,4 @@
-// Each invocation of trace_nominal stores its own arrivals. Twin of lanes.together.wgsl.
+// Each invocation of trace_main_path stores its own arrivals. Twin of lanes.together.wgsl.
 struct Invocation {
     @builtin(global_invocation_id) id: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,

@@ -1,4 +1,4 @@
-// Stage trace_nominal follows the main path, the one that most rays of a scene take: its events in a row, and nothing else.
+// Stage trace_main_path follows the main path, the one that most rays of a scene take: its events in a row, and nothing else.
 // The walk is composed: at each event it looks for the nearest of those primitives that can lie between the last event and
 // the next. A ray that does anything else is rejected: it leaves only a mark, where its log begins, and trace_new traces it
 // anew from its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes,
@@ -8,7 +8,7 @@
 // same event. Entry points are composed, each with the walk of its own path alone: drivers take long over text that is not
 // used.
 
-// Events in which the ray has kept to the path: those that stray at the same event have ways alike, and are traced side by
+// Events in which the ray has kept to the path: those rejected at the same event have ways alike, and are traced side by
 // side.
 var<private> kept_events: u32 = 0u;
 
@@ -31,7 +31,7 @@ fn begin_ray() {
     kept_events = 0u;
 }
 
-// One event of the path on a surface: true if the ray has met it and does as the path. One that has strayed goes through
+// One event of the path on a surface: true if the ray has met it and does as the path. A rejected ray goes through
 // the same motions, to no effect.
 fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach_next(ray, Hit(hit.distance, primitive));

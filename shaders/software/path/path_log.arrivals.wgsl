@@ -12,8 +12,8 @@ fn arrives(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
 }
 
 // Where the ray is on a detector [mm].
-fn place_on(ray: Ray, sensor_index: u32) -> vec2<real> {
-    return local_position(ray, sensor_of(sensor_index)).xy;
+fn place_on(ray: Ray, detector_index: u32) -> vec2<real> {
+    return local_position(ray, detector_of(detector_index)).xy;
 }
 
 // Where a ray is on a detector, and whether that tells which pixel it hits.
@@ -24,20 +24,20 @@ struct Place {
 }
 
 // Logs where the ray is on a detector: the position in pixels, and by the edges of the pixels which of them is hit.
-fn log_place(number: u32, ray: Ray, sensor_index: u32) -> Place {
-    let sensor = sensor_of(sensor_index);
-    let p = local_position(ray, sensor);
-    let taps = bilinear_taps(sensor, p, sensor.cell, 1u, sensor.cell + hit_pixel(p, sensor));
+fn log_place(number: u32, ray: Ray, detector_index: u32) -> Place {
+    let detector = detector_of(detector_index);
+    let p = local_position(ray, detector);
+    let taps = bilinear_taps(detector, p, detector.cell, 1u, detector.cell + hit_pixel(p, detector));
     keep_place(number, ray, marked_position(taps.position, hits_right(taps), hits_below(taps)));
     return Place(p.xy, true);
 }
 
 // The same where nearly all rays are off the edges: the position itself tells which pixel is hit, but so close to an edge,
-// within `edge_room` [pixels], that roundings decide. Such a ray strays.
-fn log_place_off_edges(number: u32, ray: Ray, sensor_index: u32, edge_room: vec2<real>) -> Place {
-    let sensor = sensor_of(sensor_index);
-    let p = local_position(ray, sensor);
-    let position = pixel_position(p, sensor);
+// within `edge_room` [pixels], that roundings decide. Such a ray is rejected.
+fn log_place_off_edges(number: u32, ray: Ray, detector_index: u32, edge_room: vec2<real>) -> Place {
+    let detector = detector_of(detector_index);
+    let p = local_position(ray, detector);
+    let position = pixel_position(p, detector);
     let from_edge = (position - floor(position)) - 0.5;
     keep_place(number, ray, marked_position(position, from_edge.x >= 0.0, from_edge.y >= 0.0));
     return Place(p.xy, (abs(from_edge.x) > edge_room.x) & (abs(from_edge.y) > edge_room.y));

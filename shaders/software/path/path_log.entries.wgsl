@@ -14,7 +14,7 @@ fn passes(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
 }
 
 // The last event of the path on a detector that ends it.
-fn ends_on_sensor(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
+fn ends_on_detector(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
     reach_next(ray, Hit(hit.distance, primitive));
     (*ray).fate = DETECTED;
     return hit.primitive == primitive;
@@ -31,7 +31,7 @@ fn end_path(ray: Ray, holds: bool) {
         restore_bins();
         // What it left in passing is overwritten.
         go_on_after_passes(0u);
-        end_strayed(kept_events);
+        end_rejected(kept_events);
     }
     entries |= end;
     log_end(ray.index);

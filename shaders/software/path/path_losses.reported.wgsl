@@ -23,7 +23,7 @@ fn reach_next(ray: ptr<function, Ray>, hit: Hit) {
     (*ray).last = hit.primitive;
 }
 
-// As `attenuated`, where a segment takes little from nearly all rays. One from which it takes more has strayed.
+// As `attenuated`, where a segment takes little from nearly all rays. A ray from which the segment takes more is rejected.
 fn attenuated_weakly(ray: Ray, distance: real) -> real {
     let absorption = medium_at(ray.medium, ray.wavelength).absorption;
     if absorption == 0.0 {
@@ -44,6 +44,6 @@ fn go_on_along(ray: ptr<function, Ray>) {
 }
 
 // The ray has lost what its weight tells, on so many ways, and nothing else.
-fn are_losses_told(attenuating_legs: u32) -> bool {
+fn are_losses_reported(attenuating_legs: u32) -> bool {
     return (num_losses == attenuating_legs) & is_off_roulette & is_absorbed_weakly;
 }

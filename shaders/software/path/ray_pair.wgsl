@@ -1,4 +1,4 @@
-// An invocation of trace_nominal follows two rays side by side, which lie as far apart as its workgroup is large. The stage
+// An invocation of trace_main_path follows two rays side by side, which lie as far apart as its workgroup is large. The stage
 // itself is composed. Each step of a ray waits for the step before; a processor, which looks some hundred instructions
 // ahead, meanwhile works on the other ray. A last ray without a neighbour is followed twice: it deposits nothing, and logs
 // the same again.

@@ -206,7 +206,7 @@ impl Claim {
     /// Those of the trace.
     pub fn measure(&self, gpu: &Gpu, precision: Precision) -> Result<Verdict> {
         let ir = self.ir()?;
-        let sensor = self.scene.sensor(&ir)?;
+        let detector = self.scene.detector(&ir)?;
         let options = TraceOptions {
             num_rays: self.num_rays,
             max_depth: self.scene.max_depth,
@@ -216,7 +216,7 @@ impl Claim {
         let measure = |sampler, standard_error, num_groups, first_seed, flux| {
             let options = TraceOptions { sampler, standard_error, ..options.clone() };
             let mut tracer = Tracer::new(gpu, &ir, &options)?;
-            Variances::measure(&mut tracer, (&ir, sensor), num_groups, first_seed, flux)
+            Variances::measure(&mut tracer, (&ir, detector), num_groups, first_seed, flux)
         };
         let pcg = measure(
             Sampler::Pcg,
@@ -252,8 +252,8 @@ mod tests {
             assert!(!claims.is_empty(), "{name}");
             for claim in claims {
                 let ir = claim.ir().unwrap_or_else(|error| panic!("{name}: {error}"));
-                let first = ir.sensors.iter().position(|sensor| sensor.num_cells() > 0).unwrap();
-                assert_eq!(claim.scene.sensor(&ir).unwrap(), first, "{name}");
+                let first = ir.detectors.iter().position(|detector| detector.num_cells() > 0).unwrap();
+                assert_eq!(claim.scene.detector(&ir).unwrap(), first, "{name}");
             }
         }
     }

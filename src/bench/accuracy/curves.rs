@@ -84,15 +84,15 @@ pub fn measure(
     effort: &Effort,
 ) -> Result<SceneCurves> {
     let plain = scene.plain()?;
-    let sensor = scene.sensor(&plain)?;
+    let detector = scene.detector(&plain)?;
     let precision = *precisions.last().ok_or_else(|| Error::Usage("no precision is measured".into()))?;
     let way = best(&plain, precision);
-    let (answer_rays, answers) = answers(gpu, scene, &way.setting.apply(&plain), &way, sensor, effort)?;
+    let (answer_rays, answers) = answers(gpu, scene, &way.setting.apply(&plain), &way, detector, effort)?;
     let answer = Estimate::mean(&answers);
     let mut curves = Vec::new();
     for method in methods(&plain, precisions) {
         let ir = method.setting.apply(&plain);
-        let traces = traces(gpu, &ir, &options(scene, &method, effort.most_rays), sensor, effort)?;
+        let traces = traces(gpu, &ir, &options(scene, &method, effort.most_rays), detector, effort)?;
         curves.push(Curve {
             engine: env!("CARGO_PKG_NAME").into(),
             method: method.name,
@@ -134,7 +134,7 @@ fn answers(
     scene: &AccuracyScene,
     ir: &SceneIr,
     method: &Method,
-    sensor: usize,
+    detector: usize,
     effort: &Effort,
 ) -> Result<(u64, Vec<Estimate>)> {
     let effort = Effort {
@@ -144,7 +144,7 @@ fn answers(
         ..*effort
     };
     let mut tracer = Tracer::new(gpu, ir, &options(scene, method, effort.most_rays))?;
-    let traces = traces_of(&mut tracer, FIRST_ANSWER_SEED, sensor, &effort)?;
+    let traces = traces_of(&mut tracer, FIRST_ANSWER_SEED, detector, &effort)?;
     let ends = traces.into_iter().filter_map(|mut snapshots| snapshots.pop());
     let (rays, answers): (Vec<u64>, Vec<Estimate>) = ends.map(|(rays, _, end)| (rays, end)).unzip();
     let rays = rays.first().copied().ok_or_else(|| Error::Internal("an answer without rays".into()))?;
@@ -155,29 +155,34 @@ fn traces(
     gpu: &Gpu,
     ir: &SceneIr,
     options: &TraceOptions,
-    sensor: usize,
+    detector: usize,
     effort: &Effort,
 ) -> Result<Vec<Snapshots>> {
-    traces_of(&mut Tracer::new(gpu, ir, options)?, 0, sensor, effort)
+    traces_of(&mut Tracer::new(gpu, ir, options)?, 0, detector, effort)
 }
 
 /// The first trace decides how far all go, so that each point has as many traces.
-fn traces_of(tracer: &mut Tracer, first_seed: u64, sensor: usize, effort: &Effort) -> Result<Vec<Snapshots>> {
+fn traces_of(
+    tracer: &mut Tracer,
+    first_seed: u64,
+    detector: usize,
+    effort: &Effort,
+) -> Result<Vec<Snapshots>> {
     let mut counts = ray_counts(FIRST_RAYS, effort.most_rays);
     // Drivers compile at the first dispatch.
-    trace_through(tracer, &counts[..1], sensor, f64::INFINITY)?;
+    trace_through(tracer, &counts[..1], detector, f64::INFINITY)?;
     let mut traces: Vec<Snapshots> = Vec::new();
     for seed in first_seed..first_seed + effort.num_seeds {
         tracer.set_seed(seed);
         let limit = if traces.is_empty() { effort.trace_sec } else { f64::INFINITY };
-        traces.push(trace_through(tracer, &counts, sensor, limit)?);
+        traces.push(trace_through(tracer, &counts, detector, limit)?);
         counts.truncate(traces[0].len());
     }
     Ok(traces)
 }
 
 /// Traces, and looks at the sums after so many rays each; no further than to the first look after `limit` \[s\].
-fn trace_through(tracer: &mut Tracer, counts: &[u64], sensor: usize, limit: f64) -> Result<Snapshots> {
+fn trace_through(tracer: &mut Tracer, counts: &[u64], detector: usize, limit: f64) -> Result<Snapshots> {
     let mut snapshots = Snapshots::new();
     tracer.pause_at(counts[0]);
     let begun = tracer.empty_tally();
@@ -185,7 +190,7 @@ fn trace_through(tracer: &mut Tracer, counts: &[u64], sensor: usize, limit: f64)
         if progress.position() < counts[snapshots.len()] {
             return Ok(true);
         }
-        let estimate = Estimate::of(progress.tally()?, sensor);
+        let estimate = Estimate::of(progress.tally()?, detector);
         let seconds = progress.elapsed.as_secs_f64();
         snapshots.push((counts[snapshots.len()], seconds, estimate));
         match counts.get(snapshots.len()) {

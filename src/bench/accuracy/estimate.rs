@@ -44,11 +44,11 @@ impl Errors {
 
 impl Estimate {
     /// What a tally holds of a detector.
-    pub fn of(tally: &Tally, sensor: usize) -> Self {
+    pub fn of(tally: &Tally, detector: usize) -> Self {
         let launched = tally.launched.quanta as f64;
-        let sensor = &tally.sensors[sensor];
-        let cells = sensor.quanta.iter().map(|&quanta| quanta as f64 / launched).collect();
-        Estimate { cells, total: sensor.total().quanta as f64 / launched }
+        let detector = &tally.detectors[detector];
+        let cells = detector.quanta.iter().map(|&quanta| quanta as f64 / launched).collect();
+        Estimate { cells, total: detector.total().quanta as f64 / launched }
     }
 
     /// The mean of some estimates of one detector.
@@ -63,9 +63,9 @@ impl Estimate {
     }
 
     /// Variance of the flux of so many random rays, as their second moments tell it; none where these were not summed.
-    pub fn flux_variance(ir: &SceneIr, tally: &Tally, sensor: usize) -> Option<f64> {
+    pub fn flux_variance(ir: &SceneIr, tally: &Tally, detector: usize) -> Option<f64> {
         let quanta = FluxUnit::new(QUANTA_PER_WEIGHT, 1);
-        let error = Uncertainty::new(ir, tally, quanta).of_total(&tally.sensors[sensor])?;
+        let error = Uncertainty::new(ir, tally, quanta).of_total(&tally.detectors[detector])?;
         Some((error / tally.launched.quanta as f64).powi(2))
     }
 
@@ -86,20 +86,20 @@ impl Estimate {
 mod tests {
     use super::*;
     use crate::bench::accuracy::CLAIMS;
-    use crate::result::{Booking, Moments, SensorTally};
+    use crate::result::{DetectorTally, FluxSum, Moments};
 
     #[test]
     fn the_variance_of_a_flux_is_that_of_its_rays() {
-        let ir = CLAIMS.iter().map(|claim| claim.ir().unwrap()).find(|ir| ir.emitters.len() == 1).unwrap();
+        let ir = CLAIMS.iter().map(|claim| claim.ir().unwrap()).find(|ir| ir.sources.len() == 1).unwrap();
         let quanta = |weight: f64| (weight * QUANTA_PER_WEIGHT) as u128;
         // Five rays of weight 1, of which three leave 1, 1.5 and 1: sample variance 0.45 of each.
         let totals = vec![Moments { quanta: quanta(3.5), squares: quanta(4.25) }];
-        let sensors = vec![SensorTally { quanta: vec![quanta(3.5)], totals, ..Default::default() }];
-        let launched = Booking { count: 5, quanta: quanta(5.0) };
-        let mut tally = Tally { sensors, launched, ..Default::default() };
+        let detectors = vec![DetectorTally { quanta: vec![quanta(3.5)], totals, ..Default::default() }];
+        let launched = FluxSum { count: 5, quanta: quanta(5.0) };
+        let mut tally = Tally { detectors, launched, ..Default::default() };
         let variance = Estimate::flux_variance(&ir, &tally, 0).unwrap();
         approx::assert_relative_eq!(variance, 0.45 / 5.0, max_relative = 1e-14);
-        tally.sensors[0].totals.clear();
+        tally.detectors[0].totals.clear();
         assert_eq!(Estimate::flux_variance(&ir, &tally, 0), None);
     }
 }

@@ -76,7 +76,7 @@ pub fn measure(
     num_rays: u64,
 ) -> Result<Vec<Numerical>> {
     let ir = scene.plain()?;
-    let sensor = scene.sensor(&ir)?;
+    let detector = scene.detector(&ir)?;
     let Some((&finest, coarser)) = precisions.split_last() else { return Ok(Vec::new()) };
     let best = Form { precision: finest, baked: true };
     let forms = coarser.iter().map(|&precision| Form { precision, baked: true });
@@ -85,7 +85,7 @@ pub fn measure(
         .chain([Form { baked: false, ..best }])
         .map(|form| {
             let found = paths(gpu, scene, &ir, form, num_rays)?;
-            let (same, num_other_fate) = compare(&found, &truth, sensor);
+            let (same, num_other_fate) = compare(&found, &truth, detector);
             Ok(Numerical {
                 scene: scene.name,
                 shader: form.name(),
@@ -133,13 +133,13 @@ fn ns_per_ray(gpu: &Gpu, scene: &AccuracyScene, ir: &SceneIr, form: Form, num_ra
 
 /// Paths as they were recorded, by ray and then by event: differences on a detector, and the number of rays that took
 /// another path.
-pub fn compare(found: &[PathEvent], truth: &[PathEvent], sensor: usize) -> (Differences, u64) {
+pub fn compare(found: &[PathEvent], truth: &[PathEvent], detector: usize) -> (Differences, u64) {
     let of_ray = |a: &PathEvent, b: &PathEvent| a.ray.ray_id == b.ray.ray_id;
     let mut sums = Differences::default();
     let mut num_other_fate = 0;
     for (a, b) in found.chunk_by(of_ray).zip(truth.chunk_by(of_ray)) {
         if a.iter().map(|event| event.kind).eq(b.iter().map(|event| event.kind)) {
-            let arrivals = a.iter().zip(b).filter(|(a, _)| a.kind == PathEventKind::Sensor(sensor));
+            let arrivals = a.iter().zip(b).filter(|(a, _)| a.kind == PathEventKind::Detector(detector));
             arrivals.for_each(|(a, b)| sums.add(a, b));
         } else {
             num_other_fate += 1;
@@ -179,13 +179,13 @@ mod tests {
 
     #[test]
     fn rays_of_another_fate_are_counted_apart() {
-        use PathEventKind::{Escaped, Sensor, Surface};
+        use PathEventKind::{Detector, Escaped, Surface};
         let truth = [
             event(0, Surface(1), 0.0, 1.0),
-            event(0, Sensor(2), 1.0, 1.0),
-            event(1, Sensor(2), 2.0, 0.5),
-            event(2, Sensor(0), 5.0, 1.0),
-            event(3, Sensor(2), 1.0, 1.0),
+            event(0, Detector(2), 1.0, 1.0),
+            event(1, Detector(2), 2.0, 0.5),
+            event(2, Detector(0), 5.0, 1.0),
+            event(3, Detector(2), 1.0, 1.0),
         ];
         let mut found = truth;
         found[1].ray.position[0] = 1.3;

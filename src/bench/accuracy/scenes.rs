@@ -1,7 +1,7 @@
 //! The scenes of the chart, each with the detector that is looked at.
 
 use crate::error::{Error, Result};
-use crate::model::{Interaction, Sampling, SceneIr, SensorKind, Splat};
+use crate::model::{DetectorKind, Interaction, Sampling, SceneIr, Splat};
 use crate::scene::Scene;
 
 /// A scene and one of its detectors.
@@ -58,16 +58,16 @@ impl AccuracyScene {
     ///
     /// # Errors
     /// [`Error::Internal`] if there is none of that name.
-    pub fn sensor(&self, ir: &SceneIr) -> Result<usize> {
-        let position = ir.sensors.iter().position(|sensor| sensor.name == self.detector);
+    pub fn detector(&self, ir: &SceneIr) -> Result<usize> {
+        let position = ir.detectors.iter().position(|detector| detector.name == self.detector);
         position.ok_or_else(|| Error::Internal(format!("{}: no detector `{}`", self.name, self.detector)))
     }
 }
 
 /// How every map is splatted.
 pub(super) fn set_splat(ir: &mut SceneIr, splat: Splat) {
-    for sensor in &mut ir.sensors {
-        if let SensorKind::Irradiance(grid) = &mut sensor.kind {
+    for detector in &mut ir.detectors {
+        if let DetectorKind::Irradiance(grid) = &mut detector.kind {
             grid.splat = splat;
         }
     }

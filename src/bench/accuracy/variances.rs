@@ -69,7 +69,7 @@ impl Variances {
     /// Those of the trace; [`Error::Internal`] if the rays' second moments are needed and were not summed.
     pub fn measure(
         tracer: &mut Tracer,
-        (ir, sensor): (&SceneIr, usize),
+        (ir, detector): (&SceneIr, usize),
         num_groups: u64,
         first_seed: u64,
         flux: FluxVariance,
@@ -81,10 +81,10 @@ impl Variances {
                 FluxVariance::BetweenTraces => None,
                 FluxVariance::BetweenRays => {
                     let missing = || Error::Internal("second moments were not summed".into());
-                    Some(Estimate::flux_variance(ir, &tally, sensor).ok_or_else(missing)?)
+                    Some(Estimate::flux_variance(ir, &tally, detector).ok_or_else(missing)?)
                 }
             };
-            Ok((Estimate::of(&tally, sensor), flux_variance))
+            Ok((Estimate::of(&tally, detector), flux_variance))
         };
         let (mut groups, mut fluxes) = (Vec::new(), Vec::new());
         for group in 0..num_groups {

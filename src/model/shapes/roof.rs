@@ -93,7 +93,7 @@ impl Geometry for Roof {
 mod tests {
     use super::*;
     use crate::gpu::{AdapterChoice, Gpu};
-    use crate::model::{EmitterKind, Point, SceneIr};
+    use crate::model::{Point, SceneIr, SourceKind};
     use crate::program::Precision;
     use crate::program::geometry::contact::Contacts;
     use crate::result::Tally;
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn a_shape_that_is_no_quadric_is_traced_where_its_planes_are() {
         for tally in traced(&retroreflector()) {
-            let detector = &tally.sensors[0];
+            let detector = &tally.detectors[0];
             assert_eq!(detector.hits, [0, 1000, 0, 0, 0, 0, 0, 0]);
             let share = detector.quanta.iter().sum::<u128>() as f64 / tally.launched.quanta as f64;
             assert!((share - 0.81).abs() < 1e-6, "two mirrors of 0.9 leave {share}");
@@ -147,13 +147,13 @@ mod tests {
     #[test]
     fn rays_leave_a_shape_that_is_no_quadric_where_they_are_born_on_it() {
         let mut ir = retroreflector();
-        ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 1e-3 });
-        ir.emitters[0].frame.origin = DVec3::new(2.3, 0.1, 102.3);
-        ir.emitters[0].frame.rotation = DMat3::IDENTITY;
+        ir.sources[0].kind = SourceKind::Point(Point { half_angle: 1e-3 });
+        ir.sources[0].frame.origin = DVec3::new(2.3, 0.1, 102.3);
+        ir.sources[0].frame.rotation = DMat3::IDENTITY;
         let contacts = Contacts::of(&ir, DVec3::new(0.1, 0.2, 77.7), Precision::F32).unwrap();
         assert_eq!(contacts.born_on, [true, false]);
         for tally in traced(&ir) {
-            assert_eq!(tally.sensors[0].hits, [0, 0, 0, 0, 0, 0, 1000, 0]);
+            assert_eq!(tally.detectors[0].hits, [0, 0, 0, 0, 0, 0, 1000, 0]);
         }
     }
 
@@ -164,7 +164,7 @@ mod tests {
         let contacts = Contacts::of(&ir, DVec3::ZERO, Precision::F32).unwrap();
         assert!(contacts.touches(0) && contacts.touches(1));
         for tally in traced(&ir) {
-            assert_eq!(tally.sensors[0].hits, [0, 1000, 0, 0, 0, 0, 0, 0], "both are one mirror");
+            assert_eq!(tally.detectors[0].hits, [0, 1000, 0, 0, 0, 0, 0, 0], "both are one mirror");
         }
     }
 }

@@ -1,15 +1,15 @@
 //! Parallel beams.
 
 use crate::model::Outline;
-use crate::model::sources::{Emission, EmitterName, EmitterWgsl};
+use crate::model::sources::{Emission, SourceFunction, SourceWgsl};
 use crate::shaders::shader;
 
 /// The uniform beam.
-pub const TOPHAT: EmitterWgsl =
-    EmitterWgsl { name: "collimated_tophat", file: shader!("sources/collimated_tophat.wgsl"), num_steps: 1 };
+pub const TOPHAT: SourceWgsl =
+    SourceWgsl { name: "collimated_tophat", file: shader!("sources/collimated_tophat.wgsl"), num_steps: 1 };
 
 /// The Gaussian beam: it attempts 32 times, and then falls back on the rim.
-pub const GAUSSIAN: EmitterWgsl = EmitterWgsl {
+pub const GAUSSIAN: SourceWgsl = SourceWgsl {
     name: "collimated_gaussian",
     file: shader!("sources/collimated_gaussian.wgsl"),
     num_steps: 33,
@@ -32,8 +32,8 @@ pub struct CollimatedGaussian {
 }
 
 impl Emission for CollimatedTophat {
-    fn kind(&self) -> EmitterName {
-        EmitterName::CollimatedTophat
+    fn kind(&self) -> SourceFunction {
+        SourceFunction::CollimatedTophat
     }
 
     fn arguments(&self) -> Vec<f64> {
@@ -50,8 +50,8 @@ impl Emission for CollimatedTophat {
 }
 
 impl Emission for CollimatedGaussian {
-    fn kind(&self) -> EmitterName {
-        EmitterName::CollimatedGaussian
+    fn kind(&self) -> SourceFunction {
+        SourceFunction::CollimatedGaussian
     }
 
     fn arguments(&self) -> Vec<f64> {

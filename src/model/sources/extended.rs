@@ -1,20 +1,17 @@
 //! Emitting areas.
 
 use crate::model::Outline;
-use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
+use crate::model::sources::{Emission, SourceFunction, SourceWgsl, cap_height};
 use crate::shaders::shader;
 use std::f64::consts::FRAC_PI_2;
 
 /// The rectangle.
-pub const RECTANGLE: EmitterWgsl = EmitterWgsl {
-    name: "extended_rectangle",
-    file: shader!("sources/extended_rectangle.wgsl"),
-    num_steps: 1,
-};
+pub const RECTANGLE: SourceWgsl =
+    SourceWgsl { name: "extended_rectangle", file: shader!("sources/extended_rectangle.wgsl"), num_steps: 1 };
 
 /// The disk.
-pub const DISK: EmitterWgsl =
-    EmitterWgsl { name: "extended_disk", file: shader!("sources/extended_disk.wgsl"), num_steps: 1 };
+pub const DISK: SourceWgsl =
+    SourceWgsl { name: "extended_disk", file: shader!("sources/extended_disk.wgsl"), num_steps: 1 };
 
 /// Rays from an area at local z = 0; uniform in a cap below 90 degrees of half-angle, else Lambertian.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,10 +23,10 @@ pub struct Extended {
 }
 
 impl Emission for Extended {
-    fn kind(&self) -> EmitterName {
+    fn kind(&self) -> SourceFunction {
         match self.area {
-            Outline::Disk { .. } => EmitterName::ExtendedDisk,
-            Outline::Rectangle { .. } | Outline::Infinite => EmitterName::ExtendedRectangle,
+            Outline::Disk { .. } => SourceFunction::ExtendedDisk,
+            Outline::Rectangle { .. } | Outline::Infinite => SourceFunction::ExtendedRectangle,
         }
     }
 

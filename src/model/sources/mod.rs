@@ -17,7 +17,7 @@ use crate::model::list::kinds;
 use crate::shaders::ShaderFile;
 
 kinds! {
-    EmitterKind: Emission, functions EmitterName: EmitterWgsl;
+    SourceKind: Emission, functions SourceFunction: SourceWgsl;
     /// Rays from one point, uniform in solid angle within a cap about local +z.
     Point(point::Point) by Point = POINT;
     /// Parallel rays along local +z from a disk, uniform.
@@ -30,8 +30,8 @@ kinds! {
 
 /// What the shaders have of a source.
 #[derive(Debug)]
-pub struct EmitterWgsl {
-    /// Its function is `emit_<name>(key: RayKey, e: Emitter) -> LocalRay`, which reads `e.p0`, `e.p1` and so on.
+pub struct SourceWgsl {
+    /// Its function is `emit_<name>(key: RayKey, e: Source) -> LocalRay`, which reads `e.p0`, `e.p1` and so on.
     pub name: &'static str,
     /// The file that holds it.
     pub file: ShaderFile,
@@ -42,7 +42,7 @@ pub struct EmitterWgsl {
 /// What the program, the checks of scenes and the viewer ask of a source.
 pub trait Emission: std::fmt::Debug {
     /// The function that emits its rays.
-    fn kind(&self) -> EmitterName;
+    fn kind(&self) -> SourceFunction;
 
     /// The numbers `p0`, `p1` and so on of the function.
     fn arguments(&self) -> Vec<f64>;
@@ -64,14 +64,14 @@ pub trait Emission: std::fmt::Debug {
     }
 }
 
-impl EmitterName {
+impl SourceFunction {
     /// The name in the shaders.
     pub fn name(self) -> &'static str {
         self.wgsl().name
     }
 
     /// The function that emits a source's rays.
-    pub fn of(kind: &EmitterKind) -> Self {
+    pub fn of(kind: &SourceKind) -> Self {
         kind.kind()
     }
 }

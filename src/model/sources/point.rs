@@ -1,12 +1,11 @@
 //! A point source.
 
 use crate::model::Outline;
-use crate::model::sources::{Emission, EmitterName, EmitterWgsl, cap_height};
+use crate::model::sources::{Emission, SourceFunction, SourceWgsl, cap_height};
 use crate::shaders::shader;
 
 /// The point.
-pub const POINT: EmitterWgsl =
-    EmitterWgsl { name: "point", file: shader!("sources/point.wgsl"), num_steps: 1 };
+pub const POINT: SourceWgsl = SourceWgsl { name: "point", file: shader!("sources/point.wgsl"), num_steps: 1 };
 
 /// Rays from the local origin, uniform in solid angle within a cap about local +z.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,8 +15,8 @@ pub struct Point {
 }
 
 impl Emission for Point {
-    fn kind(&self) -> EmitterName {
-        EmitterName::Point
+    fn kind(&self) -> SourceFunction {
+        SourceFunction::Point
     }
 
     fn arguments(&self) -> Vec<f64> {

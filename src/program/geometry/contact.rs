@@ -8,7 +8,7 @@
 use crate::error::{Error, Result};
 use crate::model::shapes::{Level, Quadric};
 use crate::model::{
-    Emitter, FAR_FIELD_RADIUS, Frame, Interaction, Mesh, Outline, SceneIr, Sensor, Shape, Surface,
+    Detector, FAR_FIELD_RADIUS, Frame, Interaction, Mesh, Outline, SceneIr, Shape, Source, Surface,
     area_vector, unit_normal,
 };
 use crate::program::features::Precision;
@@ -196,9 +196,10 @@ impl Groups {
 impl<'a> Search<'a> {
     fn new(ir: &'a SceneIr, centre: DVec3, precision: Precision) -> Self {
         let of_surface = |surface: &Surface| Face::of(surface.frame, &surface.shape, centre);
-        let of_sensor = |sensor: &Sensor| Face::of(sensor.frame, &Shape::Plane(sensor.outline()), centre);
+        let of_detector =
+            |detector: &Detector| Face::of(detector.frame, &Shape::Plane(detector.outline()), centre);
         let faces: Vec<Option<Face>> =
-            ir.surfaces.iter().map(of_surface).chain(ir.sensors.iter().map(of_sensor)).collect();
+            ir.surfaces.iter().map(of_surface).chain(ir.detectors.iter().map(of_detector)).collect();
         let mut groups = Groups::default();
         for i in 0..faces.len() {
             groups.add(Node::Primitive(i));
@@ -212,11 +213,11 @@ impl<'a> Search<'a> {
         let meshes: Vec<PlacedMesh<'_>> = placed.collect();
         let is_finite = |face: &&Face| face.reach < FAR_FIELD_RADIUS;
         let extent = faces.iter().flatten().filter(is_finite).map(|face| face.size);
-        let births = ir.emitters.iter().map(|emitter| Births::of(emitter, centre).size);
+        let births = ir.sources.iter().map(|source| Births::of(source, centre).size);
         let extent = extent.chain(births).chain(meshes.iter().map(|mesh| mesh.size)).fold(0.0, f64::max);
         let surfaces = ir.surfaces.iter().map(|surface| surface.frame);
-        let frames = surfaces.chain(ir.sensors.iter().map(|sensor| sensor.frame));
-        let frames = frames.chain(ir.emitters.iter().map(|emitter| emitter.frame));
+        let frames = surfaces.chain(ir.detectors.iter().map(|detector| detector.frame));
+        let frames = frames.chain(ir.sources.iter().map(|source| source.frame));
         let farthest = frames.map(|frame| frame.origin.abs().max_element()).fold(0.0, f64::max);
         let rounding = tolerance(Precision::F64, farthest);
         let [tolerance, birth_tolerance] = [0.0; 2];
@@ -317,8 +318,8 @@ impl<'a> Search<'a> {
     /// The primitives on which some source lies.
     fn born_on(&mut self) -> Vec<bool> {
         let mut born_on = vec![false; self.faces.len()];
-        for emitter in &self.ir.emitters {
-            let births = Births::of(emitter, self.centre);
+        for source in &self.ir.sources {
+            let births = Births::of(source, self.centre);
             for (i, face) in self.faces.iter().enumerate() {
                 let Some(face) = face else { continue };
                 let within = self.within(births.size.max(face.frame.origin.abs().max_element()));
@@ -439,7 +440,7 @@ impl<'a> Search<'a> {
             faces.iter().map(|&(_, k, flipped)| (members[k].primitive, flipped, k)).collect();
         keys.sort_unstable();
         keys.dedup_by_key(|key| (key.0, key.1));
-        let is_sensor = |primitive: usize| primitive >= self.ir.surfaces.len();
+        let is_detector = |primitive: usize| primitive >= self.ir.surfaces.len();
         let overlap = |a: &Unit, b: &Unit| {
             a.primitive == b.primitive || a.middle.distance(b.middle) <= a.reach + b.reach
         };
@@ -451,7 +452,7 @@ impl<'a> Search<'a> {
             }
             let others = keys[..place].iter().filter(|&&(other, _, l)| {
                 // Of detectors of one level the first alone is met.
-                let hides = is_sensor(other) && is_sensor(primitive) && levels[l] == levels[k];
+                let hides = is_detector(other) && is_detector(primitive) && levels[l] == levels[k];
                 overlap(&members[l], &members[k]) && !hides
             });
             let taken: Vec<usize> =
@@ -472,7 +473,7 @@ impl<'a> Search<'a> {
     fn name(&self, primitive: usize) -> &str {
         match primitive.checked_sub(self.ir.surfaces.len()) {
             None => &self.ir.surfaces[primitive].name,
-            Some(sensor) => &self.ir.sensors[sensor].name,
+            Some(detector) => &self.ir.detectors[detector].name,
         }
     }
 
@@ -681,9 +682,9 @@ struct Births {
 }
 
 impl Births {
-    fn of(emitter: &Emitter, centre: DVec3) -> Self {
-        let frame = emitter.frame.relative_to(centre);
-        let half = match emitter.kind.births() {
+    fn of(source: &Source, centre: DVec3) -> Self {
+        let frame = source.frame.relative_to(centre);
+        let half = match source.kind.births() {
             Outline::Rectangle { width, height } => 0.5 * DVec2::new(width, height),
             Outline::Disk { radius } => DVec2::splat(radius),
             Outline::Infinite => DVec2::ZERO,

@@ -43,13 +43,13 @@ numbers! { "BINDING_", BINDINGS:
     /// The table of surfaces.
     SURFACES = 9;
     /// The table of detectors.
-    SENSORS = 10;
+    DETECTORS = 10;
     /// The table of primitives.
     PRIMITIVES = 11;
     /// Rows for the host.
     EVENTS = 12;
     /// The source of a dispatch, where a scene has several.
-    EMITTER = 13;
+    SOURCE = 13;
     /// The tables of BSDFs.
     BSDF_TABLE = 14;
     /// The table of faces in contact.

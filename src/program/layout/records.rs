@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::fmt::Write;
 use std::sync::LazyLock;
 
-/// A table with one row per surface, sensor, primitive, or medium and wavelength.
+/// A table with one row per surface, detector, primitive, or medium and wavelength.
 #[derive(Debug, Clone)]
 pub struct Records {
     /// Name of the struct in the shader.

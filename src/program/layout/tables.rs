@@ -1,10 +1,10 @@
-//! What the shaders need of surfaces, sensors, primitives and media, as records. Origins are relative to the scene's centre.
+//! What the shaders need of surfaces, detectors, primitives and media, as records. Origins are relative to the scene's centre.
 
 use crate::error::{Error, Result};
 use crate::model::primitives::primitives;
 use crate::model::shapes::Quadric;
 use crate::model::surface_optics::{coating_pass, reflectance, splits};
-use crate::model::{Frame, Interaction, Medium, SceneIr, Sensor, SensorKind, Splat};
+use crate::model::{Detector, DetectorKind, Frame, Interaction, Medium, SceneIr, Splat};
 use crate::program::features::Features;
 use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
@@ -20,8 +20,8 @@ const SHAPE_ARGUMENTS: usize = 4;
 pub struct Cells {
     /// First cell of the surfaces; before it lie the ledger's bins.
     pub surfaces: u32,
-    /// First cell of each sensor.
-    pub sensors: Vec<u32>,
+    /// First cell of each detector.
+    pub detectors: Vec<u32>,
     /// Number of cells.
     pub num_cells: u32,
     /// First of the counters that tell whether a primitive was reached, where [`ReachedMarks`] are made.
@@ -52,7 +52,7 @@ pub struct ReplicateCells {
 pub struct MomentCells {
     /// From a cell of a detector to the cell of its squares.
     pub squares_offset: u32,
-    /// First of the cells of sum and square per detector and emitter; none where the cells of the one emitter's rays add
+    /// First of the cells of sum and square per detector and source; none where the cells of the one source's rays add
     /// up to them.
     pub totals: Option<u32>,
     /// The sum of large squares.
@@ -87,22 +87,22 @@ impl Cells {
     pub fn of(ir: &SceneIr) -> Self {
         let surfaces = LEDGER_CELLS.len() as u32;
         let mut next = surfaces + ir.surfaces.len() as u32;
-        let sensors = ir
-            .sensors
+        let detectors = ir
+            .detectors
             .iter()
-            .map(|sensor| {
+            .map(|detector| {
                 let first = next;
                 // A ray database has one cell, for its total.
-                next += sensor.num_cells().max(1) as u32;
+                next += detector.num_cells().max(1) as u32;
                 first
             })
             .collect();
-        let primitives = (ir.surfaces.len() + ir.sensors.len()) as u32;
+        let primitives = (ir.surfaces.len() + ir.detectors.len()) as u32;
         let saturated = splits(ir).then_some(next + primitives);
         let num_counters = next + primitives + u32::from(saturated.is_some());
         Cells {
             surfaces,
-            sensors,
+            detectors,
             num_cells: next,
             reached: next,
             saturated,
@@ -120,7 +120,7 @@ impl Cells {
     /// # Errors
     /// [`Error::Usage`] if there are too many to number.
     pub fn with_replicates(self, num: u32) -> Result<Self> {
-        let stride = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
+        let stride = self.num_cells - self.detectors.first().copied().unwrap_or(self.num_cells);
         let more = stride.checked_mul(num - 1).filter(|more| more.checked_add(self.num_counters).is_some());
         let more = more.ok_or_else(|| {
             Error::Usage(format!(
@@ -144,9 +144,9 @@ impl Cells {
     /// # Errors
     /// [`Error::Usage`] if there are too many to number.
     pub fn with_moments(self, ir: &SceneIr) -> Result<Self> {
-        let squares_offset = self.num_cells - self.sensors.first().copied().unwrap_or(self.num_cells);
+        let squares_offset = self.num_cells - self.detectors.first().copied().unwrap_or(self.num_cells);
         let has_totals = !cells_hold_totals(ir);
-        let num_totals = if has_totals { 2 * ir.sensors.len() as u64 * ir.emitters.len() as u64 } else { 0 };
+        let num_totals = if has_totals { 2 * ir.detectors.len() as u64 * ir.sources.len() as u64 } else { 0 };
         let totals = u64::from(self.num_cells) + u64::from(squares_offset);
         let large_squares = totals + num_totals;
         let num_sums = u32::try_from(large_squares + 1).map_err(|_| {
@@ -167,12 +167,12 @@ impl Cells {
 /// True if a detector's squares add up to the square of what each ray left on it: all rays are of one source, and each
 /// meets one cell of one detector, unsplit.
 pub fn cells_hold_totals(ir: &SceneIr) -> bool {
-    ir.emitters.len() == 1 && !splits(ir) && ir.sensors.iter().all(takes_rays_whole)
+    ir.sources.len() == 1 && !splits(ir) && ir.detectors.iter().all(takes_rays_whole)
 }
 
 /// True if a ray ends on the detector, in a single cell.
-pub fn takes_rays_whole(sensor: &Sensor) -> bool {
-    sensor.absorb && sensor.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
+pub fn takes_rays_whole(detector: &Detector) -> bool {
+    detector.absorb && detector.kind.grid().is_none_or(|grid| grid.splat == Splat::Hard)
 }
 
 /// How shaders tell which surfaces were reached.
@@ -354,22 +354,22 @@ impl FacetTable {
     }
 }
 
-/// The emitters' records; `weights` are those that their rays are born with.
-pub fn emitter_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
-    let mut records = Records::new("Emitter", "emitter", bindings::EMITTER);
-    let emitters = &ir.emitters;
-    records.uint("kind", emitters.iter().map(|e| e.kind.kind() as u32));
-    records.uint("medium", emitters.iter().map(|e| e.medium as u32));
-    let firsts = emitters.iter().scan(0, |next, e| {
+/// The sources' records; `weights` are those that their rays are born with.
+pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
+    let mut records = Records::new("Source", "source", bindings::SOURCE);
+    let sources = &ir.sources;
+    records.uint("kind", sources.iter().map(|e| e.kind.kind() as u32));
+    records.uint("medium", sources.iter().map(|e| e.medium as u32));
+    let firsts = sources.iter().scan(0, |next, e| {
         let first = *next;
         *next += e.spectrum.cdf.len() as u32;
         Some(first)
     });
     records.uint("spectrum_first", firsts);
-    records.uint("spectrum_count", emitters.iter().map(|e| e.spectrum.cdf.len() as u32));
+    records.uint("spectrum_count", sources.iter().map(|e| e.spectrum.cdf.len() as u32));
     records.real("weight", weights.iter().copied());
-    put_frames(&mut records, emitters.iter().map(|e| &e.frame), centre);
-    put_arguments(&mut records, "p", 3, emitters.iter().map(|e| e.kind.arguments()));
+    put_frames(&mut records, sources.iter().map(|e| &e.frame), centre);
+    put_arguments(&mut records, "p", 3, sources.iter().map(|e| e.kind.arguments()));
     records
 }
 
@@ -400,39 +400,42 @@ pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32
     records
 }
 
-/// The sensors' records.
-pub fn sensor_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
-    let mut records = Records::new("Sensor", "sensor", bindings::SENSORS);
-    let sensors = &ir.sensors;
-    records.uint("kind", sensors.iter().map(|s| sensor_code(&s.kind)));
-    records.uint("absorb", sensors.iter().map(|s| u32::from(s.absorb)));
-    records.uint("cell", cells.sensors.iter().copied());
-    put_frames(&mut records, sensors.iter().map(|s| &s.frame), centre);
-    let grids: Vec<Grid> = sensors.iter().map(|s| Grid::of(&s.kind)).collect();
+/// The detectors' records.
+pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
+    let mut records = Records::new("Detector", "detector", bindings::DETECTORS);
+    let detectors = &ir.detectors;
+    records.uint("kind", detectors.iter().map(|s| detector_code(&s.kind)));
+    records.uint("absorb", detectors.iter().map(|s| u32::from(s.absorb)));
+    records.uint("cell", cells.detectors.iter().copied());
+    put_frames(&mut records, detectors.iter().map(|s| &s.frame), centre);
+    let grids: Vec<Grid> = detectors.iter().map(|s| Grid::of(&s.kind)).collect();
     records.real("half_width", grids.iter().map(|g| g.half_width));
     records.real("half_height", grids.iter().map(|g| g.half_height));
     records.real("pitch_x", grids.iter().map(|g| g.pitch_x));
     records.real("pitch_y", grids.iter().map(|g| g.pitch_y));
     records.uint("num_x", grids.iter().map(|g| g.num_x));
     records.uint("num_y", grids.iter().map(|g| g.num_y));
-    records.uint("splat", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
-    records.uint("splat_radius", sensors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
+    records.uint("splat", detectors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
     records
-        .real("splat_falloff", sensors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))));
-    let bins: Vec<u32> = sensors.iter().map(|s| num_bins(&s.kind)).collect();
+        .uint("splat_radius", detectors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
+    records.real(
+        "splat_falloff",
+        detectors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))),
+    );
+    let bins: Vec<u32> = detectors.iter().map(|s| num_bins(&s.kind)).collect();
     let num_wavelengths = ir.wavelengths.len() as u32;
-    records.uint("bins", (0..).zip(sensors).map(|(i, _)| i * num_wavelengths));
+    records.uint("bins", (0..).zip(detectors).map(|(i, _)| i * num_wavelengths));
     records.uint("num_bins", bins);
     records
 }
 
-/// Codes of [`crate::program::wgsl::compose`]'s dispatch over kinds of sensors.
-pub fn sensor_code(kind: &SensorKind) -> u32 {
+/// Codes of [`crate::program::wgsl::compose`]'s dispatch over kinds of detectors.
+pub fn detector_code(kind: &DetectorKind) -> u32 {
     match kind {
-        SensorKind::Irradiance(_) => 0,
-        SensorKind::Spectral { .. } => 1,
-        SensorKind::FarField { .. } => 2,
-        SensorKind::RayDatabase { .. } => 3,
+        DetectorKind::Irradiance(_) => 0,
+        DetectorKind::Spectral { .. } => 1,
+        DetectorKind::FarField { .. } => 2,
+        DetectorKind::RayDatabase { .. } => 3,
     }
 }
 
@@ -460,10 +463,10 @@ fn splat_falloff(splat: Splat) -> f64 {
 }
 
 /// Wavelength bins of a detector's pixel.
-pub fn num_bins(kind: &SensorKind) -> u32 {
+pub fn num_bins(kind: &DetectorKind) -> u32 {
     match kind {
-        SensorKind::Spectral { wavelength_edges, .. } => wavelength_edges.len() as u32 - 1,
-        SensorKind::Irradiance(_) | SensorKind::FarField { .. } | SensorKind::RayDatabase { .. } => 1,
+        DetectorKind::Spectral { wavelength_edges, .. } => wavelength_edges.len() as u32 - 1,
+        DetectorKind::Irradiance(_) | DetectorKind::FarField { .. } | DetectorKind::RayDatabase { .. } => 1,
     }
 }
 
@@ -478,9 +481,9 @@ struct Grid {
 }
 
 impl Grid {
-    fn of(kind: &SensorKind) -> Self {
+    fn of(kind: &DetectorKind) -> Self {
         match *kind {
-            SensorKind::Irradiance(grid) | SensorKind::Spectral { grid, .. } => Grid {
+            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => Grid {
                 half_width: grid.width / 2.0,
                 half_height: grid.height / 2.0,
                 pitch_x: grid.width / f64::from(grid.num_pixels_x),
@@ -488,7 +491,7 @@ impl Grid {
                 num_x: grid.num_pixels_x,
                 num_y: grid.num_pixels_y,
             },
-            SensorKind::FarField { num_theta, num_phi } => Grid {
+            DetectorKind::FarField { num_theta, num_phi } => Grid {
                 half_width: std::f64::consts::PI,
                 half_height: 0.0,
                 pitch_x: std::f64::consts::TAU / f64::from(num_phi),
@@ -496,7 +499,7 @@ impl Grid {
                 num_x: num_phi,
                 num_y: num_theta,
             },
-            SensorKind::RayDatabase { width, height, .. } => Grid {
+            DetectorKind::RayDatabase { width, height, .. } => Grid {
                 half_width: width / 2.0,
                 half_height: height / 2.0,
                 pitch_x: width,

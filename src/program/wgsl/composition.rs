@@ -50,6 +50,6 @@ impl<'a> Composition<'a> {
 
     /// All primitives: surfaces, then detectors.
     pub(super) fn num_primitives(&self) -> usize {
-        self.ir.surfaces.len() + self.ir.sensors.len()
+        self.ir.surfaces.len() + self.ir.detectors.len()
     }
 }

@@ -105,8 +105,8 @@ impl Composition<'_> {
             constants.uint("SQUARES_OFFSET", moments.squares_offset);
             constants.uint("CELL_LARGE_SQUARES", moments.large_squares);
             constants.uint("CELL_TOTALS", moments.totals.unwrap_or_default());
-            constants.uint("NUM_EMITTERS", self.ir.emitters.len() as u32);
-            constants.uint("FORGOTTEN_PLACES", self.ir.sensors.len().clamp(1, MAX_FORGOTTEN_PLACES) as u32);
+            constants.uint("NUM_SOURCES", self.ir.sources.len() as u32);
+            constants.uint("FORGOTTEN_PLACES", self.ir.detectors.len().clamp(1, MAX_FORGOTTEN_PLACES) as u32);
         }
         if let Some(replicates) = &self.cells.replicates {
             constants.uint("REPLICATE_BITS", replicates.num.ilog2());

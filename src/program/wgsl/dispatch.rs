@@ -34,18 +34,18 @@ impl Composition<'_> {
         text + "    return normal_of_quadric(surface, position);\n}\n"
     }
 
-    /// Over the kinds of detectors; the codes are those of [`crate::program::layout::tables::sensor_code`].
+    /// Over the kinds of detectors; the codes are those of [`crate::program::layout::tables::detector_code`].
     fn record(&self) -> String {
-        let mut text = String::from("fn record(ray: Ray, sensor: Sensor, index: u32, ends: bool) {\n");
+        let mut text = String::from("fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {\n");
         let f = &self.features;
         for (present, code, call) in [
-            (f.irradiance, 0, "record_irradiance(ray, sensor, ends)"),
-            (f.spectral, 1, "record_spectral(ray, sensor, ends)"),
-            (f.far_field, 2, "record_far_field(ray, sensor, ends)"),
-            (f.ray_database, 3, "record_ray_database(ray, sensor, index, ends)"),
+            (f.irradiance, 0, "record_irradiance(ray, detector, ends)"),
+            (f.spectral, 1, "record_spectral(ray, detector, ends)"),
+            (f.far_field, 2, "record_far_field(ray, detector, ends)"),
+            (f.ray_database, 3, "record_ray_database(ray, detector, index, ends)"),
         ] {
             if present {
-                let _ = writeln!(text, "    if sensor.kind == {code}u {{ {call}; }}");
+                let _ = writeln!(text, "    if detector.kind == {code}u {{ {call}; }}");
             }
         }
         text.push_str("}\n");
@@ -54,10 +54,10 @@ impl Composition<'_> {
 
     /// Over the kinds of sources.
     fn emit(&self) -> String {
-        let Some((last, others)) = self.features.emitters.split_last() else {
+        let Some((last, others)) = self.features.sources.split_last() else {
             return String::new();
         };
-        let mut text = String::from("fn emit(key: RayKey, e: Emitter) -> LocalRay {\n");
+        let mut text = String::from("fn emit(key: RayKey, e: Source) -> LocalRay {\n");
         for kind in others {
             let (code, name) = (*kind as u32, kind.name());
             let _ = writeln!(text, "    if e.kind == {code}u {{ return emit_{name}(key, e); }}");

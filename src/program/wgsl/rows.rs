@@ -9,25 +9,25 @@ impl Composition<'_> {
     /// All of them, each with the functions into its frame and out of it.
     pub(super) fn rows(&self) -> Result<String> {
         Ok([
-            self.surfaces_and_sensors()?,
+            self.surfaces_and_detectors()?,
             self.media()?,
-            self.emitter()?,
+            self.source()?,
             self.contacts_of_faces()?,
             self.primitives()?,
         ]
         .concat())
     }
 
-    fn surfaces_and_sensors(&self) -> Result<String> {
+    fn surfaces_and_detectors(&self) -> Result<String> {
         let surfaces = tables::surface_records(self.ir, self.centre, &self.features);
-        let sensors = tables::sensor_records(self.ir, self.centre, &self.cells);
+        let detectors = tables::detector_records(self.ir, self.centre, &self.cells);
         let rotated_surfaces = tables::any_rotated(self.ir.surfaces.iter().map(|s| &s.frame));
-        let rotated_sensors = tables::any_rotated(self.ir.sensors.iter().map(|s| &s.frame));
+        let rotated_detectors = tables::any_rotated(self.ir.detectors.iter().map(|s| &s.frame));
         Ok([
             self.rows_of(&surfaces, self.options.baked)?,
-            self.rows_of(&sensors, self.options.baked)?,
+            self.rows_of(&detectors, self.options.baked)?,
             frame_functions("Surface", "surface", rotated_surfaces),
-            frame_functions("Sensor", "sensor", rotated_sensors),
+            frame_functions("Detector", "detector", rotated_detectors),
         ]
         .concat())
     }
@@ -39,22 +39,22 @@ impl Composition<'_> {
         }
     }
 
-    /// A single emitter is compiled in; of several, the one of the dispatch lies in a uniform. `begin` copies what lies in
+    /// A single source is compiled in; of several, the one of the dispatch lies in a uniform. `begin` copies what lies in
     /// uniforms before the first branch.
-    fn emitter(&self) -> Result<String> {
-        let emitters = tables::emitter_records(self.ir, self.centre, &self.options.weights);
-        let rotated = tables::any_rotated(self.ir.emitters.iter().map(|e| &e.frame));
-        let (row, source, copy) = match self.ir.emitters.len() {
-            1 => (emitters.baked(self.precision())?, "emitter_of(0u)", ""),
+    fn source(&self) -> Result<String> {
+        let sources = tables::source_records(self.ir, self.centre, &self.options.weights);
+        let rotated = tables::any_rotated(self.ir.sources.iter().map(|e| &e.frame));
+        let (row, of_dispatch, copy) = match self.ir.sources.len() {
+            1 => (sources.baked(self.precision())?, "source_of(0u)", ""),
             _ => (
-                format!("{}var<private> emitter_copy: Emitter;\n", emitters.uniform()),
-                "emitter_copy",
-                "    emitter_copy = emitter_uniform;\n",
+                format!("{}var<private> source_copy: Source;\n", sources.uniform()),
+                "source_copy",
+                "    source_copy = source_uniform;\n",
             ),
         };
-        let functions = frame_functions("Emitter", "emitter", rotated);
+        let functions = frame_functions("Source", "source", rotated);
         let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}}}\n");
-        Ok(format!("{row}{functions}fn emitter() -> Emitter {{\n    return {source};\n}}\n{begin}"))
+        Ok(format!("{row}{functions}fn source() -> Source {{\n    return {of_dispatch};\n}}\n{begin}"))
     }
 
     fn contacts_of_faces(&self) -> Result<String> {

@@ -190,7 +190,7 @@ impl Composition<'_> {
                 files.push(file);
             }
         }
-        files.extend(self.features.emitters.iter().map(|name| name.wgsl().file));
+        files.extend(self.features.sources.iter().map(|name| name.wgsl().file));
         files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
         files
     }

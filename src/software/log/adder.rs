@@ -6,7 +6,7 @@ use crate::software::log::bits::{bits, entries_of, quantize};
 use crate::software::log::corners::CornerSums;
 use crate::software::log::entries::{
     CELL_MASK, End, Entry, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN, NEXT_ROW, PASSES,
-    STRAYED, WITHOUT_PLACE,
+    REJECTED, WITHOUT_PLACE,
 };
 use crate::software::log::format::{EndLog, Form, Grid, Taps};
 use crate::software::log::positions::{BLOCK, Block, PositionEntry, PositionTaps};
@@ -188,7 +188,7 @@ impl EndSums {
         rejected: &mut Vec<RejectedRay>,
         is_counted: bool,
     ) -> Option<()> {
-        if end.what & STRAYED != 0 {
+        if end.what & REJECTED != 0 {
             rejected.push(RejectedRay { ray: ray as u32, event: end.what & CELL_MASK });
         }
         self.add_count(end.what)?;
@@ -339,7 +339,7 @@ impl EndSums {
         self.add_taps(cells, first + hit_column + hit_row, end.weight, end.fractions)
     }
 
-    /// Shares a weight among taps: the last one takes what the others left (`book_taps` in splat.wgsl).
+    /// Shares a weight among taps: the last one takes what the others left (`deposit_taps` in splat.wgsl).
     #[inline(always)]
     fn add_taps<T: Real>(
         &mut self,
@@ -577,7 +577,7 @@ mod tests {
 
     #[test]
     fn rejected_rays_are_reported_and_add_nothing_in_every_form() {
-        let whats = [STRAYED, IN_CELL | 2, STRAYED | 7];
+        let whats = [REJECTED, IN_CELL | 2, REJECTED | 7];
         let words = |what: u32| [what, 0, 0, 0];
         let counts = whats;
         let packed = whats.map(|what| [u64::from(what), 0]);

@@ -25,7 +25,7 @@ pub const WITHOUT_PLACE: u32 = 1 << 28;
 /// The ray goes on.
 pub const PASSES: u32 = 1 << 29;
 /// It was rejected by the main path; the low bits are the event of the path at which it did.
-pub const STRAYED: u32 = 1 << 30;
+pub const REJECTED: u32 = 1 << 30;
 
 /// An entry of the log.
 #[derive(Debug, Clone, Copy)]

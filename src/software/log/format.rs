@@ -1,6 +1,6 @@
 //! The log of where rays end, for the host to add up (`shaders/software/log/ends.logged.wgsl`).
 
-use crate::model::{SceneIr, Sensor, SensorKind, Splat};
+use crate::model::{Detector, DetectorKind, SceneIr, Splat};
 use crate::program::features::Features;
 use crate::program::layout::tables::{self, Cells};
 use crate::program::{Precision, ProgramOptions, SecondMoments};
@@ -23,7 +23,7 @@ pub struct EndLog {
     pub max_passes: u32,
     /// Per detector, from the first cell on.
     pub grids: Vec<Grid>,
-    /// The weight that each emitter's rays are born with.
+    /// The weight that each source's rays are born with.
     pub weights: Vec<f64>,
 }
 
@@ -70,22 +70,23 @@ pub struct Grid {
 }
 
 /// What spreads over many pixels the device adds up.
-fn is_gaussian(kind: &SensorKind) -> bool {
+fn is_gaussian(kind: &DetectorKind) -> bool {
     kind.grid().is_some_and(|grid| matches!(grid.splat, Splat::Gaussian { .. }))
 }
 
 /// True if what rays leave on the detector in passing is logged, where a log is kept.
-pub fn logs_passes(sensor: &Sensor, max_depth: u32) -> bool {
-    !sensor.absorb && !is_gaussian(&sensor.kind) && max_depth <= MAX_LOGGED_DEPTH
+pub fn logs_passes(detector: &Detector, max_depth: u32) -> bool {
+    !detector.absorb && !is_gaussian(&detector.kind) && max_depth <= MAX_LOGGED_DEPTH
 }
 
 /// A position has no room for the detector, or for whether the ray passes.
 fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Taps {
-    let bilinear = |sensor: &Sensor| sensor.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
-    let mut with_taps = grids.iter().zip(&ir.sensors).filter(|(_, sensor)| bilinear(sensor));
+    let bilinear =
+        |detector: &Detector| detector.kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear);
+    let mut with_taps = grids.iter().zip(&ir.detectors).filter(|(_, detector)| bilinear(detector));
     match (with_taps.next(), with_taps.next()) {
         (None, _) => Taps::None,
-        (Some((&grid, Sensor { kind: SensorKind::Irradiance(_), .. })), None) if max_passes == 0 => {
+        (Some((&grid, Detector { kind: DetectorKind::Irradiance(_), .. })), None) if max_passes == 0 => {
             Taps::Positions { grid, has_weights: !keeps_weight }
         }
         _ => Taps::Fractions,
@@ -114,13 +115,13 @@ impl EndLog {
         if has_replicates || features.splits || is_large {
             return None;
         }
-        let grids = cells.sensors.iter().zip(&ir.sensors).map(|(&first, sensor)| {
-            let size = sensor.kind.grid().map_or([1; 2], |grid| [grid.num_pixels_x, grid.num_pixels_y]);
-            let column = tables::num_bins(&sensor.kind) as usize;
+        let grids = cells.detectors.iter().zip(&ir.detectors).map(|(&first, detector)| {
+            let size = detector.kind.grid().map_or([1; 2], |grid| [grid.num_pixels_x, grid.num_pixels_y]);
+            let column = tables::num_bins(&detector.kind) as usize;
             Grid { first: first as usize, column, row: column * size[0] as usize, size }
         });
         let grids: Vec<Grid> = grids.collect();
-        let logs_passes = ir.sensors.iter().any(|sensor| logs_passes(sensor, options.max_depth));
+        let logs_passes = ir.detectors.iter().any(|detector| logs_passes(detector, options.max_depth));
         let max_passes = if logs_passes { options.max_depth } else { 0 };
         let taps = taps(ir, &grids, max_passes, features.keeps_weight);
         Some(EndLog { form, taps, max_passes, grids, weights: options.weights.clone() })

@@ -53,7 +53,7 @@ pub trait Real: Copy + Into<f64> {
     fn first_shares(weight: Self, parts: [Self; 3]) -> [Self; 3];
 
     /// Quanta of the taps of an end whose first taps take these parts, in 0..=1, and whether it is so: whether the weight is
-    /// below [`Real::LIMIT`]. The last tap takes what the others left (`book_taps` in splat.wgsl). `AT_MOST_ONE`: the weight is.
+    /// below [`Real::LIMIT`]. The last tap takes what the others left (`deposit_taps` in splat.wgsl). `AT_MOST_ONE`: the weight is.
     fn quanta<const AT_MOST_ONE: bool>(weight: Self, parts: [Self; 3]) -> ([u64; 4], bool);
 
     /// The whole part of a number in 0..2^63.

@@ -208,7 +208,7 @@ mod tests {
 
     fn place(weights: &[Weight]) -> Place {
         let arrivals = weights.iter().map(|&weight| Arrival { event: 0, weight }).collect();
-        Place { grid: GRID, sensor: 0, arrivals, edge_room: None }
+        Place { grid: GRID, detector: 0, arrivals, edge_room: None }
     }
 
     /// What rays of a birth weight of 2 add up to, whose places lie row by row, one beyond the other of 70.

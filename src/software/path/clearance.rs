@@ -220,7 +220,7 @@ pub fn sides((frame, shape): &(Frame, Shape), pilot: &mut Pilot) -> Option<[bool
     })
 }
 
-/// The rays of a pilot that take the path, and what was taken for granted of them.
+/// The rays of a pilot that take the path, and what was assumed of them.
 #[derive(Debug)]
 pub struct Pilot<'a> {
     /// Theirs.
@@ -234,7 +234,7 @@ pub struct Pilot<'a> {
 }
 
 impl<'a> Pilot<'a> {
-    /// Rays of whom nothing is taken for granted yet, and the share of them for which all that is taken must hold.
+    /// Rays of whom nothing is assumed yet, and the share of them for which all that is taken must hold.
     pub fn new(ways: &'a [Way], least_share: f64) -> Self {
         Pilot { ways, step: 0, least_share, keeps: vec![true; ways.len()] }
     }

@@ -8,7 +8,7 @@ use crate::program::wgsl::composition::Composition;
 use crate::shaders::{ShaderFile, shader};
 use crate::software::added::SoftwareExtension;
 use crate::software::path::clearance::{Clearance, Exit, Sign};
-use crate::software::path::main_path::{Crossing, NominalEvent, NominalPath};
+use crate::software::path::main_path::{Crossing, MainPath, MainPathEvent};
 use crate::software::path::path_log::{PathLog, Weight};
 use crate::software::path::side_path;
 use std::fmt::Write;
@@ -77,11 +77,11 @@ impl Stages<'_> {
     /// All of them: that of the main path, then those of the side paths.
     pub(crate) fn text(&self) -> Result<String> {
         let extension = self.extension;
-        let Some(nominal) = &extension.nominal else { return Ok(String::new()) };
-        let walk = self.walk(0, nominal, extension.path_log.as_ref())?;
+        let Some(main_path) = &extension.main_path else { return Ok(String::new()) };
+        let walk = self.walk(0, main_path, extension.path_log.as_ref())?;
         let mut text = match extension.has_pairs {
             true => self.states_of_pair() + &self.stage_of_pair(&walk),
-            false => self.path_stage(0, "trace_nominal", &walk),
+            false => self.path_stage(0, "trace_main_path", &walk),
         };
         for (number, side) in extension.side_paths.iter().enumerate() {
             let walk = self.walk(1 + number, &side.path, side.log.as_ref())?;
@@ -123,7 +123,7 @@ impl Stages<'_> {
              let index{b} = second_of_pair(invocation, index{a});\n    begin_ray();\n{births}{}}}\n{}",
             walk.functions,
             walk.of_pair(),
-            entry("trace_nominal", "    follow_pair(invocation);\n")
+            entry("trace_main_path", "    follow_pair(invocation);\n")
         )
     }
 
@@ -154,7 +154,7 @@ impl Stages<'_> {
 
     /// A path: per event, the nearest of the primitives that can be met before the next one of the path, if the ray is clear of
     /// those that are not searched.
-    fn walk(&self, number: usize, path: &NominalPath, path_log: Option<&PathLog>) -> Result<Walk> {
+    fn walk(&self, number: usize, path: &MainPath, path_log: Option<&PathLog>) -> Result<Walk> {
         let mut functions = String::new();
         let mut statements = vec!["var holds@ = true;".to_string()];
         let mut last = None;
@@ -200,12 +200,12 @@ impl Stages<'_> {
         if log.places.is_empty() {
             statements.push("keep_place(0u, ray@, vec2<real>(0.0, 0.0));".to_string());
         }
-        statements.extend(log.attenuating_legs.map(|legs| holds(&format!("are_losses_told({legs}u)"))));
+        statements.extend(log.attenuating_legs.map(|legs| holds(&format!("are_losses_reported({legs}u)"))));
         Ok(statements)
     }
 
     /// An event of the path on a surface.
-    fn meeting(&self, step: usize, event: &NominalEvent) -> Result<String> {
+    fn meeting(&self, step: usize, event: &MainPathEvent) -> Result<String> {
         let primitive = event.primitive;
         let surfaces =
             tables::surface_records(self.composition.ir, self.composition.centre, &self.composition.features);
@@ -221,10 +221,10 @@ impl Stages<'_> {
     }
 
     /// An event of the path on a detector.
-    fn arrival(&self, step: usize, event: &NominalEvent, path_log: Option<&PathLog>) -> Result<Vec<String>> {
-        let NominalEvent { primitive, ends, .. } = *event;
+    fn arrival(&self, step: usize, event: &MainPathEvent, path_log: Option<&PathLog>) -> Result<Vec<String>> {
+        let MainPathEvent { primitive, ends, .. } = *event;
         let Some(log) = path_log else {
-            let does = if ends { "ends_on_sensor" } else { "passes" };
+            let does = if ends { "ends_on_detector" } else { "passes" };
             return Ok(vec![holds(&format!("{does}(&ray@, hit_{step}@, {primitive}u)"))]);
         };
         let no_place = || Error::Internal(format!("event {step} of the path has no place in its log"));
@@ -232,16 +232,16 @@ impl Stages<'_> {
         let mut statements = vec![holds(&format!("arrives(&ray@, hit_{step}@, {primitive}u)"))];
         if place.arrivals[0].event == step {
             let logs = match place.edge_room {
-                None => format!("log_place({number}u, ray@, {}u)", place.sensor),
+                None => format!("log_place({number}u, ray@, {}u)", place.detector),
                 Some([x, y]) => {
                     let [x, y] = [self.real(x)?, self.real(y)?];
-                    format!("log_place_off_edges({number}u, ray@, {}u, vec2<real>({x}, {y}))", place.sensor)
+                    format!("log_place_off_edges({number}u, ray@, {}u, vec2<real>({x}, {y}))", place.detector)
                 }
             };
             statements.push(format!("let place_{number}@ = {logs};"));
             statements.push(holds(&format!("place_{number}@.is_sure")));
         } else {
-            let again = format!("place_on(ray@, {}u)", place.sensor);
+            let again = format!("place_on(ray@, {}u)", place.detector);
             statements.push(holds(&format!("all({again} == place_{number}@.at)")));
         }
         statements.extend(self.weighs(arrival.weight)?);

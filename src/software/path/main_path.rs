@@ -5,7 +5,7 @@
 //! with the same room for roundings. Of the others, those that nearly all rays of a pilot pass clear are not searched: it
 //! is only seen that a ray is clear of them (crate::software::path::clearance).
 
-use crate::model::{Emitter, Frame, Interaction, SceneIr, Shape, Surface};
+use crate::model::{Frame, Interaction, SceneIr, Shape, Source, Surface};
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::tree;
 use crate::program::{Cells, Features, ProgramOptions, SecondMoments};
@@ -24,14 +24,14 @@ const MOST_LOOKED_AT: usize = 256;
 /// Nor one behind which so much is to be missed: a tree is sooner searched.
 const MOST_MISSED: usize = 24;
 
-/// What is taken for granted pays as long as all of it holds for this share of the rays: the others are traced twice.
+/// What is assumed pays as long as all of it holds for this share of the rays: the others are traced twice.
 pub const LEAST_CLEAR: f64 = 0.995;
 
 /// The path and what to look for on its way.
 #[derive(Debug, Clone, PartialEq)]
-pub struct NominalPath {
+pub struct MainPath {
     /// In their order.
-    pub events: Vec<NominalEvent>,
+    pub events: Vec<MainPathEvent>,
     /// Where rays escape behind the last event: what they could still meet there.
     pub missed: Option<Missed>,
 }
@@ -47,8 +47,8 @@ pub struct Missed {
 
 /// One event of the path.
 #[derive(Debug, Clone, PartialEq)]
-pub struct NominalEvent {
-    /// The primitive that is met: surfaces first, then sensors.
+pub struct MainPathEvent {
+    /// The primitive that is met: surfaces first, then detectors.
     pub primitive: usize,
     /// The ray ends on it.
     pub ends: bool,
@@ -71,7 +71,7 @@ pub struct Crossing {
     pub reflected: bool,
 }
 
-impl NominalPath {
+impl MainPath {
     /// The path of a pilot's rays; none where no stage can follow it ([`is_possible`]), where it is too long, or where it
     /// neither ends on the last of its primitives, or behind that, nor has as many events as a ray may have.
     pub fn of(
@@ -95,7 +95,7 @@ impl NominalPath {
             return None;
         }
         let boxes = tree::boxes(ir, centre, contacts);
-        let legs: Vec<Leg> = legs(emitters_box(ir, centre), primitives, &boxes).collect();
+        let legs: Vec<Leg> = legs(sources_box(ir, centre), primitives, &boxes).collect();
         if (*escapes && boxes.len() > MOST_MISSED)
             || legs.iter().map(|leg| leg.can_be_met(&boxes).count()).sum::<usize>() > MOST_LOOKED_AT
         {
@@ -122,7 +122,7 @@ impl NominalPath {
                 false => crossing(&ir.surfaces, &shapes[primitive], primitive, &mut pilot),
             };
             let ends = is_last && !is_full;
-            NominalEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
+            MainPathEvent { primitive, ends, candidates, at_nearer_crossing, passed, crossing }
         });
         let events = events.collect();
         pilot.step = legs.len();
@@ -137,7 +137,7 @@ impl NominalPath {
             let (candidates, passed) = parted(0..boxes.len(), clearance);
             Missed { candidates, passed }
         });
-        Some(NominalPath { events, missed })
+        Some(MainPath { events, missed })
     }
 }
 
@@ -220,7 +220,9 @@ pub fn is_possible(ir: &SceneIr, options: &ProgramOptions) -> bool {
 fn goes_on(ir: &SceneIr, primitive: usize, max_depth: u32) -> bool {
     match primitive.checked_sub(ir.surfaces.len()) {
         None => ir.surfaces[primitive].scatter.is_none() && !ends(ir, primitive),
-        Some(sensor) => ir.sensors.get(sensor).is_some_and(|sensor| format::logs_passes(sensor, max_depth)),
+        Some(detector) => {
+            ir.detectors.get(detector).is_some_and(|detector| format::logs_passes(detector, max_depth))
+        }
     }
 }
 
@@ -228,17 +230,17 @@ fn goes_on(ir: &SceneIr, primitive: usize, max_depth: u32) -> bool {
 fn ends(ir: &SceneIr, primitive: usize) -> bool {
     match primitive.checked_sub(ir.surfaces.len()) {
         None => ir.surfaces[primitive].interaction == Interaction::Absorbing,
-        Some(sensor) => ir.sensors.get(sensor).is_some_and(|sensor| sensor.absorb),
+        Some(detector) => ir.detectors.get(detector).is_some_and(|detector| detector.absorb),
     }
 }
 
 /// The box of where rays are born.
-fn emitters_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
-    let of = |emitter: &Emitter| {
-        let frame = emitter.frame.relative_to(centre);
-        tree::bounds(&frame, &Shape::Plane(emitter.kind.births()), &[], 0.0)
+fn sources_box(ir: &SceneIr, centre: DVec3) -> Option<Aabb> {
+    let of = |source: &Source| {
+        let frame = source.frame.relative_to(centre);
+        tree::bounds(&frame, &Shape::Plane(source.kind.births()), &[], 0.0)
     };
-    let boxes: Option<Vec<Aabb>> = ir.emitters.iter().map(of).collect();
+    let boxes: Option<Vec<Aabb>> = ir.sources.iter().map(of).collect();
     boxes?.into_iter().reduce(|a, b| a.union(&b))
 }
 

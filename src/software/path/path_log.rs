@@ -6,13 +6,13 @@
 //! them, their last weight tells what these took. The pilot only says what may be so: the stage looks at each ray, and one
 //! that weighs something else, loses something elsewhere or arrives elsewhere was rejected.
 
-use crate::model::{Interaction, SceneIr, Sensor, SensorKind, Splat};
+use crate::model::{Detector, DetectorKind, Interaction, SceneIr, Splat};
 use crate::program::features::Features;
 use crate::program::layout::tables::{CELL_DEPTH_KILLED, CELL_ESCAPED, Cells};
 use crate::program::{Precision, ProgramOptions};
 use crate::software::log::format::{EndLog, Form, Grid};
 use crate::software::path::clearance::{Pilot, Stretch};
-use crate::software::path::main_path::{Crossing, LEAST_CLEAR, NominalEvent, NominalPath, PilotPath, Way};
+use crate::software::path::main_path::{Crossing, LEAST_CLEAR, MainPath, MainPathEvent, PilotPath, Way};
 
 /// The log of a stage that follows a path.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +25,7 @@ pub struct PathLog {
     /// Each place is logged with the weight there ([`Weight::Logged`]), and on so many of its ways a ray loses something to
     /// the media, from its birth to its end, on the last place or, where there is none, in [`PathLog::end`].
     pub attenuating_legs: Option<u32>,
-    /// On its way a ray that keeps to the path books nothing: what it logs is all that it leaves.
+    /// On its way a ray that keeps to the path deposits nothing: what it logs is all that it leaves.
     pub tells_all: bool,
 }
 
@@ -35,7 +35,7 @@ pub struct Place {
     /// The detector's cells.
     pub grid: Grid,
     /// The detector, by its number among detectors.
-    pub sensor: usize,
+    pub detector: usize,
     /// When rays arrive there.
     pub arrivals: Vec<Arrival>,
     /// How near to an edge between pixels roundings decide which one is hit, by columns and by rows \[pixels\], if nearly all
@@ -89,8 +89,8 @@ const LEAST_OFF_EDGES: f64 = 0.99;
 /// `pixel_position` in splat.wgsl rounds the sum x + half, the quotient, for which WGSL allows 2.5 ulp (section 15.7.4), and
 /// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
 /// pixels as there are, if each may be rounded either way, and some room.
-fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option<[f64; 2]> {
-    let SensorKind::Irradiance(grid) = &sensor.kind else { return None };
+fn edge_room(detector: &Detector, precision: Precision, pilot: &mut Pilot) -> Option<[f64; 2]> {
+    let DetectorKind::Irradiance(grid) = &detector.kind else { return None };
     let size = [grid.num_pixels_x, grid.num_pixels_y];
     let room = size.map(|num_pixels| 16.0 * f64::from(num_pixels) / precision.significands());
     let from_edge = |at: f64, width: f64, num_pixels: u32| {
@@ -101,7 +101,7 @@ fn edge_room(sensor: &Sensor, precision: Precision, pilot: &mut Pilot) -> Option
         let by_axis = [from_edge(to.x, grid.width, size[0]), from_edge(to.y, grid.height, size[1])];
         by_axis.iter().zip(room).all(|(from_edge, room)| *from_edge > room)
     };
-    pilot.takes(&sensor.frame, is_off).then_some(room)
+    pilot.takes(&detector.frame, is_off).then_some(room)
 }
 
 /// Of one log; each device has two.
@@ -123,27 +123,27 @@ impl EndLog {
 impl PathLog {
     /// The log of the main path; none where rays arrive on no detector, or on one that does not keep to bilinear taps, or
     /// with weights that differ, unless by what media took.
-    pub fn of(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
+    pub fn of(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<Self> {
         let log = PathLog::with_known_weights(scene, path, pilot)
             .or_else(|| PathLog::with_logged_weights(scene, path, pilot))?;
         (!log.places.is_empty()).then_some(log)
     }
 
-    /// The log of a side path beside that of the nominal one, whose form it must have; it may be without a place.
+    /// The log of a side path beside that of the main path, whose form it must have; it may be without a place.
     pub fn beside(
-        nominal: &PathLog,
+        main_path: &PathLog,
         scene: &LoggedScene,
-        path: &NominalPath,
+        path: &MainPath,
         pilot: &PilotPath,
     ) -> Option<Self> {
-        let log = match nominal.attenuating_legs {
+        let log = match main_path.attenuating_legs {
             None => PathLog::with_known_weights(scene, path, pilot),
             Some(_) => PathLog::with_logged_weights(scene, path, pilot),
         };
-        log.filter(|log| log.num_rows() <= nominal.num_rows())
+        log.filter(|log| log.num_rows() <= main_path.num_rows())
     }
 
-    fn with_known_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
+    fn with_known_weights(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<Self> {
         let weights = KnownWeights::of(pilot, scene.options, scene.features);
         let places = places(scene, path, pilot, |event| weights.on_arrival(event))?;
         let end = match ledger_end(scene, path, path.events.last()?) {
@@ -154,7 +154,7 @@ impl PathLog {
         Some(PathLog { places, end, attenuating_legs: None, tells_all })
     }
 
-    fn with_logged_weights(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<Self> {
+    fn with_logged_weights(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<Self> {
         let attenuating_legs = Some(attenuating_legs(scene, path, pilot)?);
         let places = places(scene, path, pilot, |_| Some(Weight::Logged))?;
         let end = ledger_end(scene, path, path.events.last()?)
@@ -235,7 +235,7 @@ impl<'a> KnownWeights<'a> {
 /// not keep to bilinear taps.
 fn places(
     scene: &LoggedScene,
-    path: &NominalPath,
+    path: &MainPath,
     pilot: &PilotPath,
     weight: impl Fn(usize) -> Option<Weight>,
 ) -> Option<Vec<Place>> {
@@ -247,21 +247,21 @@ fn places(
     let mut places: Vec<Place> = Vec::new();
     let mut off_edges = Pilot::new(ways, LEAST_OFF_EDGES);
     for (number, event) in path.events.iter().enumerate() {
-        let Some(sensor) = event.primitive.checked_sub(ir.surfaces.len()) else { continue };
-        if !is_bilinear(&ir.sensors.get(sensor)?.kind) {
+        let Some(detector) = event.primitive.checked_sub(ir.surfaces.len()) else { continue };
+        if !is_bilinear(&ir.detectors.get(detector)?.kind) {
             return None;
         }
         let arrival = Arrival { event: number, weight: weight(number)? };
         let is_there = |place: &&mut Place| {
-            place.sensor == sensor && arrive_together(ways, place.arrivals[0].event, number)
+            place.detector == detector && arrive_together(ways, place.arrivals[0].event, number)
         };
         match places.iter_mut().find(is_there) {
             Some(place) => place.arrivals.push(arrival),
             None => {
-                let grid = *log.grids.get(sensor)?;
+                let grid = *log.grids.get(detector)?;
                 off_edges.step = number;
-                let edge_room = edge_room(&ir.sensors[sensor], options.precision, &mut off_edges);
-                places.push(Place { grid, sensor, arrivals: vec![arrival], edge_room });
+                let edge_room = edge_room(&ir.detectors[detector], options.precision, &mut off_edges);
+                places.push(Place { grid, detector, arrivals: vec![arrival], edge_room });
             }
         }
     }
@@ -269,7 +269,7 @@ fn places(
 }
 
 /// Where the weight of a path's rays goes after its last event, and at which event, unless a detector takes it.
-fn ledger_end(scene: &LoggedScene, path: &NominalPath, last: &NominalEvent) -> Option<(u32, usize)> {
+fn ledger_end(scene: &LoggedScene, path: &MainPath, last: &MainPathEvent) -> Option<(u32, usize)> {
     let num_events = path.events.len();
     match (last.ends, last.primitive < scene.ir.surfaces.len()) {
         (true, false) => None,
@@ -292,7 +292,7 @@ pub fn media_absorb_weakly(PilotPath { ways, .. }: &PilotPath) -> bool {
 
 /// On how many of its ways each ray of the pilot lost something; none where they differ in that, or where something else
 /// than media takes from the rays of a path: surfaces, or roulette.
-fn attenuating_legs(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) -> Option<u32> {
+fn attenuating_legs(scene: &LoggedScene, path: &MainPath, pilot: &PilotPath) -> Option<u32> {
     let (&LoggedScene { ir, options, features, .. }, ways) = (scene, &pilot.ways);
     let is_on_path = |i: u32| path.events.iter().any(|event| event.primitive == i as usize);
     let others_take = features.importance
@@ -308,7 +308,7 @@ fn attenuating_legs(scene: &LoggedScene, path: &NominalPath, pilot: &PilotPath) 
 
 /// Whether rays of the path may enter the ambient medium with no solid behind them, which is counted (`track_solids` in
 /// shaders/stages/interact.wgsl): so they may where some come to a refracting surface from another side than others.
-fn may_underflow(ir: &SceneIr, path: &NominalPath) -> bool {
+fn may_underflow(ir: &SceneIr, path: &MainPath) -> bool {
     let mut is_in_solid = false;
     path.events.iter().any(|event| {
         let surface = ir.surfaces.get(event.primitive);
@@ -327,8 +327,8 @@ fn may_underflow(ir: &SceneIr, path: &NominalPath) -> bool {
     })
 }
 
-fn is_bilinear(kind: &SensorKind) -> bool {
-    matches!(kind, SensorKind::Irradiance(grid) if grid.splat == Splat::Bilinear)
+fn is_bilinear(kind: &DetectorKind) -> bool {
+    matches!(kind, DetectorKind::Irradiance(grid) if grid.splat == Splat::Bilinear)
 }
 
 /// What all ways have alike, if they do.

@@ -135,7 +135,7 @@ fn end_of(ray: &[&PathEvent], is_cut: bool) -> End {
 fn met(ir: &SceneIr, ray: &[&PathEvent]) -> Vec<usize> {
     let primitive = |event: &&PathEvent| match event.kind {
         PathEventKind::Surface(index) => Some(index),
-        PathEventKind::Sensor(index) => Some(ir.surfaces.len() + index),
+        PathEventKind::Detector(index) => Some(ir.surfaces.len() + index),
         PathEventKind::Birth(_)
         | PathEventKind::Escaped
         | PathEventKind::DepthKilled
@@ -189,7 +189,7 @@ mod tests {
         let mut paths = Vec::new();
         for ray_id in 0..10 {
             let second = if ray_id < 6 { 1 } else { 3 };
-            paths.push(event(ray_id, 2, PathEventKind::Sensor(0)));
+            paths.push(event(ray_id, 2, PathEventKind::Detector(0)));
             paths.push(event(ray_id, 0, PathEventKind::Surface(0)));
             paths.push(event(ray_id, 1, PathEventKind::Surface(second)));
             paths.push(event(ray_id, 0, PathEventKind::Birth(0)));

@@ -23,7 +23,7 @@ pub struct Rejected {
     num_expected: Option<u64>,
     /// Rays that were to keep to the main path, in all traces.
     num_followed: u64,
-    /// Of each emitter.
+    /// Of each source.
     waiting: Vec<Waiting>,
 }
 
@@ -83,7 +83,7 @@ impl Rejected {
         self.num_followed += u64::from(range.count);
         let sides: [Option<usize>; MAX_EVENTS as usize + 1] =
             std::array::from_fn(|event| self.side_at(event, 0));
-        let waiting = self.of(range.emitter);
+        let waiting = self.of(range.source);
         for &RejectedRay { ray, event } in rejected {
             let event = event.min(MAX_EVENTS) as usize;
             waiting.list(sides[event], event).push(range.first + u64::from(ray));
@@ -97,7 +97,7 @@ impl Rejected {
         side: usize,
         rejected: &[RejectedRay],
         ids: &[u64],
-        emitter: usize,
+        source: usize,
     ) -> Option<()> {
         let Side { rejected_at, followed_and_rejected: [num_followed, num_rejected], .. } =
             self.sides.get_mut(side)?;
@@ -105,7 +105,7 @@ impl Rejected {
         *num_rejected += rejected.len() as u64;
         let event = *rejected_at;
         let next = self.side_at(event, side + 1);
-        let list = self.of(emitter).list(next, event);
+        let list = self.of(source).list(next, event);
         rejected.iter().try_for_each(|ray| {
             list.push(*ids.get(ray.ray as usize)?);
             Some(())
@@ -122,7 +122,7 @@ impl Rejected {
 
     /// Lets all rays of a range wait, as if none had followed the path.
     pub fn list(&mut self, range: &RayRange) {
-        self.of(range.emitter).by_event[0].extend(range.first..range.first + u64::from(range.count));
+        self.of(range.source).by_event[0].extend(range.first..range.first + u64::from(range.count));
     }
 
     /// Lets no rays follow a side path who are too few for that, when no more will come.
@@ -137,31 +137,31 @@ impl Rejected {
         }
     }
 
-    /// How many of an emitter wait for trace_new.
-    pub fn num(&self, emitter: usize) -> usize {
-        self.waiting.get(emitter).into_iter().flat_map(|waiting| &waiting.by_event).map(Vec::len).sum()
+    /// How many of a source wait for trace_new.
+    pub fn num(&self, source: usize) -> usize {
+        self.waiting.get(source).into_iter().flat_map(|waiting| &waiting.by_event).map(Vec::len).sum()
     }
 
     /// At most so many of them.
-    pub fn take(&mut self, emitter: usize, most: usize) -> Vec<u64> {
+    pub fn take(&mut self, source: usize, most: usize) -> Vec<u64> {
         let mut taken = Vec::new();
-        for waiting in self.waiting.get_mut(emitter).into_iter().flat_map(|waiting| &mut waiting.by_event) {
+        for waiting in self.waiting.get_mut(source).into_iter().flat_map(|waiting| &mut waiting.by_event) {
             let room = most - taken.len();
             taken.extend(waiting.drain(waiting.len().saturating_sub(room)..));
         }
         taken
     }
 
-    /// Of the side paths that a device follows, or none yet, the one that most rays of an emitter wait for, if so many wait
+    /// Of the side paths that a device follows, or none yet, the one that most rays of a source wait for, if so many wait
     /// for any, and at most so many of these. From then on the device follows it.
     pub fn take_of_side(
         &mut self,
-        emitter: usize,
+        source: usize,
         device: usize,
         at_least: usize,
         most: usize,
     ) -> Option<(usize, Vec<u64>)> {
-        let by_side = &mut self.waiting.get_mut(emitter)?.by_side;
+        let by_side = &mut self.waiting.get_mut(source)?.by_side;
         let follows = |side: &Side| side.device.is_none_or(|follower| follower == device);
         let lists = by_side.iter_mut().zip(&mut self.sides).enumerate();
         let own: Vec<_> = lists.filter(|(_, (_, side))| follows(side)).collect();
@@ -182,14 +182,14 @@ impl Rejected {
         self.sides.iter().map(|side| side.followed_and_rejected)
     }
 
-    fn of(&mut self, emitter: usize) -> &mut Waiting {
+    fn of(&mut self, source: usize) -> &mut Waiting {
         let num_sides = self.sides.len();
         let none = || Waiting {
             by_event: std::array::from_fn(|_| Vec::new()),
             by_side: vec![Vec::new(); num_sides],
         };
-        self.waiting.resize_with(self.waiting.len().max(emitter + 1), none);
-        &mut self.waiting[emitter]
+        self.waiting.resize_with(self.waiting.len().max(source + 1), none);
+        &mut self.waiting[source]
     }
 }
 
@@ -206,14 +206,14 @@ impl Waiting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::software::path::main_path::NominalPath;
+    use crate::software::path::main_path::MainPath;
 
     const RANGE: RayRange =
-        RayRange { first: 0, count: STAGE_PAYS as u32, emitter: 0, log_stride: 0, reached: 0 };
+        RayRange { first: 0, count: STAGE_PAYS as u32, source: 0, log_stride: 0, reached: 0 };
 
     /// A side path of one ray in so many.
     fn side_path(rejected_at: usize, of_rays: u64) -> SidePath {
-        let path = NominalPath { events: Vec::new(), missed: None };
+        let path = MainPath { events: Vec::new(), missed: None };
         SidePath { rejected_at, path, log: None, share: 1.0 / of_rays as f64, media_absorb_weakly: true }
     }
 
@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn rejected_rays_are_taken_in_the_order_of_their_events() {
-        let range = RayRange { first: 100, count: 7, emitter: 1, log_stride: 0, reached: 0 };
+        let range = RayRange { first: 100, count: 7, source: 1, log_stride: 0, reached: 0 };
         let of_events = [(0, 2), (1, 0), (2, 2), (3, u32::MAX), (4, 0), (5, 2)];
         let mut rejected = Rejected::default();
         rejected.add(&of_events.map(|(ray, event)| RejectedRay { ray, event }), &range);

@@ -1,9 +1,9 @@
 //! Side paths: what most rays do that are rejected by the main path at one of its events, such as those that a lens reflects back.
-//! Each has a stage of its own, which traces them from their birth as `trace_nominal` does the others; one that is rejected by
+//! Each has a stage of its own, which traces them from their birth as `trace_main_path` does the others; one that is rejected by
 //! its side path, too, follows the next one from the same event, or is traced by `trace_new`.
 
 use crate::program::geometry::contact::Contacts;
-use crate::software::path::main_path::{NominalPath, PilotPath};
+use crate::software::path::main_path::{MainPath, PilotPath};
 use crate::software::path::path_log::{LoggedScene, PathLog, media_absorb_weakly};
 use glam::DVec3;
 
@@ -16,7 +16,7 @@ pub struct SidePath {
     /// The event of the main path, by its number, at which its rays were rejected.
     pub rejected_at: usize,
     /// The way from their birth on.
-    pub path: NominalPath,
+    pub path: MainPath,
     /// What they log; none where they log entries, as those of the main path then do.
     pub log: Option<PathLog>,
     /// Of all rays, as far as a pilot tells.
@@ -36,18 +36,18 @@ impl SidePath {
         scene: &LoggedScene,
         centre: DVec3,
         contacts: &Contacts,
-        nominal: &NominalPath,
-        nominal_log: Option<&PathLog>,
+        main_path: &MainPath,
+        main_log: Option<&PathLog>,
         pilots: &[PilotPath],
     ) -> Vec<SidePath> {
         let side_path = |pilot: &PilotPath| {
-            let path = NominalPath::of(scene.ir, centre, contacts, scene.options, pilot)?;
-            let log = match nominal_log {
-                Some(nominal_log) => Some(PathLog::beside(nominal_log, scene, &path, pilot)?),
+            let path = MainPath::of(scene.ir, centre, contacts, scene.options, pilot)?;
+            let log = match main_log {
+                Some(main_log) => Some(PathLog::beside(main_log, scene, &path, pilot)?),
                 None => None,
             };
             Some(SidePath {
-                rejected_at: rejected_at(nominal, &path),
+                rejected_at: rejected_at(main_path, &path),
                 path,
                 log,
                 share: pilot.share,
@@ -61,8 +61,8 @@ impl SidePath {
 /// The event at which rays of a side path are rejected by the main path: where they meet something else, or the one before, if
 /// they go on from it to another side. It may be another one where a pilot's rays did not tell how they go on; then these
 /// are rejected by the side path, too.
-fn rejected_at(nominal: &NominalPath, side: &NominalPath) -> usize {
-    let pairs = || nominal.events.iter().zip(&side.events);
+fn rejected_at(main_path: &MainPath, side: &MainPath) -> usize {
+    let pairs = || main_path.events.iter().zip(&side.events);
     let num_alike = pairs().take_while(|(event, own)| event.primitive == own.primitive).count();
     let turned = pairs().take(num_alike).position(|(event, own)| event.crossing != own.crossing);
     turned.unwrap_or(num_alike)

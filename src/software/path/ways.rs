@@ -5,7 +5,7 @@ use glam::DVec3;
 /// What a pilot's rays say of the path.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PilotPath {
-    /// The primitives that they meet, in their order: surfaces first, then sensors.
+    /// The primitives that they meet, in their order: surfaces first, then detectors.
     pub primitives: Vec<usize>,
     /// Of each ray that takes it.
     pub ways: Vec<Way>,

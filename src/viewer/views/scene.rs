@@ -1,7 +1,7 @@
 //! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
 
 use crate::model::shapes::{Geometry, circle};
-use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr, SensorKind};
+use crate::model::{DetectorKind, Frame as LocalFrame, Interaction, Mesh, SceneIr};
 use crate::result::PathColumns;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
@@ -95,22 +95,22 @@ impl Drawing {
             };
             drawing.add(&curves(&surface.frame, &*surface.shape, &ir.meshes, plane), kind, plane);
         }
-        for sensor in &ir.sensors {
+        for detector in &ir.detectors {
             // The disk of a far field is not a thing that stands somewhere.
-            if matches!(sensor.kind, SensorKind::FarField { .. }) {
+            if matches!(detector.kind, DetectorKind::FarField { .. }) {
                 continue;
             }
-            let curves = curves(&sensor.frame, &sensor.outline(), &[], plane);
+            let curves = curves(&detector.frame, &detector.outline(), &[], plane);
             drawing.add(&curves, Kind::Detector, plane);
-            drawing.name(&curves, &sensor.name, plane);
+            drawing.name(&curves, &detector.name, plane);
         }
-        for emitter in &ir.emitters {
-            let curves = match emitter.kind.is_point() {
-                true => vec![vec![emitter.frame.origin]],
-                false => curves(&emitter.frame, &emitter.kind.births(), &[], plane),
+        for source in &ir.sources {
+            let curves = match source.kind.is_point() {
+                true => vec![vec![source.frame.origin]],
+                false => curves(&source.frame, &source.kind.births(), &[], plane),
             };
             drawing.add(&curves, Kind::Source, plane);
-            drawing.name(&curves, &emitter.name, plane);
+            drawing.name(&curves, &source.name, plane);
         }
         if !drawing.bounds.x.0.is_finite() {
             drawing.bounds = View::new((-1.0, 1.0), (-1.0, 1.0));

@@ -9,8 +9,8 @@ mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
 use nsq_gpu::model::{
-    Annulus, CollimatedGaussian, CollimatedTophat, Conic, EmitterKind, Frame, Frustum, Interaction, Outline,
-    Point, SceneIr, SensorKind, Shape, Spectrum, Sphere, Surface,
+    Annulus, CollimatedGaussian, CollimatedTophat, Conic, DetectorKind, Frame, Frustum, Interaction, Outline,
+    Point, SceneIr, Shape, SourceKind, Spectrum, Sphere, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -18,7 +18,7 @@ use nsq_gpu::result::Tally;
 use nsq_gpu::software::When;
 use nsq_gpu::software::added::SoftwareExtension;
 use nsq_gpu::software::path::clearance::{Clearance, Sign};
-use nsq_gpu::software::path::main_path::{Crossing, NominalPath};
+use nsq_gpu::software::path::main_path::{Crossing, MainPath};
 use nsq_gpu::software::path::side_path::SidePath;
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
 use proptest::prelude::*;
@@ -35,10 +35,10 @@ fn options(precision: Precision) -> TraceOptions {
 }
 
 /// The tally, with the path that had a stage of its own.
-fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<NominalPath>) {
+fn trace(ir: &SceneIr, options: &impl Asked) -> (Tally, Option<MainPath>) {
     let mut tracer = options.tracer(zoo::gpu(), ir).unwrap();
     let tally = tracer.trace(|_| true).unwrap();
-    (tally, SoftwareExtension::of_program(tracer.program()).nominal.clone())
+    (tally, SoftwareExtension::of_program(tracer.program()).main_path.clone())
 }
 
 /// Of each place that the path's rays log, how often they arrive there; none where they log entries.
@@ -73,11 +73,11 @@ const SOME: [&str; 7] = [
 /// Asserts that a scene has the same bits with the stage; false if it cannot have one.
 fn has_same_bits(name: &str, options: &TraceOptions) -> bool {
     let ir = zoo::load(name);
-    let (tally, nominal) = trace(&ir, &with_main_path(options));
-    if nominal.is_some() {
+    let (tally, main_path) = trace(&ir, &with_main_path(options));
+    if main_path.is_some() {
         assert!(tally == trace(&ir, options).0, "{name} with {options:?}: other bits");
     }
-    nominal.is_some()
+    main_path.is_some()
 }
 
 #[test]
@@ -90,41 +90,41 @@ fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
     let places = |name: &&String| arrivals(&zoo::load(name), &options(Precision::F64)).is_some();
     println!("of them with places: {:?}", found.iter().filter(places).collect::<Vec<_>>());
     let missing: Vec<&&str> = SOME.iter().filter(|name| !found.iter().any(|found| found == *name)).collect();
-    assert!(missing.is_empty(), "no nominal path in {missing:?}");
+    assert!(missing.is_empty(), "no main path in {missing:?}");
 }
 
 #[test]
-fn so_do_small_batches_and_strays_that_go_through_queues() {
+fn small_batches_and_rejected_rays_in_queues_have_the_same_bits() {
     for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
         let options = TraceOptions { batch_size: Some(300), events_per_dispatch: 2, ..options(precision) };
-        assert!(has_same_bits(name, &options), "{name} has no nominal path");
+        assert!(has_same_bits(name, &options), "{name} has no main path");
     }
 }
 
 #[test]
 #[ignore = "long"]
-fn so_do_invocations_of_one_ray_or_several() {
+fn invocations_of_one_ray_or_several_have_the_same_bits() {
     for (i, name) in SOME.into_iter().enumerate() {
         let ir = zoo::load(name);
         let precision = [Precision::F32, Precision::F64][i % 2];
         let rays = |num| options(precision).with(|choices| choices.rays_per_invocation = Some(num));
         let alone = trace(&ir, &rays(1)).0;
         for num in [1, 3, 8] {
-            let (tally, nominal) = trace(&ir, &with_main_path(&rays(num)));
-            assert!(nominal.is_some() && tally == alone, "{name}, {num} rays an invocation");
+            let (tally, main_path) = trace(&ir, &with_main_path(&rays(num)));
+            assert!(main_path.is_some() && tally == alone, "{name}, {num} rays an invocation");
         }
     }
 }
 
 /// Some lanes of a vector store the places of others.
 #[test]
-fn so_do_lanes_that_store_together() {
+fn lanes_that_store_together_have_the_same_bits() {
     if zoo::gpu().lanes == 1 {
         return zoo::skip("lanes that store together", "the adapter has no subgroups of one size");
     }
     let [lens, cavity, billiard] = ["bench_lens", "bench_cavity", "mirror_ball_billiard"].map(zoo::load);
     let mut aslant = cavity.clone();
-    aslant.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    aslant.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
     // Batches that vectors fill; one ray more; two and three that are missing.
     for (ir, max_depth, num_rays, num_places) in
         [(&lens, 16, 4096, 1), (&cavity, 16, 4097, 1), (&billiard, 16, 4094, 1), (&aslant, 6, 4093, 3)]
@@ -153,7 +153,7 @@ fn so_do_lanes_that_store_together() {
 /// Two mirrors between which rays pass a detector at one place after the other.
 fn cavity_without_losses() -> SceneIr {
     let mut ir = zoo::load("bench_cavity");
-    ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    ir.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
     for mirror in &mut ir.surfaces {
         mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
     }
@@ -163,7 +163,7 @@ fn cavity_without_losses() -> SceneIr {
 /// An invocation follows two rays, where they leave nothing but what they log.
 #[test]
 #[ignore = "long"]
-fn so_do_rays_side_by_side() {
+fn rays_side_by_side_have_the_same_bits() {
     let [lens, cavity, cooke, coated] =
         ["bench_lens", "bench_cavity", "cooke_triplet", "coated_projector"].map(zoo::load);
     let aslant = cavity_without_losses();
@@ -196,7 +196,7 @@ fn so_do_rays_side_by_side() {
                 let has_pairs = tracer.program().wgsl.contains("follow_pair");
                 assert_eq!(has_pairs, side_by_side && is_possible, "{name}, {num_rays} rays");
                 assert!(
-                    SoftwareExtension::of_program(tracer.program()).nominal.is_some(),
+                    SoftwareExtension::of_program(tracer.program()).main_path.is_some(),
                     "{name} has no path"
                 );
                 let traced = tracer.trace(|_| true).unwrap();
@@ -226,7 +226,7 @@ fn errors_in_rays_side_by_side_are_seen() {
 }
 
 #[test]
-fn so_do_scenes_in_tables() {
+fn scenes_in_tables_have_the_same_bits() {
     for (i, name) in SOME.into_iter().enumerate() {
         let precision = [Precision::F64, Precision::F32][i % 2];
         let options = TraceOptions {
@@ -235,21 +235,21 @@ fn so_do_scenes_in_tables() {
             batch_size: Some(900),
             ..options(precision)
         };
-        assert!(has_same_bits(name, &options), "{name} has no nominal path");
+        assert!(has_same_bits(name, &options), "{name} has no main path");
     }
 }
 
 /// Rays that go to and fro between mirrors until they have had as many events as a ray may have, and those that leave.
 #[test]
-fn so_do_rays_that_end_by_their_number_of_events() {
+fn rays_that_end_by_their_number_of_events_have_the_same_bits() {
     let mut ir = zoo::load("bench_cavity");
-    ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.emitters[0].kind =
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
+    ir.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    ir.sources[0].kind =
+        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
         let options = TraceOptions { max_depth, ..options(precision) };
-        let (tally, nominal) = trace(&ir, &with_main_path(&options));
-        let events = nominal.unwrap().events;
+        let (tally, main_path) = trace(&ir, &with_main_path(&options));
+        let events = main_path.unwrap().events;
         assert!(events.len() == max_depth as usize && events.iter().all(|event| !event.ends));
         assert!(max_depth < 13 || tally.escaped.count > 0, "no ray is unlike the others");
         assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
@@ -263,20 +263,20 @@ fn so_do_rays_that_end_by_their_number_of_events() {
 fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
     let straight = zoo::load("bench_cavity");
     let mut aslant = straight.clone();
-    aslant.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    aslant.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
     let mut absorbing = straight.clone();
     absorbing.surfaces[1].interaction = Interaction::Absorbing;
     let mut two_detectors = straight.clone();
-    two_detectors.sensors.push(straight.sensors[0].clone());
-    two_detectors.sensors[1].name = "second".into();
-    two_detectors.sensors[1].frame.origin.z = -10.0;
+    two_detectors.detectors.push(straight.detectors[0].clone());
+    two_detectors.detectors[1].name = "second".into();
+    two_detectors.detectors[1].frame.origin.z = -10.0;
     let mut turned = two_detectors.clone();
-    turned.sensors[1].frame.rotation = DMat3::from_rotation_y(0.1);
+    turned.detectors[1].frame.rotation = DMat3::from_rotation_y(0.1);
     let two_sources = |share: f64| {
         let mut ir = straight.clone();
-        let second = straight.emitters[0].clone();
-        ir.emitters.push(second);
-        ir.emitters[1].total_flux *= share;
+        let second = straight.sources[0].clone();
+        ir.sources.push(second);
+        ir.sources[1].total_flux *= share;
         ir
     };
     for (ir, max_depth, num_rays, expected) in [
@@ -293,8 +293,8 @@ fn what_rays_weigh_and_where_they_arrive_again_is_not_logged() {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { max_depth, num_rays, batch_size: Some(1500), ..options(precision) };
             assert_eq!(arrivals(ir, &options), expected, "{num_rays} rays to a depth of {max_depth}");
-            let (tally, nominal) = trace(ir, &with_main_path(&options));
-            assert!(nominal.is_some());
+            let (tally, main_path) = trace(ir, &with_main_path(&options));
+            assert!(main_path.is_some());
             assert!(tally == trace(ir, &options).0, "{expected:?}: other bits");
         }
     }
@@ -323,11 +323,11 @@ fn tinted_lens() -> SceneIr {
 /// medium it stands.
 fn tinted_lens_of_two_sources(medium: usize) -> SceneIr {
     let mut ir = tinted_lens();
-    let mut lamp = ir.emitters[0].clone();
-    lamp.kind = EmitterKind::Point(Point { half_angle: 1.2 });
+    let mut lamp = ir.sources[0].clone();
+    lamp.kind = SourceKind::Point(Point { half_angle: 1.2 });
     lamp.total_flux *= 0.003;
     lamp.medium = medium;
-    ir.emitters.push(lamp);
+    ir.sources.push(lamp);
     ir
 }
 
@@ -349,9 +349,9 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
     hazy.media[air].k.fill(1e-8);
     // Weights differ from place to place.
     let mut through_a_window = hazy.clone();
-    let mut window = lens.sensors[0].clone();
+    let mut window = lens.detectors[0].clone();
     (window.name, window.absorb, window.frame.origin.z) = ("window".into(), false, 20.0);
-    through_a_window.sensors.push(window);
+    through_a_window.detectors.push(window);
     let mut past_a_mirror = lens.clone();
     let mut mirror = lens.surfaces[2].clone();
     mirror.shape = Shape::Plane(Outline::Disk { radius: 40.0 });
@@ -359,7 +359,7 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
     mirror.back = mirror.front;
     mirror.frame = Frame { origin: DVec3::new(0.0, 0.0, 50.0), rotation: DMat3::IDENTITY };
     past_a_mirror.surfaces.push(mirror);
-    past_a_mirror.sensors[0].frame.origin.z = -30.0;
+    past_a_mirror.detectors[0].frame.origin.z = -30.0;
     // Of two wavelengths, the glass takes from one alone.
     let mut of_two_colours = lens.clone();
     of_two_colours.wavelengths.push(0.6);
@@ -370,7 +370,7 @@ fn where_media_alone_take_from_rays_they_log_what_they_weigh() {
     let mut in_both = of_two_colours.clone();
     in_both.media[glass].k.fill(1e-6);
     for ir in [&mut of_two_colours, &mut in_both] {
-        ir.emitters[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+        ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     }
     // Nothing on the path absorbs, but sources of unlike rays do not tell their weights before.
     let mut beside_a_filter = tinted_lens_of_two_sources(air);
@@ -444,27 +444,27 @@ fn errors_in_what_rays_lose_along_the_path_are_seen() {
 
 /// Roulette, which makes those that it spares weigh more on the way.
 #[test]
-fn so_do_rays_that_roulette_has_spared() {
+fn rays_that_roulette_has_spared_have_the_same_bits() {
     let ir = zoo::load("bench_cavity");
     for precision in [Precision::F32, Precision::F64] {
         let options = TraceOptions { max_depth: 8, min_flux_fraction: 0.95, ..options(precision) };
-        let (tally, nominal) = trace(&ir, &with_main_path(&options));
-        assert!(nominal.is_some() && tally.roulette_loss.count > 0);
+        let (tally, main_path) = trace(&ir, &with_main_path(&options));
+        assert!(main_path.is_some() && tally.roulette_loss.count > 0);
         assert!(tally == trace(&ir, &options).0, "other bits");
     }
 }
 
-/// Dispatches of the stages that new rays, and those that strayed, go through.
+/// Dispatches of the stages that new rays, and rejected ones, go through.
 fn dispatches(tracer: &mut Tracer) -> [u64; 2] {
     tracer.enable_profile().unwrap();
     tracer.trace(|_| true).unwrap();
     let times = tracer.stage_times();
     let of =
         |stage: &str| times.iter().find(|time| time.stage == stage).map_or(0, |time| time.num_dispatches);
-    ["trace_nominal", "trace_new"].map(of)
+    ["trace_main_path", "trace_new"].map(of)
 }
 
-/// The primitives of each side path that logs places, with the event at which its rays have strayed and whether they escape.
+/// The primitives of each side path that logs places, with the event at which its rays were rejected and whether they escape.
 fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
     let of = |side: &SidePath| {
         let primitives = side.path.events.iter().map(|event| event.primitive).collect();
@@ -475,7 +475,7 @@ fn side_paths(tracer: &Tracer) -> Vec<(usize, Vec<usize>, bool)> {
 
 /// What a lens reflects back at its faces has stages of its own: nearly nothing is left to the stage of all others.
 #[test]
-fn rays_that_stray_alike_follow_side_paths() {
+fn rays_rejected_alike_follow_side_paths() {
     let (air, glass) = (tinted_lens().surfaces[0].front, tinted_lens().surfaces[0].back);
     let mut hazy = tinted_lens();
     hazy.media[air].k.fill(1e-8);
@@ -502,10 +502,10 @@ fn rays_that_stray_alike_follow_side_paths() {
             let tally = trace(&ir, &rays).0;
             assert!(tracer.trace(|_| true).unwrap() == tally, "{precision:?}: other bits");
             assert!(trace(&ir, &without).0 == tally, "{precision:?}: other bits without side paths");
-            for [num_followed, num_strayed] in &tracer.num_along_paths()[..3] {
+            for [num_followed, num_rejected] in &tracer.num_along_paths()[..3] {
                 assert!(
-                    *num_followed > 500 && 6 * num_strayed < *num_followed,
-                    "{num_strayed} of {num_followed}"
+                    *num_followed > 500 && 6 * num_rejected < *num_followed,
+                    "{num_rejected} of {num_followed}"
                 );
             }
         }
@@ -536,14 +536,14 @@ fn ring_around_a_lens() -> SceneIr {
     ir.surfaces[0].shape = Shape::Conic(Conic { curvature: 1.0 / 20.0, conic: 0.0, aperture_radius: 12.5 });
     let glass = ir.surfaces[0].back;
     ir.media[glass].n.fill(3.0);
-    ir.sensors[0].frame.origin.z = 20.0;
+    ir.detectors[0].frame.origin.z = 20.0;
     let ring = Shape::Annulus(Annulus { inner_radius: 7.8, outer_radius: 40.0, z_offset: 0.0 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, 1.35), ring, DQuat::IDENTITY));
-    let mut lamp = ir.emitters[0].clone();
-    lamp.kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.05 });
+    let mut lamp = ir.sources[0].clone();
+    lamp.kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.05 });
     lamp.frame.origin = DVec3::new(7.72, 0.0, 1.42);
     lamp.total_flux *= 0.003;
-    ir.emitters.push(lamp);
+    ir.sources.push(lamp);
     ir
 }
 
@@ -574,8 +574,8 @@ fn rays_that_do_not_escape_as_nearly_all_have_the_same_bits() {
 /// Rays that do something else than their side path at each of its events, in scenes of several lenses.
 #[test]
 #[ignore = "long"]
-fn rays_that_stray_once_more_have_the_same_bits() {
-    let mut num_strayed = 0;
+fn rays_rejected_once_more_have_the_same_bits() {
+    let mut num_rejected = 0;
     for name in ["cooke_triplet", "triplet_telescope_ghosts", "stacked_plates_ghosts", "bench_cavity"] {
         let ir = zoo::load(name);
         for precision in [Precision::F32, Precision::F64] {
@@ -584,29 +584,30 @@ fn rays_that_stray_once_more_have_the_same_bits() {
             let tally = tracer.trace(|_| true).unwrap();
             assert!(tally == trace(&ir, &options).0, "{name} in {precision:?}: other bits");
             println!("{name}: {:?} along {:?}", tracer.num_along_paths(), side_paths(&tracer));
-            num_strayed += tracer.num_along_paths().iter().skip(1).map(|[_, strayed]| strayed).sum::<u64>();
+            num_rejected +=
+                tracer.num_along_paths().iter().skip(1).map(|[_, rejected]| rejected).sum::<u64>();
         }
     }
-    assert!(num_strayed > 100, "{num_strayed} rays strayed from side paths");
+    assert!(num_rejected > 100, "{num_rejected} rays rejected by side paths");
 }
 
 /// Positions along the detector's normal that differ in their last bits make no other place.
 #[test]
-fn rays_that_arrive_at_the_same_place_from_either_side_do_not_stray() {
+fn rays_that_arrive_at_the_same_place_from_either_side_are_not_rejected() {
     let mut ir = zoo::load("bench_cavity");
     ir.surfaces[0].frame.origin.z = 60.2;
     ir.surfaces[1].frame.origin.z = 0.0;
-    ir.sensors[0].frame.origin.z = 59.0;
-    ir.emitters[0].frame.origin.z = 3.3;
+    ir.detectors[0].frame.origin.z = 59.0;
+    ir.sources[0].frame.origin.z = 3.3;
     let options = options(Precision::F64);
     assert_eq!(arrivals(&ir, &options), Some(vec![8]));
     let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
-    assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays strayed");
+    assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays were rejected");
 }
 
 /// So long a trace that it looks for a path by itself.
 #[test]
-fn a_path_that_all_rays_stray_from_is_left() {
+fn a_path_that_rejects_all_rays_is_left() {
     let ir = zoo::load("bench_lens");
     let by_itself = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
     let plain = by_itself.with(|choices| choices.main_path = When::Never);
@@ -614,20 +615,20 @@ fn a_path_that_all_rays_stray_from_is_left() {
     let mut tracer = zoo::edited(&ir, &by_itself, right, wrong);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
-    let [nominal, new] = dispatches(&mut tracer);
-    assert!(8 * nominal < new, "{nominal} dispatches along the path, {new} of strays");
+    let [main_path, new] = dispatches(&mut tracer);
+    assert!(8 * main_path < new, "{main_path} dispatches along the path, {new} of rejected rays");
     let mut kept = by_itself.tracer(zoo::gpu(), &ir).unwrap();
-    let [nominal, new] = dispatches(&mut kept);
-    assert!(nominal > 8 * new.min(8), "{nominal} dispatches along the path, {new} of strays");
+    let [main_path, new] = dispatches(&mut kept);
+    assert!(main_path > 8 * new.min(8), "{main_path} dispatches along the path, {new} of rejected rays");
 }
 
 /// Errors planted in what such rays log, in a path that arrives at three places.
 #[test]
 fn errors_in_the_log_of_places_are_seen() {
     let mut ir = zoo::load("bench_cavity");
-    ir.emitters[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.emitters[0].kind =
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
+    ir.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
+    ir.sources[0].kind =
+        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
     let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     for [right, wrong] in [
@@ -660,15 +661,15 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
 
 /// A paraboloid focuses all rays on the corner of four pixels, where roundings decide which of them is hit.
 #[test]
-fn rays_that_are_focused_on_an_edge_of_pixels_do_not_stray() {
+fn rays_focused_on_an_edge_of_pixels_are_not_rejected() {
     let mut ir = mirror_met_again().ir;
     ir.surfaces[0].shape =
         Shape::Conic(Conic { curvature: -1.0 / 200.0, conic: -1.0, aperture_radius: 20.0 });
     ir.surfaces[0].frame.origin = DVec3::new(0.0, 0.0, 100.0);
-    ir.emitters[0].kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 6.0 });
-    ir.emitters[0].frame.origin = DVec3::new(10.0, 0.0, -10.0);
-    ir.sensors[0].frame.origin.z = 0.0;
-    if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+    ir.sources[0].kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 6.0 });
+    ir.sources[0].frame.origin = DVec3::new(10.0, 0.0, -10.0);
+    ir.detectors[0].frame.origin.z = 0.0;
+    if let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind {
         (grid.width, grid.height) = (5.0, 5.0);
         assert!(grid.num_pixels_x % 2 == 0 && grid.num_pixels_y % 2 == 0, "the centre is no edge");
     }
@@ -677,7 +678,7 @@ fn rays_that_are_focused_on_an_edge_of_pixels_do_not_stray() {
         assert_eq!(arrivals(&ir, &options), Some(vec![1]));
         let mut tracer = with_main_path(&options).tracer(zoo::gpu(), &ir).unwrap();
         assert!(tracer.trace(|_| true).unwrap() == trace(&ir, &options).0, "other bits");
-        assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays strayed");
+        assert!(matches!(dispatches(&mut tracer), [1, 0]), "rays were rejected");
     }
 }
 
@@ -685,7 +686,7 @@ fn rays_that_are_focused_on_an_edge_of_pixels_do_not_stray() {
 #[test]
 fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     let mut ir = zoo::load("bench_lens");
-    let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind else { panic!("not a map") };
+    let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind else { panic!("not a map") };
     (grid.num_pixels_x, grid.num_pixels_y) = (1501, 1);
     let options = TraceOptions { num_rays: 200_000, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
@@ -697,40 +698,40 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
 
 /// A path through a passing detector to one that absorbs: so deep that passes are no longer logged, it has no stage.
 #[test]
-fn so_do_rays_that_pass_a_detector_in_traces_of_any_depth() {
+fn rays_that_pass_a_detector_in_traces_of_any_depth_have_the_same_bits() {
     let mut ir = gaussian_lens(4.0);
-    let mut window = ir.sensors[0].clone();
+    let mut window = ir.detectors[0].clone();
     window.name = "window".into();
     window.absorb = false;
     window.frame.origin.z = -12.0;
-    ir.sensors.push(window);
+    ir.detectors.push(window);
     for (i, max_depth) in [4, 255, 256].into_iter().enumerate() {
         let options = TraceOptions { max_depth, ..options([Precision::F32, Precision::F64][i % 2]) };
-        let (tally, nominal) = trace(&ir, &with_main_path(&options));
-        assert_eq!(nominal.is_some(), max_depth < 256, "{max_depth}");
+        let (tally, main_path) = trace(&ir, &with_main_path(&options));
+        assert_eq!(main_path.is_some(), max_depth < 256, "{max_depth}");
         assert!(tally == trace(&ir, &options).0, "other bits to a depth of {max_depth}");
     }
 }
 
 /// As many events as a ray may have, and the last one absorbs it: that is its end.
 #[test]
-fn so_do_rays_whose_last_event_ends_them() {
+fn rays_whose_last_event_ends_them_have_the_same_bits() {
     let mut ir = zoo::load("bench_lens");
     ir.surfaces.push(Surface {
         shape: Shape::Plane(Outline::Disk { radius: 50.0 }),
         ..speck(DVec3::new(0.0, 0.0, 100.0), Shape::Plane(Outline::Infinite), DQuat::IDENTITY)
     });
     let options = TraceOptions { max_depth: 3, ..options(Precision::F64) };
-    let (tally, nominal) = trace(&ir, &with_main_path(&options));
-    assert!(nominal.unwrap().events.last().unwrap().ends);
+    let (tally, main_path) = trace(&ir, &with_main_path(&options));
+    assert!(main_path.unwrap().events.last().unwrap().ends);
     assert!(tally == trace(&ir, &options).0, "other bits");
 }
 
 #[test]
-fn so_do_sobol_points() {
+fn sobol_points_have_the_same_bits() {
     for (name, precision) in SOME.into_iter().zip([Precision::F64, Precision::F32].into_iter().cycle()) {
         let options = TraceOptions { sampler: Sampler::Sobol, ..options(precision) };
-        assert!(has_same_bits(name, &options), "{name} has no nominal path");
+        assert!(has_same_bits(name, &options), "{name} has no main path");
     }
 }
 
@@ -738,9 +739,9 @@ fn so_do_sobol_points() {
 #[test]
 fn what_can_be_met_on_the_way_is_looked_at_and_nothing_else() {
     let ir = zoo::load("bench_lens");
-    let (_, nominal) = trace(&ir, &with_main_path(&options(Precision::F64)));
+    let (_, main_path) = trace(&ir, &with_main_path(&options(Precision::F64)));
     let (front, back, rim, detector) = (0, 1, 2, 3);
-    let events = nominal.unwrap().events;
+    let events = main_path.unwrap().events;
     let searched: Vec<_> = events.iter().map(|event| (event.primitive, event.candidates.clone())).collect();
     assert_eq!(searched, [(front, vec![front]), (back, vec![back]), (detector, vec![detector])]);
     let passed = |step: usize| -> Vec<usize> { events[step].passed.iter().map(|passed| passed.0).collect() };
@@ -766,7 +767,7 @@ fn kind(clearance: &Clearance) -> &'static str {
     }
 }
 
-/// A scene where so few rays meet something beside the nominal path that it is no longer searched, and what shows that
+/// A scene where so few rays meet something beside the main path that it is no longer searched, and what shows that
 /// the others are clear of it.
 struct Rare {
     ir: SceneIr,
@@ -780,8 +781,7 @@ struct Rare {
 
 fn gaussian_lens(sigma: f64) -> SceneIr {
     let mut ir = zoo::load("bench_lens");
-    ir.emitters[0].kind =
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 30.0, sigma });
+    ir.sources[0].kind = SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 30.0, sigma });
     ir
 }
 
@@ -802,27 +802,27 @@ fn tube_around_a_beam_aslant() -> Rare {
     let mut ir = zoo::load("bench_lens");
     let tube = Shape::Frustum(Frustum { r_front: 7.0, r_back: 6.0, z_front: -40.0, z_back: 5.0 });
     ir.surfaces = vec![speck(DVec3::ZERO, tube, DQuat::IDENTITY)];
-    ir.emitters[0].kind =
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 });
-    ir.emitters[0].frame = Frame { origin: DVec3::ZERO, rotation: DMat3::from_rotation_y(0.25) };
-    ir.sensors[0].frame.origin.z = 60.0;
+    ir.sources[0].kind =
+        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 });
+    ir.sources[0].frame = Frame { origin: DVec3::ZERO, rotation: DMat3::from_rotation_y(0.25) };
+    ir.detectors[0].frame.origin.z = 60.0;
     Rare { ir, step: 0, primitive: 0, spared: "inside, to the exit", always: NEVER_INSIDE }
 }
 
 /// The same with a weak source whose rays go the other way, far enough to meet it.
 fn tube_around_two_beams() -> Rare {
     let mut rare = tube_around_a_beam_aslant();
-    rare.ir.emitters[0].kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 });
-    let mut back = rare.ir.emitters[0].clone();
+    rare.ir.sources[0].kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 });
+    let mut back = rare.ir.sources[0].clone();
     back.frame.rotation = DMat3::from_rotation_y(std::f64::consts::PI - 0.25);
     back.total_flux *= 0.003;
-    rare.ir.emitters.push(back);
+    rare.ir.sources.push(back);
     // Where both would arrive.
-    rare.ir.sensors[0].frame = Frame {
+    rare.ir.detectors[0].frame = Frame {
         origin: DVec3::new(30.0, 0.0, 0.0),
         rotation: DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2),
     };
-    if let SensorKind::Irradiance(grid) = &mut rare.ir.sensors[0].kind {
+    if let DetectorKind::Irradiance(grid) = &mut rare.ir.detectors[0].kind {
         (grid.width, grid.height) = (400.0, 400.0);
     }
     Rare { always: ["return d.z * pace >= 1.0;", "return true;"], ..rare }
@@ -847,17 +847,17 @@ fn bowl_met_again() -> Rare {
         let (place, direction) = (20.0 * at.normalize(), DVec3::new(0.0, angle.sin(), -angle.cos()));
         let comes = direction.reflect(at.normalize());
         let rotation = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, comes));
-        let mut emitter = rare.ir.emitters[0].clone();
-        emitter.kind = EmitterKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.3 });
-        emitter.frame = Frame { origin: place - 5.0 * comes, rotation };
-        emitter
+        let mut source = rare.ir.sources[0].clone();
+        source.kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.3 });
+        source.frame = Frame { origin: place - 5.0 * comes, rotation };
+        source
     };
     let strong = mirrored(DVec3::new(0.0, -17.3, 10.0), 0.96);
     let mut weak = mirrored(DVec3::new(0.0, -5.0, 19.4), 1.15);
     weak.total_flux *= 0.003;
-    rare.ir.emitters = vec![strong, weak];
-    rare.ir.sensors[0].frame.origin.z = -40.0;
-    if let SensorKind::Irradiance(grid) = &mut rare.ir.sensors[0].kind {
+    rare.ir.sources = vec![strong, weak];
+    rare.ir.detectors[0].frame.origin.z = -40.0;
+    if let DetectorKind::Irradiance(grid) = &mut rare.ir.detectors[0].kind {
         (grid.width, grid.height) = (1000.0, 1000.0);
     }
     Rare { spared: "leaves, to the exit", ..rare }
@@ -867,8 +867,8 @@ fn bowl_met_again() -> Rare {
 fn plate_along_the_beam() -> Rare {
     let mut ir = gaussian_lens(2.7);
     let slant = DMat3::from_rotation_y(0.3);
-    ir.emitters[0].frame = Frame { origin: DVec3::new(-7.6, 0.0, -25.0), rotation: slant };
-    ir.sensors[0].frame.origin.z = 20.0;
+    ir.sources[0].frame = Frame { origin: DVec3::new(-7.6, 0.0, -25.0), rotation: slant };
+    ir.detectors[0].frame.origin.z = 20.0;
     let plate = Shape::Plane(Outline::Disk { radius: 5.0 });
     let turn = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
     ir.surfaces.push(speck(DVec3::new(7.5, 0.0, -7.0), plate, turn));
@@ -885,11 +885,11 @@ fn mirror_met_again() -> Rare {
     mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
     mirror.back = mirror.front;
     ir.surfaces = vec![mirror];
-    ir.emitters[0].kind =
-        EmitterKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 });
-    ir.emitters[0].frame.origin = DVec3::new(0.0, -6.5, 0.0);
-    ir.sensors[0].frame.origin.z = -1.0;
-    if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+    ir.sources[0].kind =
+        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 });
+    ir.sources[0].frame.origin = DVec3::new(0.0, -6.5, 0.0);
+    ir.detectors[0].frame.origin.z = -1.0;
+    if let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind {
         (grid.width, grid.height) = (400.0, 400.0);
     }
     let always = ["return abs(slope_along(o, d, s) + half) > abs(half) + 1e-15;", "return true;"];
@@ -905,10 +905,10 @@ fn bowl_met_from_the_side() -> Rare {
     rare.ir.surfaces[0].frame.origin = DVec3::ZERO;
     rare.ir.surfaces[0].interaction = Interaction::Absorbing;
     rare.ir.media[0].k.fill(1e-6);
-    rare.ir.emitters[0].kind = EmitterKind::Point(Point { half_angle: 0.1005 });
+    rare.ir.sources[0].kind = SourceKind::Point(Point { half_angle: 0.1005 });
     let aside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2 - 0.1);
-    rare.ir.emitters[0].frame = Frame { origin: DVec3::new(-60.0, 0.0, 10.0), rotation: aside };
-    rare.ir.sensors[0].frame.origin.z = -30.0;
+    rare.ir.sources[0].frame = Frame { origin: DVec3::new(-60.0, 0.0, 10.0), rotation: aside };
+    rare.ir.detectors[0].frame.origin.z = -30.0;
     rare.always = ["is_met & comes_first & on_shape", "is_met & on_shape"];
     Rare { step: 0, spared: "farther crossing", ..rare }
 }
@@ -924,7 +924,7 @@ fn window_in_a_ball() -> Rare {
     let ball = Shape::Sphere(Sphere { radius: 60.0, aperture_radius: None });
     ir.surfaces = vec![window, speck(DVec3::ZERO, ball, DQuat::IDENTITY)];
     let beside = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2);
-    ir.sensors[0].frame = Frame { origin: DVec3::new(50.0, 0.0, 0.0), rotation: beside };
+    ir.detectors[0].frame = Frame { origin: DVec3::new(50.0, 0.0, 0.0), rotation: beside };
     let always = [" & (reflects == reflected);", ";"];
     Rare { ir, step: 0, primitive: 0, spared: "choice of branch", always }
 }
@@ -932,20 +932,20 @@ fn window_in_a_ball() -> Rare {
 /// The same with a weak source in the block, whose rays cross the window from the other side.
 fn window_between_two_sources() -> Rare {
     let mut rare = window_in_a_ball();
-    let mut behind = rare.ir.emitters[0].clone();
+    let mut behind = rare.ir.sources[0].clone();
     behind.frame = Frame { origin: DVec3::new(0.0, 0.0, 40.0), rotation: DMat3::from_rotation_y(3.0) };
     behind.medium = rare.ir.surfaces[0].back;
     behind.total_flux *= 0.002;
     // So little that hardly any ray is reflected.
     rare.ir.media[behind.medium].n.fill(1.02);
-    rare.ir.emitters.push(behind);
+    rare.ir.sources.push(behind);
     rare.always = ["((cosine > 0.0) == entering_back) & ", ""];
     Rare { spared: "look at the side", ..rare }
 }
 
-/// Where faces are in contact, the way on one side tells; where nothing more is met, nothing is taken for granted.
+/// Where faces are in contact, the way on one side tells; where nothing more is met, nothing is assumed.
 #[test]
-fn crossings_are_taken_for_granted_where_the_way_tells_them() {
+fn crossings_are_assumed_where_the_way_shows_them() {
     let mut ir = zoo::load("bench_lens");
     let face = |z: f64, front: usize, back: usize| Surface {
         shape: Shape::Plane(Outline::Disk { radius: 30.0 }),
@@ -959,9 +959,9 @@ fn crossings_are_taken_for_granted_where_the_way_tells_them() {
     ir.media[glass].k.fill(1e-6);
     let crossings = |max_depth: u32| {
         let options = TraceOptions { max_depth, ..options(Precision::F64) };
-        let (tally, nominal) = trace(&ir, &with_main_path(&options));
+        let (tally, main_path) = trace(&ir, &with_main_path(&options));
         assert!(tally == trace(&ir, &options).0, "other bits");
-        let events = nominal.unwrap().events;
+        let events = main_path.unwrap().events;
         events.iter().map(|event| (event.primitive, event.crossing)).collect::<Vec<_>>()
     };
     let through = Some(Crossing { entering_back: true, reflected: false });
@@ -988,8 +988,8 @@ fn rays_that_are_not_clear_of_what_nearly_all_pass_have_the_same_bits() {
         for precision in [Precision::F32, Precision::F64] {
             let options = TraceOptions { num_rays: 40_000, ..options(precision) };
             let with = with_main_path(&options);
-            let (tally, nominal) = trace(&rare.ir, &with);
-            let event = &nominal.unwrap().events[rare.step];
+            let (tally, main_path) = trace(&rare.ir, &with);
+            let event = &main_path.unwrap().events[rare.step];
             let mut spared: Vec<_> = event.passed.iter().map(|(i, passed)| (*i, kind(passed))).collect();
             spared.extend(event.at_nearer_crossing.then_some((event.primitive, "farther crossing")));
             spared.extend(event.crossing.iter().flat_map(|_| {
@@ -1041,8 +1041,8 @@ fn rays_that_end_before_a_refracting_surface_do_not_cross_it() {
     let options = options(Precision::F64);
     let tally = trace(&ir, &options).0;
     let with = with_main_path(&options);
-    let (traced, nominal) = trace(&ir, &with);
-    let first = &nominal.unwrap().events[0];
+    let (traced, main_path) = trace(&ir, &with);
+    let first = &main_path.unwrap().events[0];
     assert!(first.crossing.is_some() && first.candidates.len() == 2 && traced == tally, "{first:?}");
     let mut any = zoo::edited(&ir, &with, "(hit.primitive == primitive) & takes_side", "takes_side");
     assert!(any.trace(|_| true).unwrap() != tally, "any surface is crossed");
@@ -1064,8 +1064,8 @@ proptest! {
         ir.surfaces.push(speck(DVec3::from_array(place), speck_shape(kind, radius), turn));
         for precision in [Precision::F32, Precision::F64] {
             let options = options(precision);
-            let (tally, nominal) = trace(&ir, &with_main_path(&options));
-            prop_assert!(nominal.is_some());
+            let (tally, main_path) = trace(&ir, &with_main_path(&options));
+            prop_assert!(main_path.is_some());
             prop_assert!(tally == trace(&ir, &options).0, "other bits");
         }
     }
@@ -1083,14 +1083,14 @@ fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
         film.frame.origin.z -= gap;
         film.back = film.front;
         ir.surfaces.push(film);
-        ir.emitters[0].frame.origin.z = -FAR;
-        ir.sensors[0].frame.origin.z = FAR;
-        if let SensorKind::Irradiance(grid) = &mut ir.sensors[0].kind {
+        ir.sources[0].frame.origin.z = -FAR;
+        ir.detectors[0].frame.origin.z = FAR;
+        if let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind {
             (grid.width, grid.height) = (FAR, FAR);
         }
         let options = options(Precision::F32);
-        let (tally, nominal) = trace(&ir, &with_main_path(&options));
-        assert!(nominal.is_some());
+        let (tally, main_path) = trace(&ir, &with_main_path(&options));
+        assert!(main_path.is_some());
         assert!(tally == trace(&ir, &options).0, "{gap} mm: other bits");
     }
 }
@@ -1098,15 +1098,15 @@ fn faces_within_the_roundings_of_a_long_way_are_met_by_the_same_rays() {
 #[test]
 fn short_traces_and_those_that_record_rays_have_none() {
     let ir = zoo::load("bench_lens");
-    let nominal = |change: fn(&mut Forced)| {
+    let main_path = |change: fn(&mut Forced)| {
         let mut options = options(Precision::F64).with(|choices| choices.main_path = When::Always);
         change(&mut options);
         trace(&ir, &options).1
     };
-    assert!(nominal(|_| ()).is_some());
-    assert!(nominal(|options| options.choices.main_path = When::ItPays).is_none());
-    assert!(nominal(|options| options.choices.host_sums = When::Never).is_none());
-    assert!(nominal(|options| options.strict = nsq_gpu::trace::Strict::Off).is_none());
-    assert!(nominal(|options| options.standard_error = StandardError::On).is_none());
-    assert!(nominal(|options| options.paths = nsq_gpu::trace::RecordPaths::All).is_none());
+    assert!(main_path(|_| ()).is_some());
+    assert!(main_path(|options| options.choices.main_path = When::ItPays).is_none());
+    assert!(main_path(|options| options.choices.host_sums = When::Never).is_none());
+    assert!(main_path(|options| options.strict = nsq_gpu::trace::Strict::Off).is_none());
+    assert!(main_path(|options| options.standard_error = StandardError::On).is_none());
+    assert!(main_path(|options| options.paths = nsq_gpu::trace::RecordPaths::All).is_none());
 }
