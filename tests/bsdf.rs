@@ -8,7 +8,7 @@
 
 mod zoo;
 
-use nsq_gpu::model::{Bsdf, BsdfTable, SceneIr, harvey_shack_table};
+use nsq_gpu::model::{Bsdf, BsdfTable, HarveyShack, SceneIr, Tabulated};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::{Scene, TraceOptions, TraceResult};
@@ -186,7 +186,7 @@ fn rays_that_are_not_scattered_go_on_as_if_there_were_no_bsdf() {
 fn the_harvey_shack_table_is_the_integral_of_the_lobe() {
     // For s = 2 the total is pi b0 l0^2 ln(1 + (2 / l0)^2).
     for (b0, l0) in [(1.0, 0.05), (0.3, 0.5), (10.0, 2.0)] {
-        let (cdf, total) = harvey_shack_table(b0, l0, 2.0);
+        let (cdf, total) = HarveyShack { b0, l0, s: 2.0, transmissive_fraction: 0.0 }.distribution();
         let integral = |beta: f64| PI * b0 * l0 * l0 * (beta / l0).powi(2).ln_1p();
         assert!((total / integral(2.0) - 1.0).abs() < 1e-4, "l0 = {l0}: {total}");
         assert_eq!((cdf.len(), cdf[0], cdf[4095]), (4096, 0.0, 1.0));
@@ -371,7 +371,7 @@ fn a_file_of_a_table_means_what_the_table_means() {
     std::fs::write(&path, text.to_string()).unwrap();
     let read = Scene::from_path(&path).unwrap();
     let scatter = read.lower().unwrap().surfaces.remove(0).scatter.unwrap();
-    assert_eq!(scatter.bsdf, Bsdf::Tabulated { table, transmissive_fraction: 0.5 });
+    assert_eq!(scatter.bsdf, Bsdf::Tabulated(Tabulated { table, transmissive_fraction: 0.5 }));
     let warned = |words: &str| read.warnings.iter().any(|warning| warning.contains(words));
     assert!(warned("angles of incidence from 5 to 90"), "{:?}", read.warnings);
     assert!(warned("angles of scatter from 0 to 80"), "{:?}", read.warnings);

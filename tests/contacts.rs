@@ -13,9 +13,9 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Annulus, CollimatedTophat, Conic, Detector, DetectorKind, Extended, Frame, Frustum, Interaction, Medium,
-    Mesh, MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere,
-    Splat, Surface,
+    Annulus, Collimated, Conic, Detector, DetectorKind, Extended, Frame, Frustum, Interaction, Medium, Mesh,
+    MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat,
+    Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, Tally, TraceResult};
@@ -379,7 +379,7 @@ fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
                     1 => face("glass", frame, shape, VACUUM, GLASS),
                     _ => absorber(frame, shape),
                 };
-                let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+                let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
                 let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
                 let detectors = vec![
                     screen("through", within(&frame, &at(9.0)), 60.0, true),
@@ -416,7 +416,7 @@ fn of_detectors_in_one_place_the_first_alone_reads() {
     let mut draws = Draws(12);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
         let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let mut detectors: Vec<Detector> =
             (0..4).map(|i| screen(&format!("{i}"), frame, 12.0 + f64::from(i), false)).collect();
@@ -436,7 +436,7 @@ fn of_an_absorber_in_a_surface_the_first_in_the_list_is_met() {
         for side in [-8.0, 8.0] {
             let turn = if side < 0.0 { 0.0 } else { std::f64::consts::PI };
             let start = Frame { rotation: DMat3::from_rotation_x(turn), ..at(side) };
-            let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+            let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
             let sources = vec![lamp(within(&frame, &start), beam, VACUUM)];
             let back = vec![screen("back", within(&frame, &at(1.1 * side)), 60.0, true)];
             let two = [mirror(frame, shape, 1.0), absorber(frame, shape)];
@@ -489,7 +489,7 @@ fn doubled_facets_are_as_one() {
     let mut draws = Draws(15);
     for precision in TIERS {
         let frame = random_frame(&mut draws);
-        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
         let read = [SHEET, DOUBLED_SHEET].map(|mesh| {
             let place = within(&frame, &at(2.0));
             let surfaces = vec![
@@ -545,7 +545,7 @@ fn bodies_of_one_mesh_in_touch_are_crossed_as_two() {
     for precision in TWO_TIERS {
         let frame = random_frame(&mut draws);
         let bodies = face("bodies", frame, Shape::Mesh(MeshId(0)), GLASS, VACUUM);
-        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
         let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
         let detectors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
         let mut ir = scene(vec![bodies], sources, detectors);
@@ -567,7 +567,7 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
     let surfaces = vec![tile(-5.0), board, tile(5.0)];
     for (x, reflected) in [(-5.0, 1.0), (5.0, 0.0)] {
         let start = Frame { origin: DVec3::new(x, 0.0, -8.0), rotation: DMat3::IDENTITY };
-        let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+        let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
         let sources = vec![lamp(start, beam, VACUUM)];
         let detectors = vec![screen("back", at(-9.0), 60.0, true)];
         let ir = scene(surfaces.clone(), sources, detectors);
@@ -583,7 +583,7 @@ fn far_fields_blur_nothing_near() {
         ..screen("sky", at(z), 1.0, false)
     };
     let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);
-    let beam = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 });
+    let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
     let lamps = vec![
         lamp(at(0.0), SourceKind::Point(Point { half_angle: 0.1 }), VACUUM),
         lamp(at(-3.0), beam, VACUUM),

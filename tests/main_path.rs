@@ -9,8 +9,8 @@ mod zoo;
 
 use glam::{DMat3, DQuat, DVec3};
 use nsq_gpu::model::{
-    Annulus, CollimatedGaussian, CollimatedTophat, Conic, DetectorKind, Frame, Frustum, Interaction, Outline,
-    Point, SceneIr, Shape, SourceKind, Spectrum, Sphere, Surface,
+    Annulus, Collimated, Conic, DetectorKind, Frame, Frustum, Interaction, Outline, Point, SceneIr, Shape,
+    SourceKind, Spectrum, Sphere, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -244,8 +244,7 @@ fn scenes_in_tables_have_the_same_bits() {
 fn rays_that_end_by_their_number_of_events_have_the_same_bits() {
     let mut ir = zoo::load("bench_cavity");
     ir.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.sources[0].kind =
-        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
+    ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 12.0, sigma: Some(4.0) });
     for (max_depth, precision) in [(1, Precision::F64), (6, Precision::F32), (13, Precision::F64)] {
         let options = TraceOptions { max_depth, ..options(precision) };
         let (tally, main_path) = trace(&ir, &with_main_path(&options));
@@ -540,7 +539,7 @@ fn ring_around_a_lens() -> SceneIr {
     let ring = Shape::Annulus(Annulus { inner_radius: 7.8, outer_radius: 40.0, z_offset: 0.0 });
     ir.surfaces.push(speck(DVec3::new(0.0, 0.0, 1.35), ring, DQuat::IDENTITY));
     let mut lamp = ir.sources[0].clone();
-    lamp.kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.05 });
+    lamp.kind = SourceKind::Collimated(Collimated { aperture_radius: 0.05, sigma: None });
     lamp.frame.origin = DVec3::new(7.72, 0.0, 1.42);
     lamp.total_flux *= 0.003;
     ir.sources.push(lamp);
@@ -627,8 +626,7 @@ fn a_path_that_rejects_all_rays_is_left() {
 fn errors_in_the_log_of_places_are_seen() {
     let mut ir = zoo::load("bench_cavity");
     ir.sources[0].frame.rotation = DMat3::from_rotation_y(0.02);
-    ir.sources[0].kind =
-        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 12.0, sigma: 4.0 });
+    ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 12.0, sigma: Some(4.0) });
     let options = TraceOptions { max_depth: 6, ..options(Precision::F32) };
     let tally = trace(&ir, &options).0;
     for [right, wrong] in [
@@ -666,7 +664,7 @@ fn rays_focused_on_an_edge_of_pixels_are_not_rejected() {
     ir.surfaces[0].shape =
         Shape::Conic(Conic { curvature: -1.0 / 200.0, conic: -1.0, aperture_radius: 20.0 });
     ir.surfaces[0].frame.origin = DVec3::new(0.0, 0.0, 100.0);
-    ir.sources[0].kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 6.0 });
+    ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 6.0, sigma: None });
     ir.sources[0].frame.origin = DVec3::new(10.0, 0.0, -10.0);
     ir.detectors[0].frame.origin.z = 0.0;
     if let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind {
@@ -781,7 +779,7 @@ struct Rare {
 
 fn gaussian_lens(sigma: f64) -> SceneIr {
     let mut ir = zoo::load("bench_lens");
-    ir.sources[0].kind = SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 30.0, sigma });
+    ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 30.0, sigma: Some(sigma) });
     ir
 }
 
@@ -802,8 +800,7 @@ fn tube_around_a_beam_aslant() -> Rare {
     let mut ir = zoo::load("bench_lens");
     let tube = Shape::Frustum(Frustum { r_front: 7.0, r_back: 6.0, z_front: -40.0, z_back: 5.0 });
     ir.surfaces = vec![speck(DVec3::ZERO, tube, DQuat::IDENTITY)];
-    ir.sources[0].kind =
-        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 5.9, sigma: 1.6 });
+    ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 5.9, sigma: Some(1.6) });
     ir.sources[0].frame = Frame { origin: DVec3::ZERO, rotation: DMat3::from_rotation_y(0.25) };
     ir.detectors[0].frame.origin.z = 60.0;
     Rare { ir, step: 0, primitive: 0, spared: "inside, to the exit", always: NEVER_INSIDE }
@@ -812,7 +809,7 @@ fn tube_around_a_beam_aslant() -> Rare {
 /// The same with a weak source whose rays go the other way, far enough to meet it.
 fn tube_around_two_beams() -> Rare {
     let mut rare = tube_around_a_beam_aslant();
-    rare.ir.sources[0].kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 });
+    rare.ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 2.0, sigma: None });
     let mut back = rare.ir.sources[0].clone();
     back.frame.rotation = DMat3::from_rotation_y(std::f64::consts::PI - 0.25);
     back.total_flux *= 0.003;
@@ -848,7 +845,7 @@ fn bowl_met_again() -> Rare {
         let comes = direction.reflect(at.normalize());
         let rotation = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, comes));
         let mut source = rare.ir.sources[0].clone();
-        source.kind = SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 0.3 });
+        source.kind = SourceKind::Collimated(Collimated { aperture_radius: 0.3, sigma: None });
         source.frame = Frame { origin: place - 5.0 * comes, rotation };
         source
     };
@@ -885,8 +882,7 @@ fn mirror_met_again() -> Rare {
     mirror.interaction = Interaction::Reflective { reflectance: vec![1.0] };
     mirror.back = mirror.front;
     ir.surfaces = vec![mirror];
-    ir.sources[0].kind =
-        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 7.0, sigma: 1.2 });
+    ir.sources[0].kind = SourceKind::Collimated(Collimated { aperture_radius: 7.0, sigma: Some(1.2) });
     ir.sources[0].frame.origin = DVec3::new(0.0, -6.5, 0.0);
     ir.detectors[0].frame.origin.z = -1.0;
     if let DetectorKind::Irradiance(grid) = &mut ir.detectors[0].kind {

@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::{
-    CollimatedTophat, Detector, DetectorKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
-    Point, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface, unit_normal,
+    Collimated, Detector, DetectorKind, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
+    Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface, unit_normal,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind, Tally};
@@ -393,7 +393,7 @@ fn glass_cube(as_mesh: bool) -> SceneIr {
         }
     };
     let beam =
-        lamp(at(0.0, 0.0, -10.0), SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 3.0 }));
+        lamp(at(0.0, 0.0, -10.0), SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None }));
     let mut ir = scene(vec![cube(half)], surfaces, vec![beam, bulb(0.0, 3.0, -6.0)]);
     ir.detectors =
         vec![screen(at(0.0, 0.0, 9.0), 14.0), screen(facing(DVec3::new(8.0, 0.0, 0.0), DVec3::NEG_X), 12.0)];
@@ -468,7 +468,7 @@ fn a_fine_ball_of_glass_refracts_as_a_sphere_does() {
         (ball.front, ball.back) = (front, back);
         let beam = lamp(
             at(0.0, 0.0, -20.0),
-            SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 5.0 }),
+            SourceKind::Collimated(Collimated { aperture_radius: 5.0, sigma: None }),
         );
         let mut ir = scene(vec![icosphere(6, 10.0)], vec![ball], vec![beam]);
         ir.detectors = vec![screen(at(0.0, 0.0, 12.0), 8.0)];

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::model::{
-    CollimatedGaussian, Conic, DetectorKind, Interaction, Outline, Point, ReflectProb, SceneIr, Shape,
-    SourceKind, Sphere, Splat,
+    Collimated, Conic, DetectorKind, Interaction, Outline, Point, ReflectProb, SceneIr, Shape, SourceKind,
+    Sphere, Splat,
 };
 use nsq_gpu::scene::Scene;
 
@@ -68,10 +68,7 @@ fn reads_a_scene_as_optiland_writes_it() {
 fn sources_carry_optilands_numbers() {
     let ir = lowered(SCENE);
     let beam = &ir.sources[0];
-    assert_eq!(
-        beam.kind,
-        SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 3.0, sigma: 1.5 })
-    );
+    assert_eq!(beam.kind, SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: Some(1.5) }));
     assert_eq!((beam.total_flux, beam.medium), (2.0, SceneIr::VACUUM));
     // The user's order of wavelengths, as indices into the ascending table.
     assert_eq!(beam.spectrum.wavelengths, [2, 0, 1]);

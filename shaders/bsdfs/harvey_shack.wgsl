@@ -2,7 +2,7 @@
 // the mirrored ray, or for a transmissive lobe the ray itself. Directions keep their full weight; the lobe's height is
 // the surface's scatter_fraction.
 
-// Knots of the radial distribution, at beta = 0 to 2 in equal steps: program::layout::bsdf::harvey_shack_table.
+// Knots of the radial distribution, at beta = 0 to 2 in equal steps: model::bsdfs::HarveyShack::distribution.
 const HARVEY_SHACK_KNOTS: u32 = 4096u;
 const HARVEY_SHACK_STEP: real = 0.0004884004884004884;
 

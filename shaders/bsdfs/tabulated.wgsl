@@ -4,7 +4,7 @@
 // from the other side than the lobe leaves to.)
 
 // The table holds the angles of incidence, the angles of scatter, then one row of pi times the value [1/sr] per angle
-// of incidence: program::layout::bsdf::tabulated_table.
+// of incidence: model::bsdfs::Tabulated::table.
 fn sample_tabulated(s: Scattering, surface: Surface) -> Lobe {
     let n = lobe_normal(s, surface);
     let scattered = cosine_weighted(s, n);

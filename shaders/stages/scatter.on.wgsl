@@ -1,7 +1,7 @@
 // Scattering, after reflection or refraction: a share of the rays leaves in a direction that the surface's BSDF draws.
 // `sample_bsdf` is composed for the kinds of the scene, each in its own file under bsdfs/.
 
-// No BSDF. The other codes are those of program::layout::bsdf::BsdfKind.
+// No BSDF. The other codes are those of model::BsdfKind.
 const SMOOTH: u32 = 0u;
 
 // What a BSDF sees. A mirror scatters the incident ray; a refractive surface scatters, as in Optiland, the ray that

@@ -54,7 +54,7 @@ fn hits_say_little(ir: &SceneIr) -> bool {
         detector.absorb
             && detector.kind.grid().is_none_or(|grid| !matches!(grid.splat, Splat::Gaussian { .. }))
     };
-    bsdf::kinds(ir).into_iter().any(bsdf::BsdfKind::has_table)
+    bsdf::scatters(ir).any(|scatter| scatter.bsdf.takes_whole_weights())
         && !splits(ir)
         && ir.detectors.iter().all(is_near)
         && ir.detectors.iter().map(Detector::num_cells).sum::<usize>() <= MOST_CELLS

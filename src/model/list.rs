@@ -1,21 +1,30 @@
 //! What makes enums of a list of kinds.
 
-/// Makes of `Enum: Trait, functions Functions: Wgsl;` and a list of `Name(file::Type) by Function = WGSL, ...;`
-/// - the enum `Enum` of all kinds, which dereferences to what the kind's file says of it as a `dyn Trait`, and
-/// - the enum `Functions` of what the shaders call. A kind may have several functions, of which it picks one. The position
-///   of a function in the list is its code in the shaders.
+/// Makes three enums of a list of `Name(file::Type) by Function = WGSL, ...;`:
+/// - the enum of all kinds, which dereferences to what the kind's file says of it as a `dyn` of the trait,
+/// - the enum of the functions that the shaders call. A kind may have several functions, of which it picks one. The code
+///   of a function in the shaders is its position in the list, unless `Function(code)` gives another one.
+/// - the enum `Written` of what scene files have, by the key `type`: each file's `Written`.
+///
+/// The documentation of a kind is also its description in the schema of scene files.
 macro_rules! kinds {
     (
-        $enum:ident: $trait:ident, functions $functions:ident: $wgsl:ident;
+        $(#[derive($($derive:ident),+)])?
+        $enum:ident: $trait:ident,
+        functions $functions:ident: $wgsl:ident,
+        $(#[doc = $written_doc:literal])+
+        written $schema:literal: $entry:ident;
         $(
             $(#[doc = $doc:literal])+
             $(#[cfg($cfg:meta)])?
             $name:ident($file:ident::$type:ident)
-                by $($(#[cfg($function_cfg:meta)])? $function:ident = $text:ident),+;
+                by $(
+                    $(#[cfg($function_cfg:meta)])? $function:ident $(($code:literal))? = $text:ident
+                ),+;
         )+
     ) => {
         #[doc = concat!("A kind of the list; what it can do stands in [`", stringify!($trait), "`].")]
-        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[derive(Debug, Clone, PartialEq $(, $($derive),+)?)]
         pub enum $enum {
             $($(#[doc = $doc])+ $(#[cfg($cfg)])? $name($file::$type),)+
         }
@@ -36,19 +45,40 @@ macro_rules! kinds {
             $($(
                 $(#[cfg($function_cfg)])?
                 #[doc = concat!("[`", stringify!($file), "::", stringify!($text), "`]")]
-                $function,
+                $function $(= $code)?,
             )+)+
         }
 
         impl $functions {
-            /// All of them, in the order of their codes.
+            /// All of them, in the order of the list.
             pub const ALL: &[$functions] =
                 &[$($($(#[cfg($function_cfg)])? $functions::$function,)+)+];
+
+            /// The code in the shaders.
+            pub fn code(self) -> u32 {
+                self as u32
+            }
 
             /// What the shaders have of it.
             pub fn wgsl(self) -> &'static $wgsl {
                 match self {
                     $($($(#[cfg($function_cfg)])? $functions::$function => &$file::$text,)+)+
+                }
+            }
+        }
+
+        $(#[doc = $written_doc])+
+        #[derive(Debug, Clone, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(rename_all = "snake_case")]
+        #[schemars(tag = "type", rename = $schema)]
+        pub enum Written {
+            $($(#[doc = $doc])+ $(#[cfg($cfg)])? $name($file::Written),)+
+        }
+
+        impl Written {
+            fn entry(&self) -> &dyn $entry {
+                match self {
+                    $($(#[cfg($cfg)])? Written::$name(written) => written,)+
                 }
             }
         }

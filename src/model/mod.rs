@@ -5,28 +5,31 @@
 //! Everything that depends on the wavelength is a table over [`SceneIr::wavelengths`], because a source's spectrum
 //! is a list of discrete wavelengths.
 
-mod bsdf;
+pub mod bsdfs;
 pub(crate) mod checks;
+mod coating;
 pub mod depth;
 pub mod double_word;
+pub(crate) mod files;
 mod list;
 pub(crate) mod mesh;
+pub(crate) mod place;
 mod precision;
 pub mod primitives;
 pub mod ray_id;
 pub mod shapes;
 pub mod sources;
 pub mod surface_optics;
+pub mod written;
 
-pub use crate::model::bsdf::{
-    Bsdf, BsdfTable, Coating, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Scatter, harvey_shack_table,
+pub use crate::model::bsdfs::{
+    Bsdf, BsdfKind, BsdfTable, HarveyShack, Lambertian, Scatter, Specular, Tabulated,
 };
+pub use crate::model::coating::Coating;
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::precision::Precision;
 pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
-pub use crate::model::sources::{
-    CollimatedGaussian, CollimatedTophat, Extended, Point, SourceFunction, SourceKind,
-};
+pub use crate::model::sources::{Collimated, Extended, Point, SourceFunction, SourceKind};
 use glam::{DMat3, DVec3};
 
 /// Index into [`SceneIr::media`].

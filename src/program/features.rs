@@ -4,9 +4,9 @@ pub use crate::model::Precision;
 use crate::model::primitives::primitives;
 use crate::model::surface_optics::{least_share, splits};
 use crate::model::{
-    DetectorKind, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
+    BsdfKind, DetectorKind, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
 };
-use crate::program::layout::bsdf::{self, BsdfKind};
+use crate::program::layout::bsdf;
 
 /// What the scene and the options of the trace need.
 #[derive(Debug, Clone, PartialEq)]

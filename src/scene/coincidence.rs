@@ -5,14 +5,13 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DVec2, DVec3};
 
+use crate::model::place::quoted;
 use crate::model::shapes;
 use crate::model::{Frame, Interaction, Mesh, Outline, Shape, area_vector};
 use crate::scene::detectors::lowered;
 use crate::scene::frame::frame_of;
 use crate::scene::json::{SceneFile, Source};
 use crate::scene::media::MediaTable;
-use crate::scene::place::quoted;
-use crate::scene::sources::kind_of;
 use crate::scene::surfaces::SceneSurface;
 
 /// What `check` and `trace` say of them. The tracer meets what is named here first (program::contact).
@@ -39,7 +38,7 @@ fn births_in_faces(
 ) -> Option<String> {
     /// Within which a direction lies in a face \[rad\].
     const ANGLE: f64 = 1e-9;
-    let kind = kind_of(source);
+    let kind = source.kind();
     let frame = frame_of(source.cs());
     let half_angle = kind.half_angle();
     let outline = if kind.is_point() { Outline::Disk { radius: POINT } } else { kind.births() };

@@ -1,12 +1,12 @@
 //! Compound components -> surfaces, as Optiland builds them: names, order, media, frames.
 
+use crate::model::place::key_of;
 use crate::model::shapes::conic::curvature;
 use crate::model::{Annulus, Conic, Frame, Frustum, Shape};
 use crate::scene::frame::{frame_of, shifted};
 use crate::scene::json::{
     Component, Compound, CoordinateSystem, Doublet, Interaction, Lens, Material, Mirror, Override,
 };
-use crate::scene::place::key_of;
 use crate::scene::volume::{self, Face, Leak};
 use crate::{Error, Result};
 

@@ -14,7 +14,7 @@ use serde::forward_to_deserialize_any;
 use serde_json::Number;
 use serde_path_to_error::Segment;
 
-use crate::scene::place::{did_you_mean, key_of, quoted, ticked};
+use crate::model::place::{did_you_mean, key_of, quoted, ticked};
 use crate::scene::tree::{Array, Value, View};
 use crate::{Error, Result};
 

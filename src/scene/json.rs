@@ -33,25 +33,8 @@ pub struct SceneFile {
     pub nsq_gpu: Option<Block>,
 }
 
-/// A coordinate system: rotated about x, then y, then z (fixed axes), then moved; within `reference_cs` if given.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct CoordinateSystem {
-    /// Origin \[mm\].
-    pub x: f64,
-    /// Origin \[mm\].
-    pub y: f64,
-    /// Origin \[mm\].
-    pub z: f64,
-    /// Rotation about x \[rad\].
-    pub rx: f64,
-    /// Rotation about y \[rad\].
-    pub ry: f64,
-    /// Rotation about z \[rad\].
-    pub rz: f64,
-    /// The system that this one stands in; the global one if null.
-    pub reference_cs: Option<Box<CoordinateSystem>>,
-}
+pub use crate::model::sources::Written as Source;
+pub use crate::model::written::{CoordinateSystem, Material, Spectrum};
 
 /// A compound component, by its `type`.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -147,173 +130,6 @@ pub struct Doublet {
     /// Conic constant of the back face.
     #[serde(default)]
     pub conic3: f64,
-}
-
-/// A material where one is used.
-#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Material {
-    /// null.
-    #[default]
-    #[serde(rename = "$null")]
-    Vacuum,
-    /// A catalog name as plain text.
-    #[serde(rename = "$string")]
-    Name(String),
-    /// `{"type": "catalog", "name": ...}`.
-    Catalog {
-        /// Name in the catalog.
-        name: String,
-    },
-    /// `{"type": "medium", "name": ...}`, a key of `nsq_gpu.media`.
-    Medium {
-        /// Key in `nsq_gpu.media`.
-        name: String,
-    },
-}
-
-impl Material {
-    /// What the user calls it.
-    pub fn name(&self) -> &str {
-        match self {
-            Material::Vacuum => "vacuum",
-            Material::Name(name) | Material::Catalog { name } | Material::Medium { name } => name,
-        }
-    }
-}
-
-impl JsonSchema for Material {
-    fn schema_name() -> Cow<'static, str> {
-        "Material".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "description": "null for vacuum, a catalog name, or a reference to nsq_gpu.media",
-            "oneOf": [
-                { "type": "null" },
-                { "type": "string" },
-                {
-                    "type": "object",
-                    "properties": {
-                        "type": { "enum": ["catalog", "medium"] },
-                        "name": { "type": "string" },
-                    },
-                    "required": ["type", "name"],
-                    "additionalProperties": false,
-                },
-            ],
-        })
-    }
-}
-
-/// A source, by its `type`.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-#[schemars(tag = "type")]
-pub enum Source {
-    /// Rays from one point.
-    Point(PointSource),
-    /// A parallel beam.
-    Collimated(CollimatedSource),
-    /// An emitting area.
-    Extended(ExtendedSource),
-}
-
-/// A point source: uniform in solid angle within a cone about local +z.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PointSource {
-    /// Unique name.
-    pub name: String,
-    /// Position and axis.
-    pub cs: CoordinateSystem,
-    /// Discrete spectrum.
-    pub spectrum: Spectrum,
-    /// Flux \[W\].
-    pub total_flux: f64,
-    /// Half-angle of the cone \[deg\], 180 for the full sphere.
-    #[serde(default = "right_angle")]
-    pub half_angle_deg: f64,
-    /// Medium around the source.
-    #[serde(default)]
-    pub medium: Material,
-}
-
-/// A parallel beam along local +z.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CollimatedSource {
-    /// Unique name.
-    pub name: String,
-    /// Position and axis.
-    pub cs: CoordinateSystem,
-    /// Discrete spectrum.
-    pub spectrum: Spectrum,
-    /// Flux \[W\].
-    pub total_flux: f64,
-    /// Radius of the beam \[mm\].
-    #[serde(default = "one")]
-    pub aperture_radius: f64,
-    /// Flux over the beam.
-    #[serde(default)]
-    pub profile: Profile,
-    /// Standard deviation of a Gaussian beam \[mm\]; half the aperture radius if null.
-    #[serde(default)]
-    pub gaussian_sigma: Option<f64>,
-    /// Medium around the source.
-    #[serde(default)]
-    pub medium: Material,
-}
-
-/// Flux over a beam.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Profile {
-    /// Uniform.
-    #[default]
-    Tophat,
-    /// Gaussian, cut at the aperture.
-    Gaussian,
-}
-
-/// An emitting rectangle or disk.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ExtendedSource {
-    /// Unique name.
-    pub name: String,
-    /// Position and axis.
-    pub cs: CoordinateSystem,
-    /// Discrete spectrum.
-    pub spectrum: Spectrum,
-    /// Flux \[W\].
-    pub total_flux: f64,
-    /// Width \[mm\].
-    #[serde(default = "one")]
-    pub width: f64,
-    /// Height \[mm\].
-    #[serde(default = "one")]
-    pub height: f64,
-    /// Radius of a disk \[mm\], instead of width and height.
-    #[serde(default)]
-    pub aperture_radius: Option<f64>,
-    /// Half-angle of the cone \[deg\]; Lambertian from 90.
-    #[serde(default = "right_angle")]
-    pub half_angle_deg: f64,
-    /// Medium around the source.
-    #[serde(default)]
-    pub medium: Material,
-}
-
-/// A discrete spectrum.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Spectrum {
-    /// Wavelengths \[um\].
-    pub wavelengths: Vec<f64>,
-    /// Weight of each wavelength.
-    pub weights: Vec<f64>,
 }
 
 /// A detector, by its `type`.
@@ -613,54 +429,7 @@ pub struct Override {
     pub coating: Option<Coating>,
 }
 
-/// A scatter model, by its `type`.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-#[schemars(tag = "type")]
-pub enum Bsdf {
-    /// Cosine-weighted over the hemisphere.
-    Lambertian {
-        /// Fraction of the flux that is scattered, in \[0, 1\].
-        #[serde(default = "one")]
-        reflectance_value: f64,
-        /// Fraction of the scattered rays that are transmitted.
-        #[serde(default)]
-        transmissive_fraction: f64,
-    },
-    /// b0 / (1 + (beta / l0)^s) in the distance of direction cosines from specular.
-    HarveyShack {
-        /// Peak \[1/sr\]; as in Optiland it changes nothing, the lobe's level is the surface's `scatter_fraction`.
-        b0: f64,
-        /// Shoulder.
-        l0: f64,
-        /// Slope.
-        s: f64,
-        /// Fraction of the scattered rays that go straight on; on a refractive surface, from Fresnel's branch.
-        /// The others are mirrored, there to the other side.
-        #[serde(default)]
-        transmissive_fraction: f64,
-    },
-    /// Values over polar angles of incidence and scatter: from a file of three columns, or inline.
-    Tabulated {
-        /// CSV file of theta_i \[deg\], theta_s \[deg\], bsdf \[1/sr\], relative to the scene file.
-        #[serde(default)]
-        path: Option<String>,
-        /// Angles of incidence \[deg\].
-        #[serde(default)]
-        theta_i: Option<Vec<f64>>,
-        /// Angles of scatter \[deg\].
-        #[serde(default)]
-        theta_s: Option<Vec<f64>>,
-        /// One row per angle of incidence \[1/sr\].
-        #[serde(default)]
-        bsdf: Option<Vec<Vec<f64>>>,
-        /// Fraction of the scattered rays that are transmitted.
-        #[serde(default)]
-        transmissive_fraction: f64,
-    },
-    /// A mirror.
-    Specular {},
-}
+pub use crate::model::bsdfs::Written as Bsdf;
 
 /// A coating, by its `type`.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -736,10 +505,6 @@ fn one() -> f64 {
 
 fn half() -> f64 {
     0.5
-}
-
-fn right_angle() -> f64 {
-    90.0
 }
 
 fn violet() -> f64 {

@@ -7,7 +7,6 @@ use crate::scene::Scene;
 use crate::scene::detectors::lowered as lowered_detector;
 use crate::scene::frame::frame_of;
 use crate::scene::json::{self, Material};
-use crate::scene::sources::kind_of;
 use crate::{Error, Result};
 
 impl Scene {
@@ -64,7 +63,7 @@ fn source(scene: &Scene, written: &json::Source) -> Result<Source> {
     Ok(Source {
         name: written.name().to_owned(),
         frame: frame_of(written.cs()),
-        kind: kind_of(written),
+        kind: written.kind(),
         total_flux: written.total_flux(),
         spectrum: spectrum(written.spectrum(), &scene.wavelengths)?,
         medium: medium(scene, written.medium())?,

@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::model::{Medium, MediumId};
-use crate::scene::json::{Block, Component, Material, Medium as Described, SceneFile, Source};
+use crate::scene::json::{Block, Component, Material, Medium as Described, SceneFile};
 use crate::scene::materials;
-use crate::scene::place::{did_you_mean, key_of, quoted};
 use crate::scene::surfaces::look_up;
 use crate::{Error, Result};
 
@@ -84,17 +84,6 @@ fn uses<'a>(file: &'a SceneFile, block: &'a Block) -> Vec<(String, &'a Material)
         uses.push((format!("sources[{i}].medium"), source.medium()));
     }
     uses
-}
-
-impl Source {
-    /// Medium around the source.
-    pub fn medium(&self) -> &Material {
-        match self {
-            Source::Point(source) => &source.medium,
-            Source::Collimated(source) => &source.medium,
-            Source::Extended(source) => &source.medium,
-        }
-    }
 }
 
 fn evaluate(

@@ -10,9 +10,9 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::model::checks::MAX_LENGTH;
+use crate::model::files;
+use crate::model::place::quoted;
 use crate::model::{Mesh, area_vector};
-use crate::scene::files;
-use crate::scene::place::quoted;
 use crate::{Error, Result};
 
 /// Longest file that is read \[bytes\].

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::model::checks::MAX_LENGTH;
+use crate::model::place::{key_of, quoted};
 use crate::model::shapes::mesh;
 use crate::model::{Mesh, area_vector};
 use crate::scene::json::{Interaction, Material, RawSurface, SceneFile, Shape};
 use crate::scene::mesh_files::{self, MeshFile};
-use crate::scene::place::{key_of, quoted};
 use crate::{Error, Result};
 
 /// Most triangles of all meshes: 3 rows each and 2 for each of less than twice as many nodes, numbered below 2^24, which

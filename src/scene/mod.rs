@@ -3,13 +3,11 @@
 //! The way of a scene: text -> tree of JSON values -> typed [`json::SceneFile`] -> validated -> surfaces of its
 //! components, closed and in order -> media as tables over the wavelengths of the sources.
 
-mod bsdf;
 mod coincidence;
 mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod de;
 pub(crate) mod detectors;
-mod files;
 mod frame;
 pub mod json;
 mod lower;
@@ -17,8 +15,6 @@ pub mod materials;
 mod media;
 mod mesh_files;
 mod meshes;
-mod place;
-pub(crate) mod sources;
 mod surfaces;
 mod text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
@@ -33,6 +29,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use crate::model::Mesh;
+use crate::model::place::{quoted, ticked};
 use crate::scene::json::SceneFile;
 pub(crate) use crate::scene::media::MediaTable;
 pub(crate) use crate::scene::surfaces::SceneSurface;
@@ -151,8 +148,8 @@ fn check_version(place: &str, found: &tree::Value, read: u64) -> Result<()> {
     let found = match found {
         // Optiland, too, takes 1.0 for 1.
         tree::Value::Number(number) if number.as_f64() == Some(read as f64) => return Ok(()),
-        tree::Value::Number(number) => place::ticked(&number.to_string()),
-        tree::Value::String(text) => place::quoted(text),
+        tree::Value::Number(number) => ticked(&number.to_string()),
+        tree::Value::String(text) => quoted(text),
         tree::Value::Null | tree::Value::Bool(_) | tree::Value::Array(_) | tree::Value::Object(_) => {
             "of another kind".to_owned()
         }

@@ -5,15 +5,15 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use crate::model::bsdfs::{Labelled, Reading};
+use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::model::{self, Frame};
-use crate::scene::bsdf::{self, Reading};
 use crate::scene::compounds::Part;
 use crate::scene::frame::{frame_of, moved};
 use crate::scene::json::{
     Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile,
 };
 use crate::scene::meshes::{Meshes, Placed};
-use crate::scene::place::{did_you_mean, key_of, quoted};
 use crate::{Error, Result};
 
 /// A surface whose materials are still the user's words.
@@ -172,7 +172,7 @@ impl Finish<'_> {
             ));
         }
         if let Some(coating) = self.coating {
-            return Ok(bsdf::coating(&coating_place, coating, wavelengths)?.reflectance);
+            return Ok(coating.at(wavelengths, &coating_place)?.reflectance);
         }
         let place = key_of(place, "reflectance");
         match self.reflectance.or(self.default_reflectance) {
@@ -188,7 +188,7 @@ impl Finish<'_> {
     fn coating(&self, place: &str, wavelengths: &[f64]) -> Result<Option<model::Coating>> {
         match (self.kind, self.coating) {
             (Interaction::Refractive, Some(coating)) => {
-                bsdf::coating(&key_of(place, "coating"), coating, wavelengths).map(Some)
+                coating.at(wavelengths, &key_of(place, "coating")).map(Some)
             }
             (Interaction::Refractive | Interaction::Reflective | Interaction::Absorbing, _) => Ok(None),
         }
@@ -212,7 +212,9 @@ impl Finish<'_> {
         }
         match self.bsdf {
             Some(bsdf) if !absorbs => {
-                bsdf::scatter(name, &key_of(place, "bsdf"), bsdf, self.scatter_fraction, reading).map(Some)
+                let surface = Labelled { name, place: &key_of(place, "bsdf") };
+                let bsdf = bsdf.bsdf(&surface, reading)?;
+                Ok(Some(model::Scatter { fraction: self.scatter_fraction, bsdf }))
             }
             _ => Ok(None),
         }
@@ -226,6 +228,30 @@ impl Reflectance {
             Reflectance::Constant(value) => Ok(vec![*value; wavelengths.len()]),
             Reflectance::Table { wavelengths: listed, values } => look_up(listed, values, wavelengths, place),
         }
+    }
+}
+
+impl Coating {
+    /// The coating at the wavelengths of the scene \[um\].
+    fn at(&self, wavelengths: &[f64], place: &str) -> Result<model::Coating> {
+        /// R + T may exceed 1 by the rounding of decimal fractions.
+        const ROUNDING: f64 = 1e-12;
+        let Coating::Simple { reflectance, transmittance } = self;
+        let reflectance = reflectance.at(wavelengths, &key_of(place, "reflectance"))?;
+        let transmittance = transmittance.at(wavelengths, &key_of(place, "transmittance"))?;
+        let excess = reflectance.iter().zip(&transmittance).position(|(r, t)| r + t > 1.0 + ROUNDING);
+        if let Some(i) = excess {
+            let (r, t) = (reflectance[i], transmittance[i]);
+            return Err(Error::scene(
+                key_of(place, "transmittance"),
+                format!(
+                    "the coating gives more light than it gets: R = {r} and T = {t} at {} um",
+                    wavelengths[i]
+                ),
+                "give R + T <= 1; what is left of 1 is absorbed",
+            ));
+        }
+        Ok(model::Coating { reflectance, transmittance })
     }
 }
 

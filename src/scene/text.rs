@@ -9,7 +9,7 @@ use indexmap::IndexMap;
 use serde::de::{self, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::Number;
 
-use crate::scene::place::Place;
+use crate::model::place::Place;
 use crate::scene::tree::{Array, Value};
 use crate::{Error, Result};
 

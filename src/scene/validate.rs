@@ -6,12 +6,12 @@ use std::collections::{HashMap, HashSet};
 use crate::Result;
 use crate::model::Sampling;
 use crate::model::checks::{between, conic_constant, fraction, position, radius, refuse, size};
+use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::scene::json::{
-    Block, Bsdf, Coating, CollimatedSource, Component, CoordinateSystem, Detector, Doublet, ExtendedSource,
-    Lens, Medium, Mirror, Override, RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source,
-    SpectralDetector, Spectrum, SplatKind,
+    Block, Coating, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override,
+    RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source, SpectralDetector, Spectrum,
+    SplatKind,
 };
-use crate::scene::place::{did_you_mean, key_of, quoted};
 
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
 const MAX_WAVELENGTH: f64 = 20.0;
@@ -157,67 +157,11 @@ fn check_doublet(place: &str, doublet: &Doublet) -> Result<()> {
 
 // Sources
 
-impl Source {
-    /// The user's name for it.
-    pub fn name(&self) -> &str {
-        match self {
-            Source::Point(source) => &source.name,
-            Source::Collimated(source) => &source.name,
-            Source::Extended(source) => &source.name,
-        }
-    }
-
-    /// Position and axis.
-    pub fn cs(&self) -> &CoordinateSystem {
-        match self {
-            Source::Point(source) => &source.cs,
-            Source::Collimated(source) => &source.cs,
-            Source::Extended(source) => &source.cs,
-        }
-    }
-
-    /// Discrete spectrum.
-    pub fn spectrum(&self) -> &Spectrum {
-        match self {
-            Source::Point(source) => &source.spectrum,
-            Source::Collimated(source) => &source.spectrum,
-            Source::Extended(source) => &source.spectrum,
-        }
-    }
-
-    /// Flux \[W\].
-    pub fn total_flux(&self) -> f64 {
-        match self {
-            Source::Point(source) => source.total_flux,
-            Source::Collimated(source) => source.total_flux,
-            Source::Extended(source) => source.total_flux,
-        }
-    }
-}
-
 fn check_source(place: &str, source: &Source) -> Result<()> {
     coordinate_system(&key_of(place, "cs"), source.cs())?;
     check_spectrum(&key_of(place, "spectrum"), source.spectrum())?;
     between(key_of(place, "total_flux"), source.total_flux(), 0.0, 1e100)?;
-    match source {
-        Source::Point(point) => between(key_of(place, "half_angle_deg"), point.half_angle_deg, 0.0, 180.0),
-        Source::Collimated(beam) => check_collimated(place, beam),
-        Source::Extended(area) => check_extended(place, area),
-    }
-}
-
-fn check_collimated(place: &str, beam: &CollimatedSource) -> Result<()> {
-    size(key_of(place, "aperture_radius"), beam.aperture_radius)?;
-    beam.gaussian_sigma.map_or(Ok(()), |sigma| size(key_of(place, "gaussian_sigma"), sigma))
-}
-
-fn check_extended(place: &str, area: &ExtendedSource) -> Result<()> {
-    between(key_of(place, "half_angle_deg"), area.half_angle_deg, 0.0, 180.0)?;
-    match area.aperture_radius {
-        // A disk, as in Optiland, whatever its width and height.
-        Some(radius) => size(key_of(place, "aperture_radius"), radius),
-        None => check_rectangle(place, area.width, area.height),
-    }
+    source.check(&|key| key_of(place, key))
 }
 
 fn check_spectrum(place: &str, spectrum: &Spectrum) -> Result<()> {
@@ -518,7 +462,7 @@ fn check_raw_surface(place: &str, surface: &RawSurface) -> Result<()> {
     coordinate_system(&at("cs"), &surface.cs)?;
     surface.shape.check(&|key| key_of(&at("shape"), key))?;
     surface.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
-    surface.bsdf.as_ref().map_or(Ok(()), |bsdf| check_bsdf(&at("bsdf"), bsdf))?;
+    surface.bsdf.as_ref().map_or(Ok(()), |bsdf| bsdf.check(&|key| key_of(&at("bsdf"), key)))?;
     fraction(at("scatter_fraction"), surface.scatter_fraction)?;
     surface.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
 }
@@ -527,29 +471,9 @@ fn check_override(place: &str, change: &Override) -> Result<()> {
     let at = |key| key_of(place, key);
     change.aperture_radius.map_or(Ok(()), |r| size(at("aperture_radius"), r))?;
     change.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
-    change.bsdf.as_ref().map_or(Ok(()), |bsdf| check_bsdf(&at("bsdf"), bsdf))?;
+    change.bsdf.as_ref().map_or(Ok(()), |bsdf| bsdf.check(&|key| key_of(&at("bsdf"), key)))?;
     change.scatter_fraction.map_or(Ok(()), |f| fraction(at("scatter_fraction"), f))?;
     change.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
-}
-
-fn check_bsdf(place: &str, bsdf: &Bsdf) -> Result<()> {
-    let at = |key| key_of(place, key);
-    match bsdf {
-        Bsdf::Lambertian { reflectance_value, transmissive_fraction } => {
-            fraction(at("reflectance_value"), *reflectance_value)?;
-            fraction(at("transmissive_fraction"), *transmissive_fraction)
-        }
-        Bsdf::HarveyShack { b0, l0, s, transmissive_fraction } => {
-            between(at("b0"), *b0, 0.0, 1e30)?;
-            between(at("l0"), *l0, 1e-12, 1e12)?;
-            between(at("s"), *s, 0.0, 1e3)?;
-            fraction(at("transmissive_fraction"), *transmissive_fraction)
-        }
-        Bsdf::Tabulated { transmissive_fraction, .. } => {
-            fraction(at("transmissive_fraction"), *transmissive_fraction)
-        }
-        Bsdf::Specular {} => Ok(()),
-    }
 }
 
 fn check_coating(place: &str, coating: &Coating) -> Result<()> {

@@ -2,13 +2,12 @@
 
 use std::collections::{HashMap, HashSet};
 
-use crate::format::significant;
-use crate::model::{Bsdf, Interaction, MediumId, Mesh};
+use crate::model::place::quoted;
+use crate::model::{Interaction, MediumId, Mesh};
 use crate::scene::coincidence;
-use crate::scene::json::{Detector, Material, Profile, ReflectProb, SceneFile, Source};
+use crate::scene::json::{Detector, Material, ReflectProb, SceneFile};
 use crate::scene::materials::listed;
 use crate::scene::media::MediaTable;
-use crate::scene::place::quoted;
 use crate::scene::surfaces::SceneSurface;
 
 /// Everything that deserves a warning once all surfaces are known.
@@ -19,30 +18,19 @@ pub(super) fn of(
     media: &MediaTable,
     wavelengths: &[f64],
 ) -> Vec<String> {
-    let mut warnings: Vec<String> = surfaces.iter().filter_map(swapped_lobe).collect();
+    let mut warnings: Vec<String> = surfaces.iter().filter_map(of_bsdf).collect();
     warnings.extend(open_media(file, surfaces, media));
     warnings.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     warnings.extend(coincidence::warnings(file, surfaces, meshes, media));
     warnings.extend(one_branch(file, surfaces));
-    warnings.extend(file.sources.iter().filter_map(rays_on_the_rim));
+    warnings.extend(file.sources.iter().filter_map(|source| source.kind().warning(source.name())));
     warnings
 }
 
 // Scattering
 
-/// On a refractive surface a Harvey-Shack lobe is about the ray that Fresnel's branch sends on, or about its mirror image,
-/// on the other side.
-fn swapped_lobe(surface: &SceneSurface) -> Option<String> {
-    let Bsdf::HarveyShack { transmissive_fraction, .. } = surface.scatter.as_ref()?.bsdf else { return None };
-    let is_swapped = surface.interaction == Interaction::Refractive && transmissive_fraction < 1.0;
-    is_swapped.then(|| {
-        format!(
-            "of what {} scatters, {:.1} % goes to the other side than Fresnel's branch, as in Optiland: a \
-             transmissive_fraction of 1 blurs both branches where they are",
-            quoted(&surface.name),
-            100.0 * (1.0 - transmissive_fraction)
-        )
-    })
+fn of_bsdf(surface: &SceneSurface) -> Option<String> {
+    surface.scatter.as_ref()?.bsdf.warning(&surface.name, &surface.interaction)
 }
 
 // Media
@@ -93,30 +81,6 @@ fn wavelengths_beyond(detector: &Detector, wavelengths: &[f64]) -> Option<String
             listed(&beyond),
             spectral.wl_min,
             spectral.wl_max
-        )
-    })
-}
-
-// Sources
-
-/// Places of a Gaussian beam are drawn until one lies within its radius, but no more than 32 times, as in Optiland; then the
-/// ray starts on the rim. Each draw lies beyond the radius with a probability of exp(-R^2 / 2 sigma^2).
-fn rays_on_the_rim(source: &Source) -> Option<String> {
-    /// That of shaders/sources/collimated_gaussian.wgsl.
-    const ATTEMPTS: f64 = 32.0;
-    /// Fewer are lost in the noise of a million rays and more.
-    const SHARE: f64 = 1e-6;
-    let Source::Collimated(beam) = source else { return None };
-    let sigma = beam.gaussian_sigma.unwrap_or(0.5 * beam.aperture_radius);
-    let share = (-0.5 * ATTEMPTS * (beam.aperture_radius / sigma).powi(2)).exp();
-    (beam.profile == Profile::Gaussian && share > SHARE).then(|| {
-        format!(
-            "source {} has a gaussian_sigma of {sigma} mm in a radius of {} mm: {} % of its rays start on the rim, because \
-             their places are drawn no more than {ATTEMPTS} times, as in Optiland; a tophat profile or a smaller \
-             gaussian_sigma has none there",
-            quoted(&beam.name),
-            beam.aperture_radius,
-            significant(100.0 * share, 2)
         )
     })
 }

@@ -9,7 +9,7 @@
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::shapes::Level;
-use crate::model::{Bsdf, Detector, DetectorKind, Frame, Interaction, Sampling, SceneIr, Surface};
+use crate::model::{Detector, DetectorKind, Frame, Interaction, Sampling, SceneIr, Surface};
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
@@ -415,7 +415,7 @@ impl Bend {
         let mut roundings = 1.0;
         if let Some(scatter) = surface.scatter.as_ref().filter(|_| after.distance(specular) > SCATTERED) {
             // Lobes about the normal forget where the ray came from; the others turn with what they are drawn about.
-            if matches!(scatter.bsdf, Bsdf::Lambertian { .. } | Bsdf::Tabulated { .. }) {
+            if scatter.bsdf.is_about_normal() {
                 by_direction = DMat3::ZERO;
                 by_position = with_frame(after, normal) * bending;
                 roundings = lambertian_roundings(after, normal);

@@ -5,9 +5,9 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, CollimatedTophat, Detector, DetectorKind, Extended, Frame, Interaction, Medium,
-    Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source,
-    SourceKind, Spectrum, Splat, Surface,
+    Bsdf, BsdfTable, Coating, Collimated, Detector, DetectorKind, Extended, Frame, Interaction, Medium, Mesh,
+    MeshId, Outline, PixelGrid, Point, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind,
+    Spectrum, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -66,7 +66,7 @@ fn sky() -> Detector {
 }
 
 fn beam() -> SourceKind {
-    SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 1.0 })
+    SourceKind::Collimated(Collimated { aperture_radius: 1.0, sigma: None })
 }
 
 /// Media: vacuum, glass, and a vapour of index 1 that absorbs.
@@ -385,8 +385,10 @@ fn points_of_half_mirrors(bench: &Bench) -> Outcome {
 fn scatter_gain(bench: &Bench) -> Outcome {
     let mut mirror = plane("mirror", 5.0, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0);
     let table = BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 90.0], values: vec![0.5; 4] };
-    mirror.scatter =
-        Some(Scatter { fraction: 1.0, bsdf: Bsdf::Tabulated { table, transmissive_fraction: 0.0 } });
+    mirror.scatter = Some(Scatter {
+        fraction: 1.0,
+        bsdf: Bsdf::Tabulated(Tabulated { table, transmissive_fraction: 0.0 }),
+    });
     let ledger = trace(bench, &scene(beam(), vec![mirror], vec![pixels("back", -10.0)]), 1000).ledger;
     let expected = 0.5 * std::f64::consts::PI - 1.0;
     if (ledger.bsdf_gain.flux - expected).abs() < 1e-5 && ledger.closes() {

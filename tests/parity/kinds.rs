@@ -1,8 +1,8 @@
 //! The kinds of sources, shapes and detectors. Each match is exhaustive, so that a new kind is not forgotten here.
 
 use nsq_gpu::model::{
-    Annulus, Bsdf, CollimatedGaussian, CollimatedTophat, Conic, Detector, DetectorKind, Extended, Frustum,
-    Outline, Point, Shape, Source, SourceKind, Sphere, Splat, Surface,
+    Annulus, Bsdf, Collimated, Conic, Detector, DetectorKind, Extended, Frustum, Outline, Point, Shape,
+    Source, SourceKind, Sphere, Splat, Surface,
 };
 
 /// Every kind of source.
@@ -43,11 +43,11 @@ pub const FINISHES: [&str; 5] = ["coating", "specular", "Lambertian", "Harvey-Sh
 
 /// The finishes of a surface, of [`FINISHES`].
 pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
-    let bsdf = surface.scatter.as_ref().map(|scatter| match scatter.bsdf {
-        Bsdf::Specular => "specular",
-        Bsdf::Lambertian { .. } => "Lambertian",
-        Bsdf::HarveyShack { .. } => "Harvey-Shack",
-        Bsdf::Tabulated { .. } => "tabulated",
+    let bsdf = surface.scatter.as_ref().map(|scatter| match &scatter.bsdf {
+        Bsdf::Specular(_) => "specular",
+        Bsdf::Lambertian(_) => "Lambertian",
+        Bsdf::HarveyShack(_) => "Harvey-Shack",
+        Bsdf::Tabulated(_) => "tabulated",
     });
     bsdf.into_iter().chain(surface.coating.as_ref().map(|_| "coating")).collect()
 }
@@ -57,8 +57,8 @@ pub fn of_source(source: &Source) -> &'static str {
     match source.kind {
         SourceKind::Point(Point { half_angle }) if half_angle < std::f64::consts::PI => "point in a cone",
         SourceKind::Point(Point { .. }) => "point in all directions",
-        SourceKind::CollimatedTophat(CollimatedTophat { .. }) => "top hat",
-        SourceKind::CollimatedGaussian(CollimatedGaussian { .. }) => "Gaussian beam",
+        SourceKind::Collimated(Collimated { sigma: None, .. }) => "top hat",
+        SourceKind::Collimated(Collimated { sigma: Some(_), .. }) => "Gaussian beam",
         SourceKind::Extended(Extended { area: Outline::Rectangle { .. }, .. }) => "extended rectangle",
         SourceKind::Extended(Extended { area: Outline::Disk { .. } | Outline::Infinite, .. }) => {
             "extended disk"

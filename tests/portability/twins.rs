@@ -6,7 +6,8 @@ use crate::variants::{
 };
 use naga::{Expression, Literal, Module};
 use nsq_gpu::engine::sums;
-use nsq_gpu::model::{DetectorKind, HARVEY_SHACK_KNOTS, HARVEY_SHACK_STEP, Interaction, Splat};
+use nsq_gpu::model::bsdfs::harvey_shack;
+use nsq_gpu::model::{DetectorKind, Interaction, Splat};
 use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, detector_code};
 use nsq_gpu::program::layout::{bindings, rng};
 use nsq_gpu::program::{Precision, Program, events};
@@ -71,7 +72,7 @@ fn bsdfs_have_the_codes_of_the_dispatch() {
             true => format!("    return sample_{}(s, surface);", kind.name()),
             false => format!(
                 "if surface.bsdf == {}u {{ return sample_{}(s, surface); }}",
-                kind as u32,
+                kind.code(),
                 kind.name()
             ),
         };
@@ -79,7 +80,7 @@ fn bsdfs_have_the_codes_of_the_dispatch() {
         let model = bsdf_of(kind, 0.25);
         let row =
             variant.ir.surfaces.iter().position(|s| s.scatter.as_ref().is_some_and(|s| s.bsdf == model));
-        assert_eq!(codes[row.unwrap()], f64::from(kind as u32), "{kind:?}");
+        assert_eq!(codes[row.unwrap()], f64::from(kind.code()), "{kind:?}");
     }
     let smooth = variant.ir.surfaces.iter().position(|surface| surface.scatter.is_none()).unwrap();
     assert_eq!(codes[smooth], constant(&program.module, "SMOOTH"));
@@ -88,8 +89,8 @@ fn bsdfs_have_the_codes_of_the_dispatch() {
 #[test]
 fn harvey_shack_tables_have_the_knots_of_the_shaders() {
     let (_, program) = tables();
-    assert_eq!(constant(&program.module, "HARVEY_SHACK_KNOTS"), HARVEY_SHACK_KNOTS as f64);
-    assert_eq!(constant(&program.module, "HARVEY_SHACK_STEP"), f64::from(HARVEY_SHACK_STEP as f32));
+    assert_eq!(constant(&program.module, "HARVEY_SHACK_KNOTS"), harvey_shack::KNOTS as f64);
+    assert_eq!(constant(&program.module, "HARVEY_SHACK_STEP"), f64::from(harvey_shack::STEP as f32));
 }
 
 /// The composed dispatch sends a detector's code to the function of its kind.

@@ -3,11 +3,11 @@
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Annulus, Bsdf, BsdfTable, Coating, CollimatedGaussian, CollimatedTophat, Conic, Detector, DetectorKind,
-    Extended, Frame, Frustum, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, ReflectProb,
-    Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface,
+    Annulus, Bsdf, BsdfKind, BsdfTable, Coating, Collimated, Conic, Detector, DetectorKind, Extended, Frame,
+    Frustum, HarveyShack, Interaction, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
+    ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectrum, Specular, Sphere, Splat,
+    Surface, Tabulated,
 };
-use nsq_gpu::program::layout::bsdf::BsdfKind;
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
@@ -560,10 +560,10 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
     let kind = match name {
         SourceFunction::Point => SourceKind::Point(Point { half_angle: 0.5 }),
         SourceFunction::CollimatedTophat => {
-            SourceKind::CollimatedTophat(CollimatedTophat { aperture_radius: 2.0 })
+            SourceKind::Collimated(Collimated { aperture_radius: 2.0, sigma: None })
         }
         SourceFunction::CollimatedGaussian => {
-            SourceKind::CollimatedGaussian(CollimatedGaussian { aperture_radius: 2.0, sigma: 1.0 })
+            SourceKind::Collimated(Collimated { aperture_radius: 2.0, sigma: Some(1.0) })
         }
         SourceFunction::ExtendedRectangle => {
             SourceKind::Extended(Extended { area: rectangle, half_angle: 0.5 })
@@ -604,19 +604,23 @@ fn surface(shape: Shape, interaction: Interaction) -> Surface {
 /// A scatter model that its function samples.
 pub fn bsdf_of(kind: BsdfKind, transmissive_fraction: f64) -> Bsdf {
     let bsdf = match kind {
-        BsdfKind::Specular => Bsdf::Specular,
-        BsdfKind::Lambertian => Bsdf::Lambertian { reflectance_value: 0.75, transmissive_fraction },
-        BsdfKind::HarveyShack => Bsdf::HarveyShack { b0: 0.5, l0: 0.125, s: 2.0, transmissive_fraction },
-        BsdfKind::Tabulated => Bsdf::Tabulated {
+        BsdfKind::Specular => Bsdf::Specular(Specular {}),
+        BsdfKind::Lambertian => {
+            Bsdf::Lambertian(Lambertian { reflectance_value: 0.75, transmissive_fraction })
+        }
+        BsdfKind::HarveyShack => {
+            Bsdf::HarveyShack(HarveyShack { b0: 0.5, l0: 0.125, s: 2.0, transmissive_fraction })
+        }
+        BsdfKind::Tabulated => Bsdf::Tabulated(Tabulated {
             table: BsdfTable {
                 theta_i: vec![0.0, 45.0, 90.0],
                 theta_s: vec![0.0, 90.0],
                 values: vec![0.125, 0.0, 0.25, 0.0, 0.25, 0.125],
             },
             transmissive_fraction,
-        },
+        }),
     };
-    assert_eq!(BsdfKind::of(&bsdf), kind);
+    assert_eq!(bsdf.kind(), kind);
     bsdf
 }
 

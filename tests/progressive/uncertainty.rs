@@ -2,7 +2,7 @@
 
 use crate::zoo;
 use nsq_gpu::model::ray_id::NUM_REPLICATES;
-use nsq_gpu::model::{Bsdf, DetectorKind, Sampling, SceneIr, Splat};
+use nsq_gpu::model::{Bsdf, DetectorKind, Sampling, SceneIr, Splat, Tabulated};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, DetectorTally, RaySet, RaySpan, RunInfo, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
@@ -510,7 +510,7 @@ fn squares_that_no_sum_can_hold_are_not_given_as_errors() {
         let mut ir = zoo::load("coated_projector");
         let mut num_tables = 0;
         for scatter in ir.surfaces.iter_mut().filter_map(|surface| surface.scatter.as_mut()) {
-            if let Bsdf::Tabulated { table, .. } = &mut scatter.bsdf {
+            if let Bsdf::Tabulated(Tabulated { table, .. }) = &mut scatter.bsdf {
                 table.values.iter_mut().for_each(|value| *value *= factor);
                 num_tables += 1;
             }

@@ -30,41 +30,13 @@ use crate::shaders::ShaderFile;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// Makes `Shape`, `ShapeKind` and `Written` of the list.
-macro_rules! list {
-    ($($list:tt)+) => {
-        kinds! { Shape: Geometry, functions ShapeKind: ShapeWgsl; $($list)+ }
-        written! { $($list)+ }
-    };
-}
-
-/// Makes the enum of what scene files have: each file's `Written`.
-macro_rules! written {
-    ($(
-        $(#[doc = $doc:literal])+
-        $(#[cfg($cfg:meta)])?
-        $name:ident($file:ident::$type:ident) by $($(#[$function_cfg:meta])? $function:ident = $text:ident),+;
-    )+) => {
-        /// A shape as a scene file gives it, by its `type`. The geometric normal points local +z for conic, plane and
-        /// annulus, inward for a sphere, outward for a frustum, and along the face normal for a mesh.
-        #[derive(Debug, Clone, PartialEq, serde::Deserialize, schemars::JsonSchema)]
-        #[serde(rename_all = "snake_case")]
-        #[schemars(tag = "type", rename = "Shape")]
-        pub enum Written {
-            $($(#[doc = $doc])+ $(#[cfg($cfg)])? $name($file::Written),)+
-        }
-
-        impl Written {
-            fn entry(&self) -> &dyn Entry {
-                match self {
-                    $($(#[cfg($cfg)])? Written::$name(written) => written,)+
-                }
-            }
-        }
-    };
-}
-
-list! {
+kinds! {
+    #[derive(Copy)]
+    Shape: Geometry,
+    functions ShapeKind: ShapeWgsl,
+    /// A shape as a scene file gives it, by its `type`. The geometric normal points local +z for conic, plane and
+    /// annulus, inward for a sphere, outward for a frustum, and along the face normal for a mesh.
+    written "Shape": Entry;
     /// A conic of revolution.
     Conic(conic::Conic) by Conic = CONIC;
     /// A plane: a rectangle by width and height, a disk by aperture_radius, or unlimited.
@@ -259,11 +231,6 @@ impl ShapeKind {
         kinds.sort();
         kinds.dedup();
         kinds
-    }
-
-    /// The code in the shaders.
-    pub fn code(self) -> u32 {
-        self as u32
     }
 
     /// A function of the kind, such as `conic_distance`.

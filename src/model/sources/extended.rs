@@ -1,7 +1,10 @@
 //! Emitting areas.
 
-use crate::model::Outline;
-use crate::model::sources::{Emission, SourceFunction, SourceWgsl, cap_height};
+use crate::Result;
+use crate::model::sources::{
+    Emission, Entry, SourceFunction, SourceKind, SourceWgsl, cap_height, right_angle, written,
+};
+use crate::model::{Outline, checks};
 use crate::shaders::shader;
 use std::f64::consts::FRAC_PI_2;
 
@@ -20,6 +23,48 @@ pub struct Extended {
     pub area: Outline,
     /// Half-angle of the cap \[rad\].
     pub half_angle: f64,
+}
+
+written! {
+    /// An emitting rectangle or disk.
+    pub struct Written {
+        /// Width \[mm\].
+        #[serde(default = "one")]
+        pub width: f64,
+        /// Height \[mm\].
+        #[serde(default = "one")]
+        pub height: f64,
+        /// Radius of a disk \[mm\], instead of width and height.
+        #[serde(default)]
+        pub aperture_radius: Option<f64>,
+        /// Half-angle of the cone \[deg\]; Lambertian from 90.
+        #[serde(default = "right_angle")]
+        pub half_angle_deg: f64,
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl Entry for Written {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::between(at("half_angle_deg"), self.half_angle_deg, 0.0, 180.0)?;
+        // A disk, as in Optiland, whatever its width and height.
+        if let Some(radius) = self.aperture_radius {
+            return checks::size(at("aperture_radius"), radius);
+        }
+        checks::size(at("width"), self.width)?;
+        checks::size(at("height"), self.height)
+    }
+
+    fn kind(&self) -> SourceKind {
+        let area = match self.aperture_radius {
+            Some(radius) => Outline::Disk { radius },
+            None => Outline::Rectangle { width: self.width, height: self.height },
+        };
+        SourceKind::Extended(Extended { area, half_angle: self.half_angle_deg.to_radians() })
+    }
 }
 
 impl Emission for Extended {

@@ -8,25 +8,65 @@ pub mod collimated;
 pub mod extended;
 pub mod point;
 
-pub use crate::model::sources::collimated::{CollimatedGaussian, CollimatedTophat};
+pub use crate::model::sources::collimated::Collimated;
 pub use crate::model::sources::extended::Extended;
 pub use crate::model::sources::point::Point;
 
+use crate::Result;
 use crate::model::Outline;
 use crate::model::list::kinds;
+use crate::model::written::{CoordinateSystem, Material, Spectrum};
 use crate::shaders::ShaderFile;
 
 kinds! {
-    SourceKind: Emission, functions SourceFunction: SourceWgsl;
-    /// Rays from one point, uniform in solid angle within a cap about local +z.
+    #[derive(Copy)]
+    SourceKind: Emission,
+    functions SourceFunction: SourceWgsl,
+    /// A source, by its `type`.
+    written "Source": Entry;
+    /// Rays from one point.
     Point(point::Point) by Point = POINT;
-    /// Parallel rays along local +z from a disk, uniform.
-    CollimatedTophat(collimated::CollimatedTophat) by CollimatedTophat = TOPHAT;
-    /// Parallel rays along local +z from a disk, Gaussian and truncated at the rim.
-    CollimatedGaussian(collimated::CollimatedGaussian) by CollimatedGaussian = GAUSSIAN;
-    /// Rays from an area at local z = 0; uniform in a cap below 90 degrees of half-angle, else Lambertian.
+    /// A parallel beam.
+    Collimated(collimated::Collimated) by CollimatedTophat = TOPHAT, CollimatedGaussian = GAUSSIAN;
+    /// An emitting area.
     Extended(extended::Extended) by ExtendedRectangle = RECTANGLE, ExtendedDisk = DISK;
 }
+
+/// Makes what scene files have of a source: the keys of all sources around its own.
+macro_rules! written {
+    (
+        $(#[$attribute:meta])*
+        pub struct $name:ident {
+            $($(#[$key_attribute:meta])* pub $key:ident: $type:ty,)*
+        }
+    ) => {
+        $(#[$attribute])*
+        #[derive(Debug, Clone, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct $name {
+            /// Unique name.
+            pub name: String,
+            /// Position and axis.
+            pub cs: $crate::model::written::CoordinateSystem,
+            /// Discrete spectrum.
+            pub spectrum: $crate::model::written::Spectrum,
+            /// Flux \[W\].
+            pub total_flux: f64,
+            $($(#[$key_attribute])* pub $key: $type,)*
+            /// Medium around the source.
+            #[serde(default)]
+            pub medium: $crate::model::written::Material,
+        }
+
+        impl $crate::model::sources::HasShared for $name {
+            fn shared(&self) -> $crate::model::sources::Shared<'_> {
+                let $name { name, cs, spectrum, total_flux, medium, .. } = self;
+                $crate::model::sources::Shared { name, cs, spectrum, total_flux: *total_flux, medium }
+            }
+        }
+    };
+}
+use written;
 
 /// What the shaders have of a source.
 #[derive(Debug)]
@@ -62,6 +102,74 @@ pub trait Emission: std::fmt::Debug {
     fn is_lambertian(&self) -> bool {
         false
     }
+
+    /// What the user should know of a source of this name.
+    fn warning(&self, _name: &str) -> Option<String> {
+        None
+    }
+}
+
+/// What all sources of scene files have.
+struct Shared<'a> {
+    name: &'a str,
+    cs: &'a CoordinateSystem,
+    spectrum: &'a Spectrum,
+    total_flux: f64,
+    medium: &'a Material,
+}
+
+/// What `written` gives to each file's `Written`.
+trait HasShared {
+    fn shared(&self) -> Shared<'_>;
+}
+
+/// What each file's `Written` does: the numbers of a source as scene files have them.
+trait Entry: HasShared {
+    /// Refuses numbers that no such source has. `at` gives the place of a key.
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
+
+    /// How its rays are born.
+    fn kind(&self) -> SourceKind;
+}
+
+impl Written {
+    /// The user's name for it.
+    pub fn name(&self) -> &str {
+        self.entry().shared().name
+    }
+
+    /// Position and axis.
+    pub fn cs(&self) -> &CoordinateSystem {
+        self.entry().shared().cs
+    }
+
+    /// Discrete spectrum.
+    pub fn spectrum(&self) -> &Spectrum {
+        self.entry().shared().spectrum
+    }
+
+    /// Flux \[W\].
+    pub fn total_flux(&self) -> f64 {
+        self.entry().shared().total_flux
+    }
+
+    /// Medium around the source.
+    pub fn medium(&self) -> &Material {
+        self.entry().shared().medium
+    }
+
+    /// Refuses numbers that no such source has, but for those that all sources have; `at` gives the place of a key.
+    ///
+    /// # Errors
+    /// [`crate::Error::Scene`] with the place and a remedy.
+    pub fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        self.entry().check(at)
+    }
+
+    /// How its rays are born.
+    pub fn kind(&self) -> SourceKind {
+        self.entry().kind()
+    }
 }
 
 impl SourceFunction {
@@ -80,4 +188,9 @@ impl SourceFunction {
 fn cap_height(half_angle: f64) -> f64 {
     let s = (half_angle / 2.0).sin();
     2.0 * s * s
+}
+
+/// The half-angle that scene files leave out \[deg\].
+fn right_angle() -> f64 {
+    90.0
 }

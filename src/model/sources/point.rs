@@ -1,7 +1,10 @@
 //! A point source.
 
-use crate::model::Outline;
-use crate::model::sources::{Emission, SourceFunction, SourceWgsl, cap_height};
+use crate::Result;
+use crate::model::sources::{
+    Emission, Entry, SourceFunction, SourceKind, SourceWgsl, cap_height, right_angle, written,
+};
+use crate::model::{Outline, checks};
 use crate::shaders::shader;
 
 /// The point.
@@ -12,6 +15,25 @@ pub const POINT: SourceWgsl = SourceWgsl { name: "point", file: shader!("sources
 pub struct Point {
     /// Half-angle of the cap \[rad\], up to pi.
     pub half_angle: f64,
+}
+
+written! {
+    /// A point source: uniform in solid angle within a cone about local +z.
+    pub struct Written {
+        /// Half-angle of the cone \[deg\], 180 for the full sphere.
+        #[serde(default = "right_angle")]
+        pub half_angle_deg: f64,
+    }
+}
+
+impl Entry for Written {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::between(at("half_angle_deg"), self.half_angle_deg, 0.0, 180.0)
+    }
+
+    fn kind(&self) -> SourceKind {
+        SourceKind::Point(Point { half_angle: self.half_angle_deg.to_radians() })
+    }
 }
 
 impl Emission for Point {

@@ -1,53 +1,12 @@
-//! BSDFs for the shaders: columns of the surfaces' records, and tables. The formulas stand in shaders/bsdfs/; here are the
-//! numbers that depend on the scene alone.
+//! BSDFs for the shaders: where the numbers of all of them lie, as columns of the surfaces' records and in one buffer of
+//! tables. What the numbers are, each file of [`crate::model::bsdfs`] says.
 
-use crate::model::{Bsdf, BsdfTable, Scatter, SceneIr, Surface, harvey_shack_table};
+use crate::model::{Bsdf, BsdfKind, Scatter, SceneIr, Surface};
 use crate::program::layout::records::Records;
-use std::f64::consts::PI;
-
-/// Functions of the shaders; the discriminants are their codes, 0 being none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum BsdfKind {
-    /// shaders/bsdfs/specular.wgsl
-    Specular = 1,
-    /// shaders/bsdfs/lambertian.wgsl
-    Lambertian = 2,
-    /// shaders/bsdfs/harvey_shack.wgsl
-    HarveyShack = 3,
-    /// shaders/bsdfs/tabulated.wgsl
-    Tabulated = 4,
-}
-
-impl BsdfKind {
-    /// The function that samples a BSDF.
-    pub fn of(bsdf: &Bsdf) -> Self {
-        match bsdf {
-            Bsdf::Specular => BsdfKind::Specular,
-            Bsdf::Lambertian { .. } => BsdfKind::Lambertian,
-            Bsdf::HarveyShack { .. } => BsdfKind::HarveyShack,
-            Bsdf::Tabulated { .. } => BsdfKind::Tabulated,
-        }
-    }
-
-    /// The name in the shaders.
-    pub fn name(self) -> &'static str {
-        match self {
-            BsdfKind::Specular => "specular",
-            BsdfKind::Lambertian => "lambertian",
-            BsdfKind::HarveyShack => "harvey_shack",
-            BsdfKind::Tabulated => "tabulated",
-        }
-    }
-
-    /// True if it reads the tables.
-    pub fn has_table(self) -> bool {
-        matches!(self, BsdfKind::HarveyShack | BsdfKind::Tabulated)
-    }
-}
 
 /// The kinds that occur, without repetition.
 pub fn kinds(ir: &SceneIr) -> Vec<BsdfKind> {
-    let mut kinds: Vec<BsdfKind> = scatters(ir).map(|scatter| BsdfKind::of(&scatter.bsdf)).collect();
+    let mut kinds: Vec<BsdfKind> = scatters(ir).map(|scatter| scatter.bsdf.kind()).collect();
     kinds.sort();
     kinds.dedup();
     kinds
@@ -81,47 +40,52 @@ pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind]) {
     }
     let bsdfs = || ir.surfaces.iter().map(|surface| surface.scatter.as_ref().map(|scatter| &scatter.bsdf));
     let branches: Vec<Branch> = ir.surfaces.iter().map(Branch::of).collect();
-    records.uint("bsdf", bsdfs().map(|bsdf| bsdf.map_or(0, |bsdf| BsdfKind::of(bsdf) as u32)));
+    records.uint("bsdf", bsdfs().map(|bsdf| bsdf.map_or(0, |bsdf| bsdf.kind().code())));
     records.real("scatter_fraction", branches.iter().map(|branch| branch.fraction));
     records.real("scatter_weight", branches.iter().map(|branch| branch.scatter_weight));
     records.real("pass_weight", branches.iter().map(|branch| branch.pass_weight));
-    records.real("transmissive_fraction", bsdfs().map(|bsdf| bsdf.map_or(0.0, Bsdf::transmissive_fraction)));
-    if kinds.contains(&BsdfKind::Lambertian) {
-        records.real("lambertian", bsdfs().map(reflectance_value));
+    records.real(
+        "transmissive_fraction",
+        bsdfs().map(|bsdf| bsdf.map_or(0.0, |bsdf| bsdf.transmissive_fraction())),
+    );
+    for (name, values) in columns(ir, kinds, |bsdf| bsdf.reals()) {
+        records.real(name, values);
     }
     if kinds.iter().any(|kind| kind.has_table()) {
         records.uint("bsdf_table", table_starts(ir));
     }
-    if kinds.contains(&BsdfKind::Tabulated) {
-        records.uint(
-            "num_theta_i",
-            bsdfs().map(|bsdf| table_of(bsdf).map_or(0, |table| table.theta_i.len() as u32)),
-        );
-        records.uint(
-            "num_theta_s",
-            bsdfs().map(|bsdf| table_of(bsdf).map_or(0, |table| table.theta_s.len() as u32)),
-        );
+    for (name, values) in columns(ir, kinds, |bsdf| bsdf.counts()) {
+        records.uint(name, values);
     }
 }
 
-fn reflectance_value(bsdf: Option<&Bsdf>) -> f64 {
-    match bsdf {
-        Some(Bsdf::Lambertian { reflectance_value, .. }) => *reflectance_value,
-        Some(Bsdf::Specular | Bsdf::HarveyShack { .. } | Bsdf::Tabulated { .. }) | None => 0.0,
+/// Columns that BSDFs ask for, kind by kind, with a value for each surface: 0 where its BSDF asks for no such column.
+fn columns<T: Copy + Default>(
+    ir: &SceneIr,
+    kinds: &[BsdfKind],
+    of: impl Fn(&Bsdf) -> Vec<(&'static str, T)>,
+) -> Vec<(&'static str, Vec<T>)> {
+    let mut names: Vec<&'static str> = Vec::new();
+    for kind in kinds {
+        let example = scatters(ir).map(|scatter| &scatter.bsdf).find(|bsdf| bsdf.kind() == *kind);
+        for (name, _) in example.map(&of).unwrap_or_default() {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
     }
-}
-
-fn table_of(bsdf: Option<&Bsdf>) -> Option<&BsdfTable> {
-    match bsdf {
-        Some(Bsdf::Tabulated { table, .. }) => Some(table),
-        Some(Bsdf::Specular | Bsdf::Lambertian { .. } | Bsdf::HarveyShack { .. }) | None => None,
-    }
+    let value = |surface: &Surface, name: &str| {
+        let columns = surface.scatter.as_ref().map(|scatter| of(&scatter.bsdf)).unwrap_or_default();
+        columns.into_iter().find(|(known, _)| *known == name).map_or(T::default(), |(_, value)| value)
+    };
+    let column = |name| (name, ir.surfaces.iter().map(|surface| value(surface, name)).collect());
+    names.into_iter().map(column).collect()
 }
 
 /// Surfaces of equal BSDFs share a table: lenses by the dozen have the same polish.
 fn distinct(ir: &SceneIr) -> Vec<&Bsdf> {
     let mut distinct: Vec<&Bsdf> = Vec::new();
-    for Scatter { bsdf, .. } in scatters(ir).filter(|scatter| BsdfKind::of(&scatter.bsdf).has_table()) {
+    for Scatter { bsdf, .. } in scatters(ir).filter(|scatter| scatter.bsdf.kind().has_table()) {
         if !distinct.contains(&bsdf) {
             distinct.push(bsdf);
         }
@@ -137,7 +101,7 @@ fn table_starts(ir: &SceneIr) -> Vec<u32> {
         .iter()
         .map(|bsdf| {
             let start = next;
-            next += table(bsdf).len() as u32;
+            next += bsdf.table().len() as u32;
             start
         })
         .collect();
@@ -150,19 +114,5 @@ fn table_starts(ir: &SceneIr) -> Vec<u32> {
 
 /// All tables, one after the other: the buffer of shaders/optics/bsdf_table.wgsl.
 pub fn tables(ir: &SceneIr) -> Vec<f64> {
-    distinct(ir).into_iter().flat_map(table).collect()
-}
-
-fn table(bsdf: &Bsdf) -> Vec<f64> {
-    match bsdf {
-        Bsdf::Specular | Bsdf::Lambertian { .. } => Vec::new(),
-        Bsdf::HarveyShack { b0, l0, s, .. } => harvey_shack_table(*b0, *l0, *s).0,
-        Bsdf::Tabulated { table, .. } => tabulated_table(table),
-    }
-}
-
-/// See shaders/bsdfs/tabulated.wgsl.
-fn tabulated_table(table: &BsdfTable) -> Vec<f64> {
-    let weights = table.values.iter().map(|value| PI * value);
-    table.theta_i.iter().chain(&table.theta_s).copied().chain(weights).collect()
+    distinct(ir).into_iter().flat_map(|bsdf| bsdf.table()).collect()
 }

@@ -1,7 +1,6 @@
 //! Which files of shaders/ a scene takes: one row a slot, with its twin files and the rule that picks one of them.
 
 use crate::program::features::{Features, Precision};
-use crate::program::layout::bsdf::BsdfKind;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
 use crate::program::wgsl::composition::Composition;
@@ -191,7 +190,7 @@ impl Composition<'_> {
             }
         }
         files.extend(self.features.sources.iter().map(|name| name.wgsl().file));
-        files.extend(self.features.bsdfs.iter().map(|kind| bsdf_file(*kind)));
+        files.extend(self.features.bsdfs.iter().map(|kind| kind.wgsl().file));
         files
     }
 
@@ -206,14 +205,5 @@ impl Composition<'_> {
             true => branch.text.replace("fn draw_reflection(", "fn draw_branch("),
             false => String::new(),
         }
-    }
-}
-
-fn bsdf_file(kind: BsdfKind) -> ShaderFile {
-    match kind {
-        BsdfKind::Specular => shader!("bsdfs/specular.wgsl"),
-        BsdfKind::Lambertian => shader!("bsdfs/lambertian.wgsl"),
-        BsdfKind::HarveyShack => shader!("bsdfs/harvey_shack.wgsl"),
-        BsdfKind::Tabulated => shader!("bsdfs/tabulated.wgsl"),
     }
 }

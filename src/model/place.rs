@@ -5,7 +5,7 @@ const LONGEST_SHOWN: usize = 60;
 
 /// Where a value stands in the file, as a chain on the stack.
 #[derive(Clone, Copy)]
-pub(super) enum Place<'a> {
+pub(crate) enum Place<'a> {
     Root,
     Key(&'a Place<'a>, &'a str),
     Index(&'a Place<'a>, usize),
@@ -22,7 +22,7 @@ impl std::fmt::Display for Place<'_> {
 }
 
 /// The place of a key of the object at `parent`.
-pub(super) fn key_of(parent: &str, key: &str) -> String {
+pub(crate) fn key_of(parent: &str, key: &str) -> String {
     let plain =
         (1..=LONGEST_SHOWN).contains(&key.len()) && key.chars().all(|c| c.is_alphanumeric() || c == '_');
     match (plain, parent.is_empty()) {
@@ -33,7 +33,7 @@ pub(super) fn key_of(parent: &str, key: &str) -> String {
 }
 
 /// Text of the user's as a message shows it: escaped and cut, so that no file can garble or flood a terminal.
-pub(super) fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     let mut shown: String = text.chars().take(LONGEST_SHOWN).collect();
     if text.chars().nth(LONGEST_SHOWN).is_some() {
         shown.push('…');
@@ -42,7 +42,7 @@ pub(super) fn quoted(text: &str) -> String {
 }
 
 /// A word of the file, escaped likewise, in the backticks that mark keys and types.
-pub(super) fn ticked(word: &str) -> String {
+pub(crate) fn ticked(word: &str) -> String {
     let shown = quoted(word);
     format!("`{}`", &shown[1..shown.len() - 1])
 }
@@ -62,7 +62,7 @@ fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&
 }
 
 /// Advice for an unknown word: the nearest known one, else all of them.
-pub(super) fn did_you_mean<'a>(word: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
+pub(crate) fn did_you_mean<'a>(word: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
     if let Some(candidate) = nearest(word, known.clone()) {
         return format!("did you mean {}?", ticked(candidate));
     }

@@ -1,13 +1,19 @@
-//! Scatter models and coatings of the file -> those of the tracer: tables read and proven, contradictions refused.
+//! Measured scattering: values over the angles of incidence and of scatter.
 
+use crate::model::bsdfs::{Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, Scattering};
+use crate::model::place::{key_of, quoted};
+use crate::model::{checks, files};
+use crate::shaders::shader;
+use crate::{Error, Result};
+use schemars::JsonSchema;
+use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::PI;
 use std::path::Path;
 
-use crate::model::{self, BsdfTable, HARVEY_SHACK_STEP, harvey_shack_table};
-use crate::scene::files;
-use crate::scene::json::{Bsdf, Coating};
-use crate::scene::place::{key_of, quoted};
-use crate::{Error, Result};
+/// The table.
+pub const TABULATED: BsdfWgsl =
+    BsdfWgsl { name: "tabulated", file: shader!("bsdfs/tabulated.wgsl"), has_table: true };
 
 /// Largest file of a table \[bytes\].
 const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -16,104 +22,123 @@ const MAX_VALUES: usize = 1 << 20;
 /// Largest value of a table \[1/sr\].
 const MAX_VALUE: f64 = 1e12;
 
-/// What a scatter model in a file needs beside itself.
-pub(super) struct Reading<'a> {
-    /// Folder that paths start from.
-    pub folder: &'a Path,
-    /// Where to say what the user should know.
-    pub warnings: &'a mut Vec<String>,
+/// Values over polar angles of incidence and scatter, 0 beyond them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tabulated {
+    /// The values.
+    pub table: BsdfTable,
+    /// The probability that a scattered ray leaves on the far side.
+    pub transmissive_fraction: f64,
 }
 
-/// The scattering of the surface `name`, whose model stands at `place`.
-pub(super) fn scatter(
-    name: &str,
-    place: &str,
-    bsdf: &Bsdf,
-    fraction: f64,
-    reading: &mut Reading<'_>,
-) -> Result<model::Scatter> {
-    Ok(model::Scatter { fraction, bsdf: lowered(name, place, bsdf, reading)? })
+/// Values of a BSDF over two angles from the normal, the same for every azimuth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BsdfTable {
+    /// Angles of incidence, ascending, at least two \[deg\].
+    pub theta_i: Vec<f64>,
+    /// Angles of scatter, ascending, at least two \[deg\].
+    pub theta_s: Vec<f64>,
+    /// One row of values per angle of incidence \[1/sr\].
+    pub values: Vec<f64>,
 }
 
-fn lowered(name: &str, place: &str, bsdf: &Bsdf, reading: &mut Reading<'_>) -> Result<model::Bsdf> {
-    Ok(match bsdf {
-        Bsdf::Specular {} => model::Bsdf::Specular,
-        &Bsdf::Lambertian { reflectance_value, transmissive_fraction } => {
-            model::Bsdf::Lambertian { reflectance_value, transmissive_fraction }
-        }
-        &Bsdf::HarveyShack { b0, l0, s, transmissive_fraction } => {
-            check_lobe(name, place, [b0, l0, s], reading.warnings)?;
-            model::Bsdf::HarveyShack { b0, l0, s, transmissive_fraction }
-        }
-        Bsdf::Tabulated { path, theta_i, theta_s, bsdf, transmissive_fraction } => {
-            let table = match (path, theta_i, theta_s, bsdf) {
-                (Some(path), None, None, None) => from_file(&key_of(place, "path"), path, reading.folder)?,
-                (None, Some(theta_i), Some(theta_s), Some(rows)) => inline(place, theta_i, theta_s, rows)?,
-                _ => {
-                    return Err(Error::scene(
-                        place,
-                        "a table needs either `path` or all of `theta_i`, `theta_s` and `bsdf`",
-                        "name a file, or write the table here",
-                    ));
-                }
-            };
-            reading.warnings.extend(warnings(name, &table));
-            model::Bsdf::Tabulated { table, transmissive_fraction: *transmissive_fraction }
-        }
-    })
-}
-
-/// A lobe that Optiland's table cannot resolve becomes wider than it is; one that falls through it has no shape at all. One
-/// about the normal that reaches beyond the unit disk of direction cosines has no direction there, and what is drawn is lost.
-fn check_lobe(name: &str, place: &str, [b0, l0, s]: [f64; 3], warnings: &mut Vec<String>) -> Result<()> {
-    const NOTICED: f64 = 0.01;
-    let (cumulative, total) = harvey_shack_table(b0, l0, s);
-    if !(total.is_finite() && total > 0.0) {
-        let remedy = if b0 == 0.0 { "give b0 > 0, or remove the bsdf" } else { "give a larger l0" };
-        return Err(Error::scene(place, "the lobe scatters nothing", remedy));
+impl BsdfTable {
+    /// The fraction of the flux that is scattered at an angle of incidence: the integral of value cos(theta_s) over the
+    /// hemisphere, with the value linear in theta_s between its angles and 0 beyond them.
+    pub fn albedo(&self, row: usize) -> f64 {
+        let count = self.theta_s.len();
+        let values = &self.values[row * count..(row + 1) * count];
+        let intervals = self.theta_s.windows(2).zip(values.windows(2));
+        intervals.map(|(theta, value)| scattered_between([theta[0], theta[1]], [value[0], value[1]])).sum()
     }
-    if l0 < 2.0 * HARVEY_SHACK_STEP {
-        warnings.push(format!(
-            "the lobe of {} is too narrow (l0 = {l0}) for the steps of {HARVEY_SHACK_STEP:.1e} in which it is tabulated: it \
-             is traced wider",
-            quoted(name)
-        ));
-    }
-    let lost = 1.0 - cumulative[(1.0 / HARVEY_SHACK_STEP).round() as usize];
-    if lost > NOTICED {
-        warnings.push(format!(
-            "the lobe of {} is so wide that {:.1} % of what it scatters at normal incidence has no direction and is lost, more \
-             at a slant, as in Optiland; a smaller l0 or a larger s narrows it",
-            quoted(name),
-            100.0 * lost
-        ));
-    }
-    Ok(())
 }
 
-/// Coatings of refractive surfaces at the wavelengths of the scene \[um\].
-pub(super) fn coating(place: &str, coating: &Coating, wavelengths: &[f64]) -> Result<model::Coating> {
-    /// R + T may exceed 1 by the rounding of decimal fractions.
-    const ROUNDING: f64 = 1e-12;
-    let Coating::Simple { reflectance, transmittance } = coating;
-    let reflectance = reflectance.at(wavelengths, &key_of(place, "reflectance"))?;
-    let transmittance = transmittance.at(wavelengths, &key_of(place, "transmittance"))?;
-    let excess = reflectance.iter().zip(&transmittance).position(|(r, t)| r + t > 1.0 + ROUNDING);
-    if let Some(i) = excess {
-        let (r, t) = (reflectance[i], transmittance[i]);
-        return Err(Error::scene(
-            key_of(place, "transmittance"),
-            format!(
-                "the coating gives more light than it gets: R = {r} and T = {t} at {} um",
-                wavelengths[i]
-            ),
-            "give R + T <= 1; what is left of 1 is absorbed",
-        ));
-    }
-    Ok(model::Coating { reflectance, transmittance })
+/// The integral of pi f sin(2 theta) d(theta) over an interval where f is linear in theta: by parts, exactly.
+fn scattered_between(theta: [f64; 2], value: [f64; 2]) -> f64 {
+    let [a, b] = theta.map(f64::to_radians);
+    let slope = (value[1] - value[0]) / (b - a);
+    let boundary = value[0] * (2.0 * a).cos() - value[1] * (2.0 * b).cos();
+    let interior = slope * ((2.0 * b).sin() - (2.0 * a).sin()) / 2.0;
+    PI / 2.0 * (boundary + interior)
 }
 
-// Tables
+/// A table in a scene file: from a file of three columns, or inline.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Written {
+    /// CSV file of theta_i \[deg\], theta_s \[deg\], bsdf \[1/sr\], relative to the scene file.
+    #[serde(default)]
+    pub path: Option<String>,
+    /// Angles of incidence \[deg\].
+    #[serde(default)]
+    pub theta_i: Option<Vec<f64>>,
+    /// Angles of scatter \[deg\].
+    #[serde(default)]
+    pub theta_s: Option<Vec<f64>>,
+    /// One row per angle of incidence \[1/sr\].
+    #[serde(default)]
+    pub bsdf: Option<Vec<Vec<f64>>>,
+    /// Fraction of the scattered rays that are transmitted.
+    #[serde(default)]
+    pub transmissive_fraction: f64,
+}
+
+impl Entry for Written {
+    /// The table is checked where it is read.
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::fraction(at("transmissive_fraction"), self.transmissive_fraction)
+    }
+
+    fn bsdf(&self, surface: &Labelled<'_>, reading: &mut Reading<'_>) -> Result<Bsdf> {
+        let place = surface.place;
+        let table = match (&self.path, &self.theta_i, &self.theta_s, &self.bsdf) {
+            (Some(path), None, None, None) => from_file(&key_of(place, "path"), path, reading.folder)?,
+            (None, Some(theta_i), Some(theta_s), Some(rows)) => inline(place, theta_i, theta_s, rows)?,
+            _ => {
+                return Err(Error::scene(
+                    place,
+                    "a table needs either `path` or all of `theta_i`, `theta_s` and `bsdf`",
+                    "name a file, or write the table here",
+                ));
+            }
+        };
+        reading.warnings.extend(warnings(surface.name, &table));
+        Ok(Bsdf::Tabulated(Tabulated { table, transmissive_fraction: self.transmissive_fraction }))
+    }
+}
+
+impl Scattering for Tabulated {
+    fn kind(&self) -> BsdfKind {
+        BsdfKind::Tabulated
+    }
+
+    fn transmissive_fraction(&self) -> f64 {
+        self.transmissive_fraction
+    }
+
+    fn counts(&self) -> Vec<(&'static str, u32)> {
+        let BsdfTable { theta_i, theta_s, .. } = &self.table;
+        vec![("num_theta_i", theta_i.len() as u32), ("num_theta_s", theta_s.len() as u32)]
+    }
+
+    /// See shaders/bsdfs/tabulated.wgsl.
+    fn table(&self) -> Vec<f64> {
+        let BsdfTable { theta_i, theta_s, values } = &self.table;
+        let weights = values.iter().map(|value| PI * value);
+        theta_i.iter().chain(theta_s).copied().chain(weights).collect()
+    }
+
+    fn is_about_normal(&self) -> bool {
+        true
+    }
+
+    /// Beyond its angles a table is 0.
+    fn takes_whole_weights(&self) -> bool {
+        true
+    }
+}
+
+// Reading
 
 fn inline(place: &str, theta_i: &[f64], theta_s: &[f64], rows: &[Vec<f64>]) -> Result<BsdfTable> {
     let at = |key: &str| key_of(place, key);

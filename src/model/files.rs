@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// The contents of a file of at most `most` bytes. A pipe could keep a trace waiting for ever and a device has no end, so that
 /// neither is opened.
-pub(super) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
+pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let kind = std::fs::metadata(path)?;
     if kind.is_dir() {
         return Err(Error::other("it is a folder, and no file"));
@@ -23,7 +23,7 @@ pub(super) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
 
 /// Text in any encoding that editors write. Beyond ASCII there are names and comments alone, so that what is neither UTF-8 nor
 /// marked as UTF-16 is taken for Latin-1. Byte order marks are left out, wherever files were joined.
-pub(super) fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     let words = |of: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(move |unit| of([unit[0], unit[1]]));
         char::decode_utf16(units).map(|unit| unit.unwrap_or(char::REPLACEMENT_CHARACTER))
@@ -40,11 +40,11 @@ pub(super) fn text(bytes: &[u8]) -> String {
 }
 
 /// A byte order mark.
-pub(super) const MARK: char = '\u{feff}';
+pub(crate) const MARK: char = '\u{feff}';
 
 #[cfg(test)]
 mod tests {
-    use crate::scene::files::text;
+    use crate::model::files::text;
 
     #[test]
     fn encodings() {
