@@ -4,9 +4,14 @@
 /// - the enum `Enum` of all kinds, which dereferences to what the kind's file says of it as a `dyn Trait`, and
 /// - the enum `Functions` of what the shaders call. A kind may have several functions, of which it picks one. The position
 ///   of a function in the list is its code in the shaders.
+///
+/// Kinds are copied, unless the list begins with what is derived for them.
 macro_rules! kinds {
+    ($enum:ident: $($list:tt)+) => {
+        kinds! { #[derive(Debug, Clone, Copy, PartialEq)] $enum: $($list)+ }
+    };
     (
-        $enum:ident: $trait:ident, functions $functions:ident: $wgsl:ident;
+        #[$derived:meta] $enum:ident: $trait:ident, functions $functions:ident: $wgsl:ident;
         $(
             $(#[doc = $doc:literal])+
             $(#[cfg($cfg:meta)])?
@@ -15,7 +20,7 @@ macro_rules! kinds {
         )+
     ) => {
         #[doc = concat!("A kind of the list; what it can do stands in [`", stringify!($trait), "`].")]
-        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[$derived]
         pub enum $enum {
             $($(#[doc = $doc])+ $(#[cfg($cfg)])? $name($file::$type),)+
         }

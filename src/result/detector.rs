@@ -56,13 +56,13 @@ impl Detector {
             DetectorKind::Irradiance(grid) => {
                 DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit, uncertainty)?)
             }
-            DetectorKind::Spectral { grid, wavelength_edges } => {
+            DetectorKind::Spectral(model::Spectral { grid, wavelength_edges }) => {
                 DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit, uncertainty)?)
             }
-            DetectorKind::FarField { num_theta, num_phi } => {
+            DetectorKind::FarField(model::FarField { num_theta, num_phi }) => {
                 DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit, uncertainty)?)
             }
-            DetectorKind::RayDatabase { .. } => {
+            DetectorKind::RayDatabase(_) => {
                 let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", detector.name)))?;
                 let database = RayDatabase::new(detector.frame, rows.clone(), total_flux, unit, wavelengths)?;
                 if database.truncated {
