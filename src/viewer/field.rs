@@ -92,7 +92,7 @@ impl Field {
         })
     }
 
-    /// Irradiance over x and y.
+    /// Irradiance over x and y, for tests.
     #[cfg(test)]
     pub(crate) fn of_irradiance(map: &crate::result::IrradianceMap) -> Field {
         use crate::result::detectors::DetectorResult;

@@ -1,8 +1,8 @@
 //! Detectors: the list of them, and what each must say of itself.
 //!
-//! Each detector stands in one file here, its function in one file of shaders/detectors/, and what it becomes in one file of
-//! src/result/detectors/. docs/adding-a-kind.md tells how to add one. A detector is the plane z = 0 of its own frame: lengths
-//! are in mm, angles in rad.
+//! Each detector stands in one file here, its function in one file of shaders/detectors/, and its result in one file of
+//! src/result/detectors/. docs/adding-a-kind.md tells how to add one. A detector is the plane z = 0 of its own frame.
+//! Lengths are in mm, angles in rad.
 
 pub mod far_field;
 pub mod grid;
@@ -24,7 +24,11 @@ use crate::shaders::ShaderFile;
 /// Makes `DetectorKind`, `DetectorFunction` and `Written` of the list.
 macro_rules! list {
     ($($list:tt)+) => {
-        kinds! { #[derive(Debug, Clone, PartialEq)] DetectorKind: Detection, functions DetectorFunction: DetectorWgsl; $($list)+ }
+        kinds! {
+            #[derive(Debug, Clone, PartialEq)]
+            DetectorKind: Detection, functions DetectorFunction: DetectorWgsl;
+            $($list)+
+        }
         written! { $($list)+ }
     };
 }

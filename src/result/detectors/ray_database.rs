@@ -251,7 +251,8 @@ impl DetectorResult for RayDatabase {
     fn warning(&self, name: &str, num_rays_hit: u64) -> Option<String> {
         self.truncated.then(|| {
             format!(
-                "ray database '{name}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
+                "ray database '{name}' kept the last {} of {} rays: its total_flux counts the kept rays only, the \
+                 ledger all",
                 thousands(self.num_rays()),
                 thousands(num_rays_hit)
             )
