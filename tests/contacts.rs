@@ -13,9 +13,9 @@ mod zoo;
 use glam::{DMat3, DVec3, EulerRot};
 use nsq_gpu::TraceOptions;
 use nsq_gpu::model::{
-    Annulus, Collimated, Conic, Detector, DetectorKind, Extended, Frame, Frustum, Interaction, Medium, Mesh,
-    MeshId, Outline, PixelGrid, Point, Sampling, SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat,
-    Surface,
+    Annulus, Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, Interaction,
+    Medium, Mesh, MeshId, Outline, PixelGrid, Point, RayDatabase, Sampling, SceneIr, Shape, Source,
+    SourceKind, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorData, Tally, TraceResult};
@@ -73,7 +73,7 @@ fn absorber(frame: Frame, shape: Shape) -> Surface {
 }
 
 fn rays(name: &str, frame: Frame, size: f64) -> Detector {
-    let kind = DetectorKind::RayDatabase { width: size, height: size, max_rays: None };
+    let kind = DetectorKind::RayDatabase(RayDatabase { width: size, height: size, max_rays: None });
     Detector { name: name.into(), frame, kind, absorb: true }
 }
 
@@ -470,7 +470,7 @@ fn a_source_on_a_surface_leaves_it() {
                 };
                 let surface = absorber(within(&frame, &place), shape);
                 let sky = Detector {
-                    kind: DetectorKind::FarField { num_theta: 3, num_phi: 3 },
+                    kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3 }),
                     ..screen("sky", within(&frame, &at(4.0)), 1.0, true)
                 };
                 let ir = scene(vec![surface], vec![lamp(frame, kind, VACUUM)], vec![sky]);
@@ -579,7 +579,7 @@ fn tiles_on_a_board_go_by_the_list_one_by_one() {
 #[test]
 fn far_fields_blur_nothing_near() {
     let sky = |z: f64| Detector {
-        kind: DetectorKind::FarField { num_theta: 3, num_phi: 3 },
+        kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3 }),
         ..screen("sky", at(z), 1.0, false)
     };
     let reflector = mirror(at(0.0), Shape::Plane(Outline::Rectangle { width: 20.0, height: 20.0 }), 1.0);

@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec3};
 use nsq_gpu::gpu::Gpu;
 use nsq_gpu::model::{
-    Detector, DetectorKind, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling, SceneIr, Shape,
-    Source, SourceKind, Spectrum, Sphere, Splat, Surface,
+    Detector, DetectorKind, FarField, Frame, Frustum, Interaction, Medium, PixelGrid, Point, Sampling,
+    SceneIr, Shape, Source, SourceKind, Spectrum, Sphere, Splat, Surface,
 };
 use nsq_gpu::program::Precision;
 use nsq_gpu::program::layout::rng::Sampler;
@@ -849,7 +849,7 @@ fn lamp_in_a_ball() -> SceneIr {
         detectors: vec![Detector {
             name: "sky".into(),
             frame: at(20.0),
-            kind: DetectorKind::FarField { num_theta: 9, num_phi: 9 },
+            kind: DetectorKind::FarField(FarField { num_theta: 9, num_phi: 9 }),
             absorb: true,
         }],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },

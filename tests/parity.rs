@@ -22,7 +22,7 @@ mod zoo;
 use std::collections::{BTreeMap, BTreeSet};
 
 use agreement::Agreement;
-use nsq_gpu::model::{DetectorKind, SceneIr};
+use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathEvent, PathEventKind};
 use nsq_gpu::trace::RecordPaths;
@@ -37,7 +37,7 @@ const CHAOTIC_SEEDS: std::ops::Range<u64> = 1000..1016;
 fn load_uncapped(name: &str) -> SceneIr {
     let mut ir = zoo::load(name);
     for detector in &mut ir.detectors {
-        if let DetectorKind::RayDatabase { max_rays, .. } = &mut detector.kind {
+        if let DetectorKind::RayDatabase(RayDatabase { max_rays, .. }) = &mut detector.kind {
             *max_rays = None;
         }
     }

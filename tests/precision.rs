@@ -58,7 +58,7 @@ fn compared(ir: &SceneIr) -> Vec<Vec<Compared>> {
             continue;
         };
         if events == same {
-            let far = matches!(ir.detectors[arrival.detector].kind, DetectorKind::FarField { .. });
+            let far = matches!(ir.detectors[arrival.detector].kind, DetectorKind::FarField(_));
             let position = (arrival.weight, arrival.position, at.distance(*right_at));
             let direction = (arrival.weight, arrival.direction, along.distance(*right_along));
             detectors[arrival.detector].push(if far { direction } else { position });

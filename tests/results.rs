@@ -9,8 +9,8 @@ use approx::assert_relative_eq;
 use glam::{DMat3, DVec3};
 use nsq_gpu::Error;
 use nsq_gpu::model::{
-    Detector, DetectorKind, Frame, Interaction, Outline, PixelGrid, Point, Sampling, SceneIr, Shape, Source,
-    SourceKind, Spectrum, Splat, Surface,
+    Detector, DetectorKind, FarField, Frame, Interaction, Outline, PixelGrid, Point, RayDatabase, Sampling,
+    SceneIr, Shape, Source, SourceKind, Spectral, Spectrum, Splat, Surface,
 };
 use nsq_gpu::result::output::{REPORT, check, file_names, write_all};
 use nsq_gpu::result::report::{Files, Report};
@@ -100,11 +100,15 @@ fn everything() -> (SceneIr, Tally) {
         detector("map", DetectorKind::Irradiance(grid(4.0, 2.0, 4, 2)), true),
         detector(
             "colours",
-            DetectorKind::Spectral { grid: grid(2.0, 2.0, 2, 1), wavelength_edges: edges },
+            DetectorKind::Spectral(Spectral { grid: grid(2.0, 2.0, 2, 1), wavelength_edges: edges }),
             false,
         ),
-        detector("sky", DetectorKind::FarField { num_theta: 3, num_phi: 4 }, true),
-        detector("rays", DetectorKind::RayDatabase { width: 2.0, height: 2.0, max_rays: Some(2) }, true),
+        detector("sky", DetectorKind::FarField(FarField { num_theta: 3, num_phi: 4 }), true),
+        detector(
+            "rays",
+            DetectorKind::RayDatabase(RayDatabase { width: 2.0, height: 2.0, max_rays: Some(2) }),
+            true,
+        ),
     ];
     let ir = scene(2.0, surfaces, detectors);
     let mut tally = Tally::zeros(&ir);
@@ -357,11 +361,15 @@ fn oracle() -> (Value, TraceResult) {
         detector("tap", DetectorKind::Irradiance(grid(8.0, 7.0, 6, 5)), false),
         detector(
             "spectral",
-            DetectorKind::Spectral { grid: grid(20.0, 19.0, 6, 5), wavelength_edges: edges },
+            DetectorKind::Spectral(Spectral { grid: grid(20.0, 19.0, 6, 5), wavelength_edges: edges }),
             true,
         ),
-        detector("far", DetectorKind::FarField { num_theta: 9, num_phi: 8 }, true),
-        detector("rays", DetectorKind::RayDatabase { width: 25.0, height: 25.0, max_rays: Some(100) }, true),
+        detector("far", DetectorKind::FarField(FarField { num_theta: 9, num_phi: 8 }), true),
+        detector(
+            "rays",
+            DetectorKind::RayDatabase(RayDatabase { width: 25.0, height: 25.0, max_rays: Some(100) }),
+            true,
+        ),
     ];
     let ir = scene(oracle["result"]["total_flux_in"].as_f64().unwrap(), surfaces, detectors);
     let tally = oracle_tally(&ir, &oracle);

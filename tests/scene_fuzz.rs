@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::Error;
-use nsq_gpu::model::{Conic, DetectorKind, Interaction, SceneIr, Shape};
+use nsq_gpu::model::{Conic, DetectorKind, Interaction, SceneIr, Shape, Spectral};
 use nsq_gpu::scene::Scene;
 use serde_json::{Value, json};
 
@@ -107,7 +107,7 @@ fn assert_sane(ir: &SceneIr, text: &str) {
     }
     for detector in &ir.detectors {
         assert!(detector.num_cells() <= 1 << 31, "{text}");
-        if let DetectorKind::Spectral { wavelength_edges, .. } = &detector.kind {
+        if let DetectorKind::Spectral(Spectral { wavelength_edges, .. }) = &detector.kind {
             assert!(wavelength_edges.is_sorted(), "{text}");
         }
     }

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 use nsq_gpu::model::{
-    Collimated, Conic, DetectorKind, Interaction, Outline, Point, ReflectProb, SceneIr, Shape, SourceKind,
-    Sphere, Splat,
+    Collimated, Conic, DetectorKind, FarField, Interaction, Outline, Point, RayDatabase, ReflectProb,
+    SceneIr, Shape, SourceKind, Spectral, Sphere, Splat,
 };
 use nsq_gpu::scene::Scene;
 
@@ -83,14 +83,17 @@ fn detectors_carry_optilands_defaults() {
     let DetectorKind::Irradiance(grid) = &ir.detectors[0].kind else { panic!("not an irradiance map") };
     assert_eq!((grid.num_pixels_x, grid.num_pixels_y, grid.splat), (256, 256, Splat::Bilinear));
     assert_eq!((grid.width, grid.height, ir.detectors[0].absorb), (10.0, 5.0, true));
-    let DetectorKind::Spectral { grid, wavelength_edges } = &ir.detectors[1].kind else {
+    let DetectorKind::Spectral(Spectral { grid, wavelength_edges }) = &ir.detectors[1].kind else {
         panic!("not spectral")
     };
     assert_eq!((grid.splat, ir.detectors[1].absorb), (Splat::Hard, false));
     // numpy.linspace(0.4, 0.7, 4)
     assert_eq!(wavelength_edges, &[0.4, 0.5, 0.6, 0.7]);
-    assert_eq!(ir.detectors[2].kind, DetectorKind::FarField { num_theta: 90, num_phi: 360 });
-    assert_eq!(ir.detectors[3].kind, DetectorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: None });
+    assert_eq!(ir.detectors[2].kind, DetectorKind::FarField(FarField { num_theta: 90, num_phi: 360 }));
+    assert_eq!(
+        ir.detectors[3].kind,
+        DetectorKind::RayDatabase(RayDatabase { width: 1.0, height: 2.0, max_rays: None })
+    );
     assert_eq!(ir.sampling.reflect_prob, ReflectProb::Fresnel);
     assert_eq!(ir.sampling.rr_start_flux, 1e-3);
 }
@@ -110,7 +113,9 @@ const LINSPACE: [f64; 8] = [
 #[test]
 fn bin_edges_are_numpys() {
     let text = SCENE.replace(r#""num_bins": 3"#, r#""num_bins": 7, "wl_min": 0.38, "wl_max": 0.78"#);
-    let DetectorKind::Spectral { wavelength_edges, .. } = &lowered(&text).detectors[1].kind else { panic!() };
+    let DetectorKind::Spectral(Spectral { wavelength_edges, .. }) = &lowered(&text).detectors[1].kind else {
+        panic!()
+    };
     assert_eq!(wavelength_edges, &LINSPACE);
 }
 
@@ -203,7 +208,7 @@ fn the_block_adds_surfaces_media_and_order() {
     assert_eq!(ir.media[surface("ball").back].k, [1e-6; 3]);
     assert_eq!(
         ir.detectors[3].kind,
-        DetectorKind::RayDatabase { width: 1.0, height: 2.0, max_rays: Some(100) }
+        DetectorKind::RayDatabase(RayDatabase { width: 1.0, height: 2.0, max_rays: Some(100) })
     );
     assert_eq!((ir.sampling.reflect_prob, ir.sampling.rr_start_flux), (ReflectProb::Constant(0.3), 0.01));
     assert_eq!((ir.sampling.split_depth, ir.sampling.split_budget), (2, 1.5));

@@ -114,7 +114,9 @@ fn capped_databases_keep_the_same_rows_on_disk() {
     let _alone = alone();
     let mut ir = zoo::load(SCENE);
     for (detector, cap) in ir.detectors.iter_mut().zip([100, 20_000, 100, 20_000]) {
-        if let nsq_gpu::model::DetectorKind::RayDatabase { max_rays, .. } = &mut detector.kind {
+        if let nsq_gpu::model::DetectorKind::RayDatabase(nsq_gpu::model::RayDatabase { max_rays, .. }) =
+            &mut detector.kind
+        {
             *max_rays = Some(cap);
         }
     }

@@ -76,7 +76,7 @@ macro_rules! kinds {
         }
 
         impl Written {
-            fn entry(&self) -> &dyn $entry {
+            fn entry(&self) -> &(dyn $entry + 'static) {
                 match self {
                     $($(#[cfg($cfg)])? Written::$name(written) => written,)+
                 }

@@ -9,6 +9,7 @@ pub mod bsdfs;
 pub(crate) mod checks;
 mod coating;
 pub mod depth;
+pub mod detectors;
 pub mod double_word;
 pub(crate) mod files;
 mod list;
@@ -26,6 +27,10 @@ pub use crate::model::bsdfs::{
     Bsdf, BsdfKind, BsdfTable, HarveyShack, Lambertian, Scatter, Specular, Tabulated,
 };
 pub use crate::model::coating::Coating;
+pub use crate::model::detectors::grid::{PixelGrid, Splat};
+pub use crate::model::detectors::{
+    Detection, DetectorFunction, DetectorKind, FAR_FIELD_RADIUS, FarField, RayDatabase, Spectral,
+};
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::precision::Precision;
 pub use crate::model::shapes::{Annulus, Conic, Frustum, MeshId, Outline, Shape, ShapeKind, Sphere};
@@ -164,69 +169,6 @@ pub struct Detector {
     pub absorb: bool,
 }
 
-/// Kinds of detectors.
-#[derive(Debug, Clone, PartialEq)]
-pub enum DetectorKind {
-    /// Flux over a rectangle of pixels.
-    Irradiance(PixelGrid),
-    /// Flux over pixels and wavelength bins.
-    Spectral {
-        /// The pixels.
-        grid: PixelGrid,
-        /// Bin edges, ascending \[um\]; wavelengths outside are counted in the end bins.
-        wavelength_edges: Vec<f64>,
-    },
-    /// Flux over directions: polar angle 0 to 90 degrees from local z (both hemispheres folded), azimuth -180 to 180.
-    /// The detector is a disk of radius [`FAR_FIELD_RADIUS`].
-    FarField {
-        /// Bins of the polar angle.
-        num_theta: u32,
-        /// Bins of the azimuth.
-        num_phi: u32,
-    },
-    /// Every ray that crosses a rectangle, in global coordinates.
-    RayDatabase {
-        /// Full width along local x \[mm\].
-        width: f64,
-        /// Full height along local y \[mm\].
-        height: f64,
-        /// Keep only the last so many rows.
-        max_rays: Option<u64>,
-    },
-}
-
-/// Radius of the disk that stands for a far-field detector \[mm\].
-pub const FAR_FIELD_RADIUS: f64 = 1e6;
-
-/// A rectangle of pixels, centred on the local origin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PixelGrid {
-    /// Full width along local x \[mm\].
-    pub width: f64,
-    /// Full height along local y \[mm\].
-    pub height: f64,
-    /// Pixels along local x.
-    pub num_pixels_x: u32,
-    /// Pixels along local y.
-    pub num_pixels_y: u32,
-    /// How a ray's flux is spread over pixels.
-    pub splat: Splat,
-}
-
-/// How a ray's flux is spread over pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Splat {
-    /// All in the pixel that was hit.
-    Hard,
-    /// Over the four nearest pixels.
-    Bilinear,
-    /// Over a Gaussian of this standard deviation \[pixels\], truncated at ceil(3 sigma) (at least 1) and renormalised.
-    Gaussian {
-        /// Standard deviation \[pixels\], above 0.
-        sigma: f64,
-    },
-}
-
 /// How rare branches are sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
@@ -277,28 +219,12 @@ impl SceneIr {
 impl Detector {
     /// The outline of the detector's plane.
     pub fn outline(&self) -> Outline {
-        match &self.kind {
-            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
-                Outline::Rectangle { width: grid.width, height: grid.height }
-            }
-            DetectorKind::FarField { .. } => Outline::Disk { radius: FAR_FIELD_RADIUS },
-            DetectorKind::RayDatabase { width, height, .. } => {
-                Outline::Rectangle { width: *width, height: *height }
-            }
-        }
+        self.kind.outline()
     }
 
-    /// How many sums the detector keeps: pixels times wavelength bins, or directions; none for a ray database.
-    /// The order is C order of `(ny, nx)`, `(ny, nx, n_lambda)` or `(n_theta, n_phi)`.
+    /// How many sums the detector keeps: [`Detection::num_cells`].
     pub fn num_cells(&self) -> usize {
-        match &self.kind {
-            DetectorKind::Irradiance(grid) => grid.num_pixels(),
-            DetectorKind::Spectral { grid, wavelength_edges } => {
-                grid.num_pixels() * (wavelength_edges.len() - 1)
-            }
-            DetectorKind::FarField { num_theta, num_phi } => *num_theta as usize * *num_phi as usize,
-            DetectorKind::RayDatabase { .. } => 0,
-        }
+        self.kind.num_cells()
     }
 }
 
@@ -306,34 +232,7 @@ impl SceneIr {
     /// The scene with detectors of one cell: a pilot trace, whose paths are all that is looked at, has the same ones.
     pub fn with_single_cells(&self) -> Self {
         let mut ir = self.clone();
-        ir.detectors.iter_mut().for_each(|detector| detector.kind.keep_one_cell());
+        ir.detectors.iter_mut().for_each(|detector| detector.kind = detector.kind.with_single_cell());
         ir
-    }
-}
-
-impl DetectorKind {
-    fn keep_one_cell(&mut self) {
-        match self {
-            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
-                (grid.num_pixels_x, grid.num_pixels_y, grid.splat) = (1, 1, Splat::Hard);
-            }
-            DetectorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (1, 1),
-            DetectorKind::RayDatabase { .. } => {}
-        }
-    }
-
-    /// The pixels of a detector that has pixels.
-    pub fn grid(&self) -> Option<&PixelGrid> {
-        match self {
-            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => Some(grid),
-            DetectorKind::FarField { .. } | DetectorKind::RayDatabase { .. } => None,
-        }
-    }
-}
-
-impl PixelGrid {
-    /// Number of pixels.
-    pub fn num_pixels(&self) -> usize {
-        self.num_pixels_x as usize * self.num_pixels_y as usize
     }
 }

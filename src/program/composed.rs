@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::surface_optics::{coating_pass, reflectance};
-use crate::model::{DetectorKind, SceneIr, SourceFunction, Surface};
+use crate::model::{Detector, SceneIr, SourceFunction, Surface};
 use crate::program::df64;
 use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
@@ -145,7 +145,7 @@ impl Program {
         if self.features.has_bsdf_table() {
             buffers.push((bindings::BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
         }
-        if self.features.spectral {
+        if self.features.reads_bins() {
             buffers.push((bindings::SPECTRAL_BINS, spectral_bins(ir)));
         }
         if !facets.words.is_empty() {
@@ -288,26 +288,15 @@ fn spectra(ir: &SceneIr) -> Vec<u8> {
         .collect()
 }
 
-/// The bin of each wavelength, per detector: Optiland's searchsorted(edges, wavelength, "right") - 1, clamped.
+/// The bin of each wavelength, per detector.
 fn spectral_bins(ir: &SceneIr) -> Vec<u8> {
-    let bins = ir.detectors.iter().flat_map(|detector| {
-        ir.wavelengths.iter().map(|wavelength| match &detector.kind {
-            DetectorKind::Spectral { wavelength_edges: edges, .. } => {
-                let above = edges.partition_point(|edge| edge <= wavelength);
-                above.saturating_sub(1).min(edges.len() - 2) as u32
-            }
-            DetectorKind::Irradiance(_)
-            | DetectorKind::FarField { .. }
-            | DetectorKind::RayDatabase { .. } => 0,
-        })
-    });
-    bins.flat_map(u32::to_le_bytes).collect()
+    let bins = |detector: &Detector| ir.wavelengths.iter().map(|&w| detector.kind.bin(w)).collect::<Vec<_>>();
+    ir.detectors.iter().flat_map(bins).flat_map(u32::to_le_bytes).collect()
 }
 
 fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOptions) -> u64 {
-    let recorded = if features.ray_database {
-        let all_absorb =
-            ir.detectors.iter().all(|s| s.absorb || !matches!(s.kind, DetectorKind::RayDatabase { .. }));
+    let recorded = if features.stores_rays() {
+        let all_absorb = ir.detectors.iter().all(|s| s.absorb || !s.kind.stores_rays());
         if all_absorb { 1 } else { options.max_depth }
     } else {
         0

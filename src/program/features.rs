@@ -4,7 +4,7 @@ pub use crate::model::Precision;
 use crate::model::primitives::primitives;
 use crate::model::surface_optics::{least_share, splits};
 use crate::model::{
-    BsdfKind, DetectorKind, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
+    BsdfKind, DetectorFunction, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
 };
 use crate::program::layout::bsdf;
 
@@ -47,14 +47,8 @@ pub struct Features {
     pub splats: [bool; 3],
     /// Some detector lets rays pass.
     pub transmissive: bool,
-    /// Some detector is spectral.
-    pub spectral: bool,
-    /// Some detector is an irradiance map.
-    pub irradiance: bool,
-    /// Some detector is a far field.
-    pub far_field: bool,
-    /// Some detector is a ray database.
-    pub ray_database: bool,
+    /// Functions of detectors, without repetition.
+    pub detectors: Vec<DetectorFunction>,
     /// Kinds of sources, without repetition.
     pub sources: Vec<SourceFunction>,
 }
@@ -69,6 +63,9 @@ impl Features {
         let mut sources: Vec<SourceFunction> = ir.sources.iter().map(|e| e.kind.kind()).collect();
         sources.sort();
         sources.dedup();
+        let mut detectors: Vec<DetectorFunction> = ir.detectors.iter().map(|s| s.kind.function()).collect();
+        detectors.sort();
+        detectors.dedup();
         let reflectances = || {
             ir.surfaces.iter().filter_map(|s| match &s.interaction {
                 Interaction::Reflective { reflectance } => Some(reflectance),
@@ -119,10 +116,7 @@ impl Features {
                 grids.iter().any(|s| matches!(s, Splat::Gaussian { .. })),
             ],
             transmissive: ir.detectors.iter().any(|s| !s.absorb),
-            spectral: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::Spectral { .. })),
-            irradiance: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::Irradiance(_))),
-            far_field: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::FarField { .. })),
-            ray_database: ir.detectors.iter().any(|s| matches!(s.kind, DetectorKind::RayDatabase { .. })),
+            detectors,
             sources,
         }
     }
@@ -130,6 +124,16 @@ impl Features {
     /// What rays meet depends on the table of media: on its indices, where wavelengths differ, or its absorption.
     pub fn reads_media(&self) -> bool {
         self.refractive && self.polychromatic || self.bulk_absorption
+    }
+
+    /// True if some detector stores rays.
+    pub fn stores_rays(&self) -> bool {
+        self.detectors.iter().any(|function| function.stores_rays())
+    }
+
+    /// True if some detector reads the table of wavelength bins.
+    pub fn reads_bins(&self) -> bool {
+        self.detectors.iter().any(|function| function.reads_bins())
     }
 
     /// True if some BSDF reads a table.

@@ -162,7 +162,7 @@ impl ProgramOptions {
 
     /// True if rows go to the host: rays of a database, or events of paths.
     pub fn has_events(&self, features: &Features) -> bool {
-        features.ray_database || self.paths != PathSampling::None
+        features.stores_rays() || self.paths != PathSampling::None
     }
 }
 

@@ -1,7 +1,7 @@
 //! Two results of one scene, detector by detector: whether chance alone explains how far they are apart.
 
-use crate::result::{Detector, DetectorData, TraceResult};
-use ndarray::{Array, ArrayViewD, Dimension};
+use crate::result::detectors::CellMap;
+use crate::result::{Detector, TraceResult};
 use serde::Serialize;
 
 /// How far two results, A and B, are apart.
@@ -211,12 +211,7 @@ fn mean(sides: &[Estimate; 2]) -> f64 {
 
 /// Of a ray database that of all rows: which are kept depends on the number of rays.
 fn total_flux(detector: &Detector) -> f64 {
-    match &detector.data {
-        DetectorData::RayDatabase(rays) => rays.recorded_flux,
-        DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
-            detector.total_flux
-        }
-    }
+    detector.data.result().recorded_flux().unwrap_or(detector.total_flux)
 }
 
 /// That of rays of equal weight.
@@ -224,60 +219,25 @@ fn error_from_hits(flux: f64, hits: u64) -> f64 {
     flux / (hits.max(1) as f64).sqrt()
 }
 
-/// Values, their errors and hits, cell by cell.
+/// A detector's map.
 struct Cells<'a> {
-    values: ArrayViewD<'a, f64>,
-    errors: Option<ArrayViewD<'a, f64>>,
-    hits: ArrayViewD<'a, u64>,
-    /// Sizes of the cells of each row, the first index: flux over value.
-    sizes: Vec<f64>,
+    map: CellMap<'a>,
     /// Mean flux of a launched ray \[W\].
     ray: f64,
 }
 
 impl<'a> Cells<'a> {
     fn of(Side { detector, ray }: Side<'a>) -> Option<Self> {
-        Some(match &detector.data {
-            DetectorData::Irradiance(map) => {
-                let (ny, nx) = map.irradiance.dim();
-                let sizes = vec![map.width * map.height / (nx * ny) as f64; ny];
-                Cells::new(&map.irradiance, map.standard_error.as_ref(), &map.hits, sizes, ray)
-            }
-            DetectorData::Spectral(map) => {
-                let (ny, nx, _) = map.irradiance.dim();
-                let sizes = vec![map.width * map.height / (nx * ny) as f64; ny];
-                Cells::new(&map.irradiance, map.standard_error.as_ref(), &map.hits, sizes, ray)
-            }
-            DetectorData::FarField(pattern) => {
-                let sizes = pattern.solid_angles().to_vec();
-                Cells::new(&pattern.intensity, pattern.standard_error.as_ref(), &pattern.hits, sizes, ray)
-            }
-            DetectorData::RayDatabase(_) => return None,
-        })
-    }
-
-    fn new<D: Dimension>(
-        values: &'a Array<f64, D>,
-        errors: Option<&'a Array<f64, D>>,
-        hits: &'a Array<u64, D>,
-        sizes: Vec<f64>,
-        ray: f64,
-    ) -> Self {
-        Cells {
-            values: values.view().into_dyn(),
-            errors: errors.map(|errors| errors.view().into_dyn()),
-            hits: hits.view().into_dyn(),
-            sizes,
-            ray,
-        }
+        detector.data.result().map().map(|map| Cells { map, ray })
     }
 
     /// Every cell, in the order of the indices.
     fn iter(&self) -> impl Iterator<Item = Estimate> + '_ {
-        let mut errors = self.errors.iter().flat_map(|errors| errors.iter());
-        let cells_per_row = self.values.len() / self.sizes.len().max(1);
-        self.values.iter().zip(&self.hits).enumerate().map(move |(index, (&value, &hits))| {
-            let size = self.sizes[index / cells_per_row];
+        let CellMap { values, errors, hits, sizes, .. } = &self.map;
+        let mut errors = errors.iter().flat_map(|errors| errors.iter());
+        let cells_per_row = values.len() / sizes.len().max(1);
+        values.iter().zip(hits).enumerate().map(move |(index, (&value, &hits))| {
+            let size = sizes[index / cells_per_row];
             let flux = value * size;
             let own_error = errors.next().map_or_else(|| error_from_hits(flux, hits), |error| error * size);
             Estimate { flux, own_error, hits, ray: self.ray, spread: 1.0 }
@@ -301,8 +261,9 @@ fn maps(a: Side, b: Side, limit: f64) -> Result<Option<MapComparison>, String> {
     let (Some(a), Some(b)) = (Cells::of(a), Cells::of(b)) else {
         return Ok(None);
     };
-    if a.values.shape() != b.values.shape() {
-        return Err(format!("its cells are {:?} in A, {:?} in B", a.values.shape(), b.values.shape()));
+    let [shape_a, shape_b] = [&a, &b].map(|cells| cells.map.values.shape());
+    if shape_a != shape_b {
+        return Err(format!("its cells are {shape_a:?} in A, {shape_b:?} in B"));
     }
     let (mut num_cells, mut squares, mut largest) = (0, 0.0, None::<(f64, usize)>);
     let spreads = [a.spread(), b.spread()];
@@ -324,7 +285,7 @@ fn maps(a: Side, b: Side, limit: f64) -> Result<Option<MapComparison>, String> {
         num_cells,
         rms_score: (squares / num_cells.max(1) as f64).sqrt(),
         largest_score: largest.map(|(score, _)| score).filter(|score| score.is_finite()),
-        largest_at: largest.map_or(Vec::new(), |(_, index)| indices(index, a.values.shape())),
+        largest_at: largest.map_or(Vec::new(), |(_, index)| indices(index, shape_a)),
         limit: limit_of_largest(limit, num_cells),
     }))
 }

@@ -1,13 +1,9 @@
-//! What one detector recorded, by kind.
+//! What one detector recorded.
 
-use crate::error::{Error, Result};
-use crate::model::{self, DetectorKind};
+use crate::error::Result;
+use crate::result::detectors::Sums;
 use crate::result::uncertainty::relative_error_of_map;
-use crate::result::{
-    DetectorTally, FarFieldPattern, FluxSum, FluxUnit, IrradianceMap, RayDatabase, Rows, SpectralMap,
-    Uncertainty,
-};
-use std::sync::Arc;
+use crate::result::{DetectorData, FluxSum};
 
 /// What one detector recorded.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,56 +23,18 @@ pub struct Detector {
     pub data: DetectorData,
 }
 
-/// A recording, by kind of detector.
-#[derive(Debug, Clone, PartialEq)]
-pub enum DetectorData {
-    /// Flux per area.
-    Irradiance(IrradianceMap),
-    /// Flux per area and wavelength bin.
-    Spectral(SpectralMap),
-    /// Flux per solid angle.
-    FarField(FarFieldPattern),
-    /// Rays.
-    RayDatabase(RayDatabase),
-}
-
 impl Detector {
-    pub(crate) fn new(
-        detector: &model::Detector,
-        sums: &DetectorTally,
-        rows: Option<&Arc<Rows>>,
-        unit: FluxUnit,
-        uncertainty: &Uncertainty,
-        wavelengths: &[f64],
-    ) -> Result<Self> {
-        let mut total_flux_standard_error = uncertainty.of_total(sums);
-        let FluxSum { count: num_rays_hit, quanta } = sums.total();
-        let mut total_flux = unit.watts(quanta);
-        let data = match &detector.kind {
-            DetectorKind::Irradiance(grid) => {
-                DetectorData::Irradiance(IrradianceMap::new(grid, sums, unit, uncertainty)?)
-            }
-            DetectorKind::Spectral { grid, wavelength_edges } => {
-                DetectorData::Spectral(SpectralMap::new(grid, wavelength_edges, sums, unit, uncertainty)?)
-            }
-            DetectorKind::FarField { num_theta, num_phi } => {
-                DetectorData::FarField(FarFieldPattern::new(*num_theta, *num_phi, sums, unit, uncertainty)?)
-            }
-            DetectorKind::RayDatabase { .. } => {
-                let rows = rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", detector.name)))?;
-                let database = RayDatabase::new(detector.frame, rows.clone(), total_flux, unit, wavelengths)?;
-                if database.truncated {
-                    total_flux = database.kept_flux;
-                    total_flux_standard_error = None;
-                }
-                DetectorData::RayDatabase(database)
-            }
-        };
+    pub(crate) fn new(sums: &Sums<'_>) -> Result<Self> {
+        let detector = sums.detector;
+        let FluxSum { count: num_rays_hit, quanta } = sums.cells.total();
+        let data = DetectorData::new(sums)?;
+        let kept_flux = data.result().kept_flux();
+        let of_total = || sums.uncertainty.of_total(sums.cells);
         Ok(Detector {
             name: detector.name.clone(),
             absorb: detector.absorb,
-            total_flux,
-            total_flux_standard_error,
+            total_flux: kept_flux.unwrap_or_else(|| sums.unit.watts(quanta)),
+            total_flux_standard_error: if kept_flux.is_some() { None } else { of_total() },
             num_rays_hit,
             data,
         })
@@ -90,43 +48,13 @@ impl Detector {
     /// Error of the map: the sum of the cells' standard errors over the sum of their values, in flux. It is the mean of the
     /// cells' relative errors, each weighted by the cell's flux. None of a dark map, or without errors.
     pub fn mean_relative_error(&self) -> Option<f64> {
-        let alike = || std::iter::repeat(1.0);
-        match &self.data {
-            DetectorData::Irradiance(map) => {
-                relative_error_of_map(&map.irradiance, map.standard_error.as_ref()?, alike())
-            }
-            DetectorData::Spectral(map) => {
-                relative_error_of_map(&map.irradiance, map.standard_error.as_ref()?, alike())
-            }
-            DetectorData::FarField(pattern) => {
-                let columns = pattern.phi.len();
-                let sizes = pattern.solid_angles().into_iter();
-                let sizes = sizes.flat_map(|size| std::iter::repeat_n(size, columns));
-                relative_error_of_map(&pattern.intensity, pattern.standard_error.as_ref()?, sizes)
-            }
-            DetectorData::RayDatabase(_) => None,
+        let map = self.data.result().map()?;
+        let errors = map.errors.as_ref()?;
+        if map.are_alike {
+            return relative_error_of_map(&map.values, errors, std::iter::repeat(1.0));
         }
-    }
-}
-
-impl DetectorData {
-    /// Optiland's name of the kind.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            DetectorData::Irradiance(_) => "irradiance",
-            DetectorData::Spectral(_) => "spectral",
-            DetectorData::FarField(_) => "far_field",
-            DetectorData::RayDatabase(_) => "ray_database",
-        }
-    }
-
-    /// Pixels, or directions; none for a ray database. Wavelength bins do not count, as in Optiland's diagnostics.
-    pub fn num_pixels(&self) -> Option<u64> {
-        match self {
-            DetectorData::Irradiance(map) => Some(map.irradiance.len() as u64),
-            DetectorData::Spectral(map) => Some((map.x_coords.len() * map.y_coords.len()) as u64),
-            DetectorData::FarField(pattern) => Some(pattern.intensity.len() as u64),
-            DetectorData::RayDatabase(_) => None,
-        }
+        let cells_per_row = map.values.len() / map.sizes.len().max(1);
+        let sizes = map.sizes.iter().flat_map(|size| std::iter::repeat_n(*size, cells_per_row));
+        relative_error_of_map(&map.values, errors, sizes)
     }
 }

@@ -3,8 +3,7 @@
 use crate::format::{percent, shown, significant, thousands};
 use crate::model::{SceneIr, depth};
 use crate::result::{
-    Detector, DetectorData, DetectorDiagnostic, DetectorTally, Diagnostics, StoppedBy, Tally, TraceResult,
-    Uncertainty,
+    Detector, DetectorDiagnostic, DetectorTally, Diagnostics, StoppedBy, Tally, TraceResult, Uncertainty,
 };
 
 /// Warn when more than this fraction of the launched flux ended at the depth limit: the result is biased low.
@@ -24,13 +23,9 @@ const TARGET_HITS: f64 = 400.0;
 
 impl DetectorDiagnostic {
     fn new(detector: &Detector, num_rays_total: u64) -> Self {
-        let num_rays_hit = match detector.data {
-            DetectorData::RayDatabase(_) => 0,
-            DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
-                detector.num_rays_hit
-            }
-        };
         let num_pixels = detector.data.num_pixels();
+        // Optiland's ray database keeps no count.
+        let num_rays_hit = num_pixels.map_or(0, |_| detector.num_rays_hit);
         let mean = num_pixels.map(|pixels| num_rays_hit as f64 / pixels as f64);
         DetectorDiagnostic {
             name: detector.name.clone(),
@@ -124,7 +119,9 @@ impl Diagnostics {
         warnings.extend(unfinished.iter().cloned());
         warnings.extend(self.roulette());
         warnings.extend(self.unreached());
-        warnings.extend(result.detectors.iter().filter_map(truncated_database));
+        warnings.extend(result.detectors.iter().filter_map(|detector| {
+            detector.data.result().warning(&shown(&detector.name), detector.num_rays_hit)
+        }));
         warnings.extend(self.underflows());
         warnings.extend(self.saturated());
         grave.extend(unfinished);
@@ -273,19 +270,4 @@ fn sources_without_rays(ir: &SceneIr, result: &TraceResult, tally: &Tally) -> Op
             thousands(ir.sources.len() as u64)
         )
     })
-}
-
-fn truncated_database(detector: &Detector) -> Option<String> {
-    match &detector.data {
-        DetectorData::RayDatabase(rays) if rays.truncated => Some(format!(
-            "ray database '{}' kept the last {} of {} rays: its total_flux counts the kept rays only, the ledger all",
-            shown(&detector.name),
-            thousands(rays.num_rays()),
-            thousands(detector.num_rays_hit)
-        )),
-        DetectorData::RayDatabase(_)
-        | DetectorData::Irradiance(_)
-        | DetectorData::Spectral(_)
-        | DetectorData::FarField(_) => None,
-    }
 }

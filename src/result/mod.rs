@@ -10,19 +10,17 @@
 
 pub mod comparison;
 mod detector;
+pub mod detectors;
 mod diagnose;
 pub mod diagnostics;
-pub mod far_field;
 mod flux_unit;
 pub mod integrity;
-pub mod irradiance;
 pub mod ledger;
 pub(crate) mod names;
 pub mod npz;
 pub mod npz_files;
 pub mod output;
 pub mod png;
-pub mod ray_database;
 pub mod ray_paths;
 mod ray_set;
 mod read_out;
@@ -30,26 +28,25 @@ mod reader;
 pub mod report;
 pub mod rows;
 mod run_info;
-pub mod spectral;
 mod stopped_by;
+mod stored;
 pub mod tally;
 mod text;
 mod trace_result;
 pub mod uncertainty;
 
-pub use crate::result::detector::{Detector, DetectorData};
+pub use crate::result::detector::Detector;
+pub use crate::result::detectors::{
+    DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, SpectralMap,
+};
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
-pub use crate::result::far_field::FarFieldPattern;
 pub use crate::result::flux_unit::FluxUnit;
-pub use crate::result::irradiance::IrradianceMap;
 pub use crate::result::ledger::{Entry, Ledger};
-pub use crate::result::ray_database::{RayColumns, RayDatabase};
 pub use crate::result::ray_paths::{PathColumns, RayPaths};
 pub use crate::result::ray_set::{RaySet, RaySpan};
 pub use crate::result::report::Report;
 pub use crate::result::rows::{Recorded, Recording, RowWriter, Rows};
 pub use crate::result::run_info::{RunInfo, StageTime};
-pub use crate::result::spectral::SpectralMap;
 pub use crate::result::stopped_by::StoppedBy;
 pub(crate) use crate::result::tally::check_shape;
 pub use crate::result::tally::{

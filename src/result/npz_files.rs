@@ -7,9 +7,7 @@ use serde_json::json;
 
 use crate::error::Result;
 use crate::result::npz::NpzFile;
-use crate::result::{
-    Detector, DetectorData, FarFieldPattern, IrradianceMap, RayDatabase, RayPaths, SpectralMap, TraceResult,
-};
+use crate::result::{Detector, RayPaths, TraceResult};
 
 /// Version of the layout of the files.
 pub const SCHEMA: u32 = 1;
@@ -20,19 +18,15 @@ pub const SCHEMA: u32 = 1;
 /// [`crate::Error::File`] if the file cannot be written.
 pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) -> Result<()> {
     let mut file = NpzFile::create(path)?;
-    let units = match &detector.data {
-        DetectorData::Irradiance(map) => map.write(&mut file).map(|()| IrradianceMap::UNITS),
-        DetectorData::Spectral(map) => map.write(&mut file).map(|()| SpectralMap::UNITS),
-        DetectorData::FarField(pattern) => pattern.write(&mut file).map(|()| FarFieldPattern::UNITS),
-        DetectorData::RayDatabase(rays) => rays.write(&mut file).map(|()| RayDatabase::UNITS),
-    }?;
+    let data = detector.data.result();
+    data.write(&mut file)?;
     // Optiland's ray database has no sums of its own: they follow from its columns.
-    if !matches!(detector.data, DetectorData::RayDatabase(_)) {
+    if data.map().is_some() {
         file.add("total_flux", &arr0(detector.total_flux))?;
         file.add("num_rays_hit", &arr0(detector.num_rays_hit as i64))?;
         file.add_optional("total_flux_standard_error", &detector.total_flux_standard_error.map(arr0))?;
     }
-    file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, units))?;
+    file.add_string("meta", &meta(result, detector.data.kind(), &detector.name, data.units()))?;
     file.finish()
 }
 

@@ -16,7 +16,7 @@ use crate::placing::{self, Journal, Lock, Scratch, step};
 use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
 pub use crate::result::names::{RAY_PATHS, REPORT, TALLY};
 use crate::result::report::Files;
-use crate::result::{Detector, DetectorData, Report, TraceResult, npz_files, png};
+use crate::result::{Detector, Report, TraceResult, npz_files, png};
 use rayon::prelude::*;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -402,12 +402,10 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
             let path = folder.join(&picture);
             files.pictures.insert(detector.name.clone(), picture.clone());
             names.push(picture);
-            match &detector.data {
+            match detector.data.result().map() {
+                Some(_) => pictures.push((detector, path)),
                 // One at a time: it holds as many points as a picture shows.
-                DetectorData::RayDatabase(_) => png::write_detector(&path, detector)?,
-                DetectorData::Irradiance(_) | DetectorData::Spectral(_) | DetectorData::FarField(_) => {
-                    pictures.push((detector, path));
-                }
+                None => png::write_detector(&path, detector)?,
             }
         }
     }

@@ -4,7 +4,7 @@
 pub mod bars;
 mod canvas;
 pub mod curves;
-mod figures;
+pub(crate) mod figures;
 mod raster;
 
 #[cfg(feature = "viewer")]
@@ -12,7 +12,8 @@ pub(crate) use crate::result::png::canvas::ticks;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::result::{Detector, DetectorData};
+use crate::result::Detector;
+use crate::result::png::figures::Head;
 
 /// Draws what a detector recorded to `path`, a `.png` file.
 ///
@@ -20,11 +21,7 @@ use crate::result::{Detector, DetectorData};
 /// [`Error::File`] if the file cannot be written.
 pub fn write_detector(path: &Path, detector: &Detector) -> Result<()> {
     canvas::register_fonts();
-    let drawn = match &detector.data {
-        DetectorData::Irradiance(map) => figures::irradiance(path, detector, map),
-        DetectorData::Spectral(map) => figures::spectral(path, detector, map),
-        DetectorData::FarField(pattern) => figures::far_field(path, detector, pattern),
-        DetectorData::RayDatabase(rays) => figures::spots(path, detector, rays),
-    };
-    drawn.map_err(|error| Error::file(path, error))
+    let head =
+        Head { name: &detector.name, num_rays_hit: detector.num_rays_hit, total_flux: detector.total_flux };
+    detector.data.result().picture(path, &head).map_err(|error| Error::file(path, error))
 }

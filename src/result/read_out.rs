@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::model::{Interaction, SceneIr};
+use crate::result::detectors::Sums;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
     Detector, Diagnostics, FluxUnit, Ledger, RayPaths, Recorded, RunInfo, SurfaceResult, Tally, TraceResult,
@@ -34,8 +35,9 @@ impl TraceResult {
             .iter()
             .zip(&tally.detectors)
             .zip(&recorded.databases)
-            .map(|((detector, sums), rows)| {
-                Detector::new(detector, sums, rows.as_ref(), unit, &uncertainty, &ir.wavelengths)
+            .map(|((detector, cells), rows)| {
+                let (rows, uncertainty, wavelengths) = (rows.as_ref(), &uncertainty, &ir.wavelengths);
+                Detector::new(&Sums { detector, cells, rows, unit, uncertainty, wavelengths })
             })
             .collect::<Result<_>>()?;
         let surfaces = surfaces(ir, tally, unit);

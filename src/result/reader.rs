@@ -1,53 +1,17 @@
 //! A folder of results read back: `report.json` and the `.npz` files that it names.
 
-use std::fs::{self, File};
-use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::fs;
+use std::path::Path;
 
-use glam::{DMat3, DVec3};
-use ndarray::{Array1, Array3, Axis, Dimension};
-use ndarray_npy::npy::header::Header;
-use ndarray_npy::{NpzReader, ReadableElement};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use zip::{CompressionMethod, ZipArchive};
 
 use crate::error::{Error, Result};
-use crate::model::Frame;
 use crate::result::integrity::{self, Meta};
 use crate::result::output::REPORT;
-use crate::result::ray_database::RecordedRays;
-use crate::result::{
-    Detector, DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, Report, RunInfo,
-    SpectralMap, SurfaceResult, TraceResult, report,
-};
-
-/// What the report says of one detector.
-#[derive(Deserialize)]
-struct Entry {
-    kind: String,
-    absorb: bool,
-    total_flux: f64,
-    #[serde(default)]
-    total_flux_standard_error: Option<f64>,
-    #[serde(default)]
-    total_flux_recorded: Option<f64>,
-    num_rays_hit: u64,
-    file: Option<String>,
-    #[serde(default)]
-    width: Option<f64>,
-    #[serde(default)]
-    height: Option<f64>,
-    #[serde(default)]
-    frame: Option<FrameEntry>,
-}
-
-#[derive(Deserialize)]
-struct FrameEntry {
-    origin: [f64; 3],
-    axes: [[f64; 3]; 3],
-}
+use crate::result::stored::{Entry, Stored};
+use crate::result::{Detector, DetectorData, Report, RunInfo, SurfaceResult, TraceResult, report};
 
 #[derive(Deserialize)]
 struct SurfaceEntry {
@@ -60,7 +24,7 @@ struct SurfaceEntry {
 
 impl TraceResult {
     /// Reads what [`write_all`](crate::result::output::write_all) wrote into `dir`: the same bits, but for the last
-    /// ones of [`SpectralMap::spectrum`], which follows from the map, and without recorded paths.
+    /// ones of [`SpectralMap::spectrum`](crate::result::SpectralMap::spectrum), which follows from the map, and without recorded paths.
     ///
     /// # Errors
     /// [`Error::File`] with the file that is missing or does not hold what it should.
@@ -176,26 +140,9 @@ fn detector(dir: &Path, name: &str, entry: Entry, meta: Option<&Meta>) -> Result
     if let Some(meta) = meta {
         integrity::check_file(dir, file, meta)?;
     }
-    let file = NpzFile::open(dir.join(file))?;
-    let missing = |what: &str| Error::file(&path, format!("has no {what} of detector '{name}'"));
-    let size = || {
-        let width = entry.width.ok_or_else(|| missing("width"))?;
-        entry.height.ok_or_else(|| missing("height")).map(|height| (width, height))
-    };
-    let data = match entry.kind.as_str() {
-        "irradiance" => DetectorData::Irradiance(file.irradiance(size()?)?),
-        "spectral" => DetectorData::Spectral(file.spectral(size()?)?),
-        "far_field" => DetectorData::FarField(file.far_field()?),
-        "ray_database" => {
-            let frame = entry.frame.as_ref().ok_or_else(|| missing("frame"))?;
-            let frame = Frame {
-                origin: DVec3::from_array(frame.origin),
-                rotation: DMat3::from_cols_array_2d(&frame.axes),
-            };
-            DetectorData::RayDatabase(file.ray_database(frame, &entry)?)
-        }
-        other => return Err(Error::file(path, format!("no detector is of kind `{other}`"))),
-    };
+    let stored = Stored::open(path.clone(), name, entry.clone(), dir.join(file))?;
+    let data = DetectorData::read(&entry.kind, stored)?
+        .ok_or_else(|| Error::file(path, format!("no detector is of kind `{}`", entry.kind)))?;
     Ok(Detector {
         name: name.into(),
         absorb: entry.absorb,
@@ -204,162 +151,4 @@ fn detector(dir: &Path, name: &str, entry: Entry, meta: Option<&Meta>) -> Result
         num_rays_hit: entry.num_rays_hit,
         data,
     })
-}
-
-/// An `.npz` file that is read.
-struct NpzFile {
-    path: PathBuf,
-    reader: NpzReader<BufReader<File>>,
-}
-
-/// Refuses an archive that claims to hold more than it has bytes, before anything is unpacked: this program stores arrays as
-/// they are.
-fn check_claims(file: &File) -> std::result::Result<(), String> {
-    let length = file.metadata().map_err(|error| error.to_string())?.len();
-    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| error.to_string())?;
-    for index in 0..archive.len() {
-        let mut member = archive.by_index(index).map_err(|error| error.to_string())?;
-        let (name, size) = (member.name().to_string(), member.size());
-        let claims = |what: &str, bytes: u128| {
-            Err(format!(
-                "`{name}` {what} {bytes} bytes, in a file of {length}: this program did not write it"
-            ))
-        };
-        if member.compression() != CompressionMethod::Stored || size > length {
-            return claims("would unpack to", size.into());
-        }
-        let Ok(header) = Header::from_reader(&mut member) else { continue };
-        // Each number or letter takes one byte at least.
-        let num_items =
-            header.shape.iter().try_fold(1_u128, |product, &side| product.checked_mul(side as u128));
-        let num_items = num_items.unwrap_or(u128::MAX);
-        if num_items > size.into() {
-            return claims("claims more than", num_items);
-        }
-    }
-    Ok(())
-}
-
-impl NpzFile {
-    fn open(path: PathBuf) -> Result<Self> {
-        if !path.is_file() {
-            return Err(Error::file(path, "is no file"));
-        }
-        let file = File::open(&path).map_err(|error| Error::file(&path, error))?;
-        check_claims(&file).map_err(|problem| Error::file(&path, problem))?;
-        let reader = NpzReader::new(BufReader::new(file)).map_err(|error| Error::file(&path, error))?;
-        Ok(NpzFile { path, reader })
-    }
-
-    fn array<T: ReadableElement, D: Dimension>(&mut self, name: &str) -> Result<ndarray::Array<T, D>> {
-        self.reader.by_name(name).map_err(|error| Error::file(&self.path, format!("`{name}`: {error}")))
-    }
-
-    /// An array that a trace without standard errors does not write.
-    fn optional<T: ReadableElement, D: Dimension>(
-        &mut self,
-        name: &str,
-    ) -> Result<Option<ndarray::Array<T, D>>> {
-        let names = self.reader.names().map_err(|error| Error::file(&self.path, error))?;
-        if names.iter().any(|other| other.trim_end_matches(".npy") == name) {
-            self.array(name).map(Some)
-        } else {
-            Ok(None)
-        }
-    }
-
-    /// The shapes must fit, since whoever shows the arrays indexes them together.
-    fn check(&self, fits: bool) -> Result<()> {
-        if fits { Ok(()) } else { Err(Error::file(&self.path, "the shapes of its arrays do not fit")) }
-    }
-
-    fn irradiance(mut self, (width, height): (f64, f64)) -> Result<IrradianceMap> {
-        let map = IrradianceMap {
-            irradiance: self.array("irradiance")?,
-            x_coords: self.array("x_coords")?,
-            y_coords: self.array("y_coords")?,
-            hits: self.array("hits")?,
-            standard_error: self.optional("standard_error")?,
-            width,
-            height,
-        };
-        let shape = (map.y_coords.len(), map.x_coords.len());
-        self.check(
-            map.irradiance.dim() == shape
-                && map.hits.dim() == shape
-                && map.standard_error.as_ref().is_none_or(|errors| errors.dim() == shape)
-                && !map.hits.is_empty(),
-        )?;
-        Ok(map)
-    }
-
-    fn spectral(mut self, (width, height): (f64, f64)) -> Result<SpectralMap> {
-        let irradiance: Array3<f64> = self.array("irradiance")?;
-        let (ny, nx, bins) = irradiance.dim();
-        let area = (width / nx as f64) * (height / ny as f64);
-        let map = SpectralMap {
-            x_coords: self.array("x_coords")?,
-            y_coords: self.array("y_coords")?,
-            wavelengths: self.array("wavelengths")?,
-            wavelength_edges: self.array("wavelength_edges")?,
-            hits: self.array("hits")?,
-            standard_error: self.optional("standard_error")?,
-            width,
-            height,
-            spectrum: irradiance.sum_axis(Axis(0)).sum_axis(Axis(0)) * area,
-            irradiance,
-        };
-        self.check(
-            (map.y_coords.len(), map.x_coords.len(), map.wavelengths.len()) == (ny, nx, bins)
-                && map.hits.dim() == (ny, nx, bins)
-                && map.standard_error.as_ref().is_none_or(|errors| errors.dim() == (ny, nx, bins))
-                && map.wavelength_edges.len() == bins + 1
-                && !map.hits.is_empty(),
-        )?;
-        Ok(map)
-    }
-
-    fn far_field(mut self) -> Result<FarFieldPattern> {
-        let pattern = FarFieldPattern {
-            intensity: self.array("intensity")?,
-            theta: self.array("theta")?,
-            phi: self.array("phi")?,
-            hits: self.array("hits")?,
-            standard_error: self.optional("standard_error")?,
-        };
-        let shape = (pattern.theta.len(), pattern.phi.len());
-        self.check(
-            pattern.intensity.dim() == shape
-                && pattern.hits.dim() == shape
-                && pattern.standard_error.as_ref().is_none_or(|errors| errors.dim() == shape)
-                && !pattern.hits.is_empty(),
-        )?;
-        Ok(pattern)
-    }
-
-    fn ray_database(mut self, frame: Frame, entry: &Entry) -> Result<RayDatabase> {
-        let position = [self.array("x")?, self.array("y")?, self.array("z")?];
-        let direction = [self.array("L")?, self.array("M")?, self.array("N")?];
-        let ray_id: Array1<u64> = self.array("ray_id")?;
-        let (mut flux, mut wavelength): (Array1<f64>, Array1<f64>) =
-            (self.array("flux")?, self.array("wavelength")?);
-        let rows = ray_id.len();
-        if rows == 0 {
-            // Optiland writes one flux and one wavelength of 0 for a database without rays.
-            (flux, wavelength) = (Array1::zeros(0), Array1::zeros(0));
-        }
-        let columns = position.iter().chain(&direction).chain([&flux, &wavelength]);
-        self.check(columns.into_iter().all(|column| column.len() == rows))?;
-        let columns = RayColumns { ray_id, position, direction, flux, wavelength };
-        let kept_flux = entry.total_flux;
-        RayDatabase::of_columns(
-            frame,
-            &columns,
-            RecordedRays {
-                num_rays: entry.num_rays_hit,
-                kept_flux,
-                recorded_flux: entry.total_flux_recorded.unwrap_or(kept_flux),
-            },
-        )
-    }
 }

@@ -5,12 +5,9 @@ use std::collections::HashMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::model::Frame;
 use crate::result::StoppedBy;
 use crate::result::integrity::Meta;
-use crate::result::{
-    DetectorData, Diagnostics, IrradianceMap, Ledger, SpectralMap, SurfaceResult, TraceResult,
-};
+use crate::result::{Diagnostics, Ledger, SurfaceResult, TraceResult};
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
@@ -199,19 +196,8 @@ fn detectors(result: &TraceResult, files: &Files) -> Map<String, Value> {
             "file": files.detectors.get(&detector.name),
             "picture": files.pictures.get(&detector.name),
         });
-        match &detector.data {
-            DetectorData::Irradiance(IrradianceMap { width, height, .. })
-            | DetectorData::Spectral(SpectralMap { width, height, .. }) => {
-                entry["width"] = json!(width);
-                entry["height"] = json!(height);
-            }
-            DetectorData::FarField(_) => {}
-            DetectorData::RayDatabase(rays) => {
-                let Frame { origin, rotation } = rays.frame;
-                entry["num_rays_stored"] = json!(rays.num_rays());
-                entry["total_flux_recorded"] = json!(rays.recorded_flux);
-                entry["frame"] = json!({ "origin": origin.to_array(), "axes": rotation.to_cols_array_2d() });
-            }
+        for (key, value) in detector.data.result().entry() {
+            entry[key] = value;
         }
         (detector.name.clone(), entry)
     });

@@ -341,12 +341,7 @@ pub struct Recorded {
 
 impl Recording {
     fn new(ir: &SceneIr, paths: RowWriter, rows: impl Fn(Option<u64>) -> RowWriter) -> Self {
-        let database = |kind: &DetectorKind| match kind {
-            DetectorKind::RayDatabase { max_rays, .. } => Some(rows(*max_rays)),
-            DetectorKind::Irradiance(_) | DetectorKind::Spectral { .. } | DetectorKind::FarField { .. } => {
-                None
-            }
-        };
+        let database = |kind: &DetectorKind| kind.stores_rays().then(|| rows(kind.max_rays()));
         Recording { databases: ir.detectors.iter().map(|detector| database(&detector.kind)).collect(), paths }
     }
 

@@ -132,136 +132,7 @@ pub struct Doublet {
     pub conic3: f64,
 }
 
-/// A detector, by its `type`.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-#[schemars(tag = "type")]
-pub enum Detector {
-    /// Flux over pixels.
-    Irradiance(IrradianceDetector),
-    /// Flux over pixels and wavelengths.
-    Spectral(SpectralDetector),
-    /// Flux over directions.
-    FarField(FarFieldDetector),
-    /// Every ray.
-    RayDatabase(RayDatabaseDetector),
-}
-
-/// Flux over pixels.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct IrradianceDetector {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Full width \[mm\].
-    pub width: f64,
-    /// Full height \[mm\].
-    pub height: f64,
-    /// Pixels along x.
-    #[serde(default = "pixels")]
-    pub num_pixels_x: u32,
-    /// Pixels along y.
-    #[serde(default = "pixels")]
-    pub num_pixels_y: u32,
-    /// How flux is spread over pixels.
-    #[serde(default)]
-    pub splat: SplatKind,
-    /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
-    #[serde(default = "half")]
-    pub splat_sigma: f64,
-    /// Whether a hit ends the ray.
-    #[serde(default = "yes")]
-    pub absorb: bool,
-}
-
-/// Flux over pixels and wavelengths.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SpectralDetector {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Full width \[mm\].
-    pub width: f64,
-    /// Full height \[mm\].
-    pub height: f64,
-    /// Pixels along x.
-    #[serde(default = "pixels")]
-    pub num_pixels_x: u32,
-    /// Pixels along y.
-    #[serde(default = "pixels")]
-    pub num_pixels_y: u32,
-    /// Lower end of the first bin \[um\], which also counts what is shorter.
-    #[serde(default = "violet")]
-    pub wl_min: f64,
-    /// Upper end of the last bin \[um\], which also counts what is longer.
-    #[serde(default = "red")]
-    pub wl_max: f64,
-    /// Wavelength bins.
-    #[serde(default = "hundred")]
-    pub num_bins: u32,
-    /// How flux is spread over pixels.
-    #[serde(default)]
-    pub splat: SplatKind,
-    /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
-    #[serde(default = "half")]
-    pub splat_sigma: f64,
-    /// Whether a hit ends the ray.
-    #[serde(default = "yes")]
-    pub absorb: bool,
-}
-
-/// Flux over directions.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct FarFieldDetector {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Bins of the polar angle, 0 to 90 degrees from the axis, forwards and backwards together.
-    #[serde(default = "ninety")]
-    pub num_bins_theta: u32,
-    /// Bins of the azimuth, -180 to 180 degrees.
-    #[serde(default = "full_circle")]
-    pub num_bins_phi: u32,
-    /// Whether a hit ends the ray.
-    #[serde(default = "yes")]
-    pub absorb: bool,
-}
-
-/// Every ray through a rectangle.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct RayDatabaseDetector {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Full width \[mm\].
-    pub width: f64,
-    /// Full height \[mm\].
-    pub height: f64,
-    /// Whether a hit ends the ray.
-    #[serde(default = "yes")]
-    pub absorb: bool,
-}
-
-/// How flux is spread over pixels.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SplatKind {
-    /// Over the four nearest pixels.
-    #[default]
-    Bilinear,
-    /// Over a Gaussian.
-    Gaussian,
-    /// All in the pixel that was hit.
-    Hard,
-}
+pub use crate::model::detectors::{DetectorExtra, Written as Detector};
 
 /// What schema version 1 cannot hold.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
@@ -445,14 +316,6 @@ pub enum Coating {
     },
 }
 
-/// Additions to a detector.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct DetectorExtra {
-    /// Ray database: keep only the last so many rays; 0 or null for all.
-    pub max_rays: Option<u64>,
-}
-
 /// How rare branches are sampled.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -501,36 +364,4 @@ impl JsonSchema for ReflectProb {
 
 fn one() -> f64 {
     1.0
-}
-
-fn half() -> f64 {
-    0.5
-}
-
-fn violet() -> f64 {
-    0.4
-}
-
-fn red() -> f64 {
-    0.7
-}
-
-fn yes() -> bool {
-    true
-}
-
-fn pixels() -> u32 {
-    256
-}
-
-fn hundred() -> u32 {
-    100
-}
-
-fn ninety() -> u32 {
-    90
-}
-
-fn full_circle() -> u32 {
-    360
 }

@@ -9,14 +9,11 @@ use crate::model::checks::{between, conic_constant, fraction, position, radius, 
 use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::scene::json::{
     Block, Coating, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override,
-    RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source, SpectralDetector, Spectrum,
-    SplatKind,
+    RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source, Spectrum,
 };
 
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
 const MAX_WAVELENGTH: f64 = 20.0;
-/// Ends of a detector's band above are nanometres by mistake \[um\]; Optiland's limit.
-const MAX_BAND: f64 = 100.0;
 /// Wavelengths below are metres by mistake \[um\].
 const MIN_WAVELENGTH: f64 = 1e-4;
 /// Longest chain of coordinate systems.
@@ -27,8 +24,6 @@ const MAX_CELLS: u64 = 1 << 31;
 const MAX_ITEMS: usize = 100_000;
 /// Most distinct wavelengths of all sources, times the items that may have a table over them.
 const MAX_TABLES: usize = 1 << 25;
-/// Widest Gaussian splat \[pixels\].
-const MAX_SPLAT_SIGMA: f64 = 100.0;
 /// Longest name \[bytes\]: tables of rows repeat the longest in every row.
 const MAX_NAME: usize = 1 << 16;
 
@@ -54,10 +49,6 @@ fn each<T>(list: &str, items: &[T], check: impl Fn(&str, &T) -> Result<()>) -> R
 }
 
 // Numbers
-
-fn count(place: String, value: u32) -> Result<()> {
-    if value > 0 { Ok(()) } else { refuse(place, "0 leaves nothing to record in", "give 1 or more") }
-}
 
 fn wavelength(place: String, value: f64) -> Result<()> {
     match value {
@@ -195,91 +186,9 @@ fn check_table(place: &str, wavelengths: &[f64], key: &str, values: &[f64]) -> R
 
 // Detectors
 
-impl Detector {
-    /// The user's name for it.
-    pub fn name(&self) -> &str {
-        match self {
-            Detector::Irradiance(detector) => &detector.name,
-            Detector::Spectral(detector) => &detector.name,
-            Detector::FarField(detector) => &detector.name,
-            Detector::RayDatabase(detector) => &detector.name,
-        }
-    }
-
-    /// Position and orientation.
-    pub fn cs(&self) -> &CoordinateSystem {
-        match self {
-            Detector::Irradiance(detector) => &detector.cs,
-            Detector::Spectral(detector) => &detector.cs,
-            Detector::FarField(detector) => &detector.cs,
-            Detector::RayDatabase(detector) => &detector.cs,
-        }
-    }
-
-    /// How many sums it keeps, if they can be counted.
-    fn num_cells(&self) -> Option<u64> {
-        let product =
-            |factors: &[u32]| factors.iter().try_fold(1u64, |cells, n| cells.checked_mul(u64::from(*n)));
-        match self {
-            Detector::Irradiance(d) => product(&[d.num_pixels_x, d.num_pixels_y]),
-            Detector::Spectral(d) => product(&[d.num_pixels_x, d.num_pixels_y, d.num_bins]),
-            Detector::FarField(d) => product(&[d.num_bins_theta, d.num_bins_phi]),
-            Detector::RayDatabase(_) => Some(0),
-        }
-    }
-}
-
 fn check_detector(place: &str, detector: &Detector) -> Result<()> {
-    let at = |key| key_of(place, key);
-    coordinate_system(&at("cs"), detector.cs())?;
-    match detector {
-        Detector::Irradiance(d) => {
-            check_rectangle(place, d.width, d.height)?;
-            count(at("num_pixels_x"), d.num_pixels_x)?;
-            count(at("num_pixels_y"), d.num_pixels_y)?;
-            check_splat(place, d.splat, d.splat_sigma)
-        }
-        Detector::Spectral(d) => check_spectral(place, d),
-        Detector::FarField(d) => {
-            count(at("num_bins_theta"), d.num_bins_theta)?;
-            count(at("num_bins_phi"), d.num_bins_phi)
-        }
-        Detector::RayDatabase(d) => check_rectangle(place, d.width, d.height),
-    }
-}
-
-fn check_spectral(place: &str, d: &SpectralDetector) -> Result<()> {
-    let at = |key| key_of(place, key);
-    check_rectangle(place, d.width, d.height)?;
-    count(at("num_pixels_x"), d.num_pixels_x)?;
-    count(at("num_pixels_y"), d.num_pixels_y)?;
-    count(at("num_bins"), d.num_bins)?;
-    band_end(at("wl_min"), d.wl_min)?;
-    band_end(at("wl_max"), d.wl_max)?;
-    if d.wl_min >= d.wl_max {
-        let problem = format!("wl_max = {} um is not above wl_min = {} um", d.wl_max, d.wl_min);
-        return refuse(at("wl_max"), problem, "give wl_min < wl_max");
-    }
-    check_splat(place, d.splat, d.splat_sigma)
-}
-
-/// The end of a detector's band \[um\]: it may lie beyond every wavelength.
-fn band_end(place: String, value: f64) -> Result<()> {
-    if value > MAX_BAND && value.is_finite() {
-        let remedy = format!("if these are nanometres, divide by 1000: {}", value / 1000.0);
-        return refuse(place, format!("{value} um is above {MAX_BAND} um"), remedy);
-    }
-    between(place, value, 0.0, MAX_BAND)
-}
-
-fn check_rectangle(place: &str, width: f64, height: f64) -> Result<()> {
-    size(key_of(place, "width"), width)?;
-    size(key_of(place, "height"), height)
-}
-
-fn check_splat(place: &str, splat: SplatKind, sigma: f64) -> Result<()> {
-    let high = if splat == SplatKind::Gaussian { MAX_SPLAT_SIGMA } else { f64::MAX };
-    between(key_of(place, "splat_sigma"), sigma, 0.0, high)
+    coordinate_system(&key_of(place, "cs"), detector.cs())?;
+    detector.check(&|key| key_of(place, key))
 }
 
 // The whole
@@ -490,7 +399,7 @@ fn check_detector_extras(block: &Block, file: &SceneFile) -> Result<()> {
             let advice = did_you_mean(name, file.detectors.iter().map(Detector::name));
             return refuse(place, "no detector has this name", advice);
         };
-        if extra.max_rays.is_some() && !matches!(detector, Detector::RayDatabase(_)) {
+        if extra.max_rays.is_some() && !detector.stores_rays() {
             return refuse(
                 key_of(&place, "max_rays"),
                 "the detector stores no rays",

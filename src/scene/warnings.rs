@@ -67,20 +67,18 @@ fn open_media(file: &SceneFile, surfaces: &[SceneSurface], media: &MediaTable) -
 // Detectors
 
 fn wavelengths_beyond(detector: &Detector, wavelengths: &[f64]) -> Option<String> {
-    let Detector::Spectral(spectral) = detector else { return None };
+    let [low, high] = detector.band()?;
     let beyond: Vec<String> = wavelengths
         .iter()
-        .filter(|wavelength| !(spectral.wl_min..=spectral.wl_max).contains(wavelength))
+        .filter(|wavelength| !(low..=high).contains(wavelength))
         .map(f64::to_string)
         .collect();
     (!beyond.is_empty()).then(|| {
         format!(
-            "detector {} counts light of {} um in its first or last bin, though its bins reach from {} to {} um, as in \
-             Optiland",
-            quoted(&spectral.name),
+            "detector {} counts light of {} um in its first or last bin, though its bins reach from {low} to {high} um, as \
+             in Optiland",
+            quoted(detector.name()),
             listed(&beyond),
-            spectral.wl_min,
-            spectral.wl_max
         )
     })
 }

@@ -8,13 +8,13 @@
 
 use crate::error::Result;
 use crate::gpu::Gpu;
+use crate::model::detectors::grid::ArrivalError;
 use crate::model::shapes::Level;
-use crate::model::{Detector, DetectorKind, Frame, Interaction, Sampling, SceneIr, Surface};
+use crate::model::{Detector, Frame, Interaction, Sampling, SceneIr, Surface};
 use crate::program::{Precision, centre_of};
 use crate::result::{PathEvent, PathEventKind, RayRow};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::{DMat3, DVec3};
-use std::f64::consts::{FRAC_PI_2, PI};
 
 /// An error of so many pixels is not seen in a map.
 pub const GOOD_PIXELS: f64 = 0.01;
@@ -180,7 +180,7 @@ fn finest(gpu: &Gpu) -> Precision {
 }
 
 fn is_database(ir: &SceneIr, detector: usize) -> bool {
-    matches!(ir.detectors[detector].kind, DetectorKind::RayDatabase { .. })
+    ir.detectors[detector].kind.stores_rays()
 }
 
 /// Predicts the error of f32 in every detector that the pilot reaches.
@@ -303,21 +303,8 @@ fn arrival(event: &PathEvent, index: usize, detector: &Detector, errors: &Covari
     let (x, y) = (along(errors.pp, axes.x_axis), along(errors.pp, axes.y_axis));
     let dd = errors.dd;
     let bent = SIGMAS * (dd.x_axis.x + dd.y_axis.y + dd.z_axis.z).max(0.0).sqrt();
-    let pixels = match &detector.kind {
-        DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
-            let (pitch_x, pitch_y) =
-                (grid.width / f64::from(grid.num_pixels_x), grid.height / f64::from(grid.num_pixels_y));
-            Some((x / pitch_x).max(y / pitch_y))
-        }
-        DetectorKind::FarField { num_theta, num_phi } => {
-            let direction = axes.transpose() * DVec3::from_array(event.ray.direction);
-            let (theta, phi) = (FRAC_PI_2 / f64::from(*num_theta), 2.0 * PI / f64::from(*num_phi));
-            // In the ring at the pole the azimuth is rounding noise in every precision.
-            let sine = direction.truncate().length().max(theta.sin());
-            Some((bent / theta).max(bent / (sine * phi)))
-        }
-        DetectorKind::RayDatabase { .. } => None,
-    };
+    let direction = axes.transpose() * DVec3::from_array(event.ray.direction);
+    let pixels = detector.kind.cells_off(&ArrivalError { x, y, bent, direction });
     let RayRow { ray_id, bounce, weight, .. } = event.ray;
     Arrival { ray_id, bounce, detector: index, weight, position: x.hypot(y), direction: bent, pixels }
 }

@@ -1,7 +1,8 @@
 //! What a map shows: values over a plane, whatever the kind of detector.
 
-use crate::result::{FarFieldPattern, IrradianceMap, SpectralMap};
-use ndarray::{Array2, Axis};
+use crate::result::detectors::{CellMap, Span};
+use crate::result::{FarFieldPattern, SpectralMap};
+use ndarray::{Array2, Axis, Ix2};
 
 /// How the cells of a field lie in the plane of a plot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,13 +71,32 @@ const INTENSITY: Labels =
     Labels { x: ("θx", "°"), y: ("θy", "°"), value: ("Intensity", "W/sr"), flux: "W" };
 
 impl Field {
-    /// Irradiance over x and y.
-    pub fn of_irradiance(map: &IrradianceMap) -> Field {
-        let sigma = sigma_of(map.standard_error.as_ref(), &map.irradiance, &map.hits);
-        Field {
-            sigma,
-            ..Field::over_pixels((map.width, map.height), map.irradiance.clone(), map.hits.clone())
-        }
+    /// A map of rows and columns over equal rectangles; none of one with more indices.
+    pub(crate) fn of_map(map: &CellMap<'_>) -> Option<Field> {
+        let values = map.values.to_owned().into_dimensionality::<Ix2>().ok()?;
+        let hits = map.hits.to_owned().into_dimensionality::<Ix2>().ok()?;
+        let errors =
+            map.errors.as_ref().and_then(|errors| errors.to_owned().into_dimensionality::<Ix2>().ok());
+        let (rows, columns) = values.dim();
+        let length = |Span { range: (low, high), .. }: Span| high - low;
+        let area = (length(map.x) / columns as f64) * (length(map.y) / rows as f64);
+        Some(Field {
+            geometry: Geometry::Rectangles,
+            x_range: map.x.range,
+            y_range: map.y.range,
+            labels: Labels { x: map.x.label, y: map.y.label, value: map.quantity, flux: "W" },
+            sigma: sigma_of(errors.as_ref(), &values, &hits),
+            measure: if map.are_alike { vec![area; rows] } else { map.sizes.clone() },
+            values,
+            hits,
+        })
+    }
+
+    /// Irradiance over x and y, for tests.
+    #[cfg(test)]
+    pub(crate) fn of_irradiance(map: &crate::result::IrradianceMap) -> Field {
+        use crate::result::detectors::DetectorResult;
+        map.map().and_then(|map| Field::of_map(&map)).unwrap()
     }
 
     /// Irradiance over x and y: the sum over the wavelength bins, each times its weight.
@@ -121,7 +141,7 @@ impl Field {
     /// Intensity over directions.
     pub fn of_far_field(pattern: &FarFieldPattern, geometry: Geometry) -> Field {
         let (rows, columns) = pattern.intensity.dim();
-        let limit = crate::result::far_field::THETA_MAX;
+        let limit = crate::result::detectors::far_field::THETA_MAX;
         let (d_theta, d_phi) = ((limit / rows as f64).to_radians(), (360.0 / columns as f64).to_radians());
         let measure = |theta: &f64| theta.to_radians().sin() * d_theta * d_phi;
         let (x_range, y_range, labels) = match geometry {
@@ -221,6 +241,7 @@ impl Field {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::result::IrradianceMap;
     use ndarray::Array1;
 
     fn pattern(rows: usize, columns: usize) -> FarFieldPattern {

@@ -136,12 +136,8 @@ impl Recipe {
     /// True if it is made well within a frame.
     fn is_small(&self) -> bool {
         const CELLS: u64 = 300_000;
-        let size = self.a.detector(&self.key.detector).map_or(0, |detector| match &detector.data {
-            DetectorData::Irradiance(map) => map.irradiance.len() as u64,
-            DetectorData::Spectral(map) => map.irradiance.len() as u64,
-            DetectorData::FarField(pattern) => pattern.intensity.len() as u64,
-            DetectorData::RayDatabase(rays) => rays.num_rays(),
-        });
+        let size =
+            self.a.detector(&self.key.detector).map_or(0, |detector| detector.data.result().num_items());
         size < CELLS
     }
 
@@ -195,15 +191,17 @@ impl Recipe {
     fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
         let Settings { photometric, polar, .. } = self.key.settings;
         let field = match &detector.data {
-            DetectorData::Irradiance(map) => Field::of_irradiance(map),
             DetectorData::FarField(pattern) => {
                 let geometry = if polar { Geometry::Polar } else { Geometry::Rectangles };
                 Field::of_far_field(pattern, geometry)
             }
             DetectorData::Spectral(map) => return self.spectral_field(map),
-            DetectorData::RayDatabase(_) => {
-                return Err("rays are shown as points: A and B cannot be subtracted".into());
-            }
+            // Any other kind is shown as its map says.
+            other => other
+                .result()
+                .map()
+                .and_then(|map| Field::of_map(&map))
+                .ok_or("rays are shown as points: A and B cannot be subtracted")?,
         };
         if !photometric {
             return Ok(field);

@@ -152,7 +152,7 @@ mod tests {
     use super::*;
     use crate::model::Frame;
     use crate::result::RayColumns;
-    use crate::result::ray_database::RecordedRays;
+    use crate::result::detectors::ray_database::RecordedRays;
     use crate::viewer::region::Outline;
     use glam::DMat3;
     use ndarray::array;

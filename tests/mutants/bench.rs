@@ -3,7 +3,7 @@
 use crate::table::Mutant;
 use crate::zoo;
 use nsq_gpu::gpu::{Gpu, list_adapters};
-use nsq_gpu::model::{DetectorKind, SceneIr};
+use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
 use nsq_gpu::program::{Precision, df64};
 use nsq_gpu::result::{RunInfo, Tally, TraceResult};
 use nsq_gpu::software::{Choices, When};
@@ -134,7 +134,7 @@ pub fn scene(name: &str) -> SceneIr {
     let lowered = Scene::from_path(&path).and_then(|scene| scene.lower());
     let mut ir = lowered.unwrap_or_else(|error| panic!("{name}: {error}"));
     for detector in &mut ir.detectors {
-        if let DetectorKind::RayDatabase { max_rays, .. } = &mut detector.kind {
+        if let DetectorKind::RayDatabase(RayDatabase { max_rays, .. }) = &mut detector.kind {
             *max_rays = None;
         }
     }

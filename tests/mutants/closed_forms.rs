@@ -5,9 +5,9 @@ use crate::checks::Outcome;
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, Collimated, Detector, DetectorKind, Extended, Frame, Interaction, Medium, Mesh,
-    MeshId, Outline, PixelGrid, Point, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind,
-    Spectrum, Splat, Surface, Tabulated,
+    Bsdf, BsdfTable, Coating, Collimated, Detector, DetectorKind, Extended, FarField, Frame, Interaction,
+    Medium, Mesh, MeshId, Outline, PixelGrid, Point, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
+    Shape, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -61,7 +61,7 @@ fn pixels(name: &str, z: f64) -> Detector {
 }
 
 fn sky() -> Detector {
-    let kind = DetectorKind::FarField { num_theta: 18, num_phi: 8 };
+    let kind = DetectorKind::FarField(FarField { num_theta: 18, num_phi: 8 });
     Detector { name: "sky".into(), frame: at(10.0), kind, absorb: true }
 }
 
@@ -325,7 +325,7 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
 
 /// Of a point's rays, and of an area's, each of eight azimuths gets the same number, and each of two wavelengths.
 fn points_over_the_sky(bench: &Bench) -> Outcome {
-    let azimuths = DetectorKind::FarField { num_theta: 1, num_phi: 8 };
+    let azimuths = DetectorKind::FarField(FarField { num_theta: 1, num_phi: 8 });
     let area = Outline::Disk { radius: 1.0 };
     for kind in [
         SourceKind::Point(Point { half_angle: 0.8 }),
@@ -344,7 +344,7 @@ fn points_over_the_sky(bench: &Bench) -> Outcome {
     });
     ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     let grid = PixelGrid { width: 4.0, height: 4.0, num_pixels_x: 1, num_pixels_y: 1, splat: Splat::Hard };
-    ir.detectors[0].kind = DetectorKind::Spectral { grid, wavelength_edges: vec![0.3, 0.45, 0.6] };
+    ir.detectors[0].kind = DetectorKind::Spectral(Spectral { grid, wavelength_edges: vec![0.3, 0.45, 0.6] });
     evenly("of a wavelength", &points(bench, &ir, 1024).detectors[0].hits, 512)
 }
 
@@ -399,7 +399,7 @@ fn scatter_gain(bench: &Bench) -> Outcome {
 }
 
 fn database(name: &str, z: f64) -> Detector {
-    let kind = DetectorKind::RayDatabase { width: 1e4, height: 1e4, max_rays: None };
+    let kind = DetectorKind::RayDatabase(RayDatabase { width: 1e4, height: 1e4, max_rays: None });
     Detector { name: name.into(), frame: at(z), kind, absorb: true }
 }
 

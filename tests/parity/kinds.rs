@@ -2,7 +2,7 @@
 
 use nsq_gpu::model::{
     Annulus, Bsdf, Collimated, Conic, Detector, DetectorKind, Extended, Frustum, Outline, Point, Shape,
-    Source, SourceKind, Sphere, Splat, Surface,
+    Source, SourceKind, Spectral, Sphere, Splat, Surface,
 };
 
 /// Every kind of source.
@@ -90,11 +90,11 @@ pub fn of_detector(detector: &Detector) -> &'static str {
             Splat::Bilinear => "irradiance, bilinear",
             Splat::Gaussian { .. } => "irradiance, Gaussian",
         },
-        DetectorKind::Spectral { grid, .. } => match grid.splat {
+        DetectorKind::Spectral(Spectral { grid, .. }) => match grid.splat {
             Splat::Hard => "spectral, hard",
             Splat::Bilinear | Splat::Gaussian { .. } => "spectral, splatted",
         },
-        DetectorKind::FarField { .. } => "far field",
-        DetectorKind::RayDatabase { .. } => "ray database",
+        DetectorKind::FarField(_) => "far field",
+        DetectorKind::RayDatabase(_) => "ray database",
     }
 }

@@ -8,7 +8,7 @@ use naga::{Expression, Literal, Module};
 use nsq_gpu::engine::sums;
 use nsq_gpu::model::bsdfs::harvey_shack;
 use nsq_gpu::model::{DetectorKind, Interaction, Splat};
-use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS, detector_code};
+use nsq_gpu::program::layout::tables::{CELL_BULK, CELL_DEPTH_KILLED, LEDGER_CELLS};
 use nsq_gpu::program::layout::{bindings, rng};
 use nsq_gpu::program::{Precision, Program, events};
 
@@ -99,12 +99,12 @@ fn detectors_have_the_codes_of_the_dispatch() {
     let (variant, program) = tables();
     let codes = column(&program, "DetectorRow", binding(&program, "detector_table"), "kind");
     for kind in detectors() {
-        let code = detector_code(&kind);
+        let code = kind.function().code();
         let function = match kind {
             DetectorKind::Irradiance(_) => "irradiance",
-            DetectorKind::Spectral { .. } => "spectral",
-            DetectorKind::FarField { .. } => "far_field",
-            DetectorKind::RayDatabase { .. } => "ray_database",
+            DetectorKind::Spectral(_) => "spectral",
+            DetectorKind::FarField(_) => "far_field",
+            DetectorKind::RayDatabase(_) => "ray_database",
         };
         let call = format!("if detector.kind == {code}u {{ record_{function}(");
         assert!(program.wgsl.contains(&call), "no `{call}`");

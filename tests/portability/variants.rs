@@ -3,10 +3,10 @@
 use glam::{DMat3, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Annulus, Bsdf, BsdfKind, BsdfTable, Coating, Collimated, Conic, Detector, DetectorKind, Extended, Frame,
-    Frustum, HarveyShack, Interaction, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
-    ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectrum, Specular, Sphere, Splat,
-    Surface, Tabulated,
+    Annulus, Bsdf, BsdfKind, BsdfTable, Coating, Collimated, Conic, Detector, DetectorKind, Extended,
+    FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid,
+    Point, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral,
+    Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
@@ -152,9 +152,9 @@ pub fn sources() -> Vec<SourceFunction> {
 fn detector_position(kind: &DetectorKind) -> usize {
     match kind {
         DetectorKind::Irradiance(_) => 0,
-        DetectorKind::Spectral { .. } => 1,
-        DetectorKind::FarField { .. } => 2,
-        DetectorKind::RayDatabase { .. } => 3,
+        DetectorKind::Spectral(_) => 1,
+        DetectorKind::FarField(_) => 2,
+        DetectorKind::RayDatabase(_) => 3,
     }
 }
 
@@ -162,9 +162,9 @@ fn detector_position(kind: &DetectorKind) -> usize {
 pub fn detectors() -> Vec<DetectorKind> {
     let kinds = vec![
         DetectorKind::Irradiance(grid(Splat::Hard)),
-        DetectorKind::Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] },
-        DetectorKind::FarField { num_theta: 9, num_phi: 18 },
-        DetectorKind::RayDatabase { width: 20.0, height: 30.0, max_rays: None },
+        DetectorKind::Spectral(Spectral { grid: grid(Splat::Hard), wavelength_edges: vec![0.4, 0.5, 0.6] }),
+        DetectorKind::FarField(FarField { num_theta: 9, num_phi: 18 }),
+        DetectorKind::RayDatabase(RayDatabase { width: 20.0, height: 30.0, max_rays: None }),
     ];
     assert!(kinds.iter().map(detector_position).eq(0..kinds.len()));
     kinds
@@ -294,7 +294,8 @@ impl Choice {
             Choice::TransmissiveDetector(i) => ir.detectors.push(detector(detectors()[i].clone(), false)),
             Choice::Splat(splat) => ir.detectors.push(detector(DetectorKind::Irradiance(grid(splat)), true)),
             Choice::SpectralSplat(splat) => {
-                let kind = DetectorKind::Spectral { grid: grid(splat), wavelength_edges: vec![0.4, 0.6] };
+                let kind =
+                    DetectorKind::Spectral(Spectral { grid: grid(splat), wavelength_edges: vec![0.4, 0.6] });
                 ir.detectors.push(detector(kind, true));
             }
             Choice::Refractive => ir.surfaces.push(surface(ball(), Interaction::Refractive)),

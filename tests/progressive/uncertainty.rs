@@ -2,7 +2,7 @@
 
 use crate::zoo;
 use nsq_gpu::model::ray_id::NUM_REPLICATES;
-use nsq_gpu::model::{Bsdf, DetectorKind, Sampling, SceneIr, Splat, Tabulated};
+use nsq_gpu::model::{Bsdf, DetectorKind, FarField, Sampling, SceneIr, Spectral, Splat, Tabulated};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, DetectorTally, RaySet, RaySpan, RunInfo, Tally, TraceResult};
 use nsq_gpu::{StandardError, TraceOptions, Tracer};
@@ -53,12 +53,12 @@ fn coarse(name: &str, num: u32, splat: Option<Splat>) -> SceneIr {
     let mut ir = zoo::load(name);
     for detector in &mut ir.detectors {
         match &mut detector.kind {
-            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => {
+            DetectorKind::Irradiance(grid) | DetectorKind::Spectral(Spectral { grid, .. }) => {
                 (grid.num_pixels_x, grid.num_pixels_y) = (num, num);
                 grid.splat = splat.unwrap_or(grid.splat);
             }
-            DetectorKind::FarField { num_theta, num_phi } => (*num_theta, *num_phi) = (num, num),
-            DetectorKind::RayDatabase { .. } => {}
+            DetectorKind::FarField(FarField { num_theta, num_phi }) => (*num_theta, *num_phi) = (num, num),
+            DetectorKind::RayDatabase(_) => {}
         }
     }
     ir

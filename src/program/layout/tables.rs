@@ -1,10 +1,11 @@
 //! What the shaders need of surfaces, detectors, primitives and media, as records. Origins are relative to the scene's centre.
 
 use crate::error::{Error, Result};
+use crate::model::detectors::grid::GridRow;
 use crate::model::primitives::primitives;
 use crate::model::shapes::Quadric;
 use crate::model::surface_optics::{coating_pass, reflectance, splits};
-use crate::model::{Detector, DetectorKind, Frame, Interaction, Medium, SceneIr, Splat};
+use crate::model::{Detector, Frame, Interaction, Medium, SceneIr, Splat};
 use crate::program::features::Features;
 use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
@@ -404,11 +405,11 @@ pub fn numbered_primitive_records(ir: &SceneIr, centre: DVec3, primitives: &[u32
 pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     let mut records = Records::new("Detector", "detector", bindings::DETECTORS);
     let detectors = &ir.detectors;
-    records.uint("kind", detectors.iter().map(|s| detector_code(&s.kind)));
+    records.uint("kind", detectors.iter().map(|s| s.kind.function().code()));
     records.uint("absorb", detectors.iter().map(|s| u32::from(s.absorb)));
     records.uint("cell", cells.detectors.iter().copied());
     put_frames(&mut records, detectors.iter().map(|s| &s.frame), centre);
-    let grids: Vec<Grid> = detectors.iter().map(|s| Grid::of(&s.kind)).collect();
+    let grids: Vec<GridRow> = detectors.iter().map(|s| s.kind.grid_row()).collect();
     records.real("half_width", grids.iter().map(|g| g.half_width));
     records.real("half_height", grids.iter().map(|g| g.half_height));
     records.real("pitch_x", grids.iter().map(|g| g.pitch_x));
@@ -422,21 +423,11 @@ pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
         "splat_falloff",
         detectors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))),
     );
-    let bins: Vec<u32> = detectors.iter().map(|s| num_bins(&s.kind)).collect();
+    let bins: Vec<u32> = detectors.iter().map(|s| s.kind.num_bins()).collect();
     let num_wavelengths = ir.wavelengths.len() as u32;
     records.uint("bins", (0..).zip(detectors).map(|(i, _)| i * num_wavelengths));
     records.uint("num_bins", bins);
     records
-}
-
-/// Codes of [`crate::program::wgsl::compose`]'s dispatch over kinds of detectors.
-pub fn detector_code(kind: &DetectorKind) -> u32 {
-    match kind {
-        DetectorKind::Irradiance(_) => 0,
-        DetectorKind::Spectral { .. } => 1,
-        DetectorKind::FarField { .. } => 2,
-        DetectorKind::RayDatabase { .. } => 3,
-    }
 }
 
 /// Codes of shaders/stages/splat.wgsl.
@@ -459,54 +450,5 @@ fn splat_falloff(splat: Splat) -> f64 {
     match splat {
         Splat::Gaussian { sigma } => 0.5 / (sigma * sigma),
         Splat::Hard | Splat::Bilinear => 0.0,
-    }
-}
-
-/// Wavelength bins of a detector's pixel.
-pub fn num_bins(kind: &DetectorKind) -> u32 {
-    match kind {
-        DetectorKind::Spectral { wavelength_edges, .. } => wavelength_edges.len() as u32 - 1,
-        DetectorKind::Irradiance(_) | DetectorKind::FarField { .. } | DetectorKind::RayDatabase { .. } => 1,
-    }
-}
-
-/// A grid of pixels, or of directions: x is the azimuth from -pi, y the polar angle from 0.
-struct Grid {
-    half_width: f64,
-    half_height: f64,
-    pitch_x: f64,
-    pitch_y: f64,
-    num_x: u32,
-    num_y: u32,
-}
-
-impl Grid {
-    fn of(kind: &DetectorKind) -> Self {
-        match *kind {
-            DetectorKind::Irradiance(grid) | DetectorKind::Spectral { grid, .. } => Grid {
-                half_width: grid.width / 2.0,
-                half_height: grid.height / 2.0,
-                pitch_x: grid.width / f64::from(grid.num_pixels_x),
-                pitch_y: grid.height / f64::from(grid.num_pixels_y),
-                num_x: grid.num_pixels_x,
-                num_y: grid.num_pixels_y,
-            },
-            DetectorKind::FarField { num_theta, num_phi } => Grid {
-                half_width: std::f64::consts::PI,
-                half_height: 0.0,
-                pitch_x: std::f64::consts::TAU / f64::from(num_phi),
-                pitch_y: std::f64::consts::FRAC_PI_2 / f64::from(num_theta),
-                num_x: num_phi,
-                num_y: num_theta,
-            },
-            DetectorKind::RayDatabase { width, height, .. } => Grid {
-                half_width: width / 2.0,
-                half_height: height / 2.0,
-                pitch_x: width,
-                pitch_y: height,
-                num_x: 1,
-                num_y: 1,
-            },
-        }
     }
 }

@@ -34,19 +34,14 @@ impl Composition<'_> {
         text + "    return normal_of_quadric(surface, position);\n}\n"
     }
 
-    /// Over the kinds of detectors; the codes are those of [`crate::program::layout::tables::detector_code`].
+    /// Over the kinds of detectors.
     fn record(&self) -> String {
         let mut text = String::from("fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {\n");
-        let f = &self.features;
-        for (present, code, call) in [
-            (f.irradiance, 0, "record_irradiance(ray, detector, ends)"),
-            (f.spectral, 1, "record_spectral(ray, detector, ends)"),
-            (f.far_field, 2, "record_far_field(ray, detector, ends)"),
-            (f.ray_database, 3, "record_ray_database(ray, detector, index, ends)"),
-        ] {
-            if present {
-                let _ = writeln!(text, "    if detector.kind == {code}u {{ {call}; }}");
-            }
+        for function in &self.features.detectors {
+            let (code, name) = (function.code(), function.name());
+            let index = if function.stores_rays() { "index, " } else { "" };
+            let call = format!("record_{name}(ray, detector, {index}ends)");
+            let _ = writeln!(text, "    if detector.kind == {code}u {{ {call}; }}");
         }
         text.push_str("}\n");
         text

@@ -128,7 +128,7 @@ const SLOTS: &[Slot] = slots! { c;
 
 impl Case<'_> {
     /// Files that have no twin, and when a scene takes them.
-    fn single(&self) -> [(bool, ShaderFile); 10] {
+    fn single(&self) -> [(bool, ShaderFile); 6] {
         let (f, o) = (self.f, self.o);
         [
             (!f.splits, shader!("stages/intersect.wgsl")),
@@ -137,10 +137,6 @@ impl Case<'_> {
             (f.has_bsdf_table(), shader!("optics/bsdf_table.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
             (o.has_events(f), shader!("rows/events.wgsl")),
-            (f.irradiance, shader!("detectors/irradiance.wgsl")),
-            (f.spectral, shader!("detectors/spectral.wgsl")),
-            (f.far_field, shader!("detectors/far_field.wgsl")),
-            (f.ray_database, shader!("detectors/ray_database.wgsl")),
         ]
     }
 
@@ -180,6 +176,7 @@ impl Composition<'_> {
         let case = Case { f: &self.features, o: &self.options, all: self };
         let mut files = ALWAYS.to_vec();
         files.extend(case.single().into_iter().filter(|(needed, _)| *needed).map(|(_, file)| file));
+        files.extend(self.features.detectors.iter().map(|function| function.wgsl().file));
         let pick = |slot: &Slot| extension.replaces(slot.stem).or_else(|| (slot.pick)(&case));
         files.extend(SLOTS.iter().filter_map(pick));
         // Several kinds of shapes may share a file.

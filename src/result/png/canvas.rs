@@ -15,7 +15,7 @@ use crate::format::{si_prefix, significant};
 use crate::result::png::raster::{Raster, map_color};
 
 /// Only writing the file can fail; the message is the reason.
-pub(super) type Drawn = Result<(), String>;
+pub(crate) type Drawn = Result<(), String>;
 
 const FONT: &str = "nsq-gpu";
 const INK: RGBColor = RGBColor(34, 34, 34);

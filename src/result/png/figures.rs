@@ -1,13 +1,14 @@
-//! One figure per kind of detector.
+//! Figures: a map, a map above a spectrum, directions, and spots. Kinds of detectors pick one.
 
 use std::path::Path;
 
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::format::{self, si_prefix, significant, thousands, with_prefix};
-use crate::result::png::canvas::{Axis, Canvas, ColorBar, Drawn, Place, picture, text_width, with_unit};
+pub(crate) use crate::result::png::canvas::Drawn;
+use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
 use crate::result::png::raster::{self, Raster};
-use crate::result::{Detector, FarFieldPattern, IrradianceMap, RayDatabase, SpectralMap};
+use ndarray::Array2;
 
 /// Sizes in multiples of the text size.
 const PAD: f64 = 1.0;
@@ -63,47 +64,60 @@ impl Layout {
     }
 }
 
+/// What the head of a figure says, whatever the kind of detector.
+pub(crate) struct Head<'a> {
+    /// The user's name for the detector.
+    pub name: &'a str,
+    /// Rays recorded.
+    pub num_rays_hit: u64,
+    /// Flux \[W\].
+    pub total_flux: f64,
+}
+
 /// The line of numbers below a title.
-fn numbers(detector: &Detector, peak: Option<(f64, &str)>) -> String {
-    let mut parts =
-        vec![format!("{} rays", thousands(detector.num_rays_hit)), with_prefix(detector.total_flux, "W")];
+fn numbers(head: &Head, peak: Option<(f64, &str)>) -> String {
+    let mut parts = vec![format!("{} rays", thousands(head.num_rays_hit)), with_prefix(head.total_flux, "W")];
     parts.extend(peak.map(|(peak, unit)| format!("peak {}", with_prefix(peak, unit))));
     parts.join(" · ")
 }
 
 /// Irradiance over x and y, true to scale.
-pub(super) fn irradiance(path: &Path, detector: &Detector, map: &IrradianceMap) -> Drawn {
-    let numbers = numbers(detector, Some((raster::maximum(&map.irradiance), "W/mm²")));
-    let panel = MapPanel::new((map.width, map.height), &map.irradiance);
-    let layout = panel.layout(detector, &numbers, 0);
+pub(crate) fn map(path: &Path, head: &Head, size: (f64, f64), values: &Array2<f64>) -> Drawn {
+    let numbers = numbers(head, Some((raster::maximum(values), "W/mm²")));
+    let panel = MapPanel::new(size, values);
+    let layout = panel.layout(head, &numbers, 0);
     picture(path, layout.size, panel.text, |canvas| {
-        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
+        canvas.title(layout.head, &format::shown(head.name), &numbers)?;
         panel.draw(canvas, &layout)
     })
 }
 
-/// Irradiance over all wavelengths, and below it the spectrum.
-pub(super) fn spectral(path: &Path, detector: &Detector, map: &SpectralMap) -> Drawn {
-    let broadband = map.broadband();
-    let numbers = numbers(detector, Some((raster::maximum(&broadband), "W/mm²")));
-    let panel = MapPanel::new((map.width, map.height), &broadband);
+/// Irradiance over all wavelengths, and below it the spectrum: edges of bins \[um\], and the flux of each \[W\].
+pub(crate) fn map_and_spectrum(
+    path: &Path,
+    head: &Head,
+    size: (f64, f64),
+    broadband: &Array2<f64>,
+    bins: (&[f64], &[f64]),
+) -> Drawn {
+    let numbers = numbers(head, Some((raster::maximum(broadband), "W/mm²")));
+    let panel = MapPanel::new(size, broadband);
     let text = panel.text;
     let px = |times: f64| (times * text).round() as i32;
-    let layout = panel.layout(detector, &numbers, px(9.0 + FOOT));
+    let layout = panel.layout(head, &numbers, px(9.0 + FOOT));
     picture(path, layout.size, text, |canvas| {
-        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
+        canvas.title(layout.head, &format::shown(head.name), &numbers)?;
         panel.draw(canvas, &layout)?;
         let width = layout.data.width.max(px(16.0)).min(layout.size.0 - layout.data.left - px(PAD));
         let place = Place { width, height: px(8.0), top: layout.size.1 - px(8.0 + FOOT), ..layout.data };
-        spectrum(canvas, place, text, map)
+        spectrum(canvas, place, text, bins)
     })
 }
 
-fn spectrum(canvas: &Canvas, place: Place, text: f64, map: &SpectralMap) -> Drawn {
-    let top = map.spectrum.iter().copied().fold(0.0, f64::max);
+fn spectrum(canvas: &Canvas, place: Place, text: f64, (edges, fluxes): (&[f64], &[f64])) -> Drawn {
+    let top = fluxes.iter().copied().fold(0.0, f64::max);
     let (factor, prefix) = si_prefix(top);
-    let heights: Vec<f64> = map.spectrum.iter().map(|flux| flux / factor).collect();
-    let edges = map.wavelength_edges.to_vec();
+    let heights: Vec<f64> = fluxes.iter().map(|flux| flux / factor).collect();
     let x = Axis::horizontal(
         &with_unit("Wavelength", "µm"),
         (edges[0], edges[edges.len() - 1]),
@@ -118,7 +132,7 @@ fn spectrum(canvas: &Canvas, place: Place, text: f64, map: &SpectralMap) -> Draw
         text,
     );
     canvas.grid(place, &x, &y)?;
-    canvas.staircase(place, (&x, &y), &edges, &heights)?;
+    canvas.staircase(place, (&x, &y), edges, &heights)?;
     canvas.frame(place)?;
     canvas.x_axis(place, &x)?;
     canvas.y_axis(place, &y)
@@ -134,7 +148,7 @@ struct MapPanel {
 }
 
 impl MapPanel {
-    fn new((width, height): (f64, f64), values: &ndarray::Array2<f64>) -> Self {
+    fn new((width, height): (f64, f64), values: &Array2<f64>) -> Self {
         let (ny, nx) = values.dim();
         let size = raster::map_size((width, height), (nx, ny));
         let text = text_size(size);
@@ -149,14 +163,14 @@ impl MapPanel {
         }
     }
 
-    fn layout(&self, detector: &Detector, numbers: &str, below: i32) -> Layout {
+    fn layout(&self, head: &Head, numbers: &str, below: i32) -> Layout {
         Layout::new(&Parts {
             data: (self.shown.raster.width, self.shown.raster.height),
             text: self.text,
             y_labels: self.y.label_width(self.text),
             key: self.bar.margin(self.text),
             below,
-            title: &format::shown(&detector.name),
+            title: &format::shown(head.name),
             numbers,
         })
     }
@@ -174,13 +188,13 @@ impl MapPanel {
 }
 
 /// Intensity over directions: a disc seen along the detector's axis, out to the last direction that holds flux.
-pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPattern) -> Drawn {
+pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> Drawn {
     const SIZE: usize = 1100;
-    let limit = shown_angle(pattern);
+    let limit = shown_angle(intensity);
     let text = text_size((SIZE, SIZE));
     let px = |times: f64| (times * text).round() as i32;
-    let numbers = numbers(detector, Some((raster::maximum(&pattern.intensity), "W/sr")));
-    let mut shown = raster::polar(&pattern.intensity, limit, SIZE);
+    let numbers = numbers(head, Some((raster::maximum(intensity), "W/sr")));
+    let mut shown = raster::polar(intensity, limit, SIZE);
     let bar = ColorBar::new("Intensity", "W/sr", shown.top, SIZE as i32, text);
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
@@ -196,14 +210,14 @@ pub(super) fn far_field(path: &Path, detector: &Detector, pattern: &FarFieldPatt
         y_labels: rim,
         key: bar.margin(text) + rim,
         below: px(2.6),
-        title: &format::shown(&detector.name),
+        title: &format::shown(head.name),
         numbers: &numbers,
     });
     layout.data.top += px(1.3);
     layout.bar.top += px(1.3);
     layout.bar.left += rim;
     picture(path, layout.size, text, |canvas| {
-        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
+        canvas.title(layout.head, &format::shown(head.name), &numbers)?;
         canvas.raster(layout.data, shown.raster)?;
         if shown.top == 0.0 {
             canvas.note(layout.data, "no rays")?;
@@ -258,22 +272,30 @@ fn azimuth_labels(canvas: &Canvas, disc: Place, gap: i32) -> Drawn {
 }
 
 /// The smallest of a few round angles that leaves no flux out \[deg\].
-fn shown_angle(pattern: &FarFieldPattern) -> f64 {
-    let rows = pattern.intensity.nrows();
-    let last = (0..rows).rev().find(|&row| pattern.intensity.row(row).iter().any(|&value| value > 0.0));
+fn shown_angle(intensity: &Array2<f64>) -> f64 {
+    let rows = intensity.nrows();
+    let last = (0..rows).rev().find(|&row| intensity.row(row).iter().any(|&value| value > 0.0));
     let reach = last.map_or(90.0, |row| 90.0 * (row + 1) as f64 / rows as f64);
     let round = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0];
     round.into_iter().find(|&angle| angle >= reach - 1e-9).unwrap_or(90.0)
 }
 
-/// Where rays crossed the detector, in its own frame, coloured by wavelength.
-pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Drawn {
+/// What gives, for each of some rays, where it crossed the detector in its own frame \[mm\], and its wavelength \[um\].
+type Take<'a> = &'a mut dyn FnMut((f64, f64), f64);
+
+/// Where rays crossed the detector, in its own frame, coloured by wavelength. `each` hands all of them over.
+pub(crate) fn spots(
+    path: &Path,
+    head: &Head,
+    num_rays: u64,
+    each: impl FnOnce(Take<'_>) -> crate::Result<()>,
+) -> Drawn {
     const SIZE: usize = 1100;
     const MOST_SPOTS: usize = 200_000;
     let text = text_size((SIZE, SIZE));
-    let Spots { points, bounds, wavelengths } = Spots::of(rays, MOST_SPOTS)?;
-    let mut numbers = numbers(detector, None);
-    if (points.len() as u64) < detector.num_rays_hit {
+    let Spots { points, bounds, wavelengths } = Spots::of(num_rays, MOST_SPOTS, each)?;
+    let mut numbers = numbers(head, None);
+    if (points.len() as u64) < head.num_rays_hit {
         numbers += &format!(" · {} drawn", thousands(points.len() as u64));
     }
     let ((x_low, x_high), (y_low, y_high)) = square_around(bounds);
@@ -286,11 +308,11 @@ pub(super) fn spots(path: &Path, detector: &Detector, rays: &RayDatabase) -> Dra
         y_labels: y.label_width(text),
         key: key.width(text),
         below: 0,
-        title: &format::shown(&detector.name),
+        title: &format::shown(head.name),
         numbers: &numbers,
     });
     picture(path, layout.size, text, |canvas| {
-        canvas.title(layout.head, &format::shown(&detector.name), &numbers)?;
+        canvas.title(layout.head, &format::shown(head.name), &numbers)?;
 
         let mut raster = Raster::filled(SIZE, SIZE, [255; 3]);
         let inner = Place { left: 0, top: 0, ..layout.data };
@@ -335,12 +357,16 @@ struct Spots {
 }
 
 impl Spots {
-    fn of(rays: &RayDatabase, most: usize) -> Result<Self, String> {
-        let stride = (rays.num_rays() as usize).div_ceil(most).max(1);
+    fn of(
+        num_rays: u64,
+        most: usize,
+        each: impl FnOnce(Take<'_>) -> crate::Result<()>,
+    ) -> Result<Self, String> {
+        let stride = (num_rays as usize).div_ceil(most).max(1);
         let (mut points, mut wavelengths) = (Vec::new(), Vec::new());
         let mut bounds = None;
         let mut index = 0;
-        rays.for_each_point(|(x, y), wavelength| {
+        each(&mut |(x, y), wavelength| {
             let ((x_low, x_high), (y_low, y_high)) = bounds.unwrap_or(((x, x), (y, y)));
             bounds = Some(((x.min(x_low), x.max(x_high)), (y.min(y_low), y.max(y_high))));
             if index % stride == 0 {

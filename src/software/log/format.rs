@@ -2,7 +2,7 @@
 
 use crate::model::{Detector, DetectorKind, SceneIr, Splat};
 use crate::program::features::Features;
-use crate::program::layout::tables::{self, Cells};
+use crate::program::layout::tables::Cells;
 use crate::program::{Precision, ProgramOptions, SecondMoments};
 
 /// The bits of an entry that name its cell.
@@ -86,7 +86,7 @@ fn taps(ir: &SceneIr, grids: &[Grid], max_passes: u32, keeps_weight: bool) -> Ta
     let mut with_taps = grids.iter().zip(&ir.detectors).filter(|(_, detector)| bilinear(detector));
     match (with_taps.next(), with_taps.next()) {
         (None, _) => Taps::None,
-        (Some((&grid, Detector { kind: DetectorKind::Irradiance(_), .. })), None) if max_passes == 0 => {
+        (Some((&grid, detector)), None) if detector.kind.is_plain_grid() && max_passes == 0 => {
             Taps::Positions { grid, has_weights: !keeps_weight }
         }
         _ => Taps::Fractions,
@@ -117,7 +117,7 @@ impl EndLog {
         }
         let grids = cells.detectors.iter().zip(&ir.detectors).map(|(&first, detector)| {
             let size = detector.kind.grid().map_or([1; 2], |grid| [grid.num_pixels_x, grid.num_pixels_y]);
-            let column = tables::num_bins(&detector.kind) as usize;
+            let column = detector.kind.num_bins() as usize;
             Grid { first: first as usize, column, row: column * size[0] as usize, size }
         });
         let grids: Vec<Grid> = grids.collect();

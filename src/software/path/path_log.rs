@@ -90,7 +90,7 @@ const LEAST_OFF_EDGES: f64 = 0.99;
 /// what is left after 0.5; `pixel_of` the product of the pitch and what is left after half: 12 units of roundoff of as many
 /// pixels as there are, if each may be rounded either way, and some room.
 fn edge_room(detector: &Detector, precision: Precision, pilot: &mut Pilot) -> Option<[f64; 2]> {
-    let DetectorKind::Irradiance(grid) = &detector.kind else { return None };
+    let grid = detector.kind.grid().filter(|_| detector.kind.is_plain_grid())?;
     let size = [grid.num_pixels_x, grid.num_pixels_y];
     let room = size.map(|num_pixels| 16.0 * f64::from(num_pixels) / precision.significands());
     let from_edge = |at: f64, width: f64, num_pixels: u32| {
@@ -328,7 +328,7 @@ fn may_underflow(ir: &SceneIr, path: &MainPath) -> bool {
 }
 
 fn is_bilinear(kind: &DetectorKind) -> bool {
-    matches!(kind, DetectorKind::Irradiance(grid) if grid.splat == Splat::Bilinear)
+    kind.is_plain_grid() && kind.grid().is_some_and(|grid| grid.splat == Splat::Bilinear)
 }
 
 /// What all ways have alike, if they do.

@@ -74,9 +74,8 @@ fn scale(app: &mut App, ui: &mut Ui) {
 }
 
 fn units(app: &mut App, ui: &mut Ui) {
-    let tells_wavelengths = app.model.detector().is_some_and(|detector| {
-        matches!(detector.data, DetectorData::Spectral(_) | DetectorData::RayDatabase(_))
-    });
+    let tells_wavelengths =
+        app.model.detector().is_some_and(|detector| detector.data.result().tells_wavelengths());
     let settings = &mut app.model.settings;
     ui.selectable_value(&mut settings.photometric, false, "W");
     ui.selectable_value(&mut settings.photometric, true, "lm")

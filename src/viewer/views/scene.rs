@@ -1,7 +1,7 @@
 //! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
 
 use crate::model::shapes::{Geometry, circle};
-use crate::model::{DetectorKind, Frame as LocalFrame, Interaction, Mesh, SceneIr};
+use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr};
 use crate::result::PathColumns;
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
@@ -97,7 +97,7 @@ impl Drawing {
         }
         for detector in &ir.detectors {
             // The disk of a far field is not a thing that stands somewhere.
-            if matches!(detector.kind, DetectorKind::FarField { .. }) {
+            if !detector.kind.is_placed() {
                 continue;
             }
             let curves = curves(&detector.frame, &detector.outline(), &[], plane);

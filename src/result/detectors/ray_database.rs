@@ -1,14 +1,20 @@
 //! Every ray that crossed a detector.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
 use ndarray::Array1;
+use serde_json::{Value, json};
 
-use crate::error::Result;
-use crate::model::Frame;
+use crate::error::{Error, Result};
+use crate::format::thousands;
+use crate::model::{self, Frame};
+use crate::result::detectors::{CellMap, DetectorResult, Sums};
 use crate::result::npz::{Column, NpzFile};
+use crate::result::png::figures::{self, Drawn, Head};
 use crate::result::rows::{self, Rows};
+use crate::result::stored::Stored;
 use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, RayRow};
 
 /// Rays at a detector, in global coordinates, by launched ray, then id, then event ([`crate::model::ray_id::order`]): an order
@@ -93,24 +99,48 @@ impl RayDatabase {
         })
     }
 
-    pub(crate) fn new(
-        frame: Frame,
-        rows: Arc<Rows>,
-        recorded_flux: f64,
-        unit: FluxUnit,
-        wavelengths: &[f64],
-    ) -> Result<Self> {
+    pub(crate) fn new(_: &model::RayDatabase, sums: &Sums<'_>) -> Result<Self> {
+        let Sums { detector, cells, unit, .. } = *sums;
+        let rows = sums.rows.ok_or_else(|| Error::Internal(format!("no rows for `{}`", detector.name)))?;
+        let recorded_flux = unit.watts(cells.total().quanta);
         let truncated = rows.len() < rows.num_recorded();
-        let kept_flux = if truncated { unit.watts(quanta(&rows)?) } else { recorded_flux };
+        let kept_flux = if truncated { unit.watts(quanta(rows)?) } else { recorded_flux };
         Ok(RayDatabase {
-            frame,
+            frame: detector.frame,
             truncated,
             kept_flux,
             recorded_flux,
-            rows,
+            rows: rows.clone(),
             unit,
-            wavelengths: wavelengths.into(),
+            wavelengths: sums.wavelengths.into(),
         })
+    }
+
+    pub(crate) fn read(mut stored: Stored) -> Result<Self> {
+        let frame = stored.frame()?;
+        let position = [stored.array("x")?, stored.array("y")?, stored.array("z")?];
+        let direction = [stored.array("L")?, stored.array("M")?, stored.array("N")?];
+        let ray_id: Array1<u64> = stored.array("ray_id")?;
+        let (mut flux, mut wavelength): (Array1<f64>, Array1<f64>) =
+            (stored.array("flux")?, stored.array("wavelength")?);
+        let rows = ray_id.len();
+        if rows == 0 {
+            // Optiland writes one flux and one wavelength of 0 for a database without rays.
+            (flux, wavelength) = (Array1::zeros(0), Array1::zeros(0));
+        }
+        let columns = position.iter().chain(&direction).chain([&flux, &wavelength]);
+        stored.check(columns.into_iter().all(|column| column.len() == rows))?;
+        let columns = RayColumns { ray_id, position, direction, flux, wavelength };
+        let kept_flux = stored.entry.total_flux;
+        RayDatabase::of_columns(
+            frame,
+            &columns,
+            RecordedRays {
+                num_rays: stored.entry.num_rays_hit,
+                kept_flux,
+                recorded_flux: stored.entry.total_flux_recorded.unwrap_or(kept_flux),
+            },
+        )
     }
 
     /// Rows kept.
@@ -145,10 +175,16 @@ impl RayDatabase {
             take((point.x, point.y), self.wavelengths[event.ray.wavelength as usize]);
         })
     }
+}
+
+impl DetectorResult for RayDatabase {
+    fn map(&self) -> Option<CellMap<'_>> {
+        None
+    }
 
     /// Writes the columns under Optiland's names. An empty database is written as Optiland writes one: no positions,
     /// one flux and one wavelength of 0.
-    pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
+    fn write(&self, file: &mut NpzFile) -> Result<()> {
         let rows = &self.rows;
         for (word, name) in (rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
             file.add_column(name, &Column::real(rows, word, |x| x))?;
@@ -169,18 +205,59 @@ impl RayDatabase {
         )
     }
 
-    /// Units of the arrays in the file.
-    pub(crate) const UNITS: &'static [(&'static str, &'static str)] = &[
-        ("x", "mm"),
-        ("y", "mm"),
-        ("z", "mm"),
-        ("L", "1"),
-        ("M", "1"),
-        ("N", "1"),
-        ("flux", "W"),
-        ("wavelength", "um"),
-        ("ray_id", "1"),
-    ];
+    fn units(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("x", "mm"),
+            ("y", "mm"),
+            ("z", "mm"),
+            ("L", "1"),
+            ("M", "1"),
+            ("N", "1"),
+            ("flux", "W"),
+            ("wavelength", "um"),
+            ("ray_id", "1"),
+        ]
+    }
+
+    fn picture(&self, path: &Path, head: &Head) -> Drawn {
+        figures::spots(path, head, self.num_rays(), |take| self.for_each_point(take))
+    }
+
+    fn entry(&self) -> Vec<(&'static str, Value)> {
+        let Frame { origin, rotation } = self.frame;
+        vec![
+            ("num_rays_stored", json!(self.num_rays())),
+            ("total_flux_recorded", json!(self.recorded_flux)),
+            ("frame", json!({ "origin": origin.to_array(), "axes": rotation.to_cols_array_2d() })),
+        ]
+    }
+
+    fn num_items(&self) -> u64 {
+        self.num_rays()
+    }
+
+    fn kept_flux(&self) -> Option<f64> {
+        self.truncated.then_some(self.kept_flux)
+    }
+
+    fn recorded_flux(&self) -> Option<f64> {
+        Some(self.recorded_flux)
+    }
+
+    fn tells_wavelengths(&self) -> bool {
+        true
+    }
+
+    fn warning(&self, name: &str, num_rays_hit: u64) -> Option<String> {
+        self.truncated.then(|| {
+            format!(
+                "ray database '{name}' kept the last {} of {} rays: its total_flux counts the kept rays only, the \
+                 ledger all",
+                thousands(self.num_rays()),
+                thousands(num_rays_hit)
+            )
+        })
+    }
 }
 
 /// The weight of the rows kept, each rounded down as the device does it.

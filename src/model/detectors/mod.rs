@@ -1,0 +1,224 @@
+//! Detectors: the list of them, and what each must say of itself.
+//!
+//! Each detector stands in one file here, its function in one file of shaders/detectors/, and its result in one file of
+//! src/result/detectors/. docs/adding-a-kind.md tells how to add one. A detector is the plane z = 0 of its own frame.
+//! Lengths are in mm, angles in rad.
+
+pub mod far_field;
+pub mod grid;
+pub mod irradiance;
+pub mod ray_database;
+pub mod spectral;
+
+pub use crate::model::detectors::far_field::{FAR_FIELD_RADIUS, FarField};
+pub use crate::model::detectors::ray_database::RayDatabase;
+pub use crate::model::detectors::spectral::Spectral;
+
+use crate::Result;
+use crate::model::detectors::grid::{ArrivalError, GridRow, PixelGrid};
+use crate::model::list::kinds;
+use crate::model::shapes::Outline;
+use crate::model::written::CoordinateSystem;
+use crate::shaders::ShaderFile;
+
+/// Makes `DetectorKind`, `DetectorFunction` and `Written` of the list, and what `Written` says of every detector.
+macro_rules! list {
+    ($($list:tt)+) => {
+        kinds! {
+            DetectorKind: Detection,
+            functions DetectorFunction: DetectorWgsl,
+            /// A detector, by its `type`.
+            written "Detector": Entry;
+            $($list)+
+        }
+        shared! { $($list)+ }
+    };
+}
+
+/// What scene files say of every detector: each file's `Written` has a name, a frame and `absorb`.
+macro_rules! shared {
+    ($($(#[doc = $doc:literal])+ $name:ident($file:ident::$type:ident) by $function:ident = $text:ident;)+) => {
+        impl Written {
+            /// The user's name for it.
+            pub fn name(&self) -> &str {
+                match self {
+                    $(Written::$name(written) => &written.name,)+
+                }
+            }
+
+            /// Position and orientation.
+            pub fn cs(&self) -> &CoordinateSystem {
+                match self {
+                    $(Written::$name(written) => &written.cs,)+
+                }
+            }
+
+            /// True if it stores the rays that it records, whose number may be limited.
+            pub fn stores_rays(&self) -> bool {
+                match self {
+                    $(Written::$name(_) => DetectorFunction::$function.stores_rays(),)+
+                }
+            }
+
+            /// Whether a hit ends the ray.
+            pub fn absorb(&self) -> bool {
+                match self {
+                    $(Written::$name(written) => written.absorb,)+
+                }
+            }
+        }
+
+        impl std::ops::Deref for Written {
+            type Target = dyn Entry;
+
+            fn deref(&self) -> &Self::Target {
+                self.entry()
+            }
+        }
+    };
+}
+
+list! {
+    /// Flux over pixels.
+    Irradiance(irradiance::PixelGrid) by Irradiance = IRRADIANCE;
+    /// Flux over pixels and wavelengths.
+    Spectral(spectral::Spectral) by Spectral = SPECTRAL;
+    /// Flux over directions.
+    FarField(far_field::FarField) by FarField = FAR_FIELD;
+    /// Every ray.
+    RayDatabase(ray_database::RayDatabase) by RayDatabase = RAY_DATABASE;
+}
+
+/// What the shaders have of a detector.
+#[derive(Debug)]
+pub struct DetectorWgsl {
+    /// The name of the kind, in scene files and results as well. Its function is
+    /// `record_<name>(ray: Ray, detector: Detector, ends: bool)`; of one that stores rays, `index: u32` precedes `ends`.
+    pub name: &'static str,
+    /// The file that holds it.
+    pub file: ShaderFile,
+    /// What it writes.
+    pub records: Records,
+}
+
+/// What a detector's function writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Records {
+    /// Sums alone.
+    Cells,
+    /// Sums, of a bin that the table of wavelengths tells.
+    Bins,
+    /// A row for the host, and one sum.
+    Rays,
+}
+
+/// What the program, the predictions, the checks of scenes and the viewer ask of a detector.
+pub trait Detection: std::fmt::Debug {
+    /// The function that records on it.
+    fn function(&self) -> DetectorFunction;
+
+    /// The outline of its plane.
+    fn outline(&self) -> Outline;
+
+    /// How many sums it keeps, such as pixels times wavelength bins; none if it stores rays. They stand in C order, the
+    /// wavelength bin last.
+    fn num_cells(&self) -> usize;
+
+    /// The same detector with one cell, or with the bins of one pixel.
+    fn with_single_cell(&self) -> DetectorKind;
+
+    /// Its cells as the shaders have them.
+    fn grid_row(&self) -> GridRow;
+
+    /// Its pixels, if it has any.
+    fn grid(&self) -> Option<&PixelGrid> {
+        None
+    }
+
+    /// True if each pixel is one cell, which a ray's position alone tells.
+    fn is_plain_grid(&self) -> bool {
+        false
+    }
+
+    /// Wavelength bins of a pixel.
+    fn num_bins(&self) -> u32 {
+        1
+    }
+
+    /// The bin of a wavelength \[um\].
+    fn bin(&self, _wavelength: f64) -> u32 {
+        0
+    }
+
+    /// How many cells away a ray may arrive, if such errors show in what it records.
+    fn cells_off(&self, _error: &ArrivalError) -> Option<f64> {
+        None
+    }
+
+    /// How many rays it keeps, the last ones, if it stores rays and there is a limit.
+    fn max_rays(&self) -> Option<u64> {
+        None
+    }
+
+    /// True if it stands somewhere, and pictures of the scene show it.
+    fn is_placed(&self) -> bool {
+        true
+    }
+}
+
+impl DetectorKind {
+    /// True if it stores the rays that it records.
+    pub fn stores_rays(&self) -> bool {
+        self.function().stores_rays()
+    }
+}
+
+impl DetectorFunction {
+    /// The name of the kind, in the shaders, in scene files and in results.
+    pub fn name(self) -> &'static str {
+        self.wgsl().name
+    }
+
+    /// True if it stores the rays that it records.
+    pub fn stores_rays(self) -> bool {
+        self.wgsl().records == Records::Rays
+    }
+
+    /// True if it reads the table of wavelength bins.
+    pub fn reads_bins(self) -> bool {
+        self.wgsl().records == Records::Bins
+    }
+}
+
+/// What each file's `Written` does: the numbers of a detector as scene files have them.
+pub trait Entry {
+    /// Refuses numbers that no detector has. `at` gives the place of a key.
+    ///
+    /// # Errors
+    /// [`crate::Error::Scene`] with the place and a remedy.
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
+
+    /// How many sums it would keep, if they can be counted.
+    fn num_cells(&self) -> Option<u64>;
+
+    /// The detector, with what the block says of it.
+    fn kind(&self, extra: Option<&DetectorExtra>) -> DetectorKind;
+
+    /// The wavelengths that its bins span \[um\], if it has bins.
+    fn band(&self) -> Option<[f64; 2]> {
+        None
+    }
+}
+
+/// Additions to a detector.
+#[derive(Debug, Clone, Default, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DetectorExtra {
+    /// Ray database: keep only the last so many rays; 0 or null for all.
+    pub max_rays: Option<u64>,
+}
+
+/// A detector ends the rays that it records, unless a scene file says otherwise.
+fn default_absorb() -> bool {
+    true
+}

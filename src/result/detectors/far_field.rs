@@ -1,0 +1,119 @@
+//! Flux per solid angle over directions.
+
+use crate::error::Result;
+use crate::model::FarField;
+use crate::result::detectors::bins::{bin_centres, bin_edges, shaped};
+use crate::result::detectors::{CellMap, DetectorResult, Span, Sums};
+use crate::result::npz::NpzFile;
+use crate::result::png::figures::{self, Drawn, Head};
+use crate::result::stored::Stored;
+use crate::result::tally::map_lit;
+use ndarray::{Array1, Array2};
+use std::path::Path;
+
+/// Largest polar angle \[deg\]: both hemispheres are folded into one.
+pub const THETA_MAX: f64 = 90.0;
+
+/// Intensity over directions in the detector's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FarFieldPattern {
+    /// Intensity \[W/sr\], shape (n_theta, n_phi).
+    pub intensity: Array2<f64>,
+    /// Centres of the polar angle bins, from local z \[deg\], shape (n_theta,).
+    pub theta: Array1<f64>,
+    /// Centres of the azimuth bins, from local x towards local y \[deg\], shape (n_phi,).
+    pub phi: Array1<f64>,
+    /// Rays per bin, shape (n_theta, n_phi).
+    pub hits: Array2<u64>,
+    /// Standard error of `intensity` \[W/sr\], shape (n_theta, n_phi); none where second moments were not summed. 0 where no ray
+    /// came: that says nothing of what a longer trace would find.
+    pub standard_error: Option<Array2<f64>>,
+}
+
+impl FarFieldPattern {
+    pub(crate) fn new(FarField { num_theta, num_phi }: &FarField, sums: &Sums<'_>) -> Result<Self> {
+        let Sums { cells, unit, uncertainty, .. } = *sums;
+        let (rows, columns) = (*num_theta as usize, *num_phi as usize);
+        let theta = bin_centres(0.0, THETA_MAX, rows);
+        let solid_angle = solid_angles(rows, columns);
+        let size = |cell: usize| solid_angle[cell / columns];
+        let intensity = map_lit(&cells.quanta, |cell, quanta| unit.watts(quanta) / size(cell));
+        Ok(FarFieldPattern {
+            intensity: shaped((rows, columns), intensity)?,
+            theta,
+            phi: bin_centres(-180.0, 180.0, columns),
+            hits: shaped((rows, columns), map_lit(&cells.hits, |_, hits| hits))?,
+            standard_error: uncertainty
+                .of_cells(cells, size)
+                .map(|errors| shaped((rows, columns), errors))
+                .transpose()?,
+        })
+    }
+
+    pub(crate) fn read(mut stored: Stored) -> Result<Self> {
+        let pattern = FarFieldPattern {
+            intensity: stored.array("intensity")?,
+            theta: stored.array("theta")?,
+            phi: stored.array("phi")?,
+            hits: stored.array("hits")?,
+            standard_error: stored.optional("standard_error")?,
+        };
+        let shape = (pattern.theta.len(), pattern.phi.len());
+        stored.check(
+            pattern.intensity.dim() == shape
+                && pattern.hits.dim() == shape
+                && pattern.standard_error.as_ref().is_none_or(|errors| errors.dim() == shape)
+                && !pattern.hits.is_empty(),
+        )?;
+        Ok(pattern)
+    }
+}
+
+impl DetectorResult for FarFieldPattern {
+    fn map(&self) -> Option<CellMap<'_>> {
+        let (rows, columns) = self.intensity.dim();
+        Some(CellMap {
+            values: self.intensity.view().into_dyn(),
+            errors: self.standard_error.as_ref().map(|errors| errors.view().into_dyn()),
+            hits: self.hits.view().into_dyn(),
+            sizes: solid_angles(rows, columns).to_vec(),
+            are_alike: false,
+            x: Span { label: ("azimuth φ", "°"), range: (-180.0, 180.0) },
+            y: Span { label: ("polar angle θ", "°"), range: (0.0, THETA_MAX) },
+            quantity: ("Intensity", "W/sr"),
+        })
+    }
+
+    fn write(&self, file: &mut NpzFile) -> Result<()> {
+        file.add("intensity", &self.intensity)?;
+        file.add("theta", &self.theta)?;
+        file.add("phi", &self.phi)?;
+        file.add("hits", &self.hits)?;
+        file.add_optional("standard_error", &self.standard_error)
+    }
+
+    fn units(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("intensity", "W/sr"),
+            ("theta", "deg"),
+            ("phi", "deg"),
+            ("total_flux", "W"),
+            ("hits", "rays"),
+            ("standard_error", "W/sr"),
+            ("total_flux_standard_error", "W"),
+        ]
+    }
+
+    fn picture(&self, path: &Path, head: &Head) -> Drawn {
+        figures::directions(path, head, &self.intensity)
+    }
+}
+
+/// Optiland's: sin(theta centre) times the widths.
+fn solid_angles(rows: usize, columns: usize) -> Array1<f64> {
+    // A file of no bins has no second edge.
+    let width = |edges: Vec<f64>| edges.windows(2).next().map_or(0.0, |bin| (bin[1] - bin[0]).to_radians());
+    let d_theta = width(bin_edges(0.0, THETA_MAX, rows));
+    let d_phi = width(bin_edges(-180.0, 180.0, columns));
+    bin_centres(0.0, THETA_MAX, rows).mapv(|centre| centre.to_radians().sin() * d_theta * d_phi)
+}
