@@ -5,6 +5,8 @@
 
 pub mod harvey_shack;
 pub mod lambertian;
+#[cfg(test)]
+mod retro;
 pub mod specular;
 pub mod tabulated;
 
@@ -19,7 +21,8 @@ use crate::model::list::kinds;
 use crate::shaders::ShaderFile;
 use std::path::Path;
 
-// Scene files list the mirror last, and its code was there first. Code 0 means no BSDF.
+// The numbers are the codes in the shaders, where 0 means no BSDF. The mirror has code 1, but the last place in the
+// schema of scene files.
 kinds! {
     Bsdf: Scattering,
     functions BsdfKind: BsdfWgsl,
@@ -33,6 +36,9 @@ kinds! {
     Tabulated(tabulated::Tabulated) by Tabulated(4) = TABULATED;
     /// A mirror.
     Specular(specular::Specular) by Specular(1) = SPECULAR;
+    /// Cat's eyes: the example of docs/adding-a-kind.md.
+    #[cfg(test)]
+    Retro(retro::Retro) by #[cfg(test)] Retro(5) = RETRO;
 }
 
 /// Scattering at a surface.
