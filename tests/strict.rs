@@ -5,7 +5,7 @@
 
 mod zoo;
 
-use nsq_gpu::gpu::{AdapterChoice, AdapterInfo, Gpu, Ways, list_adapters};
+use nsq_gpu::gpu::{AdapterChoice, AdapterClass, Gpu, Ways, list_adapters};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::Tally;
@@ -78,7 +78,7 @@ fn assert_ways_agree(test: &str, first: usize, precision: Precision) {
     if !can_be_strict(test) {
         return;
     }
-    if !own.info.is_cpu() {
+    if own.info.class != AdapterClass::Processor {
         return zoo::skip(test, "the adapter is a graphics processor");
     }
     let options = TraceOptions { strict: Strict::On, ..zoo::options(3000, 8, precision) };
@@ -106,8 +106,11 @@ fn the_ways_of_graphics_processors_have_the_same_bits_in_f64() {
 fn drivers_on_processors_give_the_same_bits() {
     // SwiftShader's compiler takes gigabytes for it.
     const LEFT_OUT: &str = "mesh_prism";
-    let names: BTreeSet<String> =
-        list_adapters().into_iter().filter(AdapterInfo::is_cpu).map(|info| info.name).collect();
+    let names: BTreeSet<String> = list_adapters()
+        .into_iter()
+        .filter(|info| info.class == AdapterClass::Processor)
+        .map(|info| info.name)
+        .collect();
     if names.len() < 2 {
         return zoo::skip("same bits of drivers", &format!("not two on processors: {names:?}"));
     }
@@ -138,7 +141,7 @@ fn without_it_drivers_may_round_otherwise() {
     let [baked, tables] = [COMPILED_IN, BY_TREE].map(|which| form(&ir, &options, which));
     let others = baked.paths.iter().zip(&tables.paths).filter(|(a, b)| a != b).count();
     eprintln!("{others} of {} events differ", baked.paths.len());
-    if zoo::gpu().info.kind == "Cpu" {
+    if zoo::gpu().info.class.is_strict_by_default() {
         assert!(others > 0, "the tests of strict arithmetic could not fail");
     }
 }

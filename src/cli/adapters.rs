@@ -21,7 +21,7 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let text: String = adapters.iter().map(|info| describe(info, args.measure)).collect::<Result<_>>()?;
     let no_gpu = "no GPU was found: this is your processor, by a driver in software\n";
-    Ok(if adapters.iter().all(AdapterInfo::is_cpu) { text + no_gpu } else { text })
+    Ok(if adapters.iter().all(|info| info.class.stands_in_for_gpu()) { text + no_gpu } else { text })
 }
 
 fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {

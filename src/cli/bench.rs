@@ -148,11 +148,12 @@ pub fn run(args: &Args) -> Result<String> {
     // What was measured before a case failed took long, and is kept.
     let mut failure = None;
     for (case, width) in cases.iter().zip(widths) {
-        let result = if width == widest || !vector_width::are_chosen() || !gpu.info.is_cpu() {
-            measure(case, &session, &mut peers)
-        } else {
-            measure_apart(case, &session, args)
-        };
+        let result =
+            if width == widest || !vector_width::are_chosen() || !gpu.info.class.may_be_told_vector_width() {
+                measure(case, &session, &mut peers)
+            } else {
+                measure_apart(case, &session, args)
+            };
         match result {
             Ok(result) => {
                 say(&progress(&result));
@@ -265,7 +266,11 @@ fn run_stability(args: &Args) -> Result<String> {
 fn run_tuning(args: &Args) -> Result<String> {
     crate::cli::console::choose_width(widest(&widths(&tuning::cases())?));
     let gpu = open(args)?;
-    let default = if gpu.info.is_cpu() && gpu.f64 { PrecisionsArg::F64 } else { PrecisionsArg::F32 };
+    let default = if gpu.info.class.computes_f64_as_fast_as_f32() && gpu.f64 {
+        PrecisionsArg::F64
+    } else {
+        PrecisionsArg::F32
+    };
     let wanted = precisions(args.precision.unwrap_or(default), &gpu);
     let precision = wanted.first().copied().unwrap_or(Precision::F32);
     let trials = tuning::measure(&gpu, precision)?;

@@ -512,8 +512,7 @@ fn trace(
         partial,
         stopped_by: session.stopped_by.filter(|_| partial),
         target_error: args.target_error,
-        // Processors are taken last of all.
-        has_no_gpu: gpu.info.is_cpu() && args.adapter.is_none(),
+        has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
     };
     let result = match tracer.take_recorded()? {

@@ -68,7 +68,7 @@ impl Strict {
     /// True if a trace on this adapter is strict.
     pub fn holds(self, adapter: &AdapterInfo) -> bool {
         match self {
-            Strict::Auto => adapter.strict && adapter.is_cpu(),
+            Strict::Auto => adapter.strict && adapter.class.is_strict_by_default(),
             Strict::On => true,
             Strict::Off => false,
         }

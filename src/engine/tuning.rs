@@ -39,7 +39,7 @@ impl Tuning {
     /// What is taken for an adapter about which nothing was found out. Lavapipe allocates memory for each workgroup, so
     /// processors do better with fewer of them; and it writes survivors down lane by lane, so with more events as well.
     pub fn untuned(adapter: &AdapterInfo) -> Self {
-        if adapter.is_cpu() {
+        if adapter.class.emulates_lanes() {
             Tuning { workgroup_size: 128, events_per_dispatch: 64 }
         } else {
             Self::default()

@@ -1,6 +1,7 @@
 //! Adapters and devices.
 
 use crate::error::{Error, Result};
+use crate::gpu::adapter_class::AdapterClass;
 use crate::gpu::adapter_name::without_width;
 use std::sync::{Arc, Mutex, OnceLock};
 
@@ -48,6 +49,8 @@ pub struct AdapterInfo {
     pub backend: String,
     /// Discrete GPU, integrated GPU, CPU.
     pub kind: String,
+    /// What it computes on: how it is treated follows from that.
+    pub class: AdapterClass,
     /// 64-bit floats in shaders.
     pub f64: bool,
     /// 64-bit integers and their atomics in shaders.
@@ -59,11 +62,6 @@ pub struct AdapterInfo {
 }
 
 impl AdapterInfo {
-    /// True if the adapter is a processor.
-    pub fn is_cpu(&self) -> bool {
-        self.kind == "Cpu"
-    }
-
     /// True if it is reached by Vulkan.
     pub fn is_vulkan(&self) -> bool {
         self.backend == wgpu::Backend::Vulkan.to_string()
@@ -113,6 +111,7 @@ fn describe(adapter: &wgpu::Adapter) -> AdapterInfo {
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_string(),
         backend: info.backend.to_string(),
         kind: format!("{:?}", info.device_type),
+        class: AdapterClass::of(info.device_type),
         f64: features.contains(wgpu::Features::SHADER_F64),
         int64: features.contains(int64_features()),
         max_binding_size: adapter.limits().max_storage_buffer_binding_size,
@@ -186,7 +185,7 @@ impl Gpu {
     fn from_adapter(adapter: &wgpu::Adapter, choice: &AdapterChoice) -> Result<Self> {
         let mut info = describe(adapter);
         if choice.ways == Ways::OfGraphicsProcessors {
-            info.kind = format!("{:?}", wgpu::DeviceType::DiscreteGpu);
+            info.class = AdapterClass::Graphics;
         }
         let native = choice.native == Native::Allowed;
         let mut features = wgpu::Features::empty();
@@ -200,12 +199,11 @@ impl Gpu {
         if native {
             features |= adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
         }
-        if native && info.is_cpu() {
-            // The device's memory is the host's.
+        if native && info.class.shares_memory_with_host() {
             features |= adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
-            if info.is_vulkan() {
-                features |= adapter.features() & wgpu::Features::SUBGROUP;
-            }
+        }
+        if native && info.class.emulates_lanes() && info.is_vulkan() {
+            features |= adapter.features() & wgpu::Features::SUBGROUP;
         }
         if info.strict {
             features |= wgpu::Features::PASSTHROUGH_SHADERS;

@@ -1,6 +1,7 @@
 //! Mechanics of wgpu: adapters, pipelines, buffers, read-back. No optics.
 
 pub mod adapter;
+pub mod adapter_class;
 pub mod adapter_name;
 pub mod compute;
 pub mod processors;
@@ -8,3 +9,4 @@ pub mod profile;
 pub mod strict;
 
 pub use crate::gpu::adapter::{AdapterChoice, AdapterInfo, Gpu, Native, Ways, list_adapters};
+pub use crate::gpu::adapter_class::AdapterClass;

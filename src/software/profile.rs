@@ -31,7 +31,7 @@ pub struct Profile {
 impl Profile {
     /// That of an open device.
     pub fn of(gpu: &Gpu) -> Self {
-        if !gpu.info.is_cpu() {
+        if !gpu.info.class.emulates_lanes() {
             return Profile::default();
         }
         let (limits, processors) = (gpu.device.limits(), processors::count() as u32);

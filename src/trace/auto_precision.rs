@@ -96,8 +96,7 @@ pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -
             let reason = format!("asked for: {}", need.text(ir));
             Ok(Choice { precision: Precision::F32, reason, warning: need.warning(ir) })
         }
-        // A processor runs both at about one rate.
-        Wanted::Auto if gpu.f64 && gpu.info.is_cpu() => {
+        Wanted::Auto if gpu.f64 && gpu.info.class.computes_f64_as_fast_as_f32() => {
             plain(Precision::F64, "a processor computes f64 about as fast as f32")
         }
         Wanted::Auto => {
