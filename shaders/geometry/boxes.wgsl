@@ -1,4 +1,4 @@
-// All is f32 in both tiers. A margin exceeds all rounding of boxes, ray and slabs: the host pads each box, or the ray
+// All is f32 in both tiers. A margin exceeds all rounding of boxes, ray and slabs. The host pads each box, or the ray
 // brings a slack (program::geometry::tree, program::geometry::mesh).
 
 const NODE_ROWS: u32 = 3u;

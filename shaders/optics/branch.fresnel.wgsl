@@ -1,5 +1,5 @@
-// Reflection is drawn with the probability R, so both branches keep their weight. Optiland clips R to [1e-12, 1 -
-// 1e-12] here, and scales the weight by up to 1 + 1e-12; we do neither. Twin of branch.importance.wgsl.
+// Reflection is drawn with the probability R, so both branches keep their weight. Optiland clips R here to [1e-12, 1 -
+// 1e-12], and scales the weight by up to 1 + 1e-12; we do neither. Twin of branch.importance.wgsl.
 
 fn draw_reflection(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
