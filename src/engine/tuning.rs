@@ -62,7 +62,7 @@ impl Tuning {
     /// Keeps the tuning for an adapter, and returns the path of the file.
     ///
     /// # Errors
-    /// [`Error::File`] if the file cannot be written, [`Error::Usage`] if the user has no folder for caches.
+    /// [`Error::File`] if the file cannot be written; [`Error::Usage`] if the user has no folder for caches.
     pub fn keep(self, adapter: &AdapterInfo) -> Result<PathBuf> {
         let path = path().ok_or_else(|| {
             Error::Usage("there is no folder for caches: set XDG_CACHE_HOME or HOME".to_string())
