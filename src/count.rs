@@ -1,6 +1,6 @@
 //! Numbers of rays as people write them: `1e7`, `10M`, `250000`.
 
-/// Parses a count.
+/// Parses a count of rays; suffixes are k, M, G and B (1e3, 1e6, 1e9, 1e9).
 pub fn parse(text: &str) -> Result<u64, String> {
     let expected = || format!("`{text}` is not a number of rays; write 250000, 1e7 or 10M");
     let trimmed = text.trim().replace('_', "");
@@ -17,7 +17,7 @@ pub fn parse(text: &str) -> Result<u64, String> {
     if count.fract() != 0.0 || count < 0.0 {
         return Err(expected());
     }
-    // Beyond, a float no longer says which integer was meant.
+    // Beyond 2^53, a float no longer determines which integer was meant.
     if count > 9007199254740992.0 {
         return Err(format!(
             "`{text}` is too many: beyond 2^53, about 9e15, numbers are read in digits alone, up to {}",

@@ -1,4 +1,4 @@
-//! One error type: where in the user's file, what is wrong, what would be right.
+//! The one error type of this crate: where in the user's file, what is wrong, and what would be right.
 
 use std::path::PathBuf;
 
@@ -54,7 +54,8 @@ impl Error {
         Error::Scene { place: place.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
-    /// An error of this program that another tells of, with the causes of that one: naga names the expression there.
+    /// An internal error that wraps another error with the causes of that error: naga names the faulty expression
+    /// there.
     pub fn internal(what: &str, error: &dyn std::error::Error) -> Self {
         let causes = std::iter::successors(Some(error), |error| error.source()).map(ToString::to_string);
         Error::Internal(format!("{what}: {}", causes.collect::<Vec<_>>().join(": ")))

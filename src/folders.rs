@@ -1,18 +1,18 @@
-//! Where the operating system keeps a program's files for a user.
+//! The folders in which the operating system keeps a program's files for a user.
 
 use std::path::PathBuf;
 
 /// What the files are for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Folder {
-    /// What can be found out again.
+    /// Data that can be computed again.
     Cache,
-    /// What the user has chosen.
+    /// The user's choices.
     Settings,
 }
 
 impl Folder {
-    /// This program's folder; none where the user has none. It need not exist yet.
+    /// This program's folder; `None` where the user has no such folder. The folder need not exist yet.
     pub fn path(self) -> Option<PathBuf> {
         let variable =
             |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);

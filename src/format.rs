@@ -1,6 +1,7 @@
 //! Numbers and names for people.
 
-/// A name as tables, warnings and pictures show it. Any text is a name, and none may garble a terminal or flood it.
+/// A name as tables, warnings and pictures show it: control characters escaped, and cut after 60 characters. A scene
+/// may use any text as a name, but no name may garble a terminal or flood it.
 pub(crate) fn shown(name: &str) -> String {
     const MOST_CHARACTERS: usize = 60;
     let mut shown = String::new();
@@ -13,7 +14,7 @@ pub(crate) fn shown(name: &str) -> String {
     shown
 }
 
-/// `value` with `digits` significant digits, trailing zeros dropped; an exponent outside 1e-4 to 1e9.
+/// `value` with `digits` significant digits, without trailing zeros; in exponential form outside 1e-4 to 1e9.
 pub(crate) fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".into() } else { value.to_string() };

@@ -28,13 +28,13 @@
 //!            -> result   maps, ledger, diagnostics -> files, command, viewer, Python
 //! ```
 //!
-//! [`trace`] is the face of the engine: a scene ready to trace, when it is good enough, how it survives, and which precision
-//! it needs.
-//! [`software`] holds what is done otherwise on adapters that are processors, where most rays of a scene take one path.
-//! [`gpu`] holds the mechanics of wgpu and knows no optics. [`folders`] knows where a user keeps settings and caches,
-//! `placing` puts files in their places, and [`mesa`] keeps drivers silent.
-//! [`cli`] is the only place that prints; [`bench`] measures; `viewer`, behind the feature of that name, is the window of
-//! `nsq-gpu view`.
+//! [`trace`] is the face of the engine: the tracer of a scene, when to stop, checkpoints, and the precision that a
+//! scene needs. [`software`] holds what is done otherwise on adapters that are processors, where most rays of a scene
+//! take one path. [`gpu`] holds the mechanics of wgpu and knows no optics.
+//!
+//! [`folders`] knows where a user keeps settings and caches, `placing` puts files in their places, and [`mesa`] keeps
+//! drivers silent. [`cli`] is the only place that prints, and [`bench`] measures. The module `viewer`, behind the
+//! feature of that name, is the window of `nsq-gpu view`.
 
 #![cfg_attr(
     not(feature = "software"),

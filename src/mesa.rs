@@ -1,19 +1,20 @@
-//! What Mesa's drivers are told before they start, so that they write nothing to stderr.
+//! Environment variables that keep Mesa's drivers from writing to stderr; they must be set before the drivers start.
 
 use std::path::Path;
 
-/// Where Wayland's library looks for a compositor. It complains where the variable is missing or no absolute path.
+/// Where Wayland's library looks for a compositor. The library complains if the variable is missing or no absolute
+/// path.
 const RUNTIME_FOLDER: &str = "XDG_RUNTIME_DIR";
-/// No such folder: whoever has no compositor needs none.
+/// A folder that does not exist: a program that has no compositor needs none.
 const NOWHERE: &str = "/nonexistent";
-/// True keeps drivers from telling, at every start, that nobody has certified them.
+/// If this variable is true, drivers do not announce at every start that they have not been certified.
 const IGNORE_CONFORMANCE: &str = "MESA_VK_IGNORE_CONFORMANCE_WARNING";
 
-/// Sets the variables that keep Mesa silent, where nobody has set them. Mesa's layer that sorts devices asks Wayland's library
-/// for a compositor, also where no window is wanted.
+/// Sets the variables that keep Mesa silent, where nobody has set them. Mesa's layer that sorts devices asks Wayland's
+/// library for a compositor, even where no window is wanted.
 ///
 /// # Safety
-/// No other thread runs yet: it could read the environment meanwhile. No adapter has been asked for.
+/// No other thread may run yet, because it could read the environment meanwhile. No adapter may have been asked for.
 #[allow(unsafe_code)]
 pub unsafe fn quieten() {
     if !cfg!(unix) {

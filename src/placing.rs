@@ -1,9 +1,9 @@
-//! How files are put in their places: whole or not at all, beside other runs that write there, and never through a link that
-//! somebody has planted.
+//! How files are put in their places: whole or not at all, and safely beside other runs that write there. No file is
+//! put through a link that somebody has planted.
 //!
-//! What is written lies first in a hidden entry on the file system of its place: `.nsq-gpu-` and six random letters, made anew
-//! for this user alone. Whoever writes holds its lock. One that nobody holds is left of a run that was killed, and the next
-//! run there takes it away.
+//! New content is first written to a hidden entry on the file system of its place. The name of the entry is `.nsq-gpu-`
+//! and six random letters. The entry is made anew for this user alone, and its writer holds its lock. A hidden entry
+//! that nobody locks is the remainder of a run that was killed. The next run in that place removes it.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, Metadata};
@@ -14,18 +14,19 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
-/// What the names of hidden entries begin with.
+/// How the names of hidden entries begin.
 const PREFIX: &str = ".nsq-gpu-";
-/// Random letters after it.
+/// The number of random letters after [`PREFIX`].
 const NUM_LETTERS: usize = 6;
-/// A run holds a folder's lock for a moment only. Whoever holds it longer means something else by it.
+/// The longest wait for a folder's lock. A run holds such a lock for a moment only. Whoever holds it longer locks the
+/// folder for another purpose.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
 const STAGED: &str = "new";
 const RETIRED: &str = "old";
 const JOURNAL: &str = "journal.json";
 
-/// The right to change what a folder holds, among runs of this program. Where there are no locks, nothing is held.
+/// The right to change what a folder holds, among runs of this program. Where the system has no locks, nothing is held.
 pub(crate) struct Lock(Option<File>);
 
 impl Lock {
@@ -45,31 +46,31 @@ impl Lock {
     }
 }
 
-/// A hidden folder in which files are made that then move to their place. It goes with the value.
+/// A hidden folder in which files are made before they move to their place. The folder is removed with the value.
 pub(crate) struct Scratch {
     folder: TempDir,
     /// Held as long as the run lives.
     _lock: Option<File>,
 }
 
-/// What a run is about to do to a folder that exists, for the run that finds it undone.
+/// What a run is about to do to an existing folder. If the run is killed, the next run reads this and cleans up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Journal {
     /// The folder.
     pub(crate) target: PathBuf,
     /// Where the new files lie within [`Scratch::staged`].
     pub(crate) staged: PathBuf,
-    /// Names of the new files, the one last that makes them a result.
+    /// Names of the new files. The last is the file that makes the folder a result.
     pub(crate) names: Vec<String>,
-    /// Names of the old files, which go.
+    /// Names of the old files, which are removed.
     pub(crate) retired: Vec<String>,
-    /// The files change places one by one.
+    /// True if files are replaced one by one; false if the whole folder is exchanged.
     pub(crate) in_place: bool,
 }
 
 impl Scratch {
-    /// A new one in `place`, from where those of killed runs are taken away; `guard` is the folder whose lock runs hold that
-    /// change what lies there.
+    /// A new hidden folder in `place`. Those of killed runs are removed from there. Runs that change what lies in
+    /// `place` hold the lock of the folder `guard`.
     pub(crate) fn new_in(place: &Path, guard: &Path) -> io::Result<Scratch> {
         let lock = Lock::of(guard);
         step();
@@ -86,12 +87,12 @@ impl Scratch {
         Ok(Scratch { folder, _lock: own_lock })
     }
 
-    /// Where new files are made.
+    /// The folder in which new files are made.
     pub(crate) fn staged(&self) -> PathBuf {
         self.folder.path().join(STAGED)
     }
 
-    /// Writes down what is about to be done.
+    /// Writes the journal of what is about to be done.
     pub(crate) fn note(&self, journal: &Journal) -> io::Result<()> {
         step();
         let path = self.folder.path().join(JOURNAL);
@@ -99,14 +100,15 @@ impl Scratch {
         File::open(path)?.sync_all()
     }
 
-    /// Moves the staged files to the target one by one, after the old ones have gone; all is undone if something fails.
+    /// Moves the old files away, then the staged files to the target, one by one. If something fails, all is undone.
     ///
     /// # Errors
     /// The place that could not be changed, and why.
     pub(crate) fn move_in(&self, journal: &Journal) -> Result<(), (PathBuf, io::Error)> {
         let (staged, old) = (self.staged().join(&journal.staged), self.folder.path().join(RETIRED));
         let moved = fs::create_dir(&old).map_err(|error| (journal.target.clone(), error)).and_then(|()| {
-            // The last name first, and last again: whoever finds it finds the files that belong to it.
+            // The file with the last name goes first and comes last: whoever finds it finds the files that belong to
+            // it.
             let going = journal.names.iter().rev().chain(&journal.retired);
             going.filter(|name| exists(&journal.target.join(name))).try_for_each(|name| {
                 step();
@@ -127,10 +129,11 @@ impl Scratch {
 }
 
 impl Journal {
-    /// Undoes what [`Scratch::move_in`] has done, as far as it went. It may be interrupted and begun again: nothing is deleted.
+    /// Undoes what [`Scratch::move_in`] has done, as far as it went. Nothing is deleted, so the undoing may be
+    /// interrupted and begun again.
     fn roll_back(&self, scratch: &Path) {
         let (staged, old) = (scratch.join(STAGED).join(&self.staged), scratch.join(RETIRED));
-        // What cannot be moved back has no better place to go.
+        // A file that cannot be moved back stays: there is no better place for it.
         for name in self.names.iter().filter(|name| !exists(&staged.join(name))) {
             step();
             let _ = fs::rename(self.target.join(name), staged.join(name));
@@ -141,7 +144,7 @@ impl Journal {
         }
     }
 
-    /// Brings back to the target what somebody else put into a folder that was exchanged for another.
+    /// Brings back to the target the files that somebody else put into the old folder, after it was exchanged.
     pub(crate) fn rescue(&self, folder: &Path) {
         let is_known = |name: &OsStr| {
             let is = |known: &String| name == known.as_str();
@@ -158,7 +161,7 @@ impl Journal {
     }
 }
 
-/// Takes away what killed runs of this user have left in `place`.
+/// Removes what killed runs of this user have left in `place`.
 fn sweep(place: &Path, ours: &Metadata) {
     for entry in fs::read_dir(place).into_iter().flatten().flatten() {
         let path = entry.path();
@@ -180,7 +183,7 @@ fn sweep(place: &Path, ours: &Metadata) {
     }
 }
 
-/// Ends what a killed run has begun: all of it is undone, unless only the old files were still to go.
+/// Cleans up after a killed run. Everything is undone, unless only the old files were still to be removed.
 fn recover(scratch: &Path) {
     let journal = fs::read(scratch.join(JOURNAL)).ok();
     let journal = journal.and_then(|bytes| serde_json::from_slice::<Journal>(&bytes).ok());
@@ -198,10 +201,10 @@ fn is_hidden_name(name: &OsStr) -> bool {
     letters.is_some_and(|letters| letters.len() == NUM_LETTERS && letters.chars().all(char::is_alphanumeric))
 }
 
-/// Puts two folders in each other's place, in one step.
+/// Exchanges two folders in one step.
 ///
 /// # Errors
-/// That of the system, which may not be able to.
+/// The system's error; not every system can do this.
 pub(crate) fn exchange(a: &Path, b: &Path) -> io::Result<()> {
     step();
     #[cfg(any(target_os = "linux", target_os = "android", target_vendor = "apple"))]
@@ -216,10 +219,10 @@ pub(crate) fn exchange(a: &Path, b: &Path) -> io::Result<()> {
     }
 }
 
-/// Renames to a name that nothing has.
+/// Renames to a name that is not in use.
 ///
 /// # Errors
-/// [`io::ErrorKind::AlreadyExists`] if something has it.
+/// [`io::ErrorKind::AlreadyExists`] if the name is in use.
 pub(crate) fn rename_to_new(from: &Path, to: &Path) -> io::Result<()> {
     step();
     #[cfg(any(target_os = "linux", target_os = "android", target_vendor = "apple"))]
@@ -227,7 +230,7 @@ pub(crate) fn rename_to_new(from: &Path, to: &Path) -> io::Result<()> {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         use rustix::io::Errno;
         match renameat_with(CWD, from, CWD, to, RenameFlags::NOREPLACE) {
-            // Not every file system can.
+            // Some file systems cannot do this.
             Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => {}
             done => return Ok(done?),
         }
@@ -235,15 +238,15 @@ pub(crate) fn rename_to_new(from: &Path, to: &Path) -> io::Result<()> {
     if exists(to) { Err(io::ErrorKind::AlreadyExists.into()) } else { fs::rename(from, to) }
 }
 
-/// True if there is anything of this name, be it a link that leads nowhere.
+/// True if something has this name, even a link that leads nowhere.
 pub(crate) fn exists(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
 
-/// Writes a file in one step: the one that is there stays whole until then.
+/// Writes a file in one step: an existing file stays whole until then.
 ///
 /// # Errors
-/// That of the system.
+/// The system's error.
 pub(crate) fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let folder = folder_of(path);
     let mut file = hidden_file(folder)?;
@@ -256,10 +259,10 @@ pub(crate) fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Finds out whether files can be made beside `path`, and takes away what killed runs have left there.
+/// Checks that files can be made beside `path`, and removes what killed runs have left there.
 ///
 /// # Errors
-/// That of the system.
+/// The system's error.
 pub(crate) fn check_folder_of(path: &Path) -> io::Result<()> {
     let folder = folder_of(path);
     let file = hidden_file(folder)?;
@@ -273,7 +276,7 @@ pub(crate) fn check_folder_of(path: &Path) -> io::Result<()> {
 fn hidden_file(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX).rand_bytes(NUM_LETTERS);
-    // Whoever may read other new files of the user may read this one, too.
+    // The file gets the same permissions as any other new file of the user.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let _lock = Lock::of(folder);
@@ -283,7 +286,7 @@ fn hidden_file(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     Ok(file)
 }
 
-/// What the operating system says, without the hidden path that `tempfile` adds.
+/// The operating system's error, without the hidden path that `tempfile` adds.
 pub(crate) fn own_word(error: io::Error) -> io::Error {
     let text = error.to_string();
     match text.split_once(" at path ") {
@@ -296,7 +299,7 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Makes renames durable where folders can be synced; elsewhere the file system does what it does.
+/// Makes renames durable, where folders can be synced.
 pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
@@ -325,8 +328,8 @@ fn is_same(_: &Path, _: &Path) -> bool {
     false
 }
 
-/// Called before each change of the file system. In builds for development the process ends at the one whose number stands in
-/// the variable: for tests of what a killed run leaves.
+/// Called before each change of the file system. Tests of killed runs set an environment variable to a number: in debug
+/// builds, the process then ends at the change with that number.
 pub(crate) fn step() {
     #[cfg(debug_assertions)]
     {

@@ -1,11 +1,11 @@
-//! The files of shaders/, which the program holds.
+//! The files of shaders/, which are compiled into the program.
 
-/// A file of shaders/, which the program holds.
+/// A file of shaders/, as compiled into the program.
 #[derive(Debug, Clone, Copy)]
 pub struct ShaderFile {
-    /// Its path below shaders/.
+    /// The file's path below shaders/.
     pub path: &'static str,
-    /// What it says.
+    /// The file's text.
     pub text: &'static str,
 }
 

@@ -1,6 +1,6 @@
-// Harvey-Shack: b0 / (1 + (beta / l0)^s), where beta is the distance of direction cosines from the reference direction:
-// the mirrored ray, or for a transmissive lobe the ray itself. Directions keep their full weight; the lobe's height is
-// the surface's scatter_fraction.
+// Harvey-Shack: b0 / (1 + (beta / l0)^s). Here beta is the distance of direction cosines from the reference direction.
+// The reference direction is the mirrored ray or, for a transmissive lobe, the ray itself. Directions keep their full
+// weight; the lobe's height is the surface's scatter_fraction.
 
 // Knots of the radial distribution, at beta = 0 to 2 in equal steps: model::bsdfs::HarveyShack::distribution.
 const HARVEY_SHACK_KNOTS: u32 = 4096u;
@@ -14,7 +14,7 @@ fn sample_harvey_shack(s: Scattering, surface: Surface) -> Lobe {
     let x = dot(centre, tangents.t) + beta * turn.x;
     let y = dot(centre, tangents.b) + beta * turn.y;
     let r2 = x * x + y * y;
-    // No direction lies beyond the unit disk: such a ray keeps the reference direction, and no weight.
+    // No direction lies beyond the unit disk. A ray drawn there keeps the reference direction, and gets no weight.
     if r2 >= 1.0 {
         return Lobe(centre, 0.0);
     }

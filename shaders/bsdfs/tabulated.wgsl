@@ -1,10 +1,11 @@
 // Tabulated: values over the polar angles of incidence and of scatter [deg], bilinear between them and 0 beyond.
-// Directions are drawn cosine-weighted, so a ray carries pi times the value at its angles. (Optiland cuts that off at 1,
-// which dims every lobe that is higher than a Lambertian one, and takes 90 degrees for the incidence of a ray that comes
-// from the other side than the lobe leaves to.)
+// Directions are drawn cosine-weighted, so a ray carries pi times the value at its angles.
+//
+// Optiland differs in two points. Optiland cuts the weight off at 1, which dims every lobe that is higher than a
+// Lambertian one. And it assumes 90 degrees of incidence for a ray that comes from the side opposite to the lobe's.
 
-// The table holds the angles of incidence, the angles of scatter, then one row of pi times the value [1/sr] per angle
-// of incidence: model::bsdfs::Tabulated::table.
+// The table holds the angles of incidence, the angles of scatter, then one row per angle of incidence. A row is pi
+// times the value [1/sr] (model::bsdfs::Tabulated::table).
 fn sample_tabulated(s: Scattering, surface: Surface) -> Lobe {
     let n = lobe_normal(s, surface);
     let scattered = cosine_weighted(s, n);
@@ -13,7 +14,7 @@ fn sample_tabulated(s: Scattering, surface: Surface) -> Lobe {
     return Lobe(scattered.direction, tabulated_value(theta_i, theta_s, surface));
 }
 
-// Not above 90: a right angle that rounding lifts would fall off the table.
+// An angle [deg], clamped to 90: a right angle that rounding lifts would fall off the table.
 fn degrees_of(cosine: real) -> real {
     return min(acos_real(cosine) * 57.29577951308232, 90.0);
 }
@@ -39,7 +40,7 @@ fn covers(first: u32, count: u32, x: real) -> bool {
     return x >= bsdf_table[first] && x <= bsdf_table[first + count - 1u];
 }
 
-// Where x lies between a knot and the next: 0 at the knot, 1 at the next.
+// Where x lies between this knot and the next: 0 at this knot, 1 at the next.
 fn position_in(x: real, knot: u32) -> real {
     return (x - bsdf_table[knot]) / (bsdf_table[knot + 1u] - bsdf_table[knot]);
 }

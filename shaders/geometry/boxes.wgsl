@@ -1,25 +1,16 @@
-// Trees of boxes, walked front to back: over primitives (primitives.tree.wgsl), and over the triangles of each mesh
-// (shapes/mesh.wgsl). All is f32 in both tiers: the host pads boxes, or the ray its own slack, by more than all
-// rounding: of boxes, ray and slabs (program::geometry::tree, program::geometry::mesh).
-//
-// A node has the boxes of up to four children, in bytes that count cells of a grid of its own (Ylitie, Karras and Laine,
-// Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, HPG 2017, with eight): a walk takes as long as
-// its loads, and these are few, of four words each, from little memory. Its rows (program::geometry::bvh):
-//     the grid's origin,      exponents of its cells, 8 bits an axis; inner children, 4 bits; children, 4 bits
-//     lower corners: x, y, z, each a byte a child;    the first inner child, which the others follow
-//     upper corners: x, y, z, each a byte a child;    the item of the first other child, less inner children
-// A child is a node or, after all of those, an item: a primitive or a triangle.
+// All is f32 in both tiers. A margin exceeds all rounding of boxes, ray and slabs. The host pads each box, or the ray
+// brings a slack (program::geometry::tree, program::geometry::mesh).
 
 const NODE_ROWS: u32 = 3u;
 const NODE_CHILDREN: u32 = 4u;
 
 // A ray as boxes see it. The slack [mm] widens every box: the face where the ray enters is compared with `entry_base`,
-// the other with `exit_base`.
+// the other face with `exit_base`.
 struct BoxRay {
     entry_base: vec3<f32>,
     exit_base: vec3<f32>,
     inverse: vec3<f32>,
-    // Enters at the upper corner.
+    // True along an axis where the ray runs towards lower coordinates, and so enters at the upper corner.
     reversed: vec3<bool>,
 }
 
@@ -31,18 +22,18 @@ fn box_ray(base: vec3<f32>, direction: vec3<f32>, slack: f32) -> BoxRay {
     return BoxRay(select(ahead, behind, reversed), select(behind, ahead, reversed), inverse, reversed);
 }
 
-// A component near zero is turned by less than a box is padded, so that no infinity occurs.
+// 1 / d, finite: a component of d near zero is replaced by 1e-18. That turns the ray by less than boxes are padded.
 fn box_inverse(d: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(1.0) / select(d, vec3<f32>(1e-18), abs(d) < vec3<f32>(1e-18));
 }
 
 struct Walk {
-    // The next to visit, or NONE.
+    // The node to visit next, or NONE.
     node: u32,
-    // The items whose boxes the ray enters in the node visited last: a bit each, from `first_item` on.
+    // The items whose boxes the ray enters, in the node visited last: a bit each, from `first_item` on.
     items: u32,
     first_item: u32,
-    // Groups of siblings, one a level; at the bottom NONE, which ends the walk.
+    // Groups of siblings that wait, one a level. The group at the bottom is NONE, and ends the walk.
     num_waiting: u32,
     waiting: array<u32, TREE_DEPTH>,
 }
@@ -55,7 +46,8 @@ fn walk_from(root: u32) -> Walk {
     return walk;
 }
 
-// Siblings that wait: the first of all, how many wait (2 bits), and which, the nearest first (2 bits each).
+// Packs siblings that wait: the number of the first sibling, how many wait (2 bits), and which, nearest first (2 bits
+// each).
 fn group_of(first_node: u32, keys: vec4<u32>) -> u32 {
     let among = keys & vec4<u32>(3u);
     let count = select(0u, 1u, keys.y != NONE) + select(0u, 1u, keys.z != NONE) + select(0u, 1u, keys.w != NONE);
@@ -78,7 +70,7 @@ fn bytes_of(word: u32) -> vec4<f32> {
     return vec4<f32>((vec4<u32>(word) >> vec4<u32>(0u, 8u, 16u, 24u)) & vec4<u32>(0xFFu));
 }
 
-// max and min would ask about NaN first: a comparison with one is false all the same.
+// The larger, by component. The built-in max and min would first ask about NaN; a comparison with NaN is false anyway.
 fn larger(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return select(b, a, a > b);
 }
@@ -87,7 +79,7 @@ fn smaller(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return select(b, a, a < b);
 }
 
-// In ascending order.
+// The keys in ascending order.
 fn sorted(keys: vec4<u32>) -> vec4<u32> {
     let low = min(keys.xz, keys.yw);
     let high = max(keys.xz, keys.yw);
@@ -96,9 +88,12 @@ fn sorted(keys: vec4<u32>) -> vec4<u32> {
     return vec4<u32>(min(low.x, low.y), min(a, b), max(a, b), max(high.x, high.y));
 }
 
-// Finds the children whose boxes the ray enters between `start` and `end`. The walk goes on to the nearest inner one and
-// the others wait, or to the nearest of those that have waited least. Whether it has fallen behind the nearest hit is
-// left to its own children: where a wide machine stores by index, an entry with every group costs more than it saves.
+// Finds the children whose boxes the ray enters between `start` and `end`. The walk goes on to the nearest inner child,
+// and the other inner children wait. Where no inner child is entered, the walk goes on in the group that began to wait
+// last.
+//
+// A waiting node may by then lie behind the nearest hit; only its children's boxes notice. Wide machines store by
+// index, so keeping an entry distance with every group would cost more than it saves.
 fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     let row = NODE_ROWS * (*walk).node;
     let grid = tree_row(row);
@@ -127,7 +122,7 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     (*walk).items = items.x | items.y | items.z | items.w;
     (*walk).first_item = upper.w;
 
-    // Positive floats are in the order of their bits; the last two make room for the place.
+    // Positive floats are in the order of their bits. The last two bits make room for the child's place.
     let distances = bitcast<vec4<u32>>(entry - vec4<f32>(start)) & vec4<u32>(0xFFFFFFFCu);
     let keys = sorted(select(vec4<u32>(NONE), distances | places, is_hit & is_inner));
     let descends = keys.x != NONE;
@@ -140,9 +135,10 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
     (*walk).num_waiting = place + select(1u, 0u, is_empty(rest));
 }
 
-// Visits nodes until there are items, or nothing to visit, or so many have been. A walk descends and tries items in turns,
-// in loops of their own: wide machines run all of a branch, and no more of a loop than some ray needs. Every node is visited
-// at most once, so that no loop makes more rounds than there are rows.
+// Visits nodes until the walk has found items, has nothing left to visit, or has made `most_visits` visits. Descending
+// and trying items take turns, in loops of their own. Wide machines run every branch that a ray takes, but only as many
+// rounds of a loop as a ray needs. Every node is visited at most once, so no loop makes more rounds than there are
+// rows.
 fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32, most_visits: u32) {
     var level = 0u;
     loop {
@@ -164,7 +160,7 @@ fn is_over(walk: ptr<function, Walk>) -> bool {
     return ((*walk).node == NONE) & ((*walk).items == 0u);
 }
 
-// The first of the items that are left.
+// Takes the first of the items that are left.
 fn take_item(walk: ptr<function, Walk>) -> u32 {
     let items = (*walk).items;
     (*walk).items = items & (items - 1u);

@@ -1,9 +1,9 @@
-// Contacts (program::geometry::contact): faces in one place form a group, and a ray meets each of them at most once on its way
-// through. Which face comes next follows from sides and media, as in the limit of a vanishing gap. Distances among the faces
-// decide nothing, because distances differ by rounding.
+// Contacts (program::geometry::contact): faces in one place form a group, and a ray meets each face at most once on its
+// way through. Sides and media decide which face comes next, as in the limit of a vanishing gap. Distances among the
+// faces decide nothing, because distances differ by rounding.
 //
-// Example: two plates of glass touch. A ray in the first plate first meets the face that bounds its own glass, then, in the
-// vacuum of the gap, the face of the other plate, whatever the order of the list.
+// Example: two plates of glass touch. A ray in the first plate first meets the face that bounds its own glass. Then, in
+// the vacuum of the gap, the ray meets the face of the other plate. The order of the list has no effect.
 
 // Roles of a face (program::geometry::contact::Role).
 const ROLE_SURFACE: u32 = 0u;
@@ -14,13 +14,13 @@ const ROLE_DETECTOR: u32 = 2u;
 const ARRIVES: u32 = 0x80000000u;
 const ALL_LAYERS: u32 = 0x7fffffffu;
 
-// Levels of a group that are told apart.
+// The highest level of a face in its group.
 const LAST_LEVEL: u32 = 0xffffffu;
 
 // How far a mesh is searched beyond what is in contact with it, in tolerances.
 const TOLERANCES_BEYOND: real = 64.0;
 
-// The group in whose place the ray stands, and the level of the face that it leaves.
+// The group of the faces where the ray stands (0: no group), and the level of the face that the ray leaves.
 struct Standing {
     group: u32,
     level: u32,
@@ -38,7 +38,7 @@ fn stands_on(here: Standing, contact: Contact) -> bool {
     return (contact.group != 0u) & (here.group == contact.group);
 }
 
-// True if the ray was born within rounding of a shape: it leaves the shape, on the side to which it goes.
+// True if the ray was born within rounding of a shape. Such a ray leaves the shape, on the side to which it goes.
 fn is_born_on(ray: Ray, o: vec3<real>, s: Quadric) -> bool {
     let slope = vec3<real>(s.radial * o.x, s.radial * o.y, s.axial * o.z + s.offset);
     let height = 0.5 * value_at(o, s);
@@ -50,14 +50,15 @@ fn goes_forward(d: vec3<real>, n: vec3<real>, contact: Contact) -> bool {
     return (dot(d, n) > 0.0) == (contact.flipped == 0u);
 }
 
-// Before an event at this distance.
+// Called before an event at this distance: a ray that has travelled arrives from afar.
 fn leave_contact(ray: ptr<function, Ray>, distance: real) {
     if distance > 0.0 {
         (*ray).below_it = ARRIVES;
     }
 }
 
-// After an event on a face with this normal, to which the ray came in this direction.
+// Called after an event on a face with the normal n, at which the ray arrived along `incoming`. Notes on which side of
+// the face the ray now goes, and which layers of the group lie below it.
 fn note_side(ray: ptr<function, Ray>, n: vec3<real>, incoming: vec3<real>) {
     let contact = contact_at((*ray).last, arrived_on());
     let came_forward = goes_forward(incoming, n, contact);
@@ -69,7 +70,7 @@ fn note_side(ray: ptr<function, Ray>, n: vec3<real>, incoming: vec3<real>) {
     (*ray).forward = forward;
 }
 
-// After a detector has let the ray pass.
+// Called after a detector has let the ray pass.
 fn note_passing(ray: ptr<function, Ray>, detector: Detector) {
     note_side(ray, detector_normal(detector), (*ray).direction);
 }
@@ -78,7 +79,7 @@ fn detector_normal(detector: Detector) -> vec3<real> {
     return from_detector(detector, vec3<real>(0.0, 0.0, 1.0));
 }
 
-// The normal of a primitive where the ray has come to; of a mesh, that of the triangle noted last.
+// The normal of a primitive at a position; for a mesh, the normal of the triangle noted last.
 fn normal_of(primitive: u32, position: vec3<real>) -> vec3<real> {
     if primitive >= NUM_SURFACES {
         return detector_normal(detector_of(primitive - NUM_SURFACES));
@@ -86,7 +87,7 @@ fn normal_of(primitive: u32, position: vec3<real>) -> vec3<real> {
     return noted_normal(surface_of(primitive), position);
 }
 
-// The media on this side of a face and beyond it, for a ray that goes forward or back.
+// The medium on this side of a face, for a ray that goes forward or back.
 fn near_medium(contact: Contact, forward: bool) -> u32 {
     return select(contact.above, contact.below, forward);
 }
@@ -95,10 +96,11 @@ fn far_medium(contact: Contact, forward: bool) -> u32 {
     return select(contact.below, contact.above, forward);
 }
 
-// True if a face of the group in whose place the ray stands comes next: it lies ahead, and nothing hides it. An absorber or a
-// detector of the same level was met on arrival, or what the ray has left hides it. A refracting
-// face whose far medium the ray is in, and whose near one it is not, lies behind the ray: a second facet in the same place
-// adds no matter.
+// True if a face of the group where the ray stands comes next: the face lies ahead, and nothing hides it.
+//
+// Faces of the level that the ray leaves may be hidden. An absorber or a detector there was met on arrival, or is
+// hidden by what the ray has left. A refracting face is hidden if the ray is already in its far medium, and not in its
+// near one. Such a face lies behind the ray: a second facet in the same place adds no matter.
 fn comes_next(ray: Ray, here: Standing, contact: Contact) -> bool {
     let is_ahead = ((ray.below_it & contact.layer) == 0u) == ray.forward;
     let is_beyond = (near_medium(contact, ray.forward) != ray.medium) & (far_medium(contact, ray.forward) == ray.medium);
@@ -106,9 +108,9 @@ fn comes_next(ray: Ray, here: Standing, contact: Contact) -> bool {
     return stands_on(here, contact) & is_ahead & !((contact.level == here.level) & hides);
 }
 
-// Of surfaces that a ray can meet in one place, the one with the lowest number comes first: by the gap where there is one,
-// before detectors, and by whether the face bounds the ray's own medium. A face with that medium on both sides stands before
-// one that the ray leaves the medium by.
+// Of faces that a ray can meet in one place, the face with the lowest number comes first. The number orders faces first
+// by level, then surfaces before detectors, then by whether the face bounds the ray's own medium. A face with that
+// medium on both sides comes before a face by which the ray leaves the medium.
 fn precedence(contact: Contact, forward: bool, medium: u32) -> u32 {
     let near = near_medium(contact, forward);
     let is_inner = (contact.refracts == 0u) | (far_medium(contact, forward) == near);
@@ -117,8 +119,8 @@ fn precedence(contact: Contact, forward: bool, medium: u32) -> u32 {
     return (level << 3u) | select(0u, 4u, contact.role == ROLE_DETECTOR) | bounds;
 }
 
-// True if the ray meets one of two faces in one place before the other. Where neither number nor physics decides, as with an
-// absorber in a mirror, it meets the first in the list.
+// True if the ray meets the face `own` before the face `other` in the same place. The lower number comes first, and the
+// list breaks ties. The list also decides where physics has no answer, as for an absorber in a mirror.
 fn precedes(
     own: Contact, own_place: u32, other: Contact, other_place: u32, forward: bool, medium: u32,
 ) -> bool {
@@ -131,8 +133,8 @@ fn precedes(
     return select(by_physics, by_list, (own.level == other.level) & an_absorber & no_detector);
 }
 
-// `nearer` for a face of a group. `elsewhere` is the distance to where the ray meets the face away from where it stands;
-// `holds` tells that the face reaches to where it stands.
+// `nearer` for a face of a group. `elsewhere` is the distance at which the ray meets the face away from where the ray
+// stands. `holds` is true if the face extends to where the ray stands.
 fn nearer_in_contact(
     best: Hit, ray: Ray, here: Standing, primitive: u32, contact: Contact, elsewhere: real, holds: bool,
 ) -> Hit {
@@ -140,7 +142,7 @@ fn nearer_in_contact(
     return first_of(best, noted_triangle(), ray, distance, primitive, contact);
 }
 
-// `triangle`: the one noted for the best hit.
+// The hit that comes first: `best`, or this primitive at `distance`. `triangle` is the triangle noted for `best`.
 fn first_of(best: Hit, triangle: u32, ray: Ray, distance: real, primitive: u32, contact: Contact) -> Hit {
     if distance >= MISS {
         return best;

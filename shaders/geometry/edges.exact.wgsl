@@ -1,4 +1,5 @@
-// Crossings of triangles where a ray's position is as good as exact: f64, and pairs of f32. Twin of edges.f32.wgsl.
+// Crossings of triangles in f64 and in pairs of f32, where rounding of a ray's position does not matter. Twin of
+// edges.f32.wgsl.
 
 fn leave_facet(ray: MeshRay, leaving: bool) {}
 

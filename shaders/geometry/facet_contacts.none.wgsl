@@ -1,4 +1,5 @@
-// Contacts are those of primitives: no facet of a mesh is in contact. Twin of the same functions in facets.touching.wgsl.
+// No facet of a mesh is in contact; contacts are those of whole primitives. Twin of the same functions in
+// facets.touching.wgsl.
 
 fn contact_at(primitive: u32, triangle: u32) -> Contact {
     return contact_of(primitive);

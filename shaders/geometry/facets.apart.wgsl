@@ -1,4 +1,4 @@
-// Meshes whose facets are in no contact. Twin of facets.touching.wgsl.
+// Meshes whose facets are not in contact. Twin of facets.touching.wgsl.
 
 fn facet_crossing(ray: MeshRay, triangle: u32) -> real {
     let crossing = triangle_crossing(ray, triangle);

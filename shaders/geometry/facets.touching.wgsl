@@ -1,14 +1,14 @@
-// Facets of meshes that are in contact (geometry/contact.on.wgsl): in one plane of a mesh, on a flat face, on facets of
-// other meshes, or where a source lies on a mesh. The host tells for each facet its place in its group
+// Facets of meshes that are in contact (geometry/contact.on.wgsl). Facets touch in a plane of one mesh, on a flat face,
+// on facets of another mesh, or where a source lies on a mesh. The host computes each facet's place in its group
 // (program::layout::tables::FacetTable). Twin of facets.apart.wgsl.
 
 @group(GROUP_SCENE) @binding(BINDING_FACETS) var<storage, read> facet_contacts: array<vec2<u32>>;
 
-// In Contact.facets: of a primitive that is no mesh, and of a mesh without facets in contact.
+// Values of Contact.facets: for a primitive that is no mesh, and for a mesh without facets in contact.
 const NO_MESH: u32 = 0xffffffffu;
 const NO_FACETS: u32 = 0xfffffffeu;
 
-// The ray for which a mesh is searched, and what the mesh's facets share.
+// What a search of a mesh needs beside the MeshRay: the ray, where it stands, and what the mesh's facets share.
 struct FacetSearch {
     here: Standing,
     ray: Ray,
@@ -27,7 +27,7 @@ fn is_mesh(contact: Contact) -> bool {
     return contact.facets != NO_MESH;
 }
 
-// The contact of a facet, by the first row of its triangle; of another primitive, its own.
+// The contact of a facet, found by the first row of its triangle. Any other primitive has its own contact.
 fn facet_contact(contact: Contact, triangle: u32) -> Contact {
     if contact.facets >= NO_FACETS {
         return contact;
@@ -63,8 +63,8 @@ fn noted_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     return from_surface(surface, facet_normal(hit_triangle));
 }
 
-// Where the ray meets a facet, or MISS. A straight ray that leaves a plane never
-// comes back to it: of the facets in that plane it meets only what comes next where it stands.
+// Where the ray meets a facet, or MISS. A straight ray that leaves a plane never comes back to the plane. So of the
+// facets in that plane, the ray meets only a facet that comes next where it stands.
 fn facet_crossing(ray: MeshRay, triangle: u32) -> real {
     let contact = facet_contact(facet_search.mesh, triangle);
     if stands_on(facet_search.here, contact) {
@@ -97,7 +97,7 @@ fn facet_comes_first(ray: MeshRay, triangle: u32, t: real, found: u32, nearest: 
     return (t < nearest) & (t < MISS);
 }
 
-// As far as a mesh is searched: what lies in contact with the best hit may come first.
+// How far a mesh is searched: a facet in contact with the best hit may lie beyond that hit and still come first.
 fn farthest_from(best: Hit) -> real {
     return min(best.distance + TOLERANCES_BEYOND * CONTACT_TOLERANCE, MISS);
 }

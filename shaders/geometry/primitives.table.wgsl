@@ -1,4 +1,4 @@
-// Every primitive in turn, from the table.
+// Finds the nearest primitive by trying each one in the table, in turn.
 
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     let here = standing(ray);

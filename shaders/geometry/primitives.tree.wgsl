@@ -1,9 +1,10 @@
-// Primitives of the table by a tree of boxes (program::geometry::tree). It finds what every primitive in turn would find: `nearer`
-// settles ties by the list, whatever the order of the visits. The last rows are primitives: those of the tree in its order,
-// then those that have no box (`try_placed`, in placed.*.wgsl). A few detectors stand apart (`nearest_apart` is composed).
+// The rows after the nodes are primitives: first those in the tree, in its order, then those without a box.
+// `try_placed` in placed.*.wgsl tries them. A few detectors are tried outside the tree (`nearest_apart`, which is
+// composed).
 
-// Turns are short: a ray that has found a primitive soon does not wait until all others of its vector have. Scattered rays
-// on spheres gain a tenth, lenses nothing, and meshes, where most visits lead to no triangle, would lose.
+// Visits in a turn, before items are tried. Short turns help a ray that soon finds a primitive: the ray need not wait
+// until all others of its vector have found one. Scattered rays on spheres gain a tenth, and lenses nothing. Meshes
+// would lose, because most visits there lead to no triangle.
 const MOST_VISITS: u32 = 4u;
 
 fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
@@ -37,7 +38,8 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     return best;
 }
 
-// A mesh notes the triangle that it hits; what turns out to be no nearer than the best must not stay noted.
+// Tries a primitive. A mesh notes the triangle that it hits; the note is taken back if the hit is no nearer than the
+// best.
 fn try_in_any_order(best: Hit, ray: Ray, here: Standing, i: u32, p: Primitive) -> Hit {
     let triangle = noted_triangle();
     let hit = try_primitive(best, ray, here, i, p);

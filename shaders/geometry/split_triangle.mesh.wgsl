@@ -1,4 +1,4 @@
-// The triangle that a ray stands on waits with it, where the ray was split. Twin of split_triangle.none.wgsl.
+// Where a ray is split, the waiting branch keeps the triangle on which it stands. Twin of split_triangle.none.wgsl.
 
 fn standing_triangle() -> u32 {
     return arrived_triangle;

@@ -1,4 +1,4 @@
-// Frames: global = rotation * local + origin; the rotation's columns x, y, z are the local axes.
+// Transforms between frames: global = rotation * local + origin. The rotation's columns x, y, z are the local axes.
 
 struct Rotation {
     x: vec3<real>,

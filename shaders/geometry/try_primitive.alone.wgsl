@@ -1,4 +1,4 @@
-// One primitive of the table.
+// Tries one primitive of the table.
 
 fn try_primitive(best: Hit, ray: Ray, here: Standing, i: u32, p: Primitive) -> Hit {
     let o = to_primitive(p, ray.position - vec3<real>(p.origin_x, p.origin_y, p.origin_z));

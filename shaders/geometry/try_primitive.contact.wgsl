@@ -1,4 +1,4 @@
-// One primitive of the table; some are in contact.
+// Tries one primitive of the table, where some primitives are in contact.
 
 fn try_primitive(best: Hit, ray: Ray, here: Standing, i: u32, p: Primitive) -> Hit {
     let o = to_primitive(p, ray.position - vec3<real>(p.origin_x, p.origin_y, p.origin_z));

@@ -1,5 +1,5 @@
-// What waits at a level of a walk is found by its index. Trees that lie in an image and are not too deep have a composed
-// twin, which chooses among all levels.
+// A walk finds the group that waits at a level by its index. Trees that lie in an image and are not too deep have a
+// composed twin, which selects among all levels.
 
 fn waiting_at(walk: ptr<function, Walk>, place: u32) -> u32 {
     return (*walk).waiting[place];

@@ -4,9 +4,11 @@
 // double-word arithmetic (ACM TOMS 44(2), 2017); Lefevre, Louvet, Muller, Picot and Rideau, Accurate calculation of
 // Euclidean norms using double-word arithmetic (ACM TOMS 49(1), 2023). u = 2^-24.
 
-// Zero, which no compiler knows: an exclusive or with it keeps a rounded result from being simplified away, as (a + b) - a
-// is to b, from being fused with what follows and from being reordered, on every platform. It lies in a storage buffer,
-// because drivers compile the contents of uniforms in (Mesa's lavapipe does); entry points copy it (program::df64).
+// A zero whose value no compiler knows. An exclusive or with it protects a rounded result on every platform. A compiler
+// could otherwise simplify the result, as (a + b) - a to b, fuse it with what follows, or reorder it.
+//
+// The zero lies in a storage buffer, because drivers may compile in the contents of uniforms, as Mesa's lavapipe does.
+// Entry points copy it (program::df64).
 @group(GROUP_SCENE) @binding(BINDING_DF64_ZERO) var<storage, read> df64_zero_source: u32;
 var<private> df64_zero: u32;
 
@@ -27,7 +29,7 @@ fn df64_two_sum(a: f32, b: f32) -> vec2<f32> {
     return df64_fast_two_sum(select(b, a, ordered), select(a, b, ordered));
 }
 
-// The leading 12 bits; what is left has 12 bits too.
+// The leading 12 bits of a. The remainder has 12 bits too.
 fn df64_leading(a: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(a) & 0xFFFFF000u);
 }
@@ -97,7 +99,8 @@ fn df64_sqrt(x: vec2<f32>) -> vec2<f32> {
     return select(df64_fast_two_sum(root, df64_rounded(rest / (2.0 * root))), vec2<f32>(0.0, 0.0), x.x == 0.0);
 }
 
-// A sum of products: of three or two pairs of reals. Error: some u^2 of the sum of the products' sizes.
+// Adds a product to a sum. The sums below add two or three products of reals. Error: a few u^2 of the sum of the
+// products' sizes.
 fn df64_add_product(sum: vec2<f32>, x: vec2<f32>, y: vec2<f32>) -> vec2<f32> {
     let product = df64_two_product(x.x, y.x);
     let high = df64_two_sum(sum.x, product.x);
@@ -157,7 +160,7 @@ fn df64_ceil(x: vec2<f32>) -> vec2<f32> {
     return -df64_floor(-x);
 }
 
-// Exact, as all conversions below are where the result holds the number.
+// Exact. All conversions below are exact, too, where the result can hold the number.
 fn df64_from_u32(n: u32) -> vec2<f32> {
     return df64_fast_two_sum(f32(n >> 16u) * 65536.0, f32(n & 0xFFFFu));
 }
@@ -166,7 +169,7 @@ fn df64_from_i32(n: i32) -> vec2<f32> {
     return df64_fast_two_sum(f32(n >> 16u) * 65536.0, f32(n & 0xFFFF));
 }
 
-// Towards zero, and to the nearest integer that there is.
+// Rounds towards zero, and clamps to the range of u32.
 fn df64_to_u32(x: vec2<f32>) -> u32 {
     let whole = df64_floor(x);
     let inside = (x.x >= 0.0) & (whole.x < 4294967296.0);

@@ -1,6 +1,7 @@
-// Elementary functions: what depends on the parts of a pair of f32. Twin of math.f64.wgsl. Errors of these and of
-// math.wgsl's, in units of 2^-47 of the power of two below the result (tests/lib_math.rs): 2.7 for sine and cosine, 1.3 for
-// log_uniform and acos, 1.2 for exp, 2.5 for atan2, 0.8 for log.
+// Elementary functions: the part that depends on the two f32 of a pair. Twin of math.f64.wgsl.
+//
+// Errors of these functions and of those in math.wgsl are in units of 2^-47 of the power of two below the result
+// (tests/lib_math.rs). Sine and cosine: 2.7; log_uniform and acos: 1.3; exp: 1.2; atan2: 2.5; log: 0.8.
 
 // pi/4 in two parts; the product of the high part with the integers it meets is exact.
 const QUARTER_PI_HI: real = 0.7853981633974456;
@@ -20,7 +21,7 @@ fn exp_real(x: real) -> real {
     return select((1.0 + (r + r * (r * poly_exp(r)))) * power_of_two(i32(n)), 0.0, x < -87.33);
 }
 
-// exp(x) for |x| <= NEAR_ZERO, in the same bits: no power of two comes out.
+// exp(x) for |x| <= NEAR_ZERO, with the same bits as exp_real: there is no power of two to take out.
 const NEAR_ZERO: real = 0.34;
 
 fn exp_near_zero(x: real) -> real {

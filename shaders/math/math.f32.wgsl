@@ -1,4 +1,4 @@
-// Elementary functions: what depends on the bits of an f32. Twin of math.f64.wgsl.
+// Elementary functions: the part that depends on the bits of an f32. Twin of math.f64.wgsl.
 
 // ln 2 and pi/4 in two parts; the product of the high part with the integers it meets is exact.
 const LN2_HI: real = 0.693145751953125;
@@ -7,8 +7,8 @@ const QUARTER_PI_HI: real = 0.785398006439209;
 const QUARTER_PI_LO: real = 1.5695823663008923e-07;
 
 // x - quarters * pi/2, with pi/2 in four parts (Cody and Waite, Software Manual for the Elementary Functions, 1980).
-// Every product is exact, so that it does not matter whether fma fuses; it keeps a compiler that may reorder sums
-// (Metal's) from joining the parts again.
+// Every product is exact, so a fused multiply-add changes nothing. It keeps a compiler that may reorder sums (Metal's)
+// from joining the parts again.
 fn beyond_quarters(x: real, quarters: real) -> real {
     let first = fma(-quarters, 1.5703125, x);
     let second = fma(-quarters, 0.0004837512969970703, first);
@@ -25,7 +25,7 @@ fn exp_real(x: real) -> real {
     return select((1.0 + (r + r * (r * poly_exp(r)))) * power, 0.0, x < -87.33);
 }
 
-// exp(x) for |x| <= NEAR_ZERO, in the same bits: no power of two comes out.
+// exp(x) for |x| <= NEAR_ZERO, with the same bits as exp_real: there is no power of two to take out.
 const NEAR_ZERO: real = 0.34;
 
 fn exp_near_zero(x: real) -> real {

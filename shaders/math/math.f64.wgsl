@@ -1,11 +1,11 @@
-// Elementary functions: what depends on the bits of an f64, which cannot be read everywhere, so that comparisons and
-// powers of two stand in for them. Twin of math.f32.wgsl.
+// Elementary functions: the part that depends on the bits of an f64. Those bits cannot be read everywhere, so
+// comparisons and powers of two stand in for them. Twin of math.f32.wgsl.
 
 // pi/4 in two parts; the product of the high part with the integers it meets is exact.
 const QUARTER_PI_HI: real = 0.7853981633974483;
 const QUARTER_PI_LO: real = 3.061616997868383e-17;
 
-// x * 2^n, for n between -1022 and 1023, where no step leaves the normal numbers if the result does not.
+// x * 2^n, for n between -1022 and 1023. If the result is a normal number, so is every intermediate one.
 fn scaled(x: real, n: i32) -> real {
     let down = n < 0;
     let steps = u32(abs(n));
@@ -31,14 +31,15 @@ fn exp_real(x: real) -> real {
     return select(scaled(1.0 + (r + r * (r * poly_exp(r))), i32(n)), 0.0, x < -708.39);
 }
 
-// exp(x) for |x| <= NEAR_ZERO, in the same bits: no power of two comes out.
+// exp(x) for |x| <= NEAR_ZERO, with the same bits as exp_real: there is no power of two to take out.
 const NEAR_ZERO: real = 0.34;
 
 fn exp_near_zero(x: real) -> real {
     return 1.0 + (x + x * (x * poly_exp(x)));
 }
 
-// One step of taking a power of two out: of (significand, exponent), 2^size if there is that much.
+// One step of taking powers of two out of a number (significand, exponent): takes out 2^size if the significand is as
+// large.
 fn without_power(number: vec2<real>, size: real, power: real, inverse: real) -> vec2<real> {
     let reached = number.x >= power;
     return vec2<real>(number.x * choose(1.0, inverse, reached), number.y + choose(0.0, size, reached));
@@ -46,7 +47,7 @@ fn without_power(number: vec2<real>, size: real, power: real, inverse: real) -> 
 
 // ln(x) of a positive normal number. Error: 1 ulp.
 fn log_real(x: real) -> real {
-    // A number in [1, 2^1024), then in [1, 2), then between sqrt(1/2) and sqrt(2).
+    // The number is first lifted into [1, 2^1024), then brought into [1, 2), then between sqrt(1/2) and sqrt(2).
     let lifted = x < 1.0;
     var n = vec2<real>(select(x, x * 8.98846567431158e+307, lifted), choose(0.0, -1023.0, lifted));
     n = without_power(n, 512.0, 1.3407807929942597e+154, 7.458340731200207e-155);

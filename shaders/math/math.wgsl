@@ -1,11 +1,14 @@
-// Elementary functions of `real`. WGSL's own are too coarse in f32 (sin and cos to 2^-11 absolute, log to 2^-21 near 1,
-// acos to 7e-5) and do not exist in f64, so these use + - * / sqrt alone. math.f32.wgsl and math.f64.wgsl hold what
-// depends on the bits; polynomials.*.wgsl hold the polynomials. Errors are in units in the last place (ulp), as
-// tests/lib_math.rs asserts them where division and square root round correctly; each ulp that an adapter loses there
-// adds about one in log, acos and atan2.
-// The kernels of log, acos and atan2 follow fdlibm (Sun Microsystems, 1993) in their choice of what to reduce.
+// Elementary functions of `real`, from + - * / sqrt alone. WGSL's own functions do not exist in f64, and are too coarse
+// in f32. There sin and cos are good to 2^-11 absolute, log to 2^-21 near 1, acos to 7e-5.
+//
+// The files math.f32.wgsl and math.f64.wgsl hold the parts that depend on bits, and polynomials.*.wgsl the polynomials.
+//
+// Errors are in units in the last place (ulp), asserted by tests/lib_math.rs where division and square root round
+// correctly. Each ulp that an adapter loses in those adds about one ulp in log, acos and atan2.
+//
+// The kernels of log, acos and atan2 reduce their arguments as fdlibm does (Sun Microsystems, 1993).
 
-// select, of two literals in particular: those would be f32 whatever `real` is.
+// select for literals: a plain select of two literals would be f32, whatever `real` is.
 fn choose(otherwise: real, chosen: real, condition: bool) -> real {
     return select(otherwise, chosen, condition);
 }
@@ -22,8 +25,8 @@ fn turned(cos_sin: vec2<real>, quarters: u32) -> vec2<real> {
     return select(odd, -odd, (quarters & 2u) != 0u);
 }
 
-// (cos, sin) of 2 pi bits / 2^32: the integers reduce it exactly. Error: 2.6 ulp in f32, of which the rounding of bits
-// and of pi takes most; 2 ulp in f64.
+// (cos, sin) of 2 pi bits / 2^32, reduced exactly by integers. Error: 2.6 ulp in f32, mostly from rounding bits and pi;
+// 2 ulp in f64.
 fn sincos_turns(bits: u32) -> vec2<real> {
     let quarters = (bits + 0x20000000u) >> 30u;
     let rest = bitcast<i32>(bits - (quarters << 30u));
@@ -65,7 +68,7 @@ fn log_kernel(exponent: real, f: real) -> real {
 fn log_uniform(bits: u32) -> real {
     let zeros = countLeadingZeros(bits | 1u);
     let significand = bits << zeros;
-    // Exact distance from 1 of the significand, read as a number in [sqrt(1/2), 1) or [1, sqrt(2)).
+    // The exact distance from 1 of the significand, read as a number in [sqrt(1/2), 1) or [1, sqrt(2)).
     let doubled = significand < 0xB504F334u;
     let above = real(significand - 0x80000000u) * 4.656612873077393e-10;
     let under = real(bitcast<i32>(significand)) * 2.3283064365386963e-10;
@@ -77,7 +80,7 @@ fn log_uniform(bits: u32) -> real {
 fn acos_real(x: real) -> real {
     let a = min(abs(x), 1.0);
     let near_zero = a <= 0.5;
-    // acos(a) = 2 asin(sqrt((1 - a) / 2)) where asin(a) is steep.
+    // Where acos is steep, acos(a) = 2 asin(sqrt((1 - a) / 2)).
     let z = select((1.0 - a) * 0.5, x * x, near_zero);
     let s = select(sqrt(z), x, near_zero);
     let tail = s * (z * poly_asin(z));
@@ -87,12 +90,12 @@ fn acos_real(x: real) -> real {
     return select(away, around_zero, near_zero);
 }
 
-// The angle of (x, y), in [-pi, pi]; 0 for (0, 0). The sign of a zero does not count: atan2(-0, -1) is pi. Needs
-// |x| + |y| and the ratios to be normal numbers. Error: 2.5 ulp in f32, 1 in f64.
+// The angle of (x, y), in [-pi, pi] [rad]; 0 for (0, 0). The sign of a zero does not count: atan2(-0, -1) is pi. The
+// sum |x| + |y| and the ratios must be normal numbers. Error: 2.5 ulp in f32, 1 in f64.
 fn atan2_real(y: real, x: real) -> real {
     let large = max(abs(x), abs(y));
     let small = min(abs(x), abs(y));
-    // atan(t) = pi/4 + atan((t - 1) / (t + 1)) beyond tan(pi/8).
+    // Beyond tan(pi/8), atan(t) = pi/4 + atan((t - 1) / (t + 1)).
     let shifted = small > 0.41421356237309503 * large;
     let numerator = select(small, small - large, shifted);
     let denominator = select(large, small + large, shifted);

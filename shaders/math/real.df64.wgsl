@@ -1,5 +1,5 @@
-// What depends on the parts of a pair of f32: draws as numbers, weights as integers. Twin of real.f64.wgsl.
-// f32(x) is the high part of a real, and x less it the low one.
+// The part of `real` that depends on the two f32 of a pair: draws as numbers, weights as integers. Twin of
+// real.f64.wgsl. The high part of a real is f32(x), and the low part is x less that.
 
 fn low_part(x: real) -> f32 {
     return f32(x - real(f32(x)));
@@ -19,13 +19,14 @@ fn is_part(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7F800000u) != 0x7F800000u;
 }
 
-// False for NaN and infinity, by the bits: a compiler may take for granted that there are none.
+// False for NaN and infinity. The function looks at the bits, because a compiler may assume that NaN and infinity do
+// not occur.
 fn is_number(x: real) -> bool {
     return is_part(f32(x)) & is_part(low_part(x));
 }
 
-// True if a sum can hold the weight: 0 <= w < 2^43. It looks at the bits, because a compiler may take for granted that
-// no number is NaN or infinite.
+// True if a sum can hold the weight: 0 <= w < 2^43. The function looks at the bits, because a compiler may assume that
+// NaN and infinity do not occur.
 fn is_depositable(w: real) -> bool {
     let bits = bitcast<u32>(f32(w));
     return ((bits < 0x55000000u) | (bits == 0x80000000u)) & is_part(low_part(w));

@@ -1,4 +1,4 @@
-// Reduction of arguments in f64 and in pairs of f32: the constants whose parts suit both.
+// Reduction of arguments: constants whose parts suit both f64 and pairs of f32.
 
 // ln 2 in two parts; the product of the high part with the integers it meets is exact.
 const LN2_HI: real = 0.6931471803691238;

@@ -1,5 +1,5 @@
-// Reflection is drawn with its own probability R: both branches keep their weight.
-// (Optiland clips R to [1e-12, 1 - 1e-12] here and scales the weight by up to 1 + 1e-12: we do not.)
+// Reflection is drawn with the probability R, so both branches keep their weight. Optiland clips R here to [1e-12, 1 -
+// 1e-12], and scales the weight by up to 1 + 1e-12; we do neither. Twin of branch.importance.wgsl.
 
 fn draw_reflection(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
@@ -7,7 +7,7 @@ fn draw_reflection(
     return below_share(bits, reflectance) | total_reflection;
 }
 
-// bits / 2^32 < share, to a rounding of either side.
+// bits / 2^32 < share, up to a rounding of either side. No quotient is taken.
 fn below_share(bits: u32, share: Share) -> bool {
     return uniform_of(bits) * share.whole < share.part;
 }

@@ -1,5 +1,5 @@
-// Reflection is drawn with probability p; the weight is multiplied by R / p or T / (1 - p), so that both branches keep
-// their share on average.
+// Reflection is drawn with a chosen probability p. The weight is multiplied by R / p or T / (1 - p), so both branches
+// keep their share on average. Twin of branch.fresnel.wgsl.
 
 fn draw_reflection(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,

@@ -1,7 +1,7 @@
-// The tables of BSDFs, one after the other; a surface's record tells where its own begins.
+// The tables of BSDFs, one after the other. A surface's record holds where its own table begins.
 @group(GROUP_SCENE) @binding(BINDING_BSDF_TABLE) var<storage, read> bsdf_table: array<real>;
 
-// The interval of ascending knots that holds x: the last of those whose lower knot is not above x.
+// The interval of ascending knots that holds x: the last one whose lower knot is not above x.
 fn interval_of(x: real, first: u32, count: u32) -> u32 {
     var low = 0u;
     var high = count - 1u;

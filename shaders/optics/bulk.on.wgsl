@@ -1,4 +1,4 @@
-// Bulk absorption, by Beer and Lambert over a segment: exp(-4 pi k L / lambda). Twin of bulk.none.wgsl.
+// Bulk absorption over a segment of length L, after Beer and Lambert: exp(-4 pi k L / lambda). Twin of bulk.none.wgsl.
 
 fn attenuate(ray: ptr<function, Ray>, distance: real) {
     let before = (*ray).weight;
@@ -6,7 +6,7 @@ fn attenuate(ray: ptr<function, Ray>, distance: real) {
     deposit_loss(CELL_BULK, before, (*ray).weight);
 }
 
-// What the ray weighs behind the segment.
+// The ray's weight after the segment.
 fn attenuated(ray: Ray, distance: real) -> real {
     let absorption = medium_at(ray.medium, ray.wavelength).absorption;
     if absorption == 0.0 {

@@ -1,4 +1,5 @@
-// Coatings: reflectance and transmittance of their own in place of Fresnel's. What R + T < 1 leaves is absorbed.
+// A coating has its own reflectance R and transmittance T in place of Fresnel's. Where R + T < 1, the rest is absorbed.
+// Twin of coating.none.wgsl.
 
 fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: Share) -> Share {
     let is_coated = surface.coated != 0u;
@@ -6,12 +7,12 @@ fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: S
     return Share(select(bare.part, coated, is_coated), select(bare.whole, 1.0, is_coated));
 }
 
-// What is not reflected; `pass_coating` takes from it what the coating absorbs.
+// The share 1 - R that is not reflected; `pass_coating` then takes from it what the coating absorbs.
 fn coated_transmittance(surface: Surface, bare: real, reflectance: Share) -> real {
     return select(1.0 - quotient(reflectance), bare, surface.coated == 0u);
 }
 
-// Of the light that it does not reflect, a coating lets T / (1 - R) pass.
+// A coating transmits T / (1 - R) of the light that it does not reflect.
 fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     let before = (*ray).weight;
     let after = before * coating_pass_of(surface, primitive, (*ray).wavelength);

@@ -1,4 +1,4 @@
-// Indices (front, back) of a surface, which differ between wavelengths.
+// Indices (front, back) of a surface, from a table over wavelengths.
 
 fn indices_of(surface: Surface, wavelength: u32) -> vec2<real> {
     return vec2<real>(

@@ -1,5 +1,6 @@
-// Russian roulette below the threshold, drawn at the bounce count after the event; survival probability
-// clip(weight / threshold, 0.05, 1), survivors boosted by its inverse. A ray of weight 0 is left alone.
+// Russian roulette for weights below the threshold. A ray survives with the probability clip(weight / threshold, 0.05,
+// 1), and a survivor's weight is divided by that probability. The draw belongs to the bounce count after the event. A
+// ray of weight 0 goes on unchanged.
 
 fn roulette(ray: ptr<function, Ray>) {
     let before = (*ray).weight;

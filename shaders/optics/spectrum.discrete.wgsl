@@ -1,10 +1,11 @@
-// A discrete spectrum per source: entries (threshold, wavelength), where the first entry with
-// bits <= threshold = floor(cdf 2^32) is drawn: the same decision as u <= cdf, in integers.
+// A discrete spectrum per source: entries (threshold, wavelength), with threshold = floor(cdf 2^32). The first entry
+// with bits <= threshold is drawn: Optiland's decision u <= cdf, in integers.
 
 @group(GROUP_SCENE) @binding(BINDING_SPECTRA) var<storage, read> spectra: array<vec2<u32>>;
 
 fn draw_wavelength(key: RayKey, e: Source) -> u32 {
-    // Optiland draws nothing for a spectrum of one line; nor does it matter, since draws are keyed by their slot.
+    // Optiland draws nothing for a spectrum of one line. The extra draw changes nothing here, since draws are keyed by
+    // slot.
     let bits = draw_first(key, SOURCE_WAVELENGTH);
     var low = 0u;
     var high = e.spectrum_count - 1u;

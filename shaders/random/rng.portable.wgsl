@@ -1,5 +1,6 @@
-// Keyed PCG32 (XSH-RR 64/32; O'Neill, PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for
-// Random Number Generation, 2014) on pairs (lo, hi) of 32-bit integers. Twin of rng.native.wgsl, bit for bit.
+// Keyed PCG32 (XSH-RR 64/32) on pairs (lo, hi) of 32-bit integers. Twin of rng.native.wgsl, bit for bit. Source:
+// O'Neill, PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for Random Number Generation,
+// 2014.
 
 // The ray's part of the stream selector: ray_id * 0x9E3779B97F4A7C15.
 alias RayKey = vec2<u32>;
@@ -44,16 +45,17 @@ fn splitmix64(key: vec2<u32>) -> vec2<u32> {
     return pair_xorshift(c, 31u);
 }
 
-// The sequence of one (ray, slot): its state moves on by one step per draw.
+// The random sequence of one (ray, slot). Its state moves on by one step per draw.
 struct Stream {
     state: vec2<u32>,
     increment: vec2<u32>,
 }
 
-// Q of step 0: MULT + 1, as words (lo, hi).
+// Q of step 0, as words (lo, hi): MULT + 1.
 const FIRST_STEP: vec2<u32> = vec2<u32>(0x4C957F2Eu, 0x5851F42Du);
 
-// The stream at the step whose jump is (P.lo, P.hi, Q.lo, Q.hi). A literal slot costs nothing: its product folds.
+// The stream at the step whose jump is (P.lo, P.hi, Q.lo, Q.hi). A slot that is a literal costs nothing, because the
+// compiler folds its product.
 fn stream_at(key: RayKey, slot: u32, jump: vec4<u32>) -> Stream {
     let selector = splitmix64(key ^ pair_mul(vec2<u32>(slot, 0u), vec2<u32>(0x27D4EB4Fu, 0xC2B2AE3Du)));
     let increment = vec2<u32>((selector.x << 1u) | 1u, (selector.y << 1u) | (selector.x >> 31u));

@@ -1,14 +1,17 @@
-// Quasi-random draws: Sobol points with Owen's scrambling, keyed like random/rng.native.wgsl's. A draw is a coordinate of
-// the ray's point; each slot and step has a dimension of its own. What a source draws stands in five dimensions of one
-// Sobol sequence; every further decision in a pair of dimensions, whose points are shuffled against those of the others
-// (padding), and lie evenly over every 1024 rays. Sources: Sobol, On the distribution of points in a cube (1967), with the direction numbers of Joe and Kuo,
-// Constructing Sobol sequences with better two-dimensional projections (SIAM J. Sci. Comput. 30, 2008); Burley,
-// Practical hash-based Owen scrambling (JCGT 9(4), 2020).
+// Quasi-random draws: Sobol points with Owen's scrambling, with the same keys as random/rng.native.wgsl. A draw is a
+// coordinate of the ray's point; each slot and step has a dimension of its own.
+//
+// All draws of a source lie in five dimensions of one Sobol sequence. Every further decision has a pair of dimensions.
+// The points of a pair are shuffled against those of other pairs (padding), and lie evenly over every 1024 rays.
+//
+// Sources: Sobol, On the distribution of points in a cube (1967). Direction numbers: Joe and Kuo, Constructing Sobol
+// sequences with better two-dimensional projections (SIAM J. Sci. Comput. 30, 2008). Scrambling: Burley, Practical
+// hash-based Owen scrambling (JCGT 9(4), 2020).
 
-// The index of the ray's point, and a hash of what else tells the ray from others with this index.
+// The index of the ray's point, and the part of the id that tells rays with this index apart.
 alias RayKey = vec2<u32>;
 
-// Of 2^32 rays each has a point; the next 2^32 have the same points, scrambled anew.
+// Each of 2^32 rays has a point of its own. The next 2^32 rays have the same points, scrambled anew.
 fn ray_key(id_lo: u32, id_hi: u32) -> RayKey {
     return vec2<u32>(id_lo, id_hi);
 }
@@ -20,7 +23,7 @@ struct Stream {
     step: u32,
 }
 
-// Of step 0: the step, and nothing.
+// The half of a jump that step 0 has in common for all seeds: the step, and an unused word.
 const FIRST_STEP: vec2<u32> = vec2<u32>(0u, 0u);
 
 fn stream_at(key: RayKey, slot: u32, jump: vec4<u32>) -> Stream {
@@ -34,17 +37,17 @@ fn stream_next(stream: Stream) -> Stream {
 fn stream_bits(stream: Stream) -> u32 {
     let place = dimension_of(stream.slot, stream.step);
     let set_seed = combined(combined(stream.seed, stream.key.y), place.x);
-    // The sources' set keeps its order, so that a range of ids is a range of points.
+    // The set of the sources keeps its order, so that a range of ids is a range of points.
     let index = select(shuffled(stream.key.x, set_seed), stream.key.x, place.x == 0u);
     return scrambled(sobol(index, place.y), combined(set_seed, place.y + 1u));
 }
 
-// (set, dimension within it). Set 0 is the sources'.
+// (set, dimension within it). Set 0 holds the draws of sources.
 fn dimension_of(slot: u32, step: u32) -> vec2<u32> {
     if slot <= SOURCE_WAVELENGTH {
         return vec2<u32>(step, slot);
     }
-    // Decisions of one kind, two steps a set; a lobe's two angles are one set.
+    // Two steps of one kind of decision share a set. So do the two angles of a lobe.
     if slot == FRESNEL_BRANCH || slot == RR {
         return vec2<u32>((slot << 24u) + (step >> 1u), step & 1u);
     }
@@ -52,7 +55,7 @@ fn dimension_of(slot: u32, step: u32) -> vec2<u32> {
     return vec2<u32>((select(slot, BSDF_U1, lobe) << 24u) + step, select(0u, slot - BSDF_U1, lobe));
 }
 
-// Bits of a coordinate of Sobol's point, the first after the binary point highest.
+// The bits of a coordinate of Sobol's point. The highest bit is the first after the binary point.
 fn sobol(index: u32, dimension: u32) -> u32 {
     switch dimension {
         case 0u: { return reverseBits(index); }
@@ -63,8 +66,8 @@ fn sobol(index: u32, dimension: u32) -> u32 {
     }
 }
 
-// The second dimension's matrix is Pascal's triangle modulo 2, which factors into five shifts (Ahmed, An implementation
-// algorithm of 2D Sobol sequence fast, elegant, and compact, EGSR 2024).
+// The second dimension's matrix is Pascal's triangle modulo 2, which factors into five shifts. Source: Ahmed, An
+// implementation algorithm of 2D Sobol sequence fast, elegant, and compact, EGSR 2024.
 fn sobol_1(index: u32) -> u32 {
     var x = reverseBits(index);
     x ^= x << 16u;
@@ -75,8 +78,8 @@ fn sobol_1(index: u32) -> u32 {
     return x;
 }
 
-// Owen's nested uniform scrambling: each bit is flipped by a hash of the bits above it. The multiplications carry only
-// upwards, hence the reversals (Laine and Karras; constants: Vegdahl, Building a better LK hash, 2021).
+// Owen's nested uniform scrambling: each bit is flipped by a hash of the bits above it. Multiplications carry only
+// upwards, hence the reversals. Sources: Laine and Karras; constants by Vegdahl, Building a better LK hash, 2021.
 fn scrambled(bits: u32, seed: u32) -> u32 {
     var x = reverseBits(bits);
     x ^= x * 0x3d20adeau;
@@ -87,9 +90,11 @@ fn scrambled(bits: u32, seed: u32) -> u32 {
     return reverseBits(x);
 }
 
-// The index, shuffled within its block of 1024 (Kensler, Correlated multi-jittered sampling, Pixar TM 13-01, 2013, section
-// 3). A nested shuffle, as Owen's, would keep neighbours neighbours: one of either half in every dimension, so that the
-// product of two sets' coordinates has half again the variance of random numbers.
+// The index, shuffled within its block of 1024. Source: Kensler, Correlated multi-jittered sampling, Pixar TM 13-01,
+// 2013, section 3.
+//
+// A nested shuffle such as Owen's would keep neighbours together: one from either half, in every dimension. The product
+// of two sets' coordinates would then have one and a half times the variance of random numbers.
 fn shuffled(index: u32, seed: u32) -> u32 {
     let within = index & 1023u;
     let p = combined(seed, index - within);
@@ -107,7 +112,7 @@ fn shuffled(index: u32, seed: u32) -> u32 {
     return index - within + ((i + p) & 1023u);
 }
 
-// A hash of two words (finaliser of MurmurHash3, Appleby 2011).
+// A hash of two words, by the finaliser of MurmurHash3 (Appleby, 2011).
 fn combined(a: u32, b: u32) -> u32 {
     var x = a ^ (b * 0x9E3779B9u + 0x7F4A7C15u);
     x ^= x >> 16u;

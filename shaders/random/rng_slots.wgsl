@@ -1,4 +1,4 @@
-// Slots of the keyed draws: Optiland's EventSlot, number for number. A decision draws from its own slot, so that no
+// Slots of the keyed draws, with the numbers of Optiland's EventSlot. Each decision draws from its own slot, so no
 // decision can shift the numbers of another.
 const SOURCE_U1: u32 = 0u;
 const SOURCE_U2: u32 = 1u;
@@ -13,9 +13,9 @@ const RR: u32 = 9u;
 const BSDF_LOBE_BRANCH: u32 = 10u;
 const PATH_SAMPLE: u32 = 11u;
 
-// Per step k what the sampler needs of the seed and of k, from program::layout::rng::step_table: of PCG the words (P.lo, P.hi,
-// Q.lo, Q.hi) of state_k = P_k + Q_k * inc, of Sobol (seed.lo, seed.hi, k, 0). It must hold one entry for every step that
-// is drawn: bounce + offset.
+// What the sampler needs per step k, from program::layout::rng::step_table. For PCG, a row is (P.lo, P.hi, Q.lo, Q.hi)
+// of state_k = P_k + Q_k * inc. For Sobol, a row is (seed.lo, seed.hi, k, 0). The table holds a row for every step that
+// is drawn, which is bounce + offset.
 @group(GROUP_SCENE) @binding(BINDING_RNG_TABLE) var<storage, read> rng_table: array<vec4<u32>>;
 
 // The 32 bits of (ray, slot, step), where step = bounce + offset.

@@ -8,7 +8,7 @@ const EVENT_DEATH: u32 = 4u;
 
 struct Event {
     kind: u32,
-    // The source, surface, detector or fate.
+    // The number of the source, surface, detector or fate.
     subject: u32,
     index: u32,
     bounce: u32,
@@ -24,8 +24,8 @@ struct Event {
 
 @group(GROUP_SCENE) @binding(BINDING_EVENTS) var<storage, read_write> events: array<Event>;
 
-// The host cuts its ranges so that the events of one pass always fit; the test only keeps a defect from writing
-// elsewhere, and the host sees the count.
+// The host cuts its ranges so that the events of one pass always fit. The test keeps a defect from writing elsewhere,
+// and the count shows the defect to the host.
 fn append_event(ray: Ray, kind: u32, subject: u32) {
     let slot = atomicAdd(&queue_counts.events, 1u);
     if slot < arrayLength(&events) {

@@ -1,4 +1,4 @@
-// Records no path. Twin of paths.recorded.wgsl.
+// No path is recorded. Twin of paths.recorded.wgsl.
 
 fn record_birth(ray: Ray) {}
 fn record_hit(ray: Ray, primitive: u32) {}

@@ -1,5 +1,5 @@
-// Paths of the sampled rays: the state before each event, at its place. PATH_THRESHOLD / 2^32 of the rays are sampled
-// by a hash of their id.
+// Records the paths of sampled rays: the state before each event, at the event's position. A hash of a ray's id samples
+// PATH_THRESHOLD / 2^32 of the rays. Twin of paths.none.wgsl.
 
 fn is_sampled(ray: Ray) -> bool {
     return RECORD_ALL_PATHS || draw_first(ray.key, PATH_SAMPLE) < PATH_THRESHOLD;
@@ -11,7 +11,7 @@ fn record_birth(ray: Ray) {
     }
 }
 
-// One place for either: every append is a dozen scattered stores to compile.
+// One append serves surfaces and detectors: every append compiles to a dozen scattered stores.
 fn record_hit(ray: Ray, primitive: u32) {
     if is_sampled(ray) {
         let is_surface = primitive < NUM_SURFACES;
@@ -20,7 +20,7 @@ fn record_hit(ray: Ray, primitive: u32) {
     }
 }
 
-// Optiland logs a death only for escape, depth and roulette.
+// As in Optiland, a death is recorded only for escape, depth and roulette.
 fn record_death(ray: Ray) {
     if ray.fate >= ESCAPED && is_sampled(ray) {
         append_event(ray, EVENT_DEATH, ray.fate);

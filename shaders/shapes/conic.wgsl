@@ -1,6 +1,6 @@
 // Conic: z = c r^2 / (1 + sqrt(1 - (1 + K) c^2 r^2)) within an aperture.
 
-// `axial` is (1 + K) c, `aperture` the squared semi-diameter.
+// `axial` is (1 + K) c, and `aperture` the squared semi-diameter.
 fn conic_distance(o: vec3<real>, d: vec3<real>, curvature: real, axial: real, aperture: real, leaving: bool) -> real {
     let c = crossings(o, d, conic_quadric(curvature, axial), leaving);
     let first = conic_holds(c.base + c.first * d, curvature, axial, aperture);
@@ -12,15 +12,17 @@ fn conic_quadric(curvature: real, axial: real) -> Quadric {
     return Quadric(-curvature, -axial, 1.0, 0.0);
 }
 
-// True if a point of the quadric belongs to the surface. Of its two sheets only the one through the vertex does:
-// 1 - (1 + K) c z >= 0.
+// True if a point of the quadric belongs to the surface. Of the quadric's two sheets, only the sheet through the vertex
+// belongs: 1 - (1 + K) c z >= 0.
 fn conic_holds(p: vec3<real>, curvature: real, axial: real, aperture: real) -> bool {
     return (1.0 - axial * p.z >= 0.0) & (p.x * p.x + p.y * p.y <= aperture);
 }
 
-// conic_distance, where it is the distance to the crossing that is nearer to the base of the line, F / q; else that, or
-// MISS. The other crossing, u = q / A, does not come first where it lies behind the ray's origin, at -shift, or beyond this
-// one, at t: where |u - (t - shift) / 2| > (t + shift) / 2, with room for roundings.
+// conic_distance, without its second quotient, where the crossing nearer to the base of the line comes first. That
+// crossing lies at t = F / q from the base. Elsewhere the result is t + shift or MISS.
+//
+// The other crossing lies at u = q / A. The crossing u does not come first where it lies behind the ray's origin, u <
+// -shift, or beyond t. Both are one condition, with room for rounding: |u - (t - shift) / 2| > (t + shift) / 2.
 fn nearer_conic_distance(
     o: vec3<real>, d: vec3<real>, curvature: real, axial: real, aperture: real, leaving: bool,
 ) -> real {

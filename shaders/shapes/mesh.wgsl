@@ -1,17 +1,19 @@
 // Triangle mesh: a tree of boxes over triangles (geometry/boxes.wgsl).
 //
-// A ray through an edge or a vertex hits at least one of the triangles around it (Woop, Benthin and Wald, Watertight
-// Ray/Triangle Intersection, JCGT 2013): every vertex is projected along the ray on its own, and the sign of an edge is
-// the same number seen from both of its triangles. The projection is onto an orthonormal basis about the ray (Duff et
-// al., Building an Orthonormal Basis, Revisited, JCGT 2017) rather than a shear along the largest axis, which saves
-// choosing components by index.
+// A ray through an edge or a vertex hits at least one of the triangles around it. Every vertex is projected along the
+// ray on its own, so both triangles of an edge compute the same number for its sign. Source: Woop, Benthin and Wald,
+// Watertight Ray/Triangle Intersection, JCGT 2013.
+//
+// The projection here is onto an orthonormal basis around the ray, not a shear along the largest axis. That saves
+// selecting components by index. Source: Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017.
 
-// A triangle has three rows (`mesh_row`), each a corner and a component of its normal, which points to where the corners
-// run counter-clockwise. They stand in the order of the trees.
+// A triangle has three rows (`mesh_row`), each a corner and a component of the normal. Seen from where the normal
+// points, the corners run counter-clockwise. Triangles are stored in the order of the trees.
 const TRIANGLE_ROWS: u32 = 3u;
 
-// The triangle, by its first row, of the nearest hit so far, and the one that the ray has arrived on: it tells nothing
-// unless the surface that was hit, or that the ray leaves, is a mesh. Here rather than in Ray and Hit, which scenes without meshes share.
+// The triangle of the nearest hit so far, and the triangle on which the ray has arrived, each by its first row. They
+// count only where the surface that is hit, or left, is a mesh. Ray and Hit do not hold them, because scenes without
+// meshes share those structs.
 var<private> hit_triangle: u32 = 0u;
 var<private> arrived_triangle: u32 = 0u;
 
@@ -35,8 +37,8 @@ fn geometric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     return from_surface(surface, vec3<real>(mesh_row(row).w, mesh_row(row + 1u).w, mesh_row(row + 2u).w));
 }
 
-// A ray in the mesh's frame. Distances along it are measured from its point of closest approach to the frame's origin,
-// as in `crossings`, where coordinates are of the mesh's size; the ray begins at `start`.
+// A ray in the mesh's frame. Distances count from `base`, the ray's point of closest approach to the frame's origin, as
+// in `crossings`. Coordinates there are of the mesh's size. The ray begins at the distance `start`.
 struct MeshRay {
     base: vec3<real>,
     direction: vec3<real>,
@@ -63,14 +65,14 @@ fn mesh_ray(o: vec3<real>, d: vec3<real>, leaving: bool) -> MeshRay {
     );
 }
 
-// A corner as the ray sees it: across it, and along it.
+// A corner as the ray sees it: two coordinates across the ray, and one along it.
 fn seen(ray: MeshRay, corner: vec3<real>) -> vec3<real> {
     let v = corner - ray.base;
     return vec3<real>(dot(ray.across_x, v), dot(ray.across_y, v), dot(ray.direction, v));
 }
 
-// Twice the area between the ray and an edge. The ends are put in order first: a compiler may fuse one of the products
-// with the subtraction, and the two triangles of an edge must still get opposite numbers.
+// Twice the area between the ray and an edge. The two triangles of an edge must get opposite numbers. A compiler may
+// fuse one of the products with the subtraction, so the ends are put in order first.
 fn edge(p: vec3<real>, q: vec3<real>) -> real {
     let swapped = p.x > q.x || (p.x == q.x && p.y > q.y);
     let a = select(p, q, swapped);
@@ -79,7 +81,7 @@ fn edge(p: vec3<real>, q: vec3<real>) -> real {
     return select(area, -area, swapped);
 }
 
-// A triangle as the ray sees it: its corners, and twice the area between the ray and the edge opposite each.
+// A triangle as the ray sees it: its corners, and opposite each corner twice the area between the ray and the edge.
 struct SeenTriangle {
     a: vec3<real>,
     b: vec3<real>,
@@ -96,18 +98,18 @@ fn seen_triangle(ray: MeshRay, a: vec3<real>, b: vec3<real>, c: vec3<real>) -> S
     return SeenTriangle(p, q, r, edge(q, r), edge(r, p), edge(p, q));
 }
 
-// True if the ray's line crosses it. Edges belong to the triangle.
+// True if the ray's line crosses the triangle. Edges belong to the triangle.
 fn is_crossed(s: SeenTriangle) -> bool {
     let outside = min(s.u, min(s.v, s.w)) < 0.0 && max(s.u, max(s.v, s.w)) > 0.0;
     return !outside && s.u + s.v + s.w != 0.0;
 }
 
-// `root` is that of the mesh's tree. Only hits nearer than `farthest` count; from a tree over primitives, so does a tie,
-// which `nearer` settles.
+// The distance to the nearest hit, or MISS. `root` is the root of the mesh's tree. Only hits nearer than `farthest`
+// count. Under a tree over primitives, a tie counts as well, and `nearer` settles it.
 fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthest: real) -> real {
     let ray = mesh_ray(o, d, leaving);
     leave_facet(ray, leaving);
-    // Beyond the rounding of the sum.
+    // A bound that the rounding of this sum does not reach.
     var nearest = farthest + ray.start + 1e-6 * (farthest + abs(ray.start));
     var found = NONE;
     var walk = walk_from(u32(root));
@@ -144,7 +146,7 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
     return distance;
 }
 
-// A mesh is in no contact with other faces.
+// No point belongs to a mesh here: only its facets can be in contact.
 fn mesh_holds(p: vec3<real>, root: real) -> bool {
     return false;
 }

@@ -1,5 +1,5 @@
-// The plane z = 0, unbounded or within a rectangle or disk. A ray that leaves a plane never meets it again.
-// A distance that is no less than MISS is never taken (`nearer`).
+// The plane z = 0, unbounded or within a rectangle or disk. A ray that leaves a plane never meets the plane again. A
+// distance of MISS or more is never taken (`nearer`).
 
 fn plane_distance(o: vec3<real>, d: vec3<real>, leaving: bool) -> real {
     let t = -o.z / d.z;
@@ -20,7 +20,7 @@ fn disk_distance(o: vec3<real>, d: vec3<real>, aperture: real, leaving: bool) ->
     return select(MISS, t, x * x + y * y <= aperture);
 }
 
-// True if a point of the plane belongs to the surface.
+// True if a point of the plane belongs to the surface:
 
 fn plane_holds(p: vec3<real>) -> bool {
     return true;

@@ -1,7 +1,7 @@
-// Sphere about the local origin, its normal inward.
+// Sphere around the local origin, with the normal pointing inward.
 
-// `aperture` is the squared limit of the distance from local z. As in Optiland, the crossing ahead that comes first
-// decides: where it is outside the aperture, the ray misses.
+// `aperture` is the squared limit of the distance from local z. As in Optiland, the first crossing ahead decides: the
+// ray misses where that crossing is outside the aperture.
 fn sphere_distance(o: vec3<real>, d: vec3<real>, radius: real, aperture: real, leaving: bool) -> real {
     let c = crossings(o, d, sphere_quadric(radius), leaving);
     let t = first_ahead(c, true, true);

@@ -1,4 +1,4 @@
-// A primitive by its place among the rows of the tree, where it stands itself, four words a texel. Twin of
+// Tries a primitive by its place in the tree's order, where the primitive itself is stored, four words a texel. Twin of
 // geometry/placed.table.wgsl, whose words a processor's driver would read one by one, and lane by lane.
 
 fn try_placed(best: Hit, ray: Ray, here: Standing, place: u32) -> Hit {

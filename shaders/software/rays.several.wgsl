@@ -1,5 +1,5 @@
-// An invocation of trace_new follows several rays, one after the other: its bins go to memory once for all of them. The
-// rays lie as far apart as its workgroup is large, so that neighbours write side by side. Twin of stages/rays.one.wgsl,
+// An invocation of trace_new follows several rays, one after the other, so that its bins go to memory once for all of
+// them. The rays lie one workgroup's size apart, so that neighbours write side by side. Twin of stages/rays.one.wgsl,
 // which spares large shaders the loop.
 
 fn follow_rays(invocation: u32) -> Ray {

@@ -2,7 +2,8 @@
 
 const GAUSSIAN_ATTEMPTS: u32 = 32u;
 
-// Box-Muller, rejected outside the disk; attempt i draws at step i, and after the last one the point is put on the rim.
+// Box-Muller, with rejection outside the disk. Attempt i draws at step i. After the last attempt, the point is put on
+// the rim.
 fn emit_collimated_gaussian(key: RayKey, e: Source) -> LocalRay {
     let z = vec3<real>(0.0, 0.0, 1.0);
     for (var attempt = 0u; attempt < GAUSSIAN_ATTEMPTS; attempt++) {

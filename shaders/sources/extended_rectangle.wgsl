@@ -1,4 +1,5 @@
-// Extended source: a rectangle. p0 = width [mm], p1 = height [mm], p2 = 1 - cos(half angle), or negative: Lambertian.
+// Extended source: a rectangle. p0 = width [mm], p1 = height [mm], p2 = 1 - cos(half angle); a negative p2 means
+// Lambertian.
 
 fn emit_extended_rectangle(key: RayKey, e: Source) -> LocalRay {
     let x = (uniform_of(draw_first(key, SOURCE_U1)) - 0.5) * e.p0;

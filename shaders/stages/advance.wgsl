@@ -1,4 +1,4 @@
-// Between two dispatches: what came out of the last goes into the next.
+// Runs between two dispatches: the rays that came out of the last dispatch become the input of the next.
 
 struct QueueCounts {
     incoming: u32,

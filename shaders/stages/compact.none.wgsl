@@ -1,3 +1,3 @@
-// Every ray ends within one dispatch: there is no queue. Twin of compact.on.wgsl.
+// Every ray ends within one dispatch, so there is no queue. Twin of compact.on.wgsl.
 
 fn compact(ray: Ray, alive: bool, local_index: u32) {}

@@ -1,4 +1,5 @@
-// Stage compact: rays that are alive after a dispatch's events are packed into a queue for the next one.
+// Stage compact: packs the rays that are alive after a dispatch's events into a queue for the next dispatch. Twin of
+// compact.none.wgsl.
 
 struct PackedRay {
     position_x: real,
@@ -9,7 +10,7 @@ struct PackedRay {
     direction_z: real,
     weight: real,
     index: u32,
-    // In the low 20 bits; above them, entries of the log so far (software/log/passes.logged.wgsl).
+    // The bounce count, in the low 20 bits. Above it: entries of the log so far (software/log/passes.logged.wgsl).
     bounce: u32,
     last: u32,
     // Wavelength in the low 16 bits, medium in the next 14, then forward and entered_solid.
@@ -45,7 +46,8 @@ fn pack_ray(ray: Ray) -> PackedRay {
     );
 }
 
-// One global atomic per workgroup. Called by every invocation, alive or not.
+// Queues a ray that is alive, with one global atomic per workgroup. Every invocation must call it, because of the
+// barriers.
 fn compact(ray: Ray, alive: bool, local_index: u32) {
     var place = 0u;
     if alive {

@@ -1,4 +1,5 @@
-// Counts of what a dispatch hands on: rays in the queues, rows for the host; and whether loops were cut (rounds.many.wgsl).
+// Counts of what a dispatch hands on: rays in the queues, and rows for the host. The last word tells whether loops were
+// cut short (rounds.many.wgsl).
 
 struct QueueCounts {
     incoming: atomic<u32>,

@@ -28,7 +28,7 @@ fn disk_point(key: RayKey, radius: real) -> vec3<real> {
     return vec3<real>(r * turn.x, r * turn.y, 0.0);
 }
 
-// Uniform in solid angle within a cap of height 1 - cos(half angle); with v = u height, sin^2 = v (2 - v).
+// Uniform in solid angle within a cap of height 1 - cos(half angle). With v = u height, sin^2 = v (2 - v).
 fn cap_direction(key: RayKey, slot_u1: u32, slot_u2: u32, height: real) -> vec3<real> {
     let v = uniform_of(draw_first(key, slot_u1)) * height;
     let s = sqrt(max(v * (2.0 - v), 0.0));

@@ -1,4 +1,4 @@
-// Stage interact: what a surface does to the ray that has arrived on it.
+// Stage interact: the effect of a surface on a ray that has arrived on it.
 
 // Interactions of a surface.
 const ABSORBING: u32 = 0u;
@@ -22,18 +22,19 @@ fn interact(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
     note_side(ray, n, incoming);
 }
 
-// The unit normal of an analytic shape, from the front medium to the back medium: the gradient of the quadric.
+// The unit normal of an analytic shape, from the front medium to the back medium. The normal is the gradient of the
+// quadric.
 fn quadric_normal(surface: Surface, position: vec3<real>) -> vec3<real> {
     let origin = vec3<real>(surface.origin_x, surface.origin_y, surface.origin_z);
     let p = to_surface(surface, position - origin);
     let slope = vec3<real>(surface.radial * p.x, surface.radial * p.y, surface.axial * p.z + surface.offset);
-    // That of a plane is the same everywhere, and known where the plane is compiled in.
+    // A plane's gradient is the same everywhere, and is known where the plane is compiled in.
     let is_plane = (surface.radial == 0.0) & (surface.axial == 0.0);
     let gradient = select(slope, vec3<real>(0.0, 0.0, surface.offset), is_plane);
     return from_surface(surface, unit_gradient(surface, gradient));
 }
 
-// A number between 0 and 1 as a quotient that is not taken yet.
+// A number between 0 and 1, kept as a quotient that is not yet computed.
 struct Share {
     part: real,
     whole: real,
@@ -55,18 +56,18 @@ fn reflect_off(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec
     (*ray).direction = mirrored((*ray).direction, n);
 }
 
-// A smooth boundary of two media as a ray meets it, unpolarised: Snell and Fresnel.
+// A smooth boundary of two media as a ray meets it, by Snell's and Fresnel's laws for unpolarised light.
 struct Boundary {
-    // The transmitted direction is `eta` times the ray's own and `along_normal` times the geometric normal.
+    // The transmitted direction is `eta` times the ray's direction plus `along_normal` times the geometric normal.
     eta: real,
     along_normal: real,
     total_reflection: bool,
-    // Of the bare boundary.
+    // Reflectance and transmittance of the bare boundary, without a coating.
     reflectance: Share,
     transmittance: real,
 }
 
-// The side is decided by the direction against the geometric normal, never by the indices.
+// Reflects or refracts the ray. The direction against the geometric normal decides the side, and indices never do.
 fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3<real>) {
     let d = (*ray).direction;
     let cosine = dot(d, n);
@@ -77,26 +78,26 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3
     leave_boundary(ray, surface, primitive, entering_back, reflects);
 }
 
-// `cosine`: of the direction with the geometric normal.
+// The boundary at a cosine between the ray's direction and the geometric normal.
 fn boundary_of(surface: Surface, wavelength: u32, cosine: real, entering_back: bool) -> Boundary {
     let indices = indices_of(surface, wavelength);
     let n1 = select(indices.y, indices.x, entering_back);
     let n2 = select(indices.x, indices.y, entering_back);
-    // Both quotients, before the side is known: what follows waits for it, and a division takes long.
+    // Both quotients are computed before the side is known: a division takes long, and later steps wait for the side.
     let eta = select(indices.y / indices.x, indices.x / indices.y, entering_back);
     let cos_i = abs(cosine);
     // 1 - eta^2 (1 - cos_i^2), in a form that keeps its digits at grazing incidence, whatever the indices.
     let cos_t_squared = (1.0 - eta) * (1.0 + eta) + (eta * cos_i) * (eta * cos_i);
     let total_reflection = cos_t_squared < 0.0;
-    // Where it is negative, there is no transmitted wave, and nothing below is used.
+    // Where cos_t_squared is negative, there is no transmitted wave, and nothing below is used.
     let cos_t = sqrt(abs(cos_t_squared));
     let sum_s = n1 * cos_i + n2 * cos_t;
     let sum_p = n2 * cos_i + n1 * cos_t;
-    // (r_s^2 + r_p^2) / 2, over one denominator: a division takes long, and a draw needs none.
+    // (r_s^2 + r_p^2) / 2, over one denominator: a division takes long, and a draw needs no division.
     let part_s = (n1 * cos_i - n2 * cos_t) * sum_p;
     let part_p = (n2 * cos_i - n1 * cos_t) * sum_s;
     let reflectance = Share(0.5 * (part_s * part_s + part_p * part_p), (sum_s * sum_p) * (sum_s * sum_p));
-    // Not 1 - R, which cancels near grazing incidence and near the critical angle.
+    // Computed without 1 - R, which cancels near grazing incidence and near the critical angle.
     let product = 2.0 * (n1 * cos_i) * (n2 * cos_t);
     let transmittance = product / (sum_s * sum_s) + product / (sum_p * sum_p);
     let against_normal = eta * cos_i - cos_t;
@@ -107,7 +108,7 @@ fn boundary_of(surface: Surface, wavelength: u32, cosine: real, entering_back: b
 fn reflects_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, boundary: Boundary) -> bool {
     let total_reflection = boundary.total_reflection;
     let coated = coated_reflectance(surface, primitive, (*ray).wavelength, boundary.reflectance);
-    // No coating lets light out where there is no transmitted wave.
+    // In total reflection there is no transmitted wave, and a coating does not change that.
     let reflectance = Share(select(coated.part, 1.0, total_reflection), select(coated.whole, 1.0, total_reflection));
     let transmittance = coated_transmittance(surface, boundary.transmittance, coated);
     let bits = stream_bits((*ray).fresnel);
@@ -118,7 +119,8 @@ fn transmitted(d: vec3<real>, n: vec3<real>, boundary: Boundary) -> vec3<real> {
     return renormalize(boundary.eta * d + boundary.along_normal * n);
 }
 
-// The surface knows which medium the ray is in, better than the ray: that may have left an open solid unnoticed.
+// Sets the medium that the ray is in after the event. The medium is read from the surface, because the ray's own record
+// may be wrong: a ray can leave an open solid unnoticed.
 fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, primitive: u32, entering_back: bool, reflects: bool) {
     let medium = select(surface.front, surface.back, entering_back != reflects);
     (*ray).medium = medium;
@@ -128,7 +130,8 @@ fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, primitive: u32, ent
     }
 }
 
-// Entering vacuum without having entered a solid is a defect of the geometry, or a ray born in glass.
+// Counts rays that enter vacuum without having entered a solid. Such a ray shows a defect of the geometry, or was born
+// in glass.
 fn track_solids(ray: ptr<function, Ray>, ambient: bool) {
     if ambient && !(*ray).entered_solid {
         add_to_bin(CELL_UNDERFLOWS, NO_QUANTA);

@@ -1,5 +1,5 @@
 // Stage intersect: the nearest primitive ahead. `nearest_primitive` is composed for the scene: surfaces in list order,
-// then detectors, each nearer only if strictly so, which settles every tie as Optiland does.
+// then detectors. A primitive replaces the best so far only if it is strictly nearer, so ties end as in Optiland.
 
 fn intersect(ray: Ray) -> Hit {
     let hit = nearest_primitive(ray, Hit(MISS, NONE));

@@ -1,4 +1,4 @@
-// What waits in a queue: the ray alone.
+// The entry of a queue: the ray alone.
 
 struct QueuedRay {
     ray: PackedRay,

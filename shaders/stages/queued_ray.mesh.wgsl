@@ -1,4 +1,4 @@
-// What waits in a queue: the ray, and the triangle that it leaves.
+// The entry of a queue: the ray, and the triangle that the ray leaves.
 
 struct QueuedRay {
     ray: PackedRay,

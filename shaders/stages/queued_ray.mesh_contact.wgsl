@@ -1,4 +1,4 @@
-// What waits in a queue: the ray, the triangle that it leaves, and the faces of its place that lie below it.
+// The entry of a queue: the ray, the triangle that the ray leaves, and the faces in its place that lie below the ray.
 
 struct QueuedRay {
     ray: PackedRay,

@@ -1,2 +1,2 @@
-// Loops make so few rounds that no driver cuts them short. Twin of software/rounds.many.wgsl.
+// Loops here make too few rounds for a driver to cut them short. Twin of software/rounds.many.wgsl.
 fn notice_cut_loops() {}

@@ -1,11 +1,12 @@
-// Scattering, after reflection or refraction: a share of the rays leaves in a direction that the surface's BSDF draws.
-// `sample_bsdf` is composed for the kinds of the scene, each in its own file under bsdfs/.
+// Stage scatter: after reflection or refraction, a share of the rays leaves in a direction drawn from the surface's
+// BSDF. `sample_bsdf` is composed for the kinds of the scene, each in its own file under bsdfs/. Twin of
+// scatter.none.wgsl.
 
-// No BSDF. The other codes are those of model::BsdfKind.
+// The surface has no BSDF. The other codes are those of model::BsdfKind.
 const SMOOTH: u32 = 0u;
 
-// What a BSDF sees. A mirror scatters the incident ray; a refractive surface scatters, as in Optiland, the ray that
-// Fresnel's branch sends on. The normal faces the ray before either.
+// The input of a BSDF. A mirror scatters the incident ray. A refractive surface scatters the ray that Fresnel's branch
+// sends on, as in Optiland. The normal faces the ray as it was before reflection or refraction.
 struct Scattering {
     key: RayKey,
     step: u32,
@@ -18,7 +19,8 @@ struct Lobe {
     weight: real,
 }
 
-// The branch is drawn with the clipped fraction; both weights (host: program::layout::bsdf::Branch) undo the clipping.
+// Draws whether the ray scatters, with the clipped fraction. The weights of both branches undo the clipping (on the
+// host: program::layout::bsdf::Branch).
 fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
     if surface.bsdf == SMOOTH {
         return;
@@ -43,9 +45,11 @@ fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, i
     (*ray).weight = after;
 }
 
-// A scattered ray travels in the medium of the side that it leaves to. (Optiland goes by whether the lobe was called
-// transmissive; a lobe about Fresnel's reflected ray is then in the wrong medium.) Whether the ray entered a solid is
-// left to Fresnel's branch, as in Optiland.
+// A scattered ray travels in the medium on the side to which it leaves. Whether the ray entered a solid is left to
+// Fresnel's branch, as in Optiland.
+//
+// Optiland sets the medium by whether the lobe was called transmissive. A lobe around Fresnel's reflected ray is then
+// in the wrong medium.
 fn enter_side(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>) {
     (*ray).medium = select(surface.front, surface.back, dot((*ray).direction, n_geometric) > 0.0);
 }
@@ -73,7 +77,7 @@ struct Scattered {
     cosine: real,
 }
 
-// Cosine-weighted over the hemisphere of n: azimuth u1 turns, cos = sqrt(u2).
+// A direction drawn cosine-weighted over the hemisphere of n: azimuth u1 turns, cos = sqrt(u2).
 fn cosine_weighted(s: Scattering, n: vec3<real>) -> Scattered {
     let turn = sincos_turns(draw(s.key, BSDF_U1, s.step));
     let u = uniform_of(draw(s.key, BSDF_U2, s.step));

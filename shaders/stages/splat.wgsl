@@ -1,7 +1,7 @@
 // Stage splat: a detector records the ray that has arrived on it.
 
-// A ray on a detector: an absorbing one ends it, and records it once the loop over events is left; a transmissive one
-// records it in passing.
+// A ray arrives on a detector. An absorbing detector ends the ray, and records it after the loop over events. A
+// transmissive detector records the ray in passing.
 fn arrive(ray: ptr<function, Ray>, index: u32) {
     if !HAS_TRANSMISSIVE {
         (*ray).fate = DETECTED;
@@ -16,7 +16,7 @@ fn arrive(ray: ptr<function, Ray>, index: u32) {
     }
 }
 
-// `ends`: the ray ends here; else it passes.
+// Records the ray. `ends` is true if the ray ends on the detector, and false if it passes.
 fn splat(ray: Ray, index: u32, ends: bool) {
     let detector = detector_for(ray.key, detector_of(index));
     add_total_moments(ray.weight, detector, index);
@@ -36,8 +36,8 @@ fn local_position(ray: Ray, detector: Detector) -> vec3<real> {
     return to_detector(detector, ray.position - origin);
 }
 
-// The pixel that holds x: edges are edge_i = i * pitch - half, each pixel owns its lower edge, and what lies outside
-// belongs to the edge pixels. The division only guesses; comparison with the edges themselves decides.
+// The pixel that holds x. Edges are edge_i = i * pitch - half, and each pixel owns its lower edge. Positions outside
+// the map belong to the edge pixels. The division only guesses the pixel; comparison with the edges decides.
 fn pixel_of(x: real, half: real, pitch: real, num_pixels: u32) -> u32 {
     let last = i32(num_pixels) - 1;
     var i = clamp(i32(floor((x + half) / pitch)), 0, last);
@@ -55,8 +55,8 @@ fn hit_pixel(p: vec3<real>, detector: Detector) -> u32 {
     return iy * detector.num_x + ix;
 }
 
-// Flux goes to cell base + pixel * stride: stride is 1 for an irradiance map, the number of wavelength bins for a
-// spectral one.
+// Deposits flux in cell base + pixel * stride. The stride is 1 for an irradiance map, and the number of wavelength bins
+// for a spectral map.
 fn splat_pixels(ray: Ray, detector: Detector, p: vec3<real>, base: u32, stride: u32, ends: bool) {
     let pixel = hit_pixel(p, detector);
     if HAS_BILINEAR && detector.splat == SPLAT_BILINEAR {
@@ -87,16 +87,17 @@ fn pixel_position(p: vec3<real>, detector: Detector) -> vec2<real> {
     );
 }
 
-// The pixel of a tap; taps beyond the map fall into its edge pixels.
+// The cell of a tap. Taps beyond the map fall into its edge pixels.
 fn tap_cell(ix: i32, iy: i32, detector: Detector, base: u32, stride: u32) -> u32 {
     let x = u32(clamp(ix, 0, i32(detector.num_x) - 1));
     let y = u32(clamp(iy, 0, i32(detector.num_y) - 1));
     return base + (y * detector.num_x + x) * stride;
 }
 
-// Four taps: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1), and how far between them the position is.
+// The four taps of a bilinear splat: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1). `fractions` tells how far
+// between the pixels the position lies.
 struct FourTaps {
-    // The pixel that was hit: one of them.
+    // The cell of the pixel that was hit, which is one of the four.
     hit: u32,
     cells: vec4<u32>,
     fractions: vec2<real>,
@@ -120,7 +121,7 @@ fn bilinear_taps(detector: Detector, p: vec3<real>, base: u32, stride: u32, hit:
     return FourTaps(hit, cells, fractions, position);
 }
 
-// What the first three taps take of the weight. Its twins on the host are `parts` and `first_shares` in
+// The weight that each of the first three taps takes. The twins on the host are `parts` and `first_shares` in
 // software::log::reals.
 fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
     return vec3<real>(
@@ -128,7 +129,7 @@ fn first_shares(weight: real, f: vec2<real>) -> vec3<real> {
     );
 }
 
-// The last tap takes what the others left, so that the taps add up to the weight exactly.
+// Deposits the taps. The last tap takes what the others left, so that the taps add up to the weight exactly.
 fn deposit_taps(taps: FourTaps, weight: real) {
     count(taps.hit);
     let shares = first_shares(weight, taps.fractions);
@@ -139,7 +140,7 @@ fn deposit_taps(taps: FourTaps, weight: real) {
     deposit(taps.cells.w, rest);
 }
 
-// Shares exp(-(i - position)^2 / (2 sigma^2)) over the taps within the radius, renormalised.
+// Deposits a Gaussian splat: shares exp(-(i - position)^2 / (2 sigma^2)) over the taps within the radius, renormalised.
 fn splat_gaussian(weight: real, detector: Detector, p: vec3<real>, base: u32, stride: u32) {
     let position = pixel_position(p, detector);
     let ix = i32(floor(position.x));

@@ -1,10 +1,13 @@
-// Stage split: a ray of few events that meets a refractive surface is split in two, and both branches are followed.
+// Stage split: where a ray of few events meets a refractive surface, it is split in two, and both branches are
+// followed.
 //
-// The ray goes on as the reflected branch. The transmitted one is a ray of its own, with an id and so with draws of its
-// own (model::ray_id): it waits here, as it arrived, until the reflected branch and all that came of it have ended, and then
-// takes up the same event. So one invocation follows a whole family, and of a family no more rays are alive at a time
-// than its budget. Those that wait for a ray are the other halves of its own reflections: so the budget that is left to
-// it depends on its lineage alone. Where nothing is left the branch is drawn, as it is without splitting.
+// The ray goes on as the reflected branch. The transmitted branch is a new ray, with its own id and so its own draws
+// (model::ray_id). The new ray waits, as it arrived, until the reflected branch and all its descendants have ended.
+// Then the new ray takes up the same event. So one invocation follows a whole family.
+//
+// A family never has more rays alive at a time than its budget. The rays that wait for a ray are the other halves of
+// its own reflections. So the budget left to a ray depends on the ray's lineage alone. Where no budget is left, one
+// branch is drawn, as without splitting.
 
 struct Waiting {
     ray: Ray,
@@ -14,12 +17,12 @@ struct Waiting {
 
 var<private> waiting: array<Waiting, WAITING_RAYS>;
 var<private> num_waiting: u32 = 0u;
-// Of the ray that is followed: how many rays may be alive while it is, itself included, beside those that wait; and true
-// while it is to transmit.
+// State of the ray that is followed. `budget`: how many rays may be alive, this ray included, beside those that wait.
+// `transmits`: true while the ray has yet to transmit.
 var<private> budget: u32 = 0u;
 var<private> transmits: bool = false;
 
-// The draw that gives a share of the families one ray more, where the budget is a fraction.
+// The slot of the draw that gives some families one ray more, where the budget is a fraction.
 const SPLIT_BUDGET: u32 = 12u;
 
 @compute @workgroup_size(WORKGROUP_SIZE)
@@ -50,7 +53,7 @@ fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
     notice_cut_loops();
 }
 
-// A ray that has waited stands where it was split.
+// The next hit. A ray that has waited stands where it was split.
 fn intersect(ray: Ray) -> Hit {
     if transmits {
         return Hit(0.0, ray.last);
@@ -77,14 +80,14 @@ fn draw_reflection(
     return split(ray, bits, quotient(reflectance), transmittance);
 }
 
-// Reading first spares the atomic in all but the first few events.
+// Marks that some family used up its budget. Reading first spares the store in all but the first few events.
 fn note_saturation() {
     if atomicLoad(&counters[COUNTER_SATURATED]) == 0u {
         atomicStore(&counters[COUNTER_SATURATED], 1u);
     }
 }
 
-// Both branches, unless one has no weight. True if the ray goes on as the reflected one.
+// Splits the ray into both branches, unless one has no weight. True if the ray goes on as the reflected branch.
 fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: real) -> bool {
     let steps = weight_steps((*ray).weight);
     if CUTS_WEIGHTS {
@@ -104,7 +107,7 @@ fn split(ray: ptr<function, Ray>, bits: u32, reflectance: real, transmittance: r
     return true;
 }
 
-// What weights are split into: a power of two, no less than a quantum nor than what the significand of the weight
+// The steps in which weights are split: a power of two that is at least a quantum, and that the weight's significand
 // resolves.
 struct Steps {
     size: real,
@@ -120,24 +123,24 @@ fn weight_steps(weight: real) -> Steps {
     return steps;
 }
 
-// A pair of f32 can hold more than whole steps: the ray loses what is beyond them, of which the sums of the branches would
-// be a rounding.
+// Cuts the weight to whole steps. A pair of f32 can hold more than whole steps, and the sum of two branches would round
+// that excess.
 fn cut_weight(ray: ptr<function, Ray>, steps: Steps) {
     let before = (*ray).weight;
     (*ray).weight = floor(before * steps.per_unit) * steps.size;
     deposit_loss(CELL_IMPORTANCE_LOSS, before, (*ray).weight);
 }
 
-// The weight of the branch with the smaller share. It is a whole number of steps, so that the other branch takes the
-// rest without rounding and no quantum is lost between them. Rounded by chance, so that no share is too small to be met
-// on average.
+// The weight of the branch with the smaller share. The weight is a whole number of steps. So the other branch takes the
+// rest without rounding, and no quantum is lost. The rounding is by chance, so that on average even the smallest share
+// is met.
 fn lesser_weight(weight: real, share: real, bits: u32, steps: Steps) -> real {
     let exact = weight * share * steps.per_unit;
     let whole = floor(exact);
     return (whole + select(real(0.0), real(1.0), below(bits, exact - whole))) * steps.size;
 }
 
-// Of a child's number the bit of this event is set.
+// The transmitted ray. Its number is that of its parent with the bit of this event set.
 fn child(parent: Ray, weight: real) -> Ray {
     var ray = parent;
     ray.weight = weight;
@@ -149,7 +152,8 @@ fn child(parent: Ray, weight: real) -> Ray {
     return ray;
 }
 
-// The key of a ray whose number stands above its position in the range. ray_id = launched ray + number * 2^40.
+// The key of a ray of a family, whose number stands in `index` above its position in the range. ray_id = launched ray +
+// number * 2^40.
 fn family_key(index: u32) -> RayKey {
     let lo = range.first_lo + (index & ((1u << INDEX_BITS) - 1u));
     let hi = range.first_hi + select(0u, 1u, lo < range.first_lo);

@@ -1,12 +1,12 @@
-// The state of a ray, and what the stages hand to each other.
-// Positions [mm] and directions are in the frame that the host re-centred on the scene.
+// The state of a ray, and the data that stages hand to each other. Positions [mm] and directions are in the scene's
+// frame, which the host re-centred.
 
 // "No surface": nothing was hit, or the ray has not left any surface yet.
 const NONE: u32 = 0xffffffffu;
-// A distance that no hit has [mm]; finite in both tiers, because WGSL may assume that infinities do not occur.
+// A distance that no hit has [mm]. MISS is finite in both tiers, because WGSL may assume that infinities do not occur.
 const MISS: real = 1e38;
 
-// How a ray ended; ALIVE while it has not.
+// How a ray ended (ALIVE: it has not).
 const ALIVE: u32 = 0u;
 const DETECTED: u32 = 1u;
 const ABSORBED: u32 = 2u;
@@ -19,22 +19,23 @@ struct Ray {
     direction: vec3<real>,
     weight: real,
     key: RayKey,
-    // The draws that every event may need, at the step of its bounce count: moving a stream on by one step costs less
-    // than jumping to it from the key.
+    // The streams of the draws that every event may need, at the step of the bounce count. Moving a stream on by one
+    // step costs less than jumping there from the key.
     fresnel: Stream,
     roulette: Stream,
     // Position in the dispatch's range of ray ids, or in the list of them.
     index: u32,
     bounce: u32,
-    // The primitive that the ray leaves; surfaces first, then detectors.
+    // The primitive that the ray leaves, or NONE. Surfaces come first, then detectors.
     last: u32,
     wavelength: u32,
     medium: u32,
-    // True if the ray entered a solid after it was last in vacuum. Optiland's medium stack is empty exactly when this
-    // is false: a pop never empties it (depth 1 has only vacuum below, and entering vacuum clears the whole stack).
+    // True if the ray entered a solid after it was last in vacuum. Where this is false, Optiland's medium stack is
+    // empty, and only there. A pop never empties that stack: depth 1 has only vacuum below, and entering vacuum clears
+    // the whole stack.
     entered_solid: bool,
-    // The side of the face `last` to which the ray left it, and which faces in its place lie below it, a bit a layer
-    // (geometry/contact.on.wgsl).
+    // `forward`: the side of the face `last` to which the ray left it. `below_it`: which faces in the same place lie
+    // below the ray, a bit a layer (geometry/contact.on.wgsl).
     forward: bool,
     below_it: u32,
     fate: u32,
@@ -45,26 +46,33 @@ struct Hit {
     primitive: u32,
 }
 
-// Where a decision costs little, `&`, `|` and select stand for `&&`, `||` and `if`: wide machines run both sides of a
-// branch anyway, and pay for the branch on top.
+// How decisions and loops are written here, and why.
 //
-// Loops ask at both ends of a round whether to go on. lavapipe makes the first round in any case, and looks at its end
-// whether some lane wants another. So a loop that asks only before its rounds makes one of them for nothing; where rays end
-// at their first surface, that is every other event. A loop that asks only after them goes wrong there (Mesa 22.3): it
-// computes on for lanes that have left it, and reads zeros from memory for them. The outcome of a branch stays theirs: so
-// whatever is used after a loop and may differ between lanes changes within a branch alone, and `is_dispatched` keeps Mesa
-// from seeing that whoever comes again takes it. Where all lanes make the same rounds, to ask after them is enough, and
-// where rounds are short, before them.
+// Where both sides are cheap, `&`, `|` and select replace `&&`, `||` and `if`. Wide machines run both sides of a branch
+// anyway, and pay for the branch on top.
+//
+// Loops ask at both ends of a round whether to go on. Lavapipe always makes the first round, and at its end asks
+// whether some lane wants another. So a loop that asks only before its rounds makes one round for nothing. Where rays
+// end at their first surface, that is every other event.
+//
+// A loop that asks only after its rounds goes wrong on lavapipe (Mesa 22.3). The loop computes on for lanes that have
+// left it, and memory reads of those lanes give zeros. A branch still skips such lanes. So a variable that is used
+// after a loop, and may differ between lanes, changes only within a branch. `is_dispatched` keeps Mesa from seeing that
+// a lane that comes again always takes that branch.
+//
+// Where all lanes make the same rounds, asking after them is enough. Where rounds are short, asking before them is
+// enough.
 
-// The nearer of two hits; the earlier in the list wins a tie. In turn, it is the one that was met first; from a tree,
-// it may come later.
+// The nearer of two hits. The earlier primitive in the list wins a tie. Without a tree the earlier one was met first; a
+// tree may meet it later.
 fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
     let tied = HAS_TREE & (distance == best.distance) & (distance < MISS) & (primitive < best.primitive);
     let closer = (distance < best.distance) | tied;
     return Hit(select(best.distance, distance, closer), select(best.primitive, primitive, closer));
 }
 
-// What one dispatch traces: rays first..first+count of one source, or so many that are listed (software/path/ids.listed.wgsl).
+// The rays that one dispatch traces: first..first+count of one source, or as many that are listed
+// (software/path/ids.listed.wgsl).
 struct Range {
     first_lo: u32,
     first_hi: u32,
@@ -73,20 +81,21 @@ struct Range {
     // The seed's words in the row of step 0 (program::layout::rng::step_table).
     seed_lo: u32,
     seed_hi: u32,
-    // From an entry of a ray in the log to its next (software/log/passes.logged.wgsl).
+    // The stride in the log from an entry of a ray to its next (software/log/passes.logged.wgsl).
     log_stride: u32,
     // The primitives that earlier passes reached, a bit each (sums/reached.bits.wgsl).
     reached: u32,
 }
 
-// Uniform, because every invocation reads the same values. Every entry point copies it before its first branch (`begin`):
-// behind one, lavapipe reads even these lane by lane.
+// Uniform, because every invocation reads the same values. Every entry point copies the range before its first branch
+// (`begin`): after a branch, lavapipe reads even a uniform lane by lane.
 @group(GROUP_SCENE) @binding(BINDING_RANGE) var<uniform> range_uniform: Range;
 
 var<private> range: Range;
 
-// Always true, which compilers do not see. Nothing has NO_COUNT rays: a number that differs with the width of the driver's
-// vectors, because a driver may keep compiled shaders and not know for which width they were (Mesa 22.3).
+// Always true, in a way that compilers cannot see: no dispatch has NO_COUNT rays. NO_COUNT differs with the width of
+// the driver's vectors. A driver may keep compiled shaders without noting their width (Mesa 22.3), and the number tells
+// them apart.
 fn is_dispatched() -> bool {
     return range.count != NO_COUNT;
 }
@@ -96,7 +105,7 @@ fn first_jump() -> vec4<u32> {
     return vec4<u32>(range.seed_lo, range.seed_hi, FIRST_STEP);
 }
 
-// The 32 bits of (ray, slot, 0).
+// The 32 bits of the draw (ray, slot, 0).
 fn draw_first(key: RayKey, slot: u32) -> u32 {
     return stream_bits(stream_at(key, slot, first_jump()));
 }

@@ -1,4 +1,4 @@
-// The loop within a pass: a few events in registers per dispatch, then the survivors go to the queue.
+// The loop within a pass: each dispatch follows rays for a few events in registers, then queues the survivors.
 
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn trace_new(
@@ -16,7 +16,7 @@ fn trace_new(
     }
 }
 
-// A ray of the range from its birth on; one beyond it is as good as ended.
+// Follows a ray of the range from its birth on. An index beyond the range gives a ray that has ended.
 fn follow_new(index: u32) -> Ray {
     var ray: Ray;
     ray.fate = DETECTED;
@@ -29,8 +29,9 @@ fn follow_new(index: u32) -> Ray {
     return ray;
 }
 
-// Up to EVENTS_PER_DISPATCH events; then where the ray ended goes to memory. A ray ends at most once, so this is dealt with
-// after the loop: on wide machines every lane pays for what any lane does inside.
+// Follows a ray for up to EVENTS_PER_DISPATCH events, then writes where the ray ended to memory. A ray ends at most
+// once, so its end is dealt with after the loop. On wide machines, every lane pays for what any lane does inside the
+// loop.
 fn follow(ray: ptr<function, Ray>) {
     var step = 0u;
     loop {
@@ -58,13 +59,14 @@ fn settle(ray: Ray) {
     }
 }
 
-// A ray whose position or direction is no number meets nothing: it ends as escaped, and is counted as invalid.
+// False if the ray's position or direction is no number. Such a ray meets nothing: it ends as escaped, and is counted
+// as invalid.
 fn has_place(ray: Ray) -> bool {
     let size = abs(ray.position) + abs(ray.direction);
     return is_number(size.x + size.y + size.z);
 }
 
-// One event, in the reference's order: bulk absorption over the segment, the event itself, depth, roulette.
+// One event, in Optiland's order: bulk absorption over the segment, the event itself, depth, roulette.
 fn next_event(ray: ptr<function, Ray>) {
     let hit = intersect(*ray);
     if hit.primitive == NONE {
@@ -102,7 +104,7 @@ fn go_on(ray: ptr<function, Ray>) {
     }
 }
 
-// Where the ray ended takes its whole weight.
+// Deposits the ray's whole weight where the ray ended.
 fn deposit_fate(ray: Ray) {
     record_death(ray);
     end_in(select(CELL_ESCAPED + (ray.fate - ESCAPED), CELL_SURFACES + ray.last, ray.fate == ABSORBED), ray.weight);

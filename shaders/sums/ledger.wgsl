@@ -1,7 +1,8 @@
-// The ledger: every event deposits what it took, weight before minus weight after in quanta. Differences of quantised
-// weights telescope, so the bins add up to what was launched to the last bit.
-// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`) and go to memory once an
-// invocation; where a ray ends, it deposits once.
+// The ledger accounts for all flux: every event deposits what it took, as weight before minus weight after in quanta.
+// Differences of quantised weights telescope, so the bins add up to what was launched, to the last bit.
+//
+// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`). They go to memory once
+// an invocation. Where a ray ends, it deposits once.
 
 fn deposit_counted(cell: u32, weight: real) {
     count(cell);

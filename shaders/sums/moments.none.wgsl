@@ -1,4 +1,4 @@
-// No second moments: nobody asked for them, or they follow from the counts of hits. Twin of moments.on.wgsl.
+// There are no second moments: nobody asked for them, or they follow from the counts of hits. Twin of moments.on.wgsl.
 
 fn add_total_moments(weight: real, detector: Detector, index: u32) {}
 

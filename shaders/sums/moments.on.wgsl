@@ -1,13 +1,16 @@
-// Second moments: per cell, the sum over primary rays of the square of what the ray adds to the cell. A ray that adds v to
-// a cell to which it added u before changes its square by v (v + 2 u): sums/visits.on.wgsl knows u where a ray can meet a
-// detector twice. Cells of squares lie SQUARES_OFFSET behind those of the sums, and hold units of 2^-52 as they do.
+// Second moments, from which standard errors follow: per cell, the sum over primary rays of the square of what a ray
+// adds. Twin of moments.none.wgsl.
+//
+// A ray that adds v to a cell to which it added u before changes its square by v (v + 2 u). Where a ray can meet a
+// detector twice, sums/visits.on.wgsl knows u. Cells of squares lie SQUARES_OFFSET after those of the sums. Both hold
+// units of 2^-52.
 
-// Squares from here on are summed in CELL_LARGE_SQUARES as well, in units 2^31 times larger: while that sum is below one
-// unit of its top word, no cell of squares can have overflowed.
+// Squares of this size and more are also summed in CELL_LARGE_SQUARES, in units 2^31 times larger. While that sum is
+// below one unit of its top word, no cell of squares can have overflowed.
 const LARGE_SQUARE: real = 4096.0;
 const LARGE_SQUARE_SCALE: real = 4.656612873077393e-10;
 
-// Rounded up: an error that is too small is worse than one that is too large.
+// Deposits a square, rounded up: an estimated error that is too small is worse than one that is too large.
 fn deposit_square(cell: u32, square: real) {
     if square >= LARGE_SQUARE {
         if !is_depositable(square) {
@@ -19,8 +22,8 @@ fn deposit_square(cell: u32, square: real) {
     deposit(cell, quantize(ceil(square * 4503599627370496.0) * 2.220446049250313e-16));
 }
 
-// Sum and square of what the detector takes in all, by source: sources have fixed numbers of rays, so that what differs
-// between them is no noise.
+// Adds to the sum and the square of the detector's total, by source. Sources have fixed numbers of rays, so differences
+// between sources are no noise.
 fn add_total_moments(weight: real, detector: Detector, index: u32) {
     meet(index);
     if HAS_TOTALS {
@@ -73,11 +76,11 @@ fn add_pixel_moments(weight: real, detector: Detector, p: vec3<real>, pixel: u32
 
 // The taps of a splat along one axis.
 struct Taps {
-    // In pixels from the centre of pixel 0.
+    // The position, in pixels from the centre of pixel 0.
     position: real,
     first: i32,
     last: i32,
-    // Of the shares of a Gaussian before they are renormalised.
+    // The sum of a Gaussian's shares, by which they are renormalised; else 1.
     sum: real,
 }
 
@@ -101,7 +104,7 @@ fn tap_share(taps: Taps, i: i32, detector: Detector) -> real {
     return 1.0 - abs(taps.position - real(i));
 }
 
-// What a pixel takes along one axis: the edge pixels also take the taps beyond the map.
+// The share of a pixel along one axis. The edge pixels also take the taps beyond the map.
 fn pixel_share(taps: Taps, pixel: i32, last_pixel: i32, detector: Detector) -> real {
     let first = select(max(taps.first, pixel), taps.first, pixel == 0);
     let last = select(min(taps.last, pixel), taps.last, pixel == last_pixel);

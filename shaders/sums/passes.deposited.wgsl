@@ -1,4 +1,5 @@
-// The device adds up what rays leave on detectors in passing. Twin of software/log/passes.logged.wgsl, where the host does.
+// The device adds up what rays leave on detectors in passing. In the twin software/log/passes.logged.wgsl, the host
+// does.
 
 fn log_pass(index: u32) {}
 

@@ -1,4 +1,4 @@
-// What depends on the bits of an f32: quanta of a weight, or of a part of one.
+// Quanta of a weight, or of a part of one, from the bits of an f32.
 
 // floor(w * 2^52) as words (lo, hi, top), for a depositable w.
 fn quanta_of_f32(w: f32) -> vec3<u32> {

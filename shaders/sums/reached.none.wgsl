@@ -1,5 +1,5 @@
-// Marks nothing: all surfaces absorb what they meet, so where rays have ended tells which were reached. Twin of
-// reached.bits.wgsl and reached.counters.wgsl.
+// No marks are needed: every surface absorbs what it meets, so the places where rays ended are those that were reached.
+// Twin of reached.bits.wgsl and reached.counters.wgsl.
 
 fn mark_reached(primitive: u32) {}
 

@@ -1,4 +1,4 @@
-// One sequence of draws, and one sum a cell. Twin of replicates.on.wgsl.
+// There is one sequence of draws, and one sum a cell. Twin of replicates.on.wgsl.
 
 fn key_of_id(id_lo: u32, id_hi: u32) -> RayKey {
     return ray_key(id_lo, id_hi);

@@ -1,8 +1,8 @@
 // Cells of three words (lo, hi, top) on 32-bit atomics. Twin of sums.native.wgsl.
 @group(GROUP_SCENE) @binding(BINDING_SUMS) var<storage, read_write> sums: array<atomic<u32>>;
 
-// Adds to a cell. Each carry is taken by the one deposit that wrapped the word, so the total is exact once the dispatch
-// has ended.
+// Adds to a cell. The one deposit that wrapped a word takes its carry, so the total is exact once the dispatch has
+// ended.
 fn deposit(cell: u32, q: Quanta) {
     let carry = add_word(3u * cell, q.x);
     let hi = q.y + carry;

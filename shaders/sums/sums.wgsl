@@ -1,13 +1,13 @@
-// Exact sums. A weight is an integer number of quanta (one unit of weight is 2^52 quanta), and a cell is a 96-bit
-// integer, which cannot overflow below 2^44 units: so a sum depends neither on the order of the deposits nor on how
-// they were batched.
+// Exact sums, which depend neither on the order of the deposits nor on their batches. A weight is a whole number of
+// quanta; one unit of weight is 2^52 quanta. A cell is a 96-bit integer, and cannot overflow below 2^44 units.
 
-// Quanta as words (lo, hi, top); one unit of top is 2^64 quanta, 4096 units of weight.
+// Quanta as words (lo, hi, top). One unit of top is 2^64 quanta, which is 4096 units of weight.
 alias Quanta = vec3<u32>;
 
 const NO_QUANTA: vec3<u32> = vec3<u32>(0u, 0u, 0u);
 
-// Deposits that no sum can hold: NaN, infinite, negative, or 2^43 and more; and rays that ended without a position.
+// Counts deposits that no sum can hold: NaN, infinite, negative, or 2^43 and more. Rays that ended without a position
+// are counted here, too.
 const INVALID_DEPOSITS: u32 = 0u;
 
 // Numbers of events.
@@ -17,13 +17,13 @@ fn count(counter: u32) {
     atomicAdd(&counters[counter], 1u);
 }
 
-// floor(w * 2^52): the same rule in both precisions, monotonic, exact for an f32 of 2^-29 and more. A weight that no
-// sum can hold gives none, uncounted: see quantize_counted.
+// floor(w * 2^52), by the same rule in every precision: monotonic, and exact for an f32 of 2^-29 and more. A weight
+// that no sum can hold gives none, and is not counted (see quantize_counted).
 fn quantize(w: real) -> Quanta {
     return select(NO_QUANTA, quanta_words(w), is_depositable(w));
 }
 
-// quantize, which counts what no sum can hold.
+// quantize, which also counts a weight that no sum can hold.
 fn quantize_counted(w: real) -> Quanta {
     if !is_depositable(w) {
         count(INVALID_DEPOSITS);
@@ -65,9 +65,9 @@ fn deposit_weight(cell: u32, w: real) {
     deposit(cell, quantize_counted(w));
 }
 
-// Splat, one tap: deposits this tap's share of what is left. A splat starts from rest = quantize_counted(weight), gives
-// each tap but the last deposit_tap(cell, weight * tap, &rest), and the last one deposit(cell, rest): so that the taps
-// add up to the weight to the last bit.
+// Deposits one tap's share of what is left of a splat. A splat starts from rest = quantize_counted(weight). Each tap
+// but the last calls deposit_tap(cell, weight * tap, &rest), and the last calls deposit(cell, rest). So the taps add up
+// to the weight to the last bit.
 fn deposit_tap(cell: u32, share: real, rest: ptr<function, Quanta>) {
     let taken = q_min(quantize(share), *rest);
     *rest = q_sub(*rest, taken);

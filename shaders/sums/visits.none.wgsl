@@ -1,4 +1,5 @@
-// A ray meets one detector once: every detector ends the rays that it records, and no ray is split. Twin of visits.on.wgsl.
+// A ray meets a detector at most once: detectors end the rays that they record, and no ray is split. Twin of
+// visits.on.wgsl.
 
 fn meet(index: u32) {}
 

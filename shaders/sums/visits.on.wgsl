@@ -1,15 +1,16 @@
-// What a launched ray left on detectors that let it pass, or its children after it was split. Twin of visits.none.wgsl.
-// Its later deposits on those detectors are correlated with these. The visits of most weight, so many of them, are known
-// each by its place. Of the others only the weight is known, by detector, and is taken for the whole of it wherever the ray
-// comes again to the same one. So squares of cells may be too large, never too small; those of a detector's total are
-// exact.
+// Remembers what a launched ray, or its children after a split, left on detectors. Later deposits of that ray on the
+// same detectors are correlated with these. Twin of visits.none.wgsl.
+//
+// The MAX_VISITS visits of most weight are kept with their positions. Of all others only the weight is kept, by
+// detector. Wherever the ray comes again to such a detector, that whole weight is assumed to lie there. So squares of
+// cells may be too large, never too small. Squares of a detector's total are exact.
 
 const MAX_VISITS: u32 = 8u;
 
 struct Visit {
     // The detector's number.
     detector: u32,
-    // The cell that took all, or NONE where the weight was spread about a position from the cell `base` on.
+    // The cell that took all. NONE: the weight was spread around a position, in cells from `base` on.
     cell: u32,
     base: u32,
     x: real,
@@ -19,7 +20,8 @@ struct Visit {
 
 var<private> visits: array<Visit, MAX_VISITS>;
 var<private> num_visits: u32 = 0u;
-// By detector; of very many, some share a place, and then even the squares of totals may be too large.
+// Weights that are not remembered by position, by detector. Where detectors are very many, some share an element, and
+// then even the squares of totals may be too large.
 var<private> forgotten: array<real, FORGOTTEN_PLACES>;
 // The detector that the ray is on.
 var<private> met: u32 = 0u;

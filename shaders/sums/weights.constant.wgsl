@@ -1,3 +1,3 @@
-// Every ray weighs for ever what all are born with: the host knows each sum from its count (engine::intake), and the
-// dearest atomics are spared. Twin of weights.vary.wgsl.
+// Every ray keeps the weight that all rays are born with. The host computes each sum from its count (engine::intake),
+// which spares the most expensive atomics. Twin of weights.vary.wgsl.
 fn sum_weight(cell: u32, weight: real) {}

@@ -1,4 +1,4 @@
-//! How a budget of rays is shared among sources, and which of them are a trace's.
+//! How a budget of rays is shared among sources, and which of these rays belong to a trace.
 
 use crate::engine::options::TraceOptions;
 use crate::error::{Error, Result};
@@ -15,18 +15,18 @@ pub(crate) struct SourceRays {
 }
 
 impl SourceRays {
-    /// How many of them are done at `position` of `length`.
+    /// The number of these rays that are done at `position` of `length`.
     pub(crate) fn done(&self, position: u64, length: u64) -> u64 {
         share(self.count, position, length)
     }
 }
 
-/// floor(count * position / length): its share of `count` things.
+/// A position's share of `count` things: floor(count * position / length).
 fn share(count: u64, position: u64, length: u64) -> u64 {
     (u128::from(count) * u128::from(position) / u128::from(length.max(1))) as u64
 }
 
-/// Those of a budget's rays that are traced here.
+/// The rays of a budget that are traced here.
 pub(crate) fn part(budget_rays: Vec<SourceRays>, options: &TraceOptions) -> Result<Vec<SourceRays>> {
     let Some(of_rays) = options.of_rays else {
         let shift = |rays: SourceRays| SourceRays { first: rays.first + options.first_ray, ..rays };
@@ -47,8 +47,9 @@ pub(crate) fn part(budget_rays: Vec<SourceRays>, options: &TraceOptions) -> Resu
     Ok(rays)
 }
 
-/// The rays of each source, and the weight that makes them share its flux: Optiland's rule, one ray each, the rest by
-/// flux with the largest remainders first (of equal ones the larger flux, then the first).
+/// The rays of each source, and the weight by which they share its flux. Optiland's rule: each source gets one ray, and
+/// the rest is shared by flux. The largest remainders round up first; of equal remainders the larger flux, then the
+/// first source.
 pub(crate) fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<SourceRays>> {
     let fluxes: Vec<f64> = ir.sources.iter().map(|e| e.total_flux).collect();
     let total: f64 = fluxes.iter().sum();
@@ -72,7 +73,7 @@ pub(crate) fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<SourceRays>>
     Ok(rays)
 }
 
-/// A new ray must weigh so many quanta that rounding to whole ones does not matter.
+/// The least weight of a new ray \[quanta\]: rounding to whole quanta then does not matter.
 const SMALLEST_BIRTH_QUANTA: f64 = (1u64 << 30) as f64;
 
 fn distribute_ray_budget(num_rays: u64, fluxes: &[f64]) -> Vec<u64> {

@@ -8,21 +8,21 @@ use crate::program::layout::bindings;
 use crate::program::{self, Program, SecondMoments};
 use std::cell::{Cell, OnceCell};
 
-/// A device, and what the traces of a program take of it.
+/// A device, with the pipelines and buffers of a program's traces.
 pub(crate) struct DeviceState {
     pub(crate) gpu: Gpu,
-    /// What the program's buffers take of it.
+    /// The memory that the program's buffers take \[bytes\].
     pub(crate) bytes: u64,
     /// Follows new rays.
     trace_new: FirstStage,
-    /// Stages that a strategy has added, which follow new rays in its place.
+    /// Stages that a strategy has added. They follow new rays in place of `trace_new`.
     added: Vec<(AddedStage, OnceCell<FirstStage>)>,
     compiler: Compiler,
-    /// What follows rays that outlive a dispatch, where some can.
+    /// The stages for rays that outlive a dispatch, where there can be such rays.
     pub(super) rounds: Option<Rounds>,
-    /// Group 0; one for each list of buffers that a strategy adds.
+    /// Group 0, once for each list of buffers that a strategy adds.
     pub(super) scenes: Vec<wgpu::BindGroup>,
-    /// Group 1 with the queues in either direction; rays that survive a new range go to the first queue.
+    /// Group 1, with the queues in either direction. Rays that survive a new range go to the first queue.
     pub(super) queues: [wgpu::BindGroup; 2],
     pub(super) range: wgpu::Buffer,
     pub(super) source: wgpu::Buffer,
@@ -31,14 +31,14 @@ pub(crate) struct DeviceState {
     pub(super) sums: DeviceSums,
     pub(super) tops: Option<DeviceSums>,
     pub(super) counters: DeviceSums,
-    /// Rows for the host, where the scene or the user asks for some.
+    /// Rows for the host, where the scene or the user asks for them.
     pub(super) events: Option<wgpu::Buffer>,
 }
 
 /// What a strategy adds to a device.
 #[derive(Debug)]
 pub(crate) struct Additions {
-    /// Bindings of group 0 beside the program's. There is one group for each of these lists; the plain one is empty.
+    /// Bindings of group 0 beside the program's. There is one group for each list; the plain list is empty.
     pub(crate) groups: Vec<Vec<(u32, wgpu::Buffer)>>,
     /// Entry points that the engine does not know.
     pub(crate) stages: Vec<AddedStage>,
@@ -47,10 +47,10 @@ pub(crate) struct Additions {
 /// An entry point that follows rays from their birth to their end, in place of the plain stages.
 #[derive(Debug, Clone)]
 pub(crate) struct AddedStage {
-    /// What it is called where stages are timed.
+    /// The name where stages are timed.
     pub(crate) name: &'static str,
     pub(crate) entry_point: String,
-    /// It is compiled with the plain stages, or else when it is first needed.
+    /// True: compiled together with the plain stages. False: compiled when it is first needed.
     pub(crate) at_once: bool,
 }
 
@@ -64,7 +64,7 @@ impl Default for Additions {
 pub(super) struct FirstStage {
     pub(super) name: &'static str,
     pub(super) pipeline: wgpu::ComputePipeline,
-    /// It was dispatched before.
+    /// True if the stage was dispatched before.
     pub(super) has_begun: Cell<bool>,
 }
 
@@ -72,9 +72,9 @@ pub(super) struct FirstStage {
 struct Compiler {
     gpu: Gpu,
     bindings: Vec<gpu::compute::Binding>,
-    /// Of the groups, in their order.
+    /// The layouts of the groups, in their order.
     layouts: [wgpu::BindGroupLayout; 2],
-    /// All stages, where each has no module of its own.
+    /// The module of all stages; `None` if each stage has a module of its own.
     shader: Option<wgpu::ShaderModule>,
 }
 
@@ -83,7 +83,7 @@ pub(super) struct Rounds {
     pub(super) advance: wgpu::ComputePipeline,
     pub(super) advancing: wgpu::BindGroup,
     pub(super) trace_queued: wgpu::ComputePipeline,
-    /// As many as the queue has work for.
+    /// The number of workgroups for the rays in the queue.
     pub(super) workgroups: wgpu::Buffer,
 }
 
@@ -125,7 +125,7 @@ impl DeviceState {
         let has_queue = program.options.has_queue();
         let pipeline = |entry_point| compiler.pipeline(program, entry_point);
         let counts = gpu.buffer("queue counts", 16)?;
-        // To compile one takes lavapipe a tenth of a second and more.
+        // Compiling one takes lavapipe a tenth of a second and more.
         let added_at_once: Vec<&AddedStage> = additions.stages.iter().filter(|stage| stage.at_once).collect();
         let others = || -> Result<_> {
             let added = added_at_once.iter().map(|stage| pipeline(&stage.entry_point));
@@ -221,8 +221,8 @@ impl DeviceState {
         })
     }
 
-    /// The stage that follows rays from their birth: the plain one, or one that a strategy has added, which is compiled
-    /// unless it is.
+    /// The stage that follows rays from their birth: the plain one, or one that a strategy has added. An added stage is
+    /// compiled now if it was not before.
     pub(super) fn first_stage(&self, program: &Program, added: Option<usize>) -> Result<&FirstStage> {
         let Some((stage, compiled)) = added.and_then(|number| self.added.get(number)) else {
             return Ok(&self.trace_new);
@@ -234,17 +234,17 @@ impl DeviceState {
         Ok(compiled.get_or_init(|| FirstStage::new(stage.name, pipeline)))
     }
 
-    /// True if rows go to the host.
+    /// True if the host receives rows.
     pub(crate) fn keeps_rows(&self) -> bool {
         self.events.is_some()
     }
 
-    /// Takes other draws.
+    /// Replaces the table of draws.
     pub(crate) fn set_draws(&self, rng_table: &[u8]) {
         self.gpu.queue.write_buffer(&self.rng_table, 0, rng_table);
     }
 
-    /// Hands over what was summed up, and clears it.
+    /// Passes the sums to `intake`, and clears them.
     pub(crate) fn drain(&self, intake: &mut Intake) -> Result<()> {
         let Gpu { device, queue, .. } = &self.gpu;
         self.counters.read(&self.gpu, |counter, count| intake.count(counter, count as u64))?;
@@ -259,7 +259,7 @@ impl DeviceState {
         Ok(())
     }
 
-    /// True if the driver has left a loop before its end since the last time.
+    /// True if the driver has left a loop early since the last call.
     pub(crate) fn take_cut_loops(&self) -> Result<bool> {
         const CUT_LOOPS: u64 = 12;
         let was_cut = self.gpu.read_at(&self.counts, CUT_LOOPS, 4)?.iter().any(|&byte| byte != 0);
@@ -270,7 +270,7 @@ impl DeviceState {
     }
 }
 
-/// The stages that a strategy adds, of which those are compiled that should be at once.
+/// The stages that a strategy adds, with the compiled pipelines of those compiled at once.
 fn added_stages(
     stages: &[AddedStage],
     compiled: Vec<wgpu::ComputePipeline>,
@@ -284,12 +284,12 @@ fn added_stages(
     stages.iter().map(with_pipeline).collect()
 }
 
-/// What two give, the second of which runs in a thread of its own, if there is one.
+/// Runs two functions, the second (if any) in a thread of its own, and returns both results.
 fn side_by_side<A, B: Send>(
     first: impl FnOnce() -> A,
     second: Option<impl FnOnce() -> B + Send>,
 ) -> Result<(A, Option<B>)> {
-    /// As large as that of a main thread: compilers recurse.
+    /// As large as the stack of a main thread, because compilers recurse.
     const STACK_BYTES: usize = 8 << 20;
     std::thread::scope(|scope| {
         let thread = |second| std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, second);
@@ -330,7 +330,7 @@ impl Rounds {
     }
 }
 
-/// What a scene's shaders bind must be what the adapter can bind at once: more of the sums, more parts.
+/// Fails if a scene's shaders bind more storage buffers than the adapter allows. More sums mean more parts.
 fn check_bindings(gpu: &Gpu, program: &Program, bindings: &[gpu::compute::Binding]) -> Result<()> {
     let most = gpu.device.limits().max_storage_buffers_per_shader_stage as usize;
     let is_storage = |binding: &&gpu::compute::Binding| match binding.access {
@@ -356,7 +356,7 @@ fn check_bindings(gpu: &Gpu, program: &Program, bindings: &[gpu::compute::Bindin
     )))
 }
 
-/// Bytes from one struct of that name to the next in an array of the program's.
+/// The stride of an array of the program's struct with this name \[bytes\].
 pub(crate) fn stride_of(program: &Program, name: &str) -> Result<u64> {
     Ok(crate::program::layout::records::StructLayout::of(&program.module, name)?.stride as u64)
 }

@@ -1,16 +1,16 @@
-//! How many rays a dispatch traces, and in how many submissions, so that each keeps the device for a moment only: a desktop
-//! stays usable, and no watchdog ends it.
+//! How many rays a dispatch traces, and in how many submissions. Each submission keeps the device for a moment only, so
+//! that a desktop stays usable and no watchdog fires.
 
 use crate::engine::limits::DEFAULT_BATCH;
 use std::time::Duration;
 
-/// Events that a first dispatch may make, before any has told how long they take: those of the largest batch at the default
-/// depth, with where its rays end.
+/// Events that a first dispatch may make, before any dispatch was timed: those of the largest batch at the default
+/// depth, ends included.
 const FIRST_EVENTS: u64 = DEFAULT_BATCH as u64 * 17;
-/// A dispatch has at most so many times the rays of the one before: rays of one scene do not take alike.
+/// The factor by which a dispatch may exceed the one before: rays of one scene differ in cost.
 const GROWTH: f64 = 4.0;
 
-/// Rays of a dispatch, by what those before it took.
+/// The size of the next dispatch, learned from the times of earlier ones.
 #[derive(Debug)]
 pub(crate) struct DispatchSize {
     rays: u32,
@@ -20,7 +20,8 @@ pub(crate) struct DispatchSize {
 }
 
 impl DispatchSize {
-    /// Before the first dispatch of at most so many rays; of less than `least` the device would be mostly idle.
+    /// The size of the first dispatch. `most` is the upper limit; with fewer rays than `least` the device would be
+    /// mostly idle.
     pub(crate) fn new(most: u32, least: u32, events_per_ray: u64) -> Self {
         let least = least.min(most);
         let first = (FIRST_EVENTS / events_per_ray.max(1)).min(most.into()) as u32;
@@ -34,14 +35,13 @@ impl DispatchSize {
         self.rays
     }
 
-    /// Submissions that its stages should be spread over, as far as they can be: several where already the fewest rays take
-    /// long.
+    /// Into how many submissions its stages should be divided: more than one where even the fewest rays take long.
     pub(crate) fn submissions(&self) -> usize {
         self.submissions
     }
 
-    /// Takes note of what a dispatch took that should not take longer than `target`. One of few rays, as those of a source
-    /// among many often are, tells only whether that was too long.
+    /// Learns from a dispatch that took `time`, where it should not have taken longer than `target`. A dispatch of few
+    /// rays, as is common with many sources, counts only if it was too long.
     pub(crate) fn note(&mut self, rays: u32, time: Duration, target: Duration) {
         if time <= target && rays < self.rays.div_ceil(2) {
             return;

@@ -1,6 +1,7 @@
-//! Whether pairs of f32 can stand for a real on this device: its arithmetic against what IEEE 754 makes of the same
-//! numbers. `shaders/math/df64.wgsl` rests on sums and products whose roundings are known exactly; a device or compiler
-//! that rounds otherwise, fuses or reorders must not be trusted with it.
+//! Tests whether a pair of f32 can stand for a real on this device, by comparing its arithmetic with IEEE 754.
+//!
+//! The functions of `shaders/math/df64.wgsl` rest on sums and products whose roundings are known exactly. A device or
+//! compiler that rounds otherwise, fuses or reorders must not be used with them.
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -9,23 +10,23 @@ use crate::program::df64::{self, join, split};
 use crate::program::layout::bindings;
 use std::fmt::Write;
 
-/// Pairs of numbers that every operation is tried on.
+/// The number of pairs on which every operation is tested.
 const NUM_PAIRS: u32 = 1 << 13;
 const WORKGROUP: u32 = 64;
 
 /// u^2, u = 2^-24.
 const UNIT: f64 = 0.25 * f32::EPSILON as f64 * f32::EPSILON as f64;
 
-/// An operation, what it must give, and within how many u^2 of it.
+/// An operation, its exact result, and its error bound in u^2.
 struct Operation {
-    /// Of the two reals `x` and `y`.
+    /// The call in WGSL, with the reals `x` and `y`.
     call: &'static str,
     exact: fn([f64; 2]) -> f64,
     bound: f64,
 }
 
-/// The operations of two reals. The bounds of quotient and root allow for a division and a root that err by 2.5 ulp, as
-/// WGSL and Vulkan do.
+/// The operations of two reals. The bounds of quotient and root allow for a division and a root with errors of 2.5 ulp,
+/// as in WGSL and Vulkan.
 const OPERATIONS: [Operation; 14] = [
     Operation { call: "df64_add(x, y)", exact: |[x, y]| x + y, bound: 3.0 },
     Operation { call: "df64_sub(x, y)", exact: |[x, y]| x - y, bound: 3.0 },
@@ -51,7 +52,7 @@ const OPERATIONS: [Operation; 14] = [
     },
 ];
 
-/// Exact sum and product, and the operations, on every pair.
+/// The shader that computes exact sum, exact product and every operation, for each pair.
 fn source() -> String {
     let mut text = bindings::declared(df64::LIBRARY);
     text.push_str(
@@ -72,7 +73,7 @@ fn source() -> String {
     text
 }
 
-/// Numbers of 48 bits: sizes that lie near together and far apart, near cancellations, ties, powers of two and long runs
+/// Pairs of 48-bit numbers: of similar and of very different size, near cancellations, ties, powers of two, long runs
 /// of ones.
 fn pairs() -> Vec<[f64; 2]> {
     let mut state = 0x9E37_79B9_7F4A_7C15_u64;
@@ -106,7 +107,7 @@ fn pairs() -> Vec<[f64; 2]> {
 }
 
 impl Gpu {
-    /// Fails where double-word arithmetic fails on this device. Tried once.
+    /// Fails if double-word arithmetic fails on this device. The test runs once.
     ///
     /// # Errors
     /// [`Error::Usage`] with the operation that fails; [`Error::Device`] if the device does.
@@ -114,7 +115,7 @@ impl Gpu {
         self.df64.get_or_init(|| self.test_df64(df64::LIBRARY)).clone()
     }
 
-    /// Tries the double-word arithmetic of another text of the library: for tests that must notice a wrong one.
+    /// Tests the double-word arithmetic of a modified library, to prove that the test notices a wrong one.
     #[doc(hidden)]
     pub fn test_df64(&self, library: &str) -> Result<()> {
         let pairs = pairs();
@@ -154,7 +155,7 @@ impl Gpu {
     }
 }
 
-/// What is wrong with the results on a pair.
+/// The first fault in the results on a pair, if any.
 fn fault([x, y]: [f64; 2], results: &[[f32; 2]]) -> Option<String> {
     let (a, b) = (x as f32, y as f32);
     let exact = [("sum", two_sum(a, b)), ("product", two_product(a, b))];
@@ -165,20 +166,20 @@ fn fault([x, y]: [f64; 2], results: &[[f32; 2]]) -> Option<String> {
     OPERATIONS.iter().zip(&results[2..]).find_map(|(operation, result)| {
         let expected = (operation.exact)([x, y]);
         let units = (join(*result) - expected).abs() / (UNIT * expected.abs());
-        // What is 0 has no size to be wrong by. A NaN is within no bound.
+        // A result that should be 0 has no size to compare with. A NaN is within no bound.
         let right = if expected == 0.0 { join(*result) == 0.0 } else { units <= operation.bound };
         (!right).then(|| format!("{} of {x:e} and {y:e} is off by {units:.1} u^2 there", operation.call))
     })
 }
 
-/// a + b rounded, and what the rounding took: exact (Knuth).
+/// a + b rounded, and the rounding error, both exact (Knuth).
 fn two_sum(a: f32, b: f32) -> [f32; 2] {
     let sum = a + b;
     let b_part = sum - a;
     [sum, (a - (sum - b_part)) + (b - b_part)]
 }
 
-/// a b rounded, and what the rounding took: the product of two f32 is an f64.
+/// a b rounded, and the rounding error, both exact: the product of two f32 fits an f64.
 fn two_product(a: f32, b: f32) -> [f32; 2] {
     let product = a * b;
     [product, (f64::from(a) * f64::from(b) - f64::from(product)) as f32]

@@ -1,4 +1,4 @@
-//! What was summed up outside a tally, and how it gets into one.
+//! How the sums of devices and strategies get into a tally.
 
 use crate::engine::Engine;
 use crate::engine::intake::Intake;
@@ -8,12 +8,13 @@ use crate::error::{Error, Result};
 use crate::program::layout::tables::ReachedMarks;
 use crate::result::Tally;
 
-/// Adds what was summed up since the last drain to a tally, and clears it.
+/// Adds all sums since the last drain to a tally, and clears them.
 pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mut Tally) -> Result<()> {
     strategy.settle(engine)?;
     engine.check_loops(strategy)?;
     for device in engine.devices(strategy.devices()) {
-        // One for each device: bits of what was reached do not add up, and each device tells of its own overflow.
+        // Each device has an intake of its own. Bits of reached primitives do not add up, and each device reports its
+        // own overflow.
         let mut intake = engine.intake(tally);
         device.drain(&mut intake)?;
         intake.finish(engine.plan.reached_marks());
@@ -26,7 +27,7 @@ pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mu
     Ok(())
 }
 
-/// Forgets what a trace before this one has left that failed half-way.
+/// Discards what an earlier trace left that failed half-way.
 pub(crate) fn discard(engine: &mut Engine, strategy: &mut dyn Strategy) -> Result<()> {
     strategy.begin();
     if engine.undrained.counts > 0 {
@@ -36,13 +37,13 @@ pub(crate) fn discard(engine: &mut Engine, strategy: &mut dyn Strategy) -> Resul
 }
 
 impl Engine<'_> {
-    /// What adds counters and sums to a tally.
+    /// An intake, which adds counters and sums to a tally.
     pub(crate) fn intake<'t>(&'t self, tally: &'t mut Tally) -> Intake<'t> {
         Intake::new(&self.plan.program.cells, self.plan.counted(), self.plan.rays.len(), tally)
     }
 
-    /// Asks the devices which primitives rays have reached, until they know of all: so that the rays to come need not tell
-    /// it again.
+    /// Asks the devices which primitives rays have reached, unless all are known. Later rays need not report these
+    /// again.
     pub(crate) fn learn_reached(&mut self, strategy: &dyn Strategy) -> Result<()> {
         let cells = &self.plan.program.cells;
         let mut reached = self.undrained.reached;

@@ -1,49 +1,49 @@
-//! From the device's counters and sums to the places in a tally where they belong, number by number: a large map of which
-//! few cells are lit takes time and memory for these alone.
+//! Adds the device's counters and sums to their places in a tally, one number at a time. A large map with few lit cells
+//! then takes time and memory for these cells alone.
 
 use crate::program::Cells;
 use crate::program::layout::tables::{MomentCells, ReachedMarks};
 use crate::result::{FluxSum, Moments, Tally};
 
-/// From here on some cell of squares may have overflowed (shaders/sums/moments.on.wgsl).
+/// From this sum on, some cell of squares may have overflowed (shaders/sums/moments.on.wgsl).
 const LARGE_SQUARES_LIMIT: u128 = 1 << 64;
 
-/// What counts tell beside themselves.
+/// What counts determine, beside themselves.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Counted {
-    /// The quanta of each event, where all rays keep the weight that they are born with.
+    /// The quanta of each event, where all rays keep the weight with which they are born.
     pub quanta: Option<u128>,
-    /// The square of what each hit leaves, where second moments follow from hits.
+    /// The square of the flux of each hit, where second moments follow from hits.
     pub square: Option<u128>,
 }
 
-/// Adds counters and sums to a tally; each may come several times, in parts that add up.
+/// Adds counters and sums to a tally. A number may come several times, in parts that add up.
 pub(crate) struct Intake<'a> {
     layout: Layout<'a>,
     counted: Counted,
     tally: &'a mut Tally,
-    /// Those of no detector's cell ([`Place::Other`]).
+    /// Numbers that belong to no detector's cell ([`Place::Other`]).
     counters: Vec<u64>,
     sums: Vec<u128>,
 }
 
-/// What a counter or a sum is of.
+/// To what a counter or a sum belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     /// A cell of a detector, in one of the copies.
     Cell { detector: usize, cell: usize, copy: usize },
-    /// Anything else, numbered as if detectors had no cells.
+    /// Anything else, numbered as if the detectors had no cells.
     Other(usize),
 }
 
-/// How the cells of detectors lie: copies of all of them, one behind the other.
+/// How the cells of detectors lie: in copies of all cells, one after the other.
 #[derive(Debug, Clone, Copy)]
 struct Layout<'a> {
     cells: &'a Cells,
     first: usize,
-    /// From a cell to its next copy.
+    /// The distance from a cell to its next copy.
     stride: usize,
-    /// Copies that hold quanta; of sums, one with the squares follows if there is any.
+    /// The number of copies that hold quanta. Where there are squares, the sums have one more copy.
     copies: usize,
 }
 
@@ -69,7 +69,7 @@ impl<'a> Layout<'a> {
         Place::Cell { detector, cell: self.first + within - self.cells.detectors[detector] as usize, copy }
     }
 
-    /// The number of a counter that is of no detector's cell.
+    /// The number of a counter that belongs to no detector's cell.
     fn other_counter(&self, index: u32) -> usize {
         index as usize - self.copies * self.stride
     }
@@ -80,7 +80,7 @@ impl<'a> Layout<'a> {
 }
 
 impl<'a> Intake<'a> {
-    /// For a tally in the scene's shape; moments may be missing in it.
+    /// An intake for a tally in the scene's shape. The tally may lack moments.
     pub fn new(cells: &'a Cells, counted: Counted, num_sources: usize, tally: &'a mut Tally) -> Self {
         let layout = Layout::of(cells);
         for detector in &mut tally.detectors {
@@ -144,7 +144,7 @@ impl<'a> Intake<'a> {
         }
     }
 
-    /// True if moments of a detector are the sums of its cells'.
+    /// True if a detector's moments are the sums over its cells.
     fn cells_hold_totals(&self) -> bool {
         match self.layout.cells.moments {
             Some(MomentCells { totals, .. }) => totals.is_none(),
@@ -152,7 +152,7 @@ impl<'a> Intake<'a> {
         }
     }
 
-    /// Adds what is of no detector's cell.
+    /// Adds the numbers that belong to no detector's cell.
     pub fn finish(self, marks: ReachedMarks) {
         let Intake { layout, tally, counters, sums, .. } = self;
         let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
@@ -192,7 +192,7 @@ impl<'a> Intake<'a> {
 /// Lengthens a table with zeros.
 fn grow<T: Clone + Default>(table: &mut Vec<T>, length: usize) {
     if table.is_empty() {
-        // Memory that is zero from the start is not written to.
+        // The system gives zeroed memory, which is then not written to.
         *table = vec![T::default(); length];
     }
     table.resize(length.max(table.len()), T::default());

@@ -1,4 +1,5 @@
-//! How many rays a dispatch and a pass may have: what buffers, counters and ids have room for, and what keeps a device busy.
+//! How many rays a dispatch and a pass may have. Buffers, counters and ids set upper limits, and a busy device a lower
+//! one.
 
 use crate::engine::device::stride_of;
 use crate::engine::options::TraceOptions;
@@ -7,33 +8,33 @@ use crate::gpu::Gpu;
 use crate::model::ray_id;
 use crate::program::Program;
 
-/// Rays in one dispatch of a trace with no limit of its own.
+/// Rays in one dispatch, where nothing else limits them.
 pub(crate) const DEFAULT_BATCH: u32 = 1 << 18;
-/// Families seldom have more rays than this, whatever they are allowed: batches are the smaller by no more.
+/// The size of a family above which batches shrink no further: families are seldom larger, whatever they are allowed.
 const MANY_RAYS: u64 = 8;
-/// Workgroups of a dispatch that keep a processor busy until its end.
+/// Workgroups per processor that keep a processor busy until the end of a dispatch.
 pub(crate) const WORKGROUPS_PER_PROCESSOR: u32 = 4;
-/// As many as a graphics processor has at least.
+/// The processors assumed of a graphics processor, which has at least this many.
 const PROCESSORS: u32 = 16;
-/// Rows for the host in one pass.
+/// Most rows for the host in one pass.
 const MAX_EVENTS: u32 = 1 << 18;
-/// Counters are 32 bits wide: they are drained before they can overflow.
+/// Most counts between drains. Counters are 32 bits wide, and are drained before they can overflow.
 pub(crate) const MAX_COUNTS_UNDRAINED: u64 = 1 << 31;
 pub(crate) const MAX_COUNTS_PER_PASS: u64 = MAX_COUNTS_UNDRAINED / 4;
 
 /// How large dispatches should be.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DispatchLimits {
-    /// Rays of a dispatch where nobody asked for a number.
+    /// Rays of a dispatch, unless the user asks for a number.
     pub(crate) default_rays: u32,
-    /// Rays of a dispatch that there is room for.
+    /// Most rays of a dispatch for which the buffers have room.
     pub(crate) most_rays: u32,
     /// Processors of the device, each of which should have several workgroups.
     pub(crate) processors: u32,
 }
 
 impl DispatchLimits {
-    /// Those of a device of which nothing is known.
+    /// The limits of a device about which nothing is known.
     pub(crate) fn of(program: &Program) -> Self {
         let default_rays = DEFAULT_BATCH / program.most_rays().min(MANY_RAYS) as u32;
         DispatchLimits { default_rays, most_rays: u32::MAX, processors: PROCESSORS }
@@ -58,7 +59,7 @@ impl DispatchLimits {
         wanted.min(self.most_rays).min(events).min(queued).min(counted).min(families).max(1)
     }
 
-    /// So few rays that every processor still has workgroups enough.
+    /// The fewest rays with which every processor still has enough workgroups.
     pub(crate) fn least_rays(&self, program: &Program) -> u32 {
         let rays_per_workgroup =
             program.options.workgroup_size * program.options.rays_per_invocation(&program.features);
@@ -66,12 +67,12 @@ impl DispatchLimits {
     }
 }
 
-/// What splitting could make of the launched rays must have ids, and be counted.
+/// Fails if the rays that splitting can make could exceed the range of ids or of counters.
 pub(crate) fn check_families(program: &Program, options: &TraceOptions) -> Result<()> {
     if program.splitting.is_none() {
         return Ok(());
     }
-    // A larger id would be that of another ray's child.
+    // A larger id would coincide with the id of another ray's child.
     if options.first_ray.saturating_add(options.num_rays) > ray_id::MOST_LAUNCHED {
         return Err(Error::Usage(format!(
             "{} rays from ray {} on are too many where rays are split: their ids end at {}",
@@ -91,7 +92,7 @@ pub(crate) fn check_families(program: &Program, options: &TraceOptions) -> Resul
     Ok(())
 }
 
-/// Most events of one launched ray and its children, with where they end.
+/// Most events of one launched ray and its children, their ends included.
 pub(crate) fn counts_per_ray(program: &Program) -> u64 {
     program.most_rays() * u64::from(program.options.max_depth + 1)
 }

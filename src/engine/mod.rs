@@ -1,11 +1,12 @@
-//! The engine traces a scene on a device, and sums up what its rays leave. A trace is a fold:
-//! `Tally += pass(range of ray ids)`.
+//! The engine traces a scene on a device, and sums up what its rays leave. A trace is a fold: `Tally += pass(range of
+//! ray ids)`.
 //!
-//! [`wavefront`] is the whole loop on one page. [`plan`] says what is traced, [`limits`] and [`passes`] how much at once,
-//! [`submit`] lists the stages that a range goes through, [`rows`] fetches rows for the host, and [`drain`] fetches the sums.
+//! [`wavefront`] is the whole loop on one page. [`plan`] holds what is traced; [`limits`] and [`passes`] decide how
+//! much at once. [`submit`] lists the stages that a range goes through. [`rows`] fetches rows for the host, and
+//! [`drain`] fetches the sums.
 //!
-//! Each part of the loop that may be done otherwise is a method of a [`strategy`]. The engine is complete without any: it
-//! then runs with [`strategy::Plain`].
+//! Each part of the loop that may be done otherwise is a method of a [`strategy`]. The engine is complete without a
+//! special strategy: it then runs with [`strategy::Plain`].
 
 pub mod budget;
 pub mod device;
@@ -39,7 +40,7 @@ use crate::gpu::profile::Profile;
 use crate::model::SceneIr;
 use std::time::{Duration, Instant};
 
-/// A pass should keep the device for about so long: a desktop stays usable and no watchdog fires.
+/// How long a pass should keep the device. A desktop then stays usable, and no watchdog fires.
 const PASS_TIME: Duration = Duration::from_millis(40);
 
 /// A scene on a device, ready to trace.
@@ -48,28 +49,29 @@ pub(crate) struct Engine<'a> {
     pub(crate) ir: &'a SceneIr,
     pub(crate) plan: Plan,
     pub(crate) device: DeviceState,
-    /// Rays of a dispatch, and the submissions of its stages.
+    /// How many rays a dispatch has, and in how many submissions its stages are made.
     pub(crate) size: DispatchSize,
     /// How long a pass should take.
     pub(crate) pass_time: Duration,
-    /// What was launched since the sums were drained.
+    /// The rays launched since the sums were drained.
     pub(crate) undrained: Undrained,
-    /// Rows for the host that no tally has yet.
+    /// Rows for the host that are not yet in a tally.
     pub(crate) rows: Rows,
-    /// Times the stages, where that was asked for.
+    /// Times the stages, if the user asked for that.
     pub(crate) profile: Option<Profile>,
-    /// A pass ends at this position, if it lies ahead.
+    /// A pass ends at this position, if the position lies ahead.
     pub(crate) pause: Option<u64>,
-    /// A stage has begun since the pass did. Drivers compile at that, so the time of the pass tells nothing of others.
+    /// True if a stage ran for the first time during this pass. Drivers compile at that moment, so the time of such a
+    /// pass says nothing about other passes.
     pub(crate) is_compiling: bool,
-    /// Submissions of all traces.
+    /// The number of submissions, over all traces.
     pub(crate) num_submissions: u64,
-    /// When the first rays of all were traced, as far as was waited for them.
+    /// When the first rays of all had been traced; `None` until a pass was waited for.
     pub(crate) first_end: Option<Instant>,
 }
 
 impl<'a> Engine<'a> {
-    /// A plan on a device, before its first ray.
+    /// A plan on a device, before the first ray.
     fn new(gpu: &'a Gpu, ir: &'a SceneIr, plan: Plan, device: DeviceState) -> Self {
         Engine {
             gpu,
@@ -88,7 +90,7 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// Other draws from now on, on this device and others, with what was compiled for the ones before.
+    /// Sets the seed of the draws from now on, on this device and others. Nothing is compiled anew.
     pub(crate) fn set_seed(&mut self, others: &[DeviceState], seed: u64) {
         self.plan.options.seed = seed;
         self.plan.program.set_seed(seed);

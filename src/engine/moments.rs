@@ -1,4 +1,4 @@
-//! Where the second moments of a trace come from, which tell the errors of its results.
+//! Decides where the second moments of a trace come from. Standard errors follow from second moments.
 
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::model::surface_optics::splits;
@@ -9,13 +9,13 @@ use crate::program::{Features, Sampler, SecondMoments};
 /// Where second moments come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum MomentSource {
-    /// Nobody asked for them.
+    /// There are none: nobody asked for them.
     Nowhere,
-    /// Every ray weighs the same for life and ends in one cell: the hits say it all.
+    /// The hits determine them: every ray keeps the same weight, and ends in one cell.
     Hits,
     /// The device sums them.
     Device,
-    /// The device keeps a sum for each of several scrambles of Sobol's points.
+    /// The device keeps a sum for each of several scrambles of the Sobol points.
     Replicates,
 }
 
@@ -36,7 +36,7 @@ impl MomentSource {
         }
     }
 
-    /// What the device has to sum for them.
+    /// What the device has to sum.
     pub(crate) fn on_device(self) -> SecondMoments {
         match self {
             MomentSource::Nowhere | MomentSource::Hits => SecondMoments::None,
@@ -46,8 +46,8 @@ impl MomentSource {
     }
 }
 
-/// True where rays without weight hit detectors, as a table or a Harvey-Shack lobe leaves them, so that the number of hits
-/// says nothing of the error. Where squares would be many or dear, nobody sums them unasked.
+/// True where a table or a Harvey-Shack lobe leaves rays without weight, which hit detectors. The number of hits then
+/// says nothing about the error. False where squares would be many or expensive.
 fn hits_say_little(ir: &SceneIr) -> bool {
     const MOST_CELLS: usize = 1 << 22;
     let is_near = |detector: &Detector| {

@@ -1,4 +1,4 @@
-//! What is asked of a trace.
+//! The options of a trace.
 
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
@@ -12,19 +12,20 @@ use crate::result::RunInfo;
 pub struct TraceOptions {
     /// Rays to launch.
     pub num_rays: u64,
-    /// Number of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
+    /// Id of the first ray. Draws are keyed by ray ids, so that traces of disjoint ids add up.
     pub first_ray: u64,
-    /// The rays are a part, from `first_ray` on, of a trace of so many rays, which the sources share: each source gives
-    /// its own share of the part. Without it the sources share `num_rays` among themselves. For a single source both are
-    /// the same.
+    /// The number of rays of a larger trace, of which this trace is the part from `first_ray` on. The sources share the
+    /// larger trace, and each source gives its own share of the part. If `None`, the sources share `num_rays`. For a
+    /// single source, both are the same.
     pub of_rays: Option<u64>,
     /// Seed of every draw.
     pub seed: u64,
     /// Largest number of events of a ray. The default is Optiland's; the command takes [`depth::of_scene`].
     pub max_depth: u32,
-    /// Roulette starts below the larger of this and the scene's `rr_start_flux`, times the mean flux of a new ray.
+    /// Roulette starts below the larger of this value and the scene's `rr_start_flux`, times the mean flux of a new
+    /// ray.
     pub min_flux_fraction: f64,
-    /// Most rays per dispatch; chosen where not given. It never changes a result.
+    /// Most rays per dispatch; `None`: chosen automatically. The choice does not change a result.
     pub batch_size: Option<u32>,
     /// Precision of the physics.
     pub precision: Precision,
@@ -32,35 +33,35 @@ pub struct TraceOptions {
     pub paths: RecordPaths,
     /// Whether second moments are summed as well, so that results have standard errors.
     pub standard_error: StandardError,
-    /// The scene compiled in or in tables; chosen by its size where not given.
+    /// True: the scene is compiled in. False: it lies in tables. `None`: its size decides.
     pub baked: Option<bool>,
-    /// What the draws are.
+    /// The kind of random or quasi-random draws.
     pub sampler: Sampler,
-    /// A scene in tables is searched by a tree of boxes, or one primitive after the other; by a tree where not given.
+    /// True: a scene in tables is searched by a tree of boxes. False: one primitive after the other. `None`: by a tree.
     pub tree: Option<bool>,
-    /// The trace may be ended before its last ray: what pays only in a long one is begun late. It never changes a result.
+    /// The trace may be ended before its last ray. Work that pays only in a long trace is then begun late. No result
+    /// changes.
     pub may_end_early: bool,
     /// Invocations a workgroup.
     pub workgroup_size: u32,
     /// Events a ray goes through in registers before the survivors are compacted.
     pub events_per_dispatch: u32,
-    /// Whether arithmetic is strict: then a scene compiled in and the same in tables give the same bits.
+    /// Whether arithmetic is strict. With strict arithmetic, a scene gives the same bits compiled in and in tables.
     pub strict: Strict,
-    /// Sums are bound in parts of at most so many bytes; in the largest that the adapter binds where not given. It never
-    /// changes a result.
+    /// Most bytes of a part in which sums are bound; `None`: as many as the adapter binds. No result changes.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
 }
 
-/// Whether no floating-point operations are fused or reordered by the driver.
+/// Whether arithmetic is strict: the driver then neither fuses nor reorders floating-point operations.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Strict {
-    /// On processors, where it costs nothing and the device can be told; elsewhere not.
+    /// On for processors, where it costs nothing, if the device can be told. Off elsewhere.
     #[default]
     Auto,
-    /// Yes, or the trace is refused.
+    /// On; where that is impossible, the trace is refused.
     On,
-    /// No.
+    /// Off.
     Off,
 }
 
@@ -78,10 +79,14 @@ impl Strict {
 /// Whether second moments are summed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum StandardError {
-    /// Where they cost little: where a ray ends on every detector, in one cell. Spread over pixels, or come by several
-    /// times, a ray makes as many deposits again. And where hits tell nothing of the error and detectors end rays in few
-    /// cells: where surfaces scatter by a table or a Harvey-Shack lobe, which leave rays without weight. Of Sobol points
-    /// never: scrambled apart, they are spread less evenly.
+    /// Where second moments cost little, or where hits say nothing about the error. Never for Sobol points: independent
+    /// scrambles of them would be spread less evenly.
+    ///
+    /// They cost little where every detector ends a ray and takes it in one cell. A ray that is spread over pixels, or
+    /// that comes several times, makes as many deposits again.
+    ///
+    /// Hits say nothing about the error where surfaces scatter by a table or a Harvey-Shack lobe, which leave rays
+    /// without weight. Second moments are then summed if detectors end rays and have few cells.
     #[default]
     Auto,
     /// Always.
@@ -95,7 +100,7 @@ pub enum StandardError {
 pub enum RecordPaths {
     /// None.
     None,
-    /// About so many, chosen by a hash of the ray id.
+    /// About this many, chosen by a hash of the ray id.
     About(u64),
     /// All.
     All,
@@ -127,24 +132,24 @@ impl Default for TraceOptions {
 }
 
 impl TraceOptions {
-    /// With the work cut as suits an adapter.
+    /// The same options, with work cut as suits an adapter.
     pub fn tuned(self, adapter: &AdapterInfo) -> Self {
         let Tuning { workgroup_size, events_per_dispatch } = Tuning::of(adapter);
         TraceOptions { workgroup_size, events_per_dispatch, ..self }
     }
 
-    /// Rays that the sources share.
+    /// The number of rays that the sources share.
     pub(crate) fn budget(&self) -> u64 {
         self.of_rays.unwrap_or(self.num_rays)
     }
 
-    /// The driver and how it rounds: what decides over the last bits.
+    /// The driver, and whether it rounds strictly: both decide about the last bits.
     pub fn driver(&self, adapter: &AdapterInfo) -> String {
         let rounding = if self.strict.holds(adapter) { ", strict" } else { "" };
         format!("{}{rounding}", adapter.driver)
     }
 
-    /// What a result says of a trace with these options on an adapter.
+    /// What a result records about a trace with these options on an adapter.
     pub fn run_info(&self, adapter: &AdapterInfo) -> RunInfo {
         RunInfo {
             num_rays: self.num_rays,
@@ -163,7 +168,7 @@ impl TraceOptions {
 }
 
 impl RecordPaths {
-    /// As Optiland samples: the ray is recorded when its 32-bit hash is below n / num_rays of 2^32.
+    /// Optiland's rule: a ray is recorded if its 32-bit hash is below the share n / num_rays of 2^32.
     pub(crate) fn sampling(self, num_rays: u64) -> PathSampling {
         match self {
             RecordPaths::None | RecordPaths::About(0) => PathSampling::None,
@@ -177,10 +182,10 @@ impl RecordPaths {
     }
 }
 
-/// NumPy and Optiland keep ray ids in signed integers.
+/// The end of ray ids: NumPy and Optiland keep them in signed integers.
 const MAX_RAY_ID: u64 = 1 << 63;
 
-/// Refuses what no device could do, or what this one cannot.
+/// Refuses options that no device can fulfil, or that this device cannot.
 pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     let usage = |message: String| Err(Error::Usage(message));
     if options.num_rays == 0 {

@@ -1,8 +1,8 @@
-//! How fast a trace goes, and how long it will.
+//! How fast a trace is, and how long it will take.
 
 use std::time::Duration;
 
-/// What passes took.
+/// The rays and the time of all passes so far.
 #[derive(Debug, Default)]
 pub(crate) struct Pace {
     rays: u64,
@@ -10,7 +10,7 @@ pub(crate) struct Pace {
 }
 
 impl Pace {
-    /// Less time tells nothing.
+    /// The least time from which a rate can be estimated.
     const LEAST: Duration = Duration::from_millis(100);
 
     /// Takes note of a pass.
@@ -19,7 +19,7 @@ impl Pace {
         self.time += time;
     }
 
-    /// What so many rays will take, if that can be told yet \[s\].
+    /// The time that this many rays will take \[s\]; `None` if it cannot be estimated yet.
     pub(crate) fn seconds_for(&self, rays: u64) -> Option<f64> {
         (self.time >= Self::LEAST).then(|| self.time.as_secs_f64() / self.rays as f64 * rays as f64)
     }

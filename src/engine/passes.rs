@@ -1,4 +1,4 @@
-//! How long passes are, and what the time of one tells of the next.
+//! How long passes are, and what the time of one pass says about the next.
 
 use crate::engine::Engine;
 use crate::engine::limits::{MAX_COUNTS_PER_PASS, MAX_COUNTS_UNDRAINED, counts_per_ray};
@@ -6,32 +6,31 @@ use crate::error::Result;
 use std::time::{Duration, Instant};
 
 impl Engine<'_> {
-    /// Where a pass of so many rays ends that begins at a position.
+    /// The position where a pass of `pass_rays` rays ends, if it begins at `at`.
     pub(crate) fn end_of_pass(&self, at: u64, pass_rays: u64) -> u64 {
         let end = self.plan.num_rays.min(at + pass_rays);
         self.pause.filter(|pause| *pause > at).map_or(end, |pause| end.min(pause))
     }
 
-    /// So many rays that the next pass takes about as long as passes should, in ranges of at most `range_rays`, after a pass
-    /// of so many rays that took so long.
+    /// The rays of the next pass, such that it takes about as long as passes should. The last pass had `rays` rays and
+    /// took `elapsed`. Ranges have at most `range_rays` rays.
     pub(crate) fn next_pass_rays(&self, range_rays: u32, rays: u64, elapsed: Duration) -> u64 {
         let ratio = self.pass_time.as_secs_f64() / elapsed.as_secs_f64().max(1e-6);
         let dispatch = u64::from(range_rays);
         let wanted = (rays as f64 * ratio.min(4.0)) as u64;
         let most = MAX_COUNTS_PER_PASS / counts_per_ray(&self.plan.program);
-        // Rows for the host are fetched once a pass, and there is room for those of one dispatch.
+        // Rows for the host are fetched once a pass, and the buffer holds those of one dispatch.
         let limit = if self.device.keeps_rows() { dispatch } else { most.max(dispatch) };
         wanted.clamp(1, limit).next_multiple_of(dispatch).min(limit.max(dispatch))
     }
 
-    /// True if a pass of so many rays could make a counter overflow that is not drained before it.
+    /// True if a further pass of this many rays could make a counter overflow, unless the sums are drained first.
     pub(crate) fn may_overflow(&self, pass_rays: u64) -> bool {
         let counts = pass_rays * counts_per_ray(&self.plan.program);
         self.undrained.counts > MAX_COUNTS_UNDRAINED.saturating_sub(counts)
     }
 
-    /// Waits for a pass of so many rays in so many ranges, which began then, and learns from its time how large dispatches
-    /// should be.
+    /// Waits for a pass that began at `start`, and adapts the size of dispatches to the time it took.
     pub(crate) fn wait_for_pass(&mut self, rays: u64, num_ranges: usize, start: Instant) -> Result<()> {
         self.gpu.wait()?;
         self.first_end.get_or_insert_with(Instant::now);

@@ -1,7 +1,7 @@
-//! What is to be traced: the program, the rays of each source, and their places in the trace.
+//! What is to be traced: the program, the rays of each source, and their positions in the trace.
 //!
-//! Sources take turns: each pass takes the same share of every source's rays. What is done at any moment is so a fair sample
-//! of the scene. A position counts the rays of all sources, from 0 to their number.
+//! Sources take turns: each pass takes the same share of every source's rays. So the rays done at any moment are a fair
+//! sample of the scene. A position counts the rays of all sources, from 0 to their number.
 
 use crate::engine::budget::{SourceRays, distribute, part};
 use crate::engine::device::{Additions, DeviceState};
@@ -22,13 +22,13 @@ use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 pub(crate) struct Plan {
     pub(crate) options: TraceOptions,
     pub(crate) program: Program,
-    /// Those of each source.
+    /// The rays of each source.
     pub(crate) rays: Vec<SourceRays>,
-    /// Rays of all sources.
+    /// The number of rays of all sources.
     pub(crate) num_rays: u64,
     pub(crate) moments: MomentSource,
     limits: DispatchLimits,
-    /// Most rays of a dispatch: there is room for so many.
+    /// Most rays of a dispatch; buffers are made for this number.
     pub(crate) batch: u32,
 }
 
@@ -56,7 +56,8 @@ impl Draft {
         Ok(Draft { options: options.clone(), rays, moments, program })
     }
 
-    /// Composes the program, with an extension. `edit` changes the composed text, and `limits` says how large its dispatches should be.
+    /// Composes the program, with an extension. `edit` changes the composed text. `limits` sets how large dispatches
+    /// should be.
     pub(crate) fn compose(
         self,
         gpu: &Gpu,
@@ -91,7 +92,7 @@ fn plain(
 ) -> ProgramOptions {
     let primitives = ir.surfaces.len() + ir.detectors.len();
     let events_per_dispatch = match moments {
-        // A ray's crossings are known to the invocation that traces it alone.
+        // Only the invocation that traces a ray knows the ray's crossings of detectors.
         MomentSource::Device if ir.detectors.iter().any(|detector| !detector.absorb) => options.max_depth,
         _ => options.events_per_dispatch.min(options.max_depth),
     };
@@ -123,18 +124,18 @@ impl Plan {
         DeviceState::new(gpu, &self.program, self.batch, is_strict, additions)
     }
 
-    /// Rays of a dispatch, before any was timed.
+    /// The size of dispatches, before any was timed.
     pub(crate) fn dispatch_size(&self) -> DispatchSize {
         let Plan { program, limits, batch, .. } = self;
         DispatchSize::new(*batch, limits.least_rays(program), counts_per_ray(program))
     }
 
-    /// Rays that are done at a position.
+    /// The number of rays done at a position.
     pub(crate) fn done(&self, position: u64) -> u64 {
         self.rays.iter().map(|rays| rays.done(position, self.num_rays)).sum()
     }
 
-    /// Ids of the rays that are done at a position.
+    /// The ids of the rays done at a position.
     fn rays_done(&self, position: u64) -> RaySet {
         let mut set = RaySet::default();
         for (source, rays) in (0..).zip(&self.rays) {
@@ -143,7 +144,7 @@ impl Plan {
         set
     }
 
-    /// Where a trace goes on that has come as far as `begun`.
+    /// The position from which a trace goes on that has come as far as `begun`.
     pub(crate) fn position_after(&self, begun: &Tally) -> Result<u64> {
         let (mut low, mut high) = (0, self.num_rays);
         while low < high {
@@ -156,8 +157,8 @@ impl Plan {
         Err(Error::Usage("the rays that were traced before are not the first rays of this trace".into()))
     }
 
-    /// Ranges of one dispatch each, of one source, from position `first` to `end`. `reached` is a bit for each primitive
-    /// that rays are known to have reached.
+    /// The ranges of one dispatch and one source each, from position `first` to `end`. `reached` has a bit for each
+    /// primitive that rays are known to have reached.
     pub(crate) fn ranges(&self, first: u64, end: u64, most: u32, reached: u32) -> Vec<RayRange> {
         let mut ranges = Vec::new();
         for (source, rays) in self.rays.iter().enumerate() {
@@ -172,7 +173,7 @@ impl Plan {
         ranges
     }
 
-    /// What a range is born with.
+    /// The count and flux of a range's new rays.
     pub(crate) fn births(&self, range: &RayRange) -> FluxSum {
         let quanta = self.birth_quanta(range.source);
         FluxSum { count: u64::from(range.count), quanta: quanta * u128::from(range.count) }
@@ -184,7 +185,7 @@ impl Plan {
         (weight * QUANTA_PER_WEIGHT).floor() as u128
     }
 
-    /// Dispatches until no ray can be left.
+    /// Dispatches after which no ray can be left.
     pub(crate) fn num_rounds(&self) -> usize {
         self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
     }
@@ -195,7 +196,7 @@ impl Plan {
         cells.reached_marks(features, options.baked)
     }
 
-    /// What counts tell beside themselves.
+    /// What counts determine, beside themselves.
     pub(crate) fn counted(&self) -> Counted {
         let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
         Counted {
@@ -205,7 +206,7 @@ impl Plan {
     }
 }
 
-/// What a ray that has kept its weight adds to the second moments; rounded up, as the device does it.
+/// The square that a ray of unchanged weight adds to the second moments, rounded up as on the device.
 fn square_of_birth_weight(weight: f64, precision: Precision) -> u128 {
     let weight = precision.nearest(weight);
     (precision.nearest(weight * weight) * QUANTA_PER_WEIGHT).ceil() as u128

@@ -1,4 +1,4 @@
-//! From a scene and options to an engine that is ready to trace.
+//! Turns a scene and options into an engine that is ready to trace.
 
 use crate::engine::Engine;
 use crate::engine::options::TraceOptions;

@@ -1,4 +1,4 @@
-//! How fast the adapter does arithmetic: measured, because a name tells nothing.
+//! How fast the adapter does arithmetic. The rates are measured, because the adapter's name does not determine them.
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;

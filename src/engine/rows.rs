@@ -8,15 +8,15 @@ use crate::program::layout::records::StructLayout;
 use crate::program::{Precision, RayRange, Splitting, df64, events};
 use crate::result::{PathEvent, PathEventKind, RayRow, Recorded, Recording, Tally};
 
-/// Rows that no tally has yet.
+/// Rows that are not yet in a tally.
 #[derive(Default)]
 pub(crate) struct Rows {
     events: Vec<DeviceEvent>,
-    /// One for each source, where rows are recorded instead of tallied.
+    /// One recording per source, where rows are recorded instead of tallied.
     recordings: Vec<Recording>,
 }
 
-/// A row as the device wrote it; positions are relative to the scene's centre.
+/// A row as the device wrote it. Positions are relative to the scene's centre.
 struct DeviceEvent {
     kind: u32,
     subject: u32,
@@ -24,12 +24,12 @@ struct DeviceEvent {
 }
 
 impl Rows {
-    /// Gives the rows that are fetched from now on to recordings, one for each of so many sources.
+    /// From now on, fetched rows go to recordings, one for each source.
     pub(crate) fn record_to(&mut self, num_sources: usize, recording: impl Fn() -> Recording) {
         self.recordings = (0..num_sources).map(|_| recording()).collect();
     }
 
-    /// What was recorded, sources in order; none without [`Rows::record_to`].
+    /// The recorded rows, with sources in order; `None` without [`Rows::record_to`].
     pub(crate) fn take_recorded(&mut self) -> Result<Option<Recorded>> {
         let mut parts = std::mem::take(&mut self.recordings).into_iter();
         let Some(mut all) = parts.next() else { return Ok(None) };
@@ -37,7 +37,7 @@ impl Rows {
         Ok(Some(all.finish()))
     }
 
-    /// Takes the rows of a range that a device has traced, if it keeps some.
+    /// Fetches the rows of a range that a device has traced, if the device keeps rows.
     pub(crate) fn fetch(&mut self, device: &DeviceState, plan: &Plan, range: &RayRange) -> Result<()> {
         let Some(buffer) = &device.events else { return Ok(()) };
         let (gpu, device_counts) = (&device.gpu, &device.counts);
@@ -61,7 +61,7 @@ impl Rows {
         Ok(())
     }
 
-    /// Moves all to a tally.
+    /// Moves all rows to a tally.
     pub(crate) fn drain(&mut self, tally: &mut Tally) {
         for event in self.events.drain(..) {
             match event.path_event() {
@@ -72,7 +72,7 @@ impl Rows {
     }
 }
 
-/// Reads the rows of the range that began at ray `first`.
+/// A function that decodes the rows of the range that began at ray `first`.
 fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
     let at = |field: &str| layout.offset(field);
     let [kind, subject, index, bounce, wavelength] =
@@ -106,7 +106,7 @@ fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u
 }
 
 impl DeviceEvent {
-    /// An event of a path; none if the row is one of a ray database.
+    /// The event of a path; `None` if the row belongs to a ray database.
     fn path_event(&self) -> Option<PathEvent> {
         let index = self.subject as usize;
         let kind = match (self.kind, self.subject) {

@@ -1,7 +1,7 @@
-//! What of a trace may be done otherwise on some adapters: the seam between the engine and its fast paths.
+//! The seam between the engine and its fast paths: what may be done otherwise on some adapters.
 //!
-//! [`Plain`] is the complete way, and right everywhere. Another strategy overrides some of these methods; what it does not
-//! override is done in the plain way. No strategy changes a bit of a result.
+//! [`Plain`] is the complete way, and right everywhere. Another strategy overrides some of these methods. A method that
+//! is not overridden works in the plain way. No strategy changes a bit of a result.
 
 use crate::engine::Engine;
 use crate::engine::device::{Additions, DeviceState};
@@ -17,13 +17,13 @@ use crate::result::Tally;
 
 /// How a trace is done, in the order in which the engine asks.
 pub(crate) trait Strategy {
-    /// Whether it can trace a scene with all that these options ask for. Where it cannot, the plain strategy traces: so that
-    /// no feature has to be written twice.
+    /// True if the strategy can trace a scene with all that these options ask for. If not, the plain strategy traces
+    /// the scene. So no feature has to be written twice.
     fn takes(&self, _ir: &SceneIr, _options: &TraceOptions) -> bool {
         true
     }
 
-    /// Changes how the program is to be composed, before it is, and gives what is to be added to it.
+    /// Changes the options of the program before it is composed, and returns what is to be added to the program.
     fn specialise(
         &mut self,
         _gpu: &Gpu,
@@ -39,15 +39,15 @@ pub(crate) trait Strategy {
         DispatchLimits::of(program)
     }
 
-    /// What the program needs of a device beside what the engine gives it.
+    /// The buffers and stages that the program needs on a device, beside the engine's own.
     fn open(&mut self, _gpu: &Gpu, _plan: &Plan) -> Result<Additions> {
         Ok(Additions::default())
     }
 
-    /// Begins a trace: forgets what one before it has left that failed half-way.
+    /// Begins a trace: discards what an earlier trace left that failed half-way.
     fn begin(&mut self) {}
 
-    /// Most rays of the ranges of a pass.
+    /// The largest number of rays in a range of a pass.
     fn range_rays(&self, engine: &Engine) -> u32 {
         engine.size.rays()
     }
@@ -55,12 +55,13 @@ pub(crate) trait Strategy {
     /// Traces a range into the device's sums.
     fn trace(&mut self, engine: &mut Engine, range: &RayRange) -> Result<()>;
 
-    /// True if it keeps the device busy from one pass to the next, so that no pass is waited for.
+    /// True if the strategy keeps the device busy from one pass to the next. The engine then waits for no pass.
     fn keeps_busy(&self) -> bool {
         false
     }
 
-    /// Prepares for the rays that are left, which will take so long, if that can be told yet \[s\].
+    /// Prepares for the rays that are left. `seconds_left` is the time they will take \[s\], if it can be estimated
+    /// yet.
     fn look_ahead(
         &mut self,
         _engine: &mut Engine,
@@ -70,25 +71,26 @@ pub(crate) trait Strategy {
         Ok(())
     }
 
-    /// Ends what passes have left under way.
+    /// Finishes the work that passes have left under way.
     fn settle(&mut self, _engine: &mut Engine) -> Result<()> {
         Ok(())
     }
 
-    /// Adds what lies outside the sums of the devices.
+    /// Adds to a tally what lies outside the sums of the devices.
     fn drain(&mut self, _engine: &Engine, _tally: &mut Tally) -> Result<()> {
         Ok(())
     }
 
-    /// Devices that it has opened beside the engine's. They are drained alike.
+    /// The devices that the strategy has opened beside the engine's. All are drained in the same way.
     fn devices(&self) -> &[DeviceState] {
         &[]
     }
 
-    /// Traces on the engine's device alone from now on.
+    /// From now on, traces on the engine's device alone.
     fn keep_one_device(&mut self) {}
 
-    /// Of each stage of a path, how many rays of this trace were to keep to the path, and how many of these did not.
+    /// For each stage of a path: how many rays of this trace were traced along the path, and how many of them were
+    /// rejected.
     fn num_along_paths(&self) -> Vec<[u64; 2]> {
         Vec::new()
     }

@@ -12,18 +12,18 @@ use crate::program::{Program, RayRange};
 /// How a device traces a range.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Way {
-    /// The number of the bind group that holds what a strategy adds.
+    /// The number of the bind group that holds the strategy's buffers.
     pub(crate) group: usize,
-    /// The number of a stage that a strategy has added; none for the plain stages.
+    /// The number of a stage that a strategy has added; `None` for the plain stages.
     pub(crate) added: Option<usize>,
     /// Rays that an invocation of the first stage follows.
     pub(crate) rays_per_invocation: u32,
 }
 
-/// A dispatch that is under way.
+/// A dispatch that has been submitted.
 pub(crate) struct Submitted {
     pub(crate) index: wgpu::SubmissionIndex,
-    /// Its first stage had never been dispatched on its device.
+    /// True if the first stage had never before been dispatched on its device.
     pub(crate) is_first: bool,
 }
 
@@ -38,12 +38,12 @@ struct Stage<'a> {
 #[derive(Clone, Copy)]
 enum Workgroups<'a> {
     Of([u32; 3]),
-    /// As many as the device has counted.
+    /// The device has counted them in this buffer.
     Counted(&'a wgpu::Buffer),
 }
 
-/// All stages of a dispatch, in their order: one that follows new rays through their first events, then again and again two
-/// that follow the survivors, until none can be left.
+/// All stages of a dispatch, in their order. The first stage follows new rays through their first events. Then two
+/// stages take turns and follow the survivors, until no ray can be left.
 fn stages<'d>(
     device: &'d DeviceState,
     plan: &Plan,
@@ -58,7 +58,7 @@ fn stages<'d>(
         groups: [Some(scene), Some(&device.queues[0])],
         workgroups: Workgroups::Of(workgroups),
     }];
-    // A stage that was added follows its rays to their end.
+    // An added stage follows its rays to their end.
     let Some(rounds) = device.rounds.as_ref().filter(|_| way.added.is_none()) else { return Ok(stages) };
     for round in 1..plan.num_rounds() {
         stages.push(Stage {
@@ -78,7 +78,7 @@ fn stages<'d>(
 }
 
 impl Way {
-    /// The plain stages, with the buffers of such a group.
+    /// The plain stages, with the buffers of this group.
     pub(crate) fn plain(program: &Program, group: usize) -> Self {
         let rays_per_invocation = program.options.rays_per_invocation(&program.features);
         Way { group, added: None, rays_per_invocation }
@@ -93,8 +93,8 @@ impl Engine<'_> {
         self.end_dispatch(None)
     }
 
-    /// Takes the times of a dispatch that was submitted to another device, or else the engine's, where stages are timed; and
-    /// fails if the device has.
+    /// Collects the times of a dispatch where stages are timed, and fails if the device has failed. The device is
+    /// `other`, or else the engine's.
     pub(crate) fn end_dispatch(&mut self, other: Option<&DeviceState>) -> Result<()> {
         let gpu = &other.unwrap_or(&self.device).gpu;
         if let Some(profile) = &mut self.profile {
@@ -103,7 +103,7 @@ impl Engine<'_> {
         gpu.check()
     }
 
-    /// Submits a range to another device, or else the engine's.
+    /// Submits a range to the device `other`, or else to the engine's.
     pub(crate) fn submit_to(
         &mut self,
         other: Option<&DeviceState>,
@@ -124,7 +124,8 @@ impl Engine<'_> {
         Ok(Submitted { index, is_first })
     }
 
-    /// Submits the stages of a range with no workgroups, as if the range began at ray 0, unless its first stage has begun.
+    /// Submits the stages of a range with no workgroups, as if the range began at ray 0. Nothing is done if the first
+    /// stage has run before.
     pub(crate) fn prime(&self, other: Option<&DeviceState>, way: Way, range: &RayRange) -> Result<()> {
         let device = other.unwrap_or(&self.device);
         if device.first_stage(&self.plan.program, way.added)?.has_begun.get() {
@@ -137,7 +138,7 @@ impl Engine<'_> {
     }
 }
 
-/// Tells a device which rays its next dispatch traces.
+/// Writes to a device which rays its next dispatch traces.
 fn write_range(device: &DeviceState, program: &Program, range: &RayRange) -> Result<()> {
     let queue = &device.gpu.queue;
     if let Some(source) = program.source_uniforms.get(range.source) {
@@ -160,7 +161,7 @@ impl Stage<'_> {
     }
 }
 
-/// Submits stages, so many at once, to be timed or not; gives the last submission.
+/// Submits stages, `per_submission` at a time, timed if there is a profile. Returns the last submission.
 fn submit(
     gpu: &Gpu,
     stages: &[Stage],

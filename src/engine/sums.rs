@@ -1,6 +1,6 @@
-//! The exact sums of a trace on the device (`shaders/sums/sums*.wgsl`): their buffers, and how they are read back.
+//! The exact sums of a trace on the device (`shaders/sums/sums*.wgsl`): buffers, and how they are read back.
 //!
-//! Few cells of a large map are lit: those that are zero are passed over, so that memory for them is never touched.
+//! Cells that are zero are left out, so that memory for them is never touched: few cells of a large map are lit.
 
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -39,7 +39,7 @@ impl DeviceSums {
         self.parts.iter().for_each(|part| encoder.clear_buffer(part, 0, None));
     }
 
-    /// Hands over what the buffer adds to its cells: (cell, value); zeros are left out.
+    /// Passes what the buffer adds to its cells to `add`, as (cell, value). Zeros are left out.
     ///
     /// # Errors
     /// [`crate::Error::Device`] if the device fails.
@@ -54,7 +54,7 @@ impl DeviceSums {
         Ok(())
     }
 
-    /// One element of 32 bits.
+    /// Reads one element of 32 bits.
     ///
     /// # Errors
     /// [`crate::Error::Device`] if the device fails.

@@ -1,4 +1,5 @@
-//! What suits an adapter: found out by `nsq-gpu bench --tune`, and kept in the user's cache. It never changes a result.
+//! How work is cut for an adapter. `nsq-gpu bench --tune` measures what suits the adapter, and keeps it in the user's
+//! cache. No tuning changes a result.
 
 use crate::error::{Error, Result};
 use crate::folders::Folder;
@@ -12,7 +13,7 @@ use std::path::PathBuf;
 pub struct Tuning {
     /// Invocations a workgroup.
     pub workgroup_size: u32,
-    /// Events a ray goes through in registers before the survivors are compacted.
+    /// Events that a ray goes through in registers before the survivors are compacted.
     pub events_per_dispatch: u32,
 }
 
@@ -27,7 +28,7 @@ pub const WORKGROUP_SIZES: [u32; 3] = [32, 64, 128];
 /// See [`WORKGROUP_SIZES`].
 pub const EVENTS_PER_DISPATCH: [u32; 3] = [4, 16, 64];
 
-/// What was found out about one adapter with one driver.
+/// The tuning measured for one adapter with one driver.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Found {
     adapter: String,
@@ -36,8 +37,9 @@ struct Found {
 }
 
 impl Tuning {
-    /// What is taken for an adapter about which nothing was found out. Lavapipe allocates memory for each workgroup, so
-    /// processors do better with fewer of them; and it writes survivors down lane by lane, so with more events as well.
+    /// The tuning of an adapter that was not measured. Lavapipe allocates memory for each workgroup, so processors do
+    /// better with fewer workgroups. Lavapipe also writes survivors lane by lane, so processors do better with more
+    /// events a dispatch.
     pub fn untuned(adapter: &AdapterInfo) -> Self {
         if adapter.class.emulates_lanes() {
             Tuning { workgroup_size: 128, events_per_dispatch: 64 }
@@ -46,10 +48,10 @@ impl Tuning {
         }
     }
 
-    /// What was found out about an adapter; [`Tuning::untuned`] if nothing was, or the file cannot be read.
+    /// The tuning measured for an adapter. If none was measured, or the file cannot be read: [`Tuning::untuned`].
     pub fn of(adapter: &AdapterInfo) -> Self {
         let found = known().into_iter().find(|found| found.is_of(adapter)).map(|found| found.tuning);
-        // A file may have been edited.
+        // The user may have edited the file.
         let is_offered = |tuning: &Tuning| {
             WORKGROUP_SIZES.contains(&tuning.workgroup_size)
                 && EVENTS_PER_DISPATCH.contains(&tuning.events_per_dispatch)
@@ -57,10 +59,10 @@ impl Tuning {
         found.filter(is_offered).unwrap_or_else(|| Self::untuned(adapter))
     }
 
-    /// Keeps it for an adapter, and tells where.
+    /// Keeps the tuning for an adapter, and returns the path of the file.
     ///
     /// # Errors
-    /// [`Error::File`] if the file cannot be written, [`Error::Usage`] if the user has no folder for caches.
+    /// [`Error::File`] if the file cannot be written; [`Error::Usage`] if the user has no folder for caches.
     pub fn keep(self, adapter: &AdapterInfo) -> Result<PathBuf> {
         let path = path().ok_or_else(|| {
             Error::Usage("there is no folder for caches: set XDG_CACHE_HOME or HOME".to_string())

@@ -1,4 +1,4 @@
-//! What passes have launched since the sums were drained.
+//! The rays that passes have launched since the sums were drained.
 
 use crate::engine::limits::counts_per_ray;
 use crate::engine::plan::Plan;
@@ -6,20 +6,20 @@ use crate::model::SceneIr;
 use crate::program::RayRange;
 use crate::result::{DetectorTally, FluxSum, RaySet, RaySpan, SurfaceTally, Tally};
 
-/// What was launched since the sums were drained.
+/// The rays launched since the sums were drained.
 #[derive(Debug, Default)]
 pub(crate) struct Undrained {
     pub(super) launched: FluxSum,
     pub(super) rays: RaySet,
-    /// So much at most any counter has counted.
+    /// An upper bound of every counter.
     pub(crate) counts: u64,
     num_passes: u64,
-    /// Primitives that rays have reached, a bit each, as far as the devices were asked.
+    /// The primitives that rays have reached, a bit each, as far as the devices were asked.
     pub(crate) reached: u32,
 }
 
 impl Undrained {
-    /// Takes note of a range.
+    /// Adds a range.
     pub(crate) fn launch(&mut self, plan: &Plan, range: &RayRange) {
         let (count, source) = (u64::from(range.count), range.source as u32);
         self.launched += plan.births(range);
@@ -27,15 +27,15 @@ impl Undrained {
         self.counts += count * counts_per_ray(&plan.program);
     }
 
-    /// Takes note of a pass; true if the devices should be asked now. To ask waits for a device, which a strategy may keep
-    /// busy from one pass to the next.
+    /// Counts a pass. True if the devices should be asked now which primitives were reached. Asking waits for a device,
+    /// which a strategy may keep busy from one pass to the next; so the answer is true ever more rarely.
     pub(crate) fn end_pass(&mut self) -> bool {
         self.num_passes += 1;
         self.num_passes.is_power_of_two()
     }
 }
 
-/// A tally of no rays, in the scene's shape.
+/// A tally without rays, in the scene's shape.
 pub(crate) fn empty_tally(ir: &SceneIr) -> Tally {
     let detectors = ir.detectors.iter().map(|detector| DetectorTally {
         quanta: vec![0; detector.num_cells()],

@@ -1,8 +1,9 @@
-//! The whole trace. It runs in passes, each of which takes its share of every source's rays, in ranges of one dispatch each.
+//! The whole trace. A trace runs in passes. Each pass takes its share of every source's rays, in ranges of one dispatch
+//! each.
 //!
-//! A pass is a pure function of its rays: draws are keyed by the ray's id, and sums are integers. So the sum over passes does
-//! not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and checkpoints are callers of the
-//! loop: after each pass they may ask for all that was summed up so far ([`Progress`]).
+//! A pass is a pure function of its rays, because draws are keyed by the ray's id and sums are integers. So the sum
+//! over passes does not depend on how the rays were cut into ranges. Progress, interruption, limits, targets and
+//! checkpoints are callers of the loop. After each pass they may ask for the sums so far ([`Progress`]).
 
 use crate::engine::Engine;
 use crate::engine::drain::{discard, drain};
@@ -12,8 +13,8 @@ use crate::error::Result;
 use crate::result::{Tally, check_shape};
 use std::time::{Duration, Instant};
 
-/// Traces the rays that `begun` lacks, and gives the sum of all. After each pass `keep_going` is shown the progress, and
-/// stops the trace by returning false.
+/// Traces the rays that `begun` lacks, and returns the sum of all rays. After each pass, `keep_going` gets the
+/// progress, and stops the trace by returning false.
 pub(crate) fn trace<'a>(
     engine: &mut Engine<'a>,
     strategy: &mut dyn Strategy,
@@ -30,7 +31,7 @@ pub(crate) fn trace<'a>(
     while at < num_rays {
         let end = engine.end_of_pass(at, pass_rays);
         let time = trace_pass(engine, strategy, at, end)?;
-        // A pass in which a driver compiled tells nothing of others.
+        // The time of a pass in which a driver compiled says nothing about other passes.
         if !std::mem::take(&mut engine.is_compiling) {
             pace.note(end - at, time);
             pass_rays = engine.next_pass_rays(strategy.range_rays(engine), end - at, time);
@@ -54,7 +55,7 @@ pub(crate) fn trace<'a>(
     Ok(tally)
 }
 
-/// Traces from one position to another into the devices' sums, and gives the time that it took.
+/// Traces from one position to another into the devices' sums, and returns the time taken.
 fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end: u64) -> Result<Duration> {
     let start = Instant::now();
     let ranges = engine.plan.ranges(first, end, strategy.range_rays(engine), engine.undrained.reached);
@@ -73,13 +74,13 @@ fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end:
     Ok(start.elapsed())
 }
 
-/// How far a trace is, after a pass.
+/// How far a trace has come, after a pass.
 pub struct Progress<'t, 'a> {
-    /// Rays done, those included that the trace began with.
+    /// Rays done, including those that the trace began with.
     pub done: u64,
     /// Rays in all.
     pub num_rays: u64,
-    /// Time since the trace began, or was taken up again.
+    /// Time since the trace began or was resumed.
     pub elapsed: Duration,
     position: u64,
     engine: &'t mut Engine<'a>,
@@ -88,7 +89,7 @@ pub struct Progress<'t, 'a> {
 }
 
 impl Progress<'_, '_> {
-    /// The sums of all rays so far. The device's sums are fetched for it, once a pass.
+    /// The sums of all rays so far. They are fetched from the device, at most once a pass.
     ///
     /// # Errors
     /// [`crate::Error::Device`] if the device fails.
@@ -99,7 +100,7 @@ impl Progress<'_, '_> {
         Ok(self.tally)
     }
 
-    /// Where the trace is between 0 and `num_rays`; for a single source, the rays done.
+    /// The position of the trace, between 0 and `num_rays`. For a single source this is the number of rays done.
     pub fn position(&self) -> u64 {
         self.position
     }

@@ -8,37 +8,37 @@ use std::sync::{Arc, Mutex, OnceLock};
 /// How to choose an adapter.
 #[derive(Debug, Clone, Default)]
 pub struct AdapterChoice {
-    /// Part of the adapter's name, in any case; the best of all where not given.
+    /// Part of the adapter's name, in upper or lower case. `None` chooses the best of all.
     pub name: Option<String>,
-    /// Native features of the device may be used. Off: the portable baseline, the same bits.
+    /// Whether native features of the device may be used. Without them, the portable baseline gives the same bits.
     pub native: Native,
-    /// The compiler's bounds checks and loop bounding in shaders: on in tests, off where speed counts.
+    /// The compiler's bounds checks and loop bounding in shaders. They are on in tests, and off where speed counts.
     pub runtime_checks: bool,
-    /// Which ways to trace; the same bits where arithmetic is strict.
+    /// Which ways to trace. All ways give the same bits where arithmetic is strict.
     pub ways: Ways,
 }
 
 /// Which ways to trace: where sums are added, in what memory tables lie, how many rays an invocation follows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Ways {
-    /// Those that suit the adapter's kind.
+    /// The ways that suit the adapter's kind.
     #[default]
     OfItsKind,
-    /// Those of graphics processors, whatever the adapter is: for tests where none is at hand.
+    /// The ways of graphics processors, on any adapter: for tests on machines without one.
     OfGraphicsProcessors,
 }
 
 /// Whether optional features of the device are used.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Native {
-    /// Whatever the device has.
+    /// All that the device has.
     #[default]
     Allowed,
-    /// None of them: plain WebGPU.
+    /// No optional features: plain WebGPU.
     Off,
 }
 
-/// What is known of an adapter.
+/// The properties of an adapter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AdapterInfo {
     /// The adapter's name.
@@ -49,54 +49,54 @@ pub struct AdapterInfo {
     pub backend: String,
     /// Discrete GPU, integrated GPU, CPU.
     pub kind: String,
-    /// What it computes on: how it is treated follows from that.
+    /// What the adapter computes on: how it is treated follows from that.
     pub class: AdapterClass,
-    /// 64-bit floats in shaders.
+    /// True if shaders have 64-bit floats.
     pub f64: bool,
-    /// 64-bit integers and their atomics in shaders.
+    /// True if shaders have 64-bit integers and their atomics.
     pub int64: bool,
     /// Largest storage buffer binding \[bytes\].
     pub max_binding_size: u64,
-    /// It takes SPIR-V, in which arithmetic can be strict (`gpu::strict`).
+    /// True if the adapter takes SPIR-V, in which arithmetic can be strict (`gpu::strict`).
     pub strict: bool,
 }
 
 impl AdapterInfo {
-    /// True if it is reached by Vulkan.
+    /// True if the adapter is reached by Vulkan.
     pub fn is_vulkan(&self) -> bool {
         self.backend == wgpu::Backend::Vulkan.to_string()
     }
 }
 
-/// An open device; a clone is another handle of it.
+/// An open device. A clone is another handle of the same device.
 #[derive(Debug, Clone)]
 pub struct Gpu {
     /// The device.
     pub device: wgpu::Device,
-    /// Its queue.
+    /// The device's queue.
     pub queue: wgpu::Queue,
-    /// The adapter it was opened on.
+    /// The adapter on which the device was opened.
     pub info: AdapterInfo,
-    /// 64-bit floats are enabled.
+    /// True if 64-bit floats are enabled.
     pub f64: bool,
-    /// 64-bit integers and their atomics are enabled.
+    /// True if 64-bit integers and their atomics are enabled.
     pub int64: bool,
-    /// Lanes of a subgroup, a multiple of 4, where they are known to be neighbours in their workgroup: on lavapipe.
-    /// Elsewhere 1.
+    /// Lanes of a subgroup, a multiple of 4, where they are known to be neighbours in their workgroup. That holds on
+    /// lavapipe; elsewhere the number is 1.
     pub lanes: u32,
-    /// Bounds checks in shaders.
+    /// True if shaders check bounds.
     pub runtime_checks: bool,
-    /// What it was opened with.
+    /// The adapter as wgpu knows it.
     adapter: wgpu::Adapter,
     choice: AdapterChoice,
     failure: Arc<Mutex<Option<String>>>,
-    /// What the test of double-word arithmetic said, once it was asked.
+    /// The result of the test of double-word arithmetic, after its first run.
     pub(crate) df64: OnceLock<Result<()>>,
 }
 
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-    // wgpu's own check of every indirect dispatch costs a dispatch each; our counts come from our own shader.
+    // wgpu's own check of an indirect dispatch costs one more dispatch each time. Our counts come from our own shader.
     descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
     wgpu::Instance::new(descriptor)
 }
@@ -122,14 +122,15 @@ fn int64_features() -> wgpu::Features {
     wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS
 }
 
-/// Invocations of every subgroup, a multiple of 4; 1 if there is no such number.
+/// Invocations of every subgroup, if that number is fixed and a multiple of 4; else 1.
 fn subgroup_size(adapter: &wgpu::Adapter) -> u32 {
     let info = adapter.get_info();
     let (least, most) = (info.subgroup_min_size, info.subgroup_max_size);
     if least == most && least.is_multiple_of(4) { least.max(1) } else { 1 }
 }
 
-/// The adapters that can compute, best first: discrete, integrated, virtual, then software; of one kind those with `f64`.
+/// The adapters that can compute, best first: discrete, integrated, virtual, then software. Within a kind, adapters
+/// with `f64` come first.
 fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     adapters.retain(|a| a.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS));
@@ -158,7 +159,7 @@ impl Gpu {
     /// Opens the best adapter that fits.
     ///
     /// # Errors
-    /// [`Error::NoAdapter`] if there is none, with what is there and how to get one.
+    /// [`Error::NoAdapter`] if none fits. The message lists the adapters that exist, and how to get one.
     pub fn open(choice: &AdapterChoice) -> Result<Self> {
         let adapters = adapters(&instance());
         if adapters.is_empty() {
@@ -174,7 +175,8 @@ impl Gpu {
         Self::from_adapter(adapter, choice)
     }
 
-    /// The same adapter once more, as a device of its own: what one compiles and runs does not wait for the other.
+    /// Opens the same adapter once more, as a device of its own. What one device compiles and runs does not wait for
+    /// the other.
     ///
     /// # Errors
     /// [`Error::NoAdapter`] if the adapter gives no more devices.
@@ -189,7 +191,7 @@ impl Gpu {
         }
         let native = choice.native == Native::Allowed;
         let mut features = wgpu::Features::empty();
-        // 64-bit floats are a tier of their own, not a shortcut: they stay with native features off.
+        // 64-bit floats are enabled even without native features, because f64 is a tier of its own and no shortcut.
         if info.f64 {
             features |= wgpu::Features::SHADER_F64;
         }
@@ -239,13 +241,14 @@ impl Gpu {
         Ok(Gpu { device, queue, info, f64, int64, lanes, runtime_checks, adapter, choice, failure, df64 })
     }
 
-    /// Most lanes of the driver's vectors. Where a driver may be told how many there are, as lavapipe is by the environment,
-    /// its cache of compiled shaders does not ask for it: so the text of shaders has to differ with it.
+    /// The greatest number of lanes of the driver's vectors. The text of shaders must differ with this number. Some
+    /// drivers take the number from the environment, as lavapipe does, but ignore it when they look for a compiled
+    /// shader in their cache.
     pub fn vector_lanes(&self) -> u32 {
         self.adapter.get_info().subgroup_max_size
     }
 
-    /// True if the host can read what a dispatch wrote where it lies.
+    /// True if the host can read a dispatch's output in place.
     pub fn has_shared_memory(&self) -> bool {
         self.device.features().contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS)
     }
@@ -273,7 +276,7 @@ impl Gpu {
     }
 }
 
-/// Keeps the first failure: what follows is its consequence.
+/// Keeps the first failure, because later failures are its consequences.
 fn note(failure: &Mutex<Option<String>>, message: String) {
     failure.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(message);
 }

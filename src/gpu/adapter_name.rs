@@ -1,6 +1,7 @@
 //! The names of adapters.
 
-/// The name of an adapter without the width of lavapipe's vectors, which is no part of what it is.
+/// The name of an adapter without the width of lavapipe's vectors: the width depends on settings, and the adapter is
+/// the same.
 pub fn without_width(name: &str) -> String {
     let is_width = |part: &str| part.strip_suffix(" bits").is_some_and(|bits| bits.parse::<u32>().is_ok());
     let last = name.strip_suffix(')').and_then(|open| open.rsplit_once(", "));

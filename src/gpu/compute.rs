@@ -7,9 +7,9 @@ use wgpu::util::DeviceExt;
 /// One variable of a module's bind groups.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Binding {
-    /// Bind group.
+    /// The bind group.
     pub group: u32,
-    /// Number in the group.
+    /// The number in the group.
     pub number: u32,
     /// How shaders use it.
     pub access: Access,
@@ -44,8 +44,8 @@ impl Access {
     }
 }
 
-/// The buffers and images that a module declares. A buffer that stages declare under several names, as unlike types,
-/// counts once.
+/// The buffers and images that a module declares. Stages may declare one buffer under several names, with different
+/// types; such a buffer counts once.
 pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     let mut bindings: Vec<Binding> = module
         .global_variables
@@ -69,7 +69,7 @@ pub fn bindings_of(module: &naga::Module) -> Vec<Binding> {
     bindings
 }
 
-/// Bytes that are read back at once: what lies in memory twice is small, and stays in a processor's caches.
+/// Bytes that are read back at once. Data in transit lies in memory twice; a small block stays in a processor's caches.
 const READ_BLOCK: u64 = 16 << 20;
 
 /// Bytes of a texel of a table: four words.
@@ -79,7 +79,7 @@ fn extent(width: u32, height: u32) -> wgpu::Extent3d {
     wgpu::Extent3d { width, height, depth_or_array_layers: 1 }
 }
 
-/// What needs less of a buffer that grows with the detectors.
+/// The advice for a buffer that is too large and grows with the detectors.
 const FEWER_PIXELS: &str = "fewer pixels";
 
 impl Gpu {
@@ -92,8 +92,8 @@ impl Gpu {
         if self.runtime_checks {
             return self.device.create_shader_module(descriptor);
         }
-        // SAFETY: every index is built from counts that the host sized its buffers by, and every loop has a bound of
-        // its own; the tests run the same shaders with the checks on.
+        // SAFETY: every index is built from counts that also sized the host's buffers, and every loop has its own
+        // bound. The tests run the same shaders with the checks on.
         #[allow(unsafe_code)]
         unsafe {
             self.device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
@@ -182,7 +182,7 @@ impl Gpu {
         }))
     }
 
-    /// A buffer that shaders write and the host reads where it lies ([`Gpu::has_shared_memory`]).
+    /// A buffer that shaders write and the host reads in place ([`Gpu::has_shared_memory`]).
     ///
     /// # Errors
     /// [`Error::Device`] if the adapter cannot bind so much.
@@ -196,7 +196,7 @@ impl Gpu {
         }))
     }
 
-    /// A buffer with contents that shaders only read.
+    /// A buffer with fixed contents, which shaders only read.
     pub fn constant_buffer(&self, label: &str, contents: &[u8]) -> wgpu::Buffer {
         let mut padded = contents.to_vec();
         padded.resize(contents.len().max(16).next_multiple_of(4), 0);
@@ -213,7 +213,7 @@ impl Gpu {
         limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
-    /// `advice`: what would need less.
+    /// Fails if the adapter cannot bind a buffer of this size. `advice` names what would need less.
     fn check_binding(&self, label: &str, size: u64, advice: &str) -> Result<()> {
         let limit = self.largest_binding();
         if size > limit {
@@ -235,7 +235,8 @@ impl Gpu {
         Ok(self.constant_buffer("scene", contents))
     }
 
-    /// A table of the scene that shaders only read, as an image of four words a texel and so many texels a line.
+    /// A table of the scene, which shaders only read, as an image: four words a texel, and `texels_per_line` texels a
+    /// line.
     pub fn scene_texels(&self, contents: &[u8], texels_per_line: u32) -> wgpu::TextureView {
         let bytes_per_line = TEXEL_BYTES * texels_per_line;
         let (lines, last) = contents.split_at(contents.len() - contents.len() % bytes_per_line as usize);
@@ -279,8 +280,8 @@ impl Gpu {
         Ok(all)
     }
 
-    /// Reads `size` bytes of a buffer from `offset` on, a multiple of 4, block by block, after everything submitted before:
-    /// `visit` is shown where in them each block begins, and the block.
+    /// Reads `size` bytes of a buffer, a multiple of 4, from `offset` on, after everything submitted before. Each block
+    /// is passed to `visit` with its offset among these bytes.
     pub fn read_blocks(
         &self,
         buffer: &wgpu::Buffer,

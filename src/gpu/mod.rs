@@ -1,4 +1,4 @@
-//! Mechanics of wgpu: adapters, pipelines, buffers, read-back. No optics.
+//! Mechanics of wgpu: adapters, pipelines, buffers, read-back. This room knows no optics.
 
 pub mod adapter;
 pub mod adapter_class;

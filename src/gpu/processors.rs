@@ -1,6 +1,6 @@
 //! The processors that the program may use.
 
-/// How many there are, as the operating system tells at this moment; one where it does not tell.
+/// The number of processors that the operating system grants at this moment; 1 if the number is unknown.
 pub fn count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }

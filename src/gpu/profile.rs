@@ -1,4 +1,4 @@
-//! How long the stages of a submission keep the device, by its own timestamps.
+//! How long each stage of a submission keeps the device, by the device's own timestamps.
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -6,22 +6,22 @@ use crate::gpu::Gpu;
 /// Timestamps that a query set holds in WebGPU.
 const MAX_TIMESTAMPS: u32 = wgpu::QUERY_SET_MAX_QUERIES;
 
-/// Times stages of up to so many dispatches at once, and adds up what they took.
+/// Times the stages of a bounded number of dispatches at once, and adds up their durations.
 #[derive(Debug)]
 pub struct Profile {
     queries: wgpu::QuerySet,
     timestamps: wgpu::Buffer,
-    /// Stages of the dispatches whose timestamps have not been read.
+    /// The stages of dispatches whose timestamps have not been read.
     pending: Vec<&'static str>,
     times: Vec<StageSum>,
 }
 
-/// What one stage has taken so far.
+/// The time of one stage so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageSum {
-    /// The stage: its entry point.
+    /// The stage, by its entry point.
     pub stage: &'static str,
-    /// Times that it was dispatched.
+    /// How often the stage was dispatched.
     pub num_dispatches: u64,
     /// Time on the device \[s\].
     pub seconds: f64,
@@ -59,7 +59,7 @@ impl Profile {
         Ok(Profile { queries, timestamps, pending: Vec::new(), times: Vec::new() })
     }
 
-    /// A compute pass of its own for the next dispatch of a stage.
+    /// Begins a compute pass for the next dispatch of a stage.
     pub fn begin_pass<'e>(
         &mut self,
         encoder: &'e mut wgpu::CommandEncoder,
@@ -82,7 +82,7 @@ impl Profile {
         encoder.resolve_query_set(&self.queries, 0..2 * self.pending.len() as u32, &self.timestamps, 0);
     }
 
-    /// Adds up what the submission took; waits for it.
+    /// Waits for the submission, and adds up its times.
     ///
     /// # Errors
     /// [`Error::Device`] if the device fails.
@@ -106,7 +106,7 @@ impl Profile {
         }
     }
 
-    /// What every stage has taken, in the order of their first dispatches.
+    /// The times of all stages, in the order of their first dispatches.
     pub fn times(&self) -> &[StageSum] {
         &self.times
     }

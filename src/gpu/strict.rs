@@ -1,9 +1,9 @@
-//! Shaders whose arithmetic is as it is written: every operation rounded by itself, in its order.
+//! Shaders whose arithmetic is as written: every operation is rounded by itself, in its order.
 //!
-//! A compiler may fuse and reorder floating-point operations, and does so in one shader otherwise than in another, so that
-//! two shaders of the same formulas (constants compiled in, or read from tables) may round differently. SPIR-V has a
-//! decoration against it, NoContraction; WGSL has none, and naga writes none. On Vulkan the module is therefore written
-//! here, decorated, and handed to the driver as it is.
+//! A compiler may fuse and reorder floating-point operations, and may do so differently in each shader. Two shaders of
+//! the same formulas may then round differently, for example with constants compiled in or read from tables. SPIR-V has
+//! a decoration against this, NoContraction. WGSL has none, and naga writes none. So on Vulkan this file writes the
+//! module itself, decorates it, and hands it to the driver as it is.
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 const HEADER: usize = 5;
 /// `OpDecorate`, `OpMemberDecorate` and the like.
 const DECORATIONS: [u32; 3] = [71, 72, 5632];
-/// The first of the instructions that declare types, and so end the annotations.
+/// The first of the opcodes that declare types; with them the annotations end.
 const FIRST_TYPE: u32 = 19;
 const LAST_TYPE: u32 = 39;
 /// The decoration `NoContraction`.
@@ -52,7 +52,7 @@ pub fn without_contraction(words: &[u32]) -> Vec<u32> {
     words[..place].iter().copied().chain(decorations).chain(words[place..].iter().copied()).collect()
 }
 
-/// A module with one entry point, and what that one uses.
+/// A module reduced to one entry point and what that entry point uses.
 fn only(module: &naga::Module, entry_point: &str) -> naga::Module {
     let mut own = module.clone();
     own.entry_points.retain(|entry| entry.name == entry_point);
@@ -60,7 +60,7 @@ fn only(module: &naga::Module, entry_point: &str) -> naga::Module {
     own
 }
 
-/// The numbers that wgpu gives to the bindings of a group in Vulkan: those of the layout, counted.
+/// The numbers that wgpu gives to the bindings of a group in Vulkan: their positions in the layout.
 fn binding_map(bindings: &[Binding]) -> spv::BindingMap {
     let mut next: BTreeMap<u32, u32> = BTreeMap::new();
     let numbered = bindings.iter().map(|binding| {
@@ -74,9 +74,11 @@ fn binding_map(bindings: &[Binding]) -> spv::BindingMap {
 }
 
 impl Gpu {
-    /// Compiles what an entry point needs of a module, with the bindings of its layouts, in which no operations are fused or
-    /// reordered. A driver may go through all functions of what it is given: Mesa takes half a second for those of a
-    /// dozen stages, again for each.
+    /// Compiles an entry point and what it uses, without fused or reordered operations. The bindings are those of the
+    /// layouts.
+    ///
+    /// Only what is used is compiled, because a driver may go through all functions that it is given. Mesa takes half a
+    /// second for those of a dozen stages, again for each stage.
     ///
     /// # Errors
     /// [`Error::Usage`] where the device takes no SPIR-V, [`Error::Internal`] if the module is invalid.
@@ -111,13 +113,13 @@ impl Gpu {
             spirv: Some(without_contraction(&words).into()),
             ..Default::default()
         };
-        // SAFETY: naga has validated the module and written it; decorations change no meaning. Its bindings are those of
-        // the layouts, and indices and loops are bounded as in `Gpu::shader`.
+        // SAFETY: naga has validated the module and written it, and decorations change no meaning. The bindings are
+        // those of the layouts, and indices and loops are bounded as in `Gpu::shader`.
         #[allow(unsafe_code)]
         Ok(unsafe { self.device.create_shader_module_passthrough(descriptor) })
     }
 
-    /// As wgpu's Vulkan backend writes modules.
+    /// The options with which wgpu's Vulkan backend writes modules.
     fn spirv_options(&self, bindings: &[Binding]) -> spv::Options<'static> {
         let policy =
             if self.runtime_checks { BoundsCheckPolicy::Restrict } else { BoundsCheckPolicy::Unchecked };

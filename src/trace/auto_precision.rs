@@ -1,10 +1,12 @@
-//! Which precision a scene needs: the error that f32 makes in it, predicted from the paths that its light takes.
+//! Which precision a scene needs: predicts the error of f32 from the paths that the scene's light takes.
 //!
 //! A pilot of some hundred rays is traced in f32 and recorded. Along each path a covariance of position and direction
-//! is carried: every event adds the roundings of its coordinates, and free flight, curvature, reflection and refraction
-//! carry on what came before, by the derivatives of the laws (ray differentials; Igehy, Tracing Ray Differentials,
-//! SIGGRAPH 1999). At a detector it becomes pixels. The extent of the scene, its curvatures, its pixels and its depth
-//! all enter by the paths, and a system that focuses errors away is told from one that magnifies them.
+//! is carried. Every event adds the roundings of its coordinates. Free flight, curvature, reflection and refraction
+//! carry on earlier errors, by the derivatives of their laws. Source: ray differentials; Igehy, Tracing Ray
+//! Differentials, SIGGRAPH 1999.
+//!
+//! At a detector the covariance becomes pixels. The paths include the scene's extent, curvatures, pixels and depth. So
+//! a system that focuses errors away is told from a system that magnifies them.
 
 use crate::error::Result;
 use crate::gpu::Gpu;
@@ -16,40 +18,41 @@ use crate::result::{PathEvent, PathEventKind, RayRow};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::{DMat3, DVec3};
 
-/// An error of so many pixels is not seen in a map.
+/// Up to this error \[pixels\], a map is as good as exact.
 pub const GOOD_PIXELS: f64 = 0.01;
-/// Beyond so many pixels a map in f32 draws a warning.
+/// Beyond this error \[pixels\], a map in f32 draws a warning.
 const BAD_PIXELS: f64 = 0.1;
-/// The share of a detector's flux that the predicted error bounds.
+/// The share of a detector's flux to which the predicted error applies.
 const SHARE: f64 = 0.99;
 /// Rays of the pilot, and its largest depth.
 const PILOT_RAYS: u64 = 512;
 const PILOT_DEPTH: u32 = 256;
-/// Standard deviations that a bound stands for.
+/// The number of standard deviations in a bound.
 const SIGMAS: f64 = 3.0;
 /// Half a unit in the last place of 1 in f32.
 const ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
 /// Standard deviation of a coordinate's error at an event, and of a direction's components before and after it, in
-/// roundings: what one rounding is at worst. The bound then holds in every scene of the collection (tests/precision.rs).
+/// roundings. The value is that of one rounding at worst. The bound then holds in every scene of the collection
+/// (tests/precision.rs).
 const ROUNDINGS: f64 = 1.0;
 
-/// What was asked for.
+/// The precision that the user asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
-    /// The cheapest precision that is good enough.
+    /// The least expensive precision that is good enough.
     Auto,
     /// This one.
     Exactly(Precision),
 }
 
-/// A precision, and why.
+/// A precision, and the reason for it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice {
     /// The precision.
     pub precision: Precision,
-    /// Why it was taken.
+    /// The reason.
     pub reason: String,
-    /// What to beware of.
+    /// A warning, if there is one.
     pub warning: Option<String>,
 }
 
@@ -58,7 +61,7 @@ pub struct Choice {
 pub struct DetectorError {
     /// Index of the detector.
     pub detector: usize,
-    /// 99 % of the flux lands within so many pixels of where it should; none where it has no pixels.
+    /// The error within which 99 % of the flux lands \[pixels\]; `None` where the detector has no pixels.
     pub pixels: Option<f64>,
     /// The same as a distance \[mm\].
     pub position: f64,
@@ -69,17 +72,17 @@ pub struct DetectorError {
 pub struct Arrival {
     /// The ray.
     pub ray_id: u64,
-    /// Its events before this one.
+    /// The ray's events before this one.
     pub bounce: u32,
     /// The detector.
     pub detector: usize,
     /// The ray's weight.
     pub weight: f64,
-    /// Bound of its error across the detector \[mm\].
+    /// Bound of the position's error across the detector \[mm\].
     pub position: f64,
-    /// Bound of its direction's error \[rad\].
+    /// Bound of the direction's error \[rad\].
     pub direction: f64,
-    /// Bound of its error \[pixels\], where there are pixels.
+    /// Bound of the error \[pixels\], where there are pixels.
     pub pixels: Option<f64>,
 }
 
@@ -106,19 +109,19 @@ pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -
     }
 }
 
-/// What a scene needs.
+/// What a scene needs of a precision.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Need {
     /// The worst error of f32 on a detector with pixels.
     Pixels(DetectorError),
-    /// A ray database: it holds positions themselves, so that every digit counts.
+    /// The error on a ray database, which holds positions themselves: every digit counts there.
     Positions(DetectorError),
     /// No ray of the pilot reached a detector.
     Unknown,
 }
 
 impl Need {
-    /// The need of a scene whose detectors are in error by so much.
+    /// The need of a scene whose detectors have these errors.
     pub fn of(ir: &SceneIr, errors: &[DetectorError]) -> Self {
         let database = errors.iter().find(|error| is_database(ir, error.detector));
         if let Some(database) = database {
@@ -128,7 +131,7 @@ impl Need {
         worst.map_or(Need::Unknown, |worst| Need::Pixels(worst.clone()))
     }
 
-    /// The cheapest precision that does; `finest` is asked for where that is not f32.
+    /// The least expensive precision that is good enough. `finest` is called where that is not f32.
     pub fn choice(&self, ir: &SceneIr, finest: impl FnOnce() -> Precision) -> Choice {
         let enough = matches!(self, Need::Pixels(error) if error.pixels.unwrap_or(0.0) <= GOOD_PIXELS);
         let precision = if enough { Precision::F32 } else { finest() };
@@ -195,7 +198,8 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
         standard_error: StandardError::Off,
         ..options.clone()
     };
-    // The path of a split ray's child begins at the split, with errors that are its parent's: so branches are drawn.
+    // A split ray's child begins its path at the split, with errors of its parent. So branches are drawn here, and not
+    // split.
     let sampling = Sampling { split_depth: 0, ..ir.sampling };
     let drawn = SceneIr { sampling, ..ir.with_single_cells() };
     let tally = Tracer::new(gpu, &drawn, &pilot)?.trace(|_| true)?;
@@ -226,7 +230,7 @@ pub fn quantile(values: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
     values.iter().find(reached).or(values.last()).map(|(value, _)| *value)
 }
 
-/// The error of f32 at every arrival on a detector, along paths as they were recorded: by ray, then by event.
+/// The error of f32 at every arrival on a detector, along recorded paths, which are sorted by ray and event.
 pub fn arrivals(ir: &SceneIr, paths: &[PathEvent]) -> Vec<Arrival> {
     let centre = centre_of(ir);
     let mut arrivals = Vec::new();
@@ -238,7 +242,7 @@ pub fn arrivals(ir: &SceneIr, paths: &[PathEvent]) -> Vec<Arrival> {
     arrivals
 }
 
-/// A birth comes before a first hit of the same count of events, a death after.
+/// Order of events with the same count of bounces: a birth comes before a hit, and a death after it.
 fn order(kind: PathEventKind) -> u8 {
     match kind {
         PathEventKind::Birth(_) => 0,
@@ -280,7 +284,8 @@ fn follow(ir: &SceneIr, centre: DVec3, path: &[&PathEvent], arrivals: &mut Vec<A
     }
 }
 
-/// Lambert's law draws the cosine: where it is near 1, the sine holds few digits.
+/// Roundings of a new ray's direction. Lambert's law draws the cosine: where the cosine is near 1, the sine holds few
+/// digits.
 fn birth_roundings(ir: &SceneIr, birth: &PathEvent) -> f64 {
     let PathEventKind::Birth(index) = birth.kind else { return 1.0 };
     let source = &ir.sources[index];
@@ -290,8 +295,8 @@ fn birth_roundings(ir: &SceneIr, birth: &PathEvent) -> f64 {
     }
 }
 
-/// Roundings of a direction that was drawn about a normal by Lambert's law: the sine is the root of 1 - cos^2, of which
-/// f32 holds 24 bits.
+/// Roundings of a direction drawn around a normal by Lambert's law. The sine is the root of 1 - cos^2, of which f32
+/// holds 24 bits.
 fn lambertian_roundings(direction: DVec3, normal: DVec3) -> f64 {
     1.0 + direction.cross(normal).length().max(ROUNDING.sqrt()).recip()
 }
@@ -318,7 +323,7 @@ struct Covariance {
 impl Covariance {
     const NONE: Self = Covariance { pp: DMat3::ZERO, pd: DMat3::ZERO, dd: DMat3::ZERO };
 
-    /// `size` is that of the coordinates that are rounded \[mm\].
+    /// Adds the rounding of a position; `size` is the size of the rounded coordinates \[mm\].
     fn round_position(&mut self, size: f64) {
         self.pp += DMat3::from_diagonal(DVec3::splat((ROUNDINGS * ROUNDING * size).powi(2)));
     }
@@ -327,11 +332,11 @@ impl Covariance {
         self.dd += DMat3::from_diagonal(DVec3::splat((roundings * ROUNDINGS * ROUNDING).powi(2)));
     }
 
-    /// Over a distance, to a face with this normal.
+    /// Carries the errors over a distance, to a face with this normal.
     fn fly(&mut self, distance: f64, direction: DVec3, normal: DVec3, size: f64) {
         self.pp += (self.pd + self.pd.transpose()) * distance + self.dd * (distance * distance);
         self.pd += self.dd * distance;
-        // What is moved along the ray stays on the face.
+        // An error along the ray does not leave the face.
         let along = direction.dot(normal);
         if along != 0.0 {
             let onto = DMat3::IDENTITY - outer(direction, normal) * along.recip();
@@ -372,7 +377,7 @@ impl Bend {
         let index = |medium: usize| ir.media[medium].n[wavelength];
         let (front, back) = (index(surface.front), index(surface.back));
         let (normal, bending) = normal_of(surface, hit).unwrap_or_else(|| {
-            // The normal of a mesh, which does not bend, follows from the directions; either orientation will do.
+            // A mesh's normal does not bend, and follows from the directions. Either orientation serves.
             let passed = surface.interaction == Interaction::Refractive;
             let reflection = (after - before).normalize_or(before);
             let refracted = [(front, back), (back, front)]
@@ -385,7 +390,7 @@ impl Bend {
         let transmitted =
             surface.interaction == Interaction::Refractive && (after.dot(normal) > 0.0) == (cosine > 0.0);
         let (n1, n2) = if cosine > 0.0 { (front, back) } else { (back, front) };
-        // The direction after is eta before + share normal, and share depends on the cosine alone.
+        // The direction after is eta before + share normal; share depends on the cosine alone.
         let (eta, share, slope) = if transmitted {
             let eta = n1 / n2;
             let cosine_after = (1.0 - eta * eta * (1.0 - cosine * cosine)).max(ROUNDING).sqrt();
@@ -400,7 +405,8 @@ impl Bend {
             (DMat3::from_diagonal(DVec3::splat(share)) + outer(normal, before) * slope) * bending;
         let mut roundings = 1.0;
         if let Some(scatter) = surface.scatter.as_ref().filter(|_| after.distance(specular) > SCATTERED) {
-            // Lobes about the normal forget where the ray came from; the others turn with what they are drawn about.
+            // A lobe around the normal does not depend on the direction before. Other lobes turn with their reference
+            // direction.
             if scatter.bsdf.is_about_normal() {
                 by_direction = DMat3::ZERO;
                 by_position = with_frame(after, normal) * bending;
@@ -413,19 +419,19 @@ impl Bend {
     }
 }
 
-/// How a direction that is drawn in the tangent frame of a normal turns with it: d(direction) = M d(normal). The frame
-/// is the least rotation from the nearer pole of z, so that it also spins about the normal.
+/// How a direction, drawn in the tangent frame of a normal, turns with the normal: d(direction) = M d(normal). The
+/// frame is the least rotation from the nearer pole of z, so it also spins around the normal.
 fn with_frame(direction: DVec3, normal: DVec3) -> DMat3 {
     let side = if direction.dot(normal) < 0.0 { -1.0 } else { 1.0 };
     let n = side * normal;
     let pole = if n.z < 0.0 { DVec3::NEG_Z } else { DVec3::Z };
-    // Tangent along the circle about the pole, times the tangent of half the angle from it.
+    // The tangent along the circle around the pole, times the tangent of half the angle from the pole.
     let around = pole.cross(n) / (1.0 + pole.dot(n));
     let turned = DMat3::from_diagonal(DVec3::splat(direction.dot(n))) - outer(n, direction);
     (turned - outer(n.cross(direction), around)) * side
 }
 
-/// A direction so far from the specular one was drawn by a BSDF.
+/// A direction that differs from the specular one by more than this was drawn by a BSDF.
 const SCATTERED: f64 = 1e-3;
 
 /// The unit normal of a smooth shape at a point, and its derivative by the position \[1/mm\].

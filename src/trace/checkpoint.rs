@@ -1,9 +1,11 @@
-//! The raw sums of a trace in a file: to take a trace up again, and to add up traces of several machines.
+//! Keeps the raw sums of a trace in a file: to resume a trace, and to add up traces of several machines.
 //!
-//! A file is, little-endian: the eight bytes `NSQTALLY`; the version of the format, u32; the length of the rest, u64; its
-//! CRC-32, u32; then, in [postcard](https://docs.rs/postcard)'s encoding, an [`Identity`] and a [`Tally`]. It holds no time,
-//! so that equal sums are equal files. It is written to a hidden file beside its place, which is renamed: whatever happens meanwhile, a whole file
-//! is there, the new one or the one before.
+//! A file is little-endian. Its header has the eight bytes `NSQTALLY`, and the version of the format (u32). The length
+//! of the rest (u64) and the CRC-32 of the rest (u32) follow. Then come an [`Identity`] and a [`Tally`], in the
+//! encoding of [postcard](https://docs.rs/postcard). A file holds no time, so that equal sums are equal files.
+//!
+//! A file is written to a hidden file beside its place, which is then renamed. Whatever happens meanwhile, a whole file
+//! is there: the new one or the one before.
 
 use crate::error::{Error, Result};
 use crate::gpu::AdapterInfo;
@@ -22,32 +24,32 @@ pub const FORMAT: u32 = 3;
 
 const HEADER_BYTES: usize = 24;
 
-/// Which trace some sums are of.
+/// Identifies the trace to which sums belong.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// Version of the program.
     pub version: String,
-    /// Path of the scene file, as it was given.
+    /// Path of the scene file, as the user gave it.
     pub scene: Option<String>,
-    /// Hash of what the scene is lowered to, but for its sampling policy.
+    /// Hash of the lowered scene, without its sampling policy.
     pub scene_hash: u128,
     /// The sampling policy.
     pub sampling: String,
-    /// Rays that the trace was planned with.
+    /// Number of rays that the trace was planned with.
     pub num_rays: u64,
-    /// Number of the first ray.
+    /// Id of the first ray.
     pub first_ray: u64,
-    /// The rays are a part of a trace of so many, if they are.
+    /// Number of rays of the larger trace of which this trace is a part, if it is one.
     pub of_rays: Option<u64>,
     /// Seed of the draws.
     pub seed: u64,
     /// Largest number of events of a ray.
     pub max_depth: u32,
-    /// Roulette threshold that was asked for.
+    /// Roulette threshold, as the user gave it.
     pub min_flux_fraction: f64,
-    /// Arithmetic: `f32` or `f64`.
+    /// Precision: `f32`, `df64` or `f64`.
     pub precision: String,
-    /// What the draws are: `pcg` or `sobol`.
+    /// Kind of draws: `pcg` or `sobol`.
     pub sampler: String,
     /// Which paths are recorded.
     pub paths: String,
@@ -55,24 +57,24 @@ pub struct Identity {
     pub standard_error: String,
     /// Name of the adapter.
     pub adapter: String,
-    /// Its driver, and whether arithmetic was strict.
+    /// The adapter's driver, and whether arithmetic was strict.
     pub driver: String,
 }
 
-/// The sums of a trace, and which trace it is.
+/// The sums of a trace, and its identity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     /// The trace.
     pub identity: Identity,
-    /// Its sums so far.
+    /// The sums so far.
     pub tally: Tally,
 }
 
-/// What is said of paths whose rows stand in a file of their own.
+/// Marks the identity of sums whose recorded paths are in a file of their own.
 const PATHS_APART: &str = ", in ray_paths.npz alone";
 
 impl Identity {
-    /// That of a trace of `ir` on an adapter.
+    /// The identity of a trace of `ir` on an adapter.
     pub fn new(ir: &SceneIr, scene: Option<String>, options: &TraceOptions, adapter: &AdapterInfo) -> Self {
         Identity {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -94,7 +96,7 @@ impl Identity {
         }
     }
 
-    /// What the sums of two traces must share to be added, one line each that differs: `what: theirs there, ours here`.
+    /// The differences that prevent adding the sums of two traces, one line each: `what: theirs there, ours here`.
     pub fn differences(&self, theirs: &Identity) -> Vec<String> {
         let scene = |identity: &Identity| {
             let path = identity.scene.as_deref().unwrap_or("a scene");
@@ -122,7 +124,7 @@ impl Identity {
         lines
     }
 
-    /// The same with the rows of recorded paths in a file of their own, not among the sums.
+    /// The same identity, with the rows of recorded paths in a file of their own instead of among the sums.
     #[must_use]
     pub fn with_paths_apart(mut self) -> Self {
         if self.paths != format!("{:?}", RecordPaths::None) {
@@ -135,7 +137,8 @@ impl Identity {
         self.paths.ends_with(PATHS_APART)
     }
 
-    /// [`Identity::differences`], and what the parts of a trace may differ in but not a trace and its own beginning.
+    /// [`Identity::differences`], and further ones that would prevent resuming a trace. Parts of a trace may differ in
+    /// these; a trace and its own beginning may not.
     pub fn differences_from_beginning(&self, theirs: &Identity) -> Vec<String> {
         let mut lines = self.differences(theirs);
         let whole =
@@ -152,14 +155,15 @@ impl Identity {
         lines
     }
 
-    /// True if the same shaders were compiled by the same compiler: equal rays have equal bits.
+    /// True if the same compiler compiled the same shaders: equal rays then have equal bits.
     pub fn same_device(&self, other: &Identity) -> bool {
         (&self.adapter, &self.driver) == (&other.adapter, &other.driver)
     }
 }
 
 impl Checkpoint {
-    /// Refuses sums without the rows of ray databases and paths that belong to them; `option` would have kept them.
+    /// Refuses sums that lack their rows of ray databases or paths. `option` names the option that would have kept the
+    /// rows.
     ///
     /// # Errors
     /// [`Error::Usage`] with the path and the option.
@@ -183,10 +187,10 @@ impl Checkpoint {
         encode(&self.identity, &self.tally)
     }
 
-    /// Reads a file; of a folder, the one that a trace wrote there.
+    /// Reads a file. For a folder, reads the file that a trace wrote there.
     ///
     /// # Errors
-    /// [`Error::File`] if it cannot be read, is damaged, or of another format.
+    /// [`Error::File`] if the file cannot be read, is damaged, or has another format.
     pub fn read(path: &Path) -> Result<Self> {
         let is_folder = path.is_dir();
         if is_folder && path.join(REPORT).is_file() {
@@ -201,20 +205,20 @@ impl Checkpoint {
     }
 }
 
-/// Writes the sums of a trace so far; a file that is there is replaced in one step.
+/// Writes the sums of a trace so far. An existing file is replaced in one step.
 ///
 /// # Errors
-/// [`Error::File`] if the file cannot be written; the one that is there then stays.
+/// [`Error::File`] if the file cannot be written; an existing file then stays.
 pub fn write(path: &Path, identity: &Identity, tally: &Tally) -> Result<()> {
     let bytes = encode(identity, tally)?;
     check_is_own(path)?;
     placing::replace_file(path, &bytes).map_err(|error| Error::file(path, placing::own_word(error)))
 }
 
-/// Finds out before a long trace whether [`write`] could write a file.
+/// Checks before a long trace whether [`write`] could write a file.
 ///
 /// # Errors
-/// [`Error::File`] if it could not, or if something else than a file of sums would be lost.
+/// [`Error::File`] if it could not, or if anything but a file of sums would be lost.
 pub fn check_writable(path: &Path) -> Result<()> {
     check_is_own(path)?;
     placing::check_folder_of(path).map_err(|error| Error::file(path, placing::own_word(error)))
@@ -272,7 +276,7 @@ fn decode(bytes: &[u8]) -> std::result::Result<Checkpoint, String> {
     postcard::from_bytes(body).map_err(|error| format!("is damaged: {error}"))
 }
 
-/// FNV-1a, 128 bits: stable between versions of Rust, and no secret.
+/// The hash FNV-1a with 128 bits: stable between versions of Rust, and not secret.
 struct Fnv(u128);
 
 impl std::fmt::Write for Fnv {
@@ -288,7 +292,7 @@ impl std::fmt::Write for Fnv {
 pub fn scene_hash(ir: &SceneIr) -> u128 {
     let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
     let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _ } = ir;
-    // Fnv never refuses a text.
+    // Writing to Fnv never fails.
     let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{sources:?}{detectors:?}");
     hash.0
 }
@@ -383,7 +387,7 @@ mod tests {
         fs::write(path("scene.json"), "{}").unwrap();
         fs::create_dir(path("folder")).unwrap();
         [path("scene.json"), path("folder"), path("missing/c.tally")].iter().for_each(|path| refused(path));
-        // An empty file, as `mktemp` makes one, holds nothing.
+        // An empty file, as `mktemp` makes one, holds nothing that could be lost.
         fs::write(path("empty"), "").unwrap();
         for name in ["empty", "new", "new"] {
             check_writable(&path(name)).unwrap();
@@ -396,7 +400,7 @@ mod tests {
             refused(Path::new("/dev/null"));
             symlink(path("new"), path("link")).unwrap();
             refused(&path("link"));
-            // What lay in the way of versions whose temporary name was known.
+            // A link like this one was in the way of versions whose temporary name was predictable.
             symlink(path("scene.json"), path("new.new")).unwrap();
             write(&path("new"), &identity, &Tally::default()).unwrap();
             assert_eq!(fs::read_to_string(path("scene.json")).unwrap(), "{}");

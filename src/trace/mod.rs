@@ -1,6 +1,6 @@
 //! A scene ready to trace: the face of the engine ([`crate::engine::wavefront`]).
 //!
-//! [`Tracer`] picks how it is traced: in the plain way, or by a strategy that suits the adapter. The same bits come out.
+//! [`Tracer`] picks a strategy that suits the adapter, or the plain way. All give the same bits.
 
 use crate::engine::prepare::prepare;
 use crate::engine::strategy::{Plain, Strategy};
@@ -39,11 +39,11 @@ fn strategy(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, choices: &Choices) 
 }
 
 impl<'a> Tracer<'a> {
-    /// Prepares a scene: composes, compiles and packs.
+    /// Prepares a scene: composes, compiles and packs it.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] for options that make no sense or that the device cannot do, [`crate::Error::Device`] if the
-    /// scene does not fit it.
+    /// [`crate::Error::Usage`] for options that make no sense, or that the device cannot do. [`crate::Error::Device`]
+    /// if the scene does not fit the device.
     pub fn new(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
         #[cfg(feature = "software")]
         let strategy = strategy(gpu, ir, options, &Choices::default());
@@ -63,8 +63,8 @@ impl<'a> Tracer<'a> {
         Ok(Tracer { engine, strategy })
     }
 
-    /// As [`Tracer::new`], with a change of the composed text, for tests that must notice a wrong shader; and with what the
-    /// software wing is to do, for tests that want it where it does not pay.
+    /// As [`Tracer::new`], for tests. `edit` changes the composed text, so that a test can plant an error in a shader.
+    /// `choices` sets what the software wing does, even where that does not pay.
     #[cfg(feature = "software")]
     #[doc(hidden)]
     pub fn with_choices(
@@ -82,43 +82,43 @@ impl<'a> Tracer<'a> {
         &self.engine.plan.program
     }
 
-    /// Devices that trace.
+    /// The number of devices that trace.
     #[doc(hidden)]
     pub fn num_devices(&self) -> usize {
         1 + self.strategy.devices().len()
     }
 
-    /// Submissions of all traces.
+    /// The number of submissions, over all traces.
     #[doc(hidden)]
     pub fn num_submissions(&self) -> u64 {
         self.engine.num_submissions
     }
 
-    /// How many rays of the last trace were to keep to the main path, and how many of them it rejected; then the same of each
-    /// side path.
+    /// How many rays of the last trace were traced along the main path, and how many of them it rejected. The same for
+    /// each side path follows.
     #[doc(hidden)]
     pub fn num_along_paths(&self) -> Vec<[u64; 2]> {
         self.strategy.num_along_paths()
     }
 
-    /// Other draws from now on, with what was compiled for the ones before.
+    /// Sets the seed of the draws from now on. Nothing is compiled anew.
     pub fn set_seed(&mut self, seed: u64) {
         self.engine.set_seed(self.strategy.devices(), seed);
     }
 
-    /// Passes should take about so long from now on, but a dispatch at least, whose rays then take no longer, unless they are
-    /// few. It never changes a result.
+    /// Sets how long passes should take from now on. A pass has at least one dispatch, whose rays then also take no
+    /// longer, unless they are few. No result changes.
     pub fn set_pass_time(&mut self, time: Duration) {
         self.engine.pass_time = time;
     }
 
-    /// When the first rays of this tracer's first trace were traced; none before.
+    /// When the first rays of this tracer's first trace had been traced; `None` before.
     pub fn first_end(&self) -> Option<Instant> {
         self.engine.first_end
     }
 
-    /// Times the stages of what is traced from now on, on one device: the stages of two devices side by side would wait for
-    /// each other. The sums stay the same bits; the trace becomes slower.
+    /// Times the stages of traces from now on, on one device: the stages of two devices would wait for each other. The
+    /// sums stay the same bits. The trace becomes slower.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the adapter has no timestamps, or too few for so deep a trace.
@@ -129,14 +129,14 @@ impl<'a> Tracer<'a> {
         Ok(())
     }
 
-    /// Gives the rows of what is traced from now on to recordings, pass by pass, instead of the tally: so memory need not
-    /// grow with the rays. Each source has its own, which gets them in the order of (ray id, event), because a source's ids
-    /// ascend from pass to pass.
+    /// From now on, rows go to recordings, pass by pass, instead of the tally. So memory need not grow with the rays.
+    /// Each source has its own recording, with rows in the order of (ray id, event): the ids of a source ascend from
+    /// pass to pass.
     pub fn record_to(&mut self, recording: impl Fn() -> Recording) {
         self.engine.rows.record_to(self.engine.plan.rays.len(), recording);
     }
 
-    /// What was recorded since [`Tracer::record_to`], sources in order; none without it.
+    /// The rows recorded since [`Tracer::record_to`], with sources in order; `None` without that call.
     ///
     /// # Errors
     /// [`crate::Error::File`] if a file cannot be read or written.
@@ -144,7 +144,7 @@ impl<'a> Tracer<'a> {
         self.engine.rows.take_recorded()
     }
 
-    /// What the stages took on the device; nothing unless they were timed.
+    /// The times of the stages on the device; empty unless they were timed.
     pub fn stage_times(&self) -> Vec<StageTime> {
         let sums = self.engine.profile.iter().flat_map(Profile::times);
         sums.map(|sum| StageTime {
@@ -155,7 +155,7 @@ impl<'a> Tracer<'a> {
         .collect()
     }
 
-    /// Traces every ray, in passes of about 40 ms; after each one `keep_going` is given the number of rays that are done, and
+    /// Traces every ray, in passes of about 40 ms. After each pass, `keep_going` gets the number of rays done, and
     /// stops the trace by returning false.
     ///
     /// # Errors
@@ -164,12 +164,12 @@ impl<'a> Tracer<'a> {
         self.go_on(self.empty_tally(), |progress| Ok(keep_going(progress.done)))
     }
 
-    /// Traces the rays that `begun` lacks, and gives the sum of all. After each pass `keep_going` is shown the progress,
-    /// may take a snapshot of the sums, and stops the trace by returning false.
+    /// Traces the rays that `begun` lacks, and returns the sum of all rays. After each pass, `keep_going` gets the
+    /// progress, and may take a snapshot of the sums. It stops the trace by returning false.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace, [`crate::Error::Device`] if the device fails,
-    /// and whatever `keep_going` fails with.
+    /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace. [`crate::Error::Device`] if the device
+    /// fails. Any error of `keep_going`.
     pub fn go_on(
         &mut self,
         begun: Tally,
@@ -178,18 +178,18 @@ impl<'a> Tracer<'a> {
         wavefront::trace(&mut self.engine, self.strategy.as_mut(), begun, keep_going)
     }
 
-    /// Rays in all.
+    /// The number of rays of the whole trace.
     pub fn num_rays(&self) -> u64 {
         self.engine.plan.num_rays
     }
 
-    /// Ends a pass at a position, if it lies ahead: so that what is decided there does not depend on the batch size or on
-    /// the speed of the device.
+    /// Ends a pass at a position, if the position lies ahead. A decision taken there depends neither on the batch size
+    /// nor on the speed of the device.
     pub fn pause_at(&mut self, position: u64) {
         self.engine.pause = Some(position);
     }
 
-    /// Where a trace goes on that has come as far as `begun`.
+    /// The position from which a trace goes on that has come as far as `begun`.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace.
@@ -197,7 +197,7 @@ impl<'a> Tracer<'a> {
         self.engine.plan.position_after(begun)
     }
 
-    /// A tally of no rays, in the scene's shape.
+    /// A tally without rays, in the scene's shape.
     pub fn empty_tally(&self) -> Tally {
         empty_tally(self.engine.ir)
     }

@@ -1,7 +1,7 @@
-//! When a trace is good enough: a target for the error, a limit of the time.
+//! When a trace may stop: at a target for the error, or at a time limit.
 //!
-//! Whether the target is met is decided at fixed places of the trace, so that the same trace stops after the same ray on
-//! every machine; a time limit stops where the clock says.
+//! Whether the target is met is decided at fixed positions of the trace. So the same trace stops after the same ray on
+//! every machine. A time limit stops by the clock.
 
 use crate::error::Result;
 use crate::model::SceneIr;
@@ -16,25 +16,25 @@ pub struct Stopping {
     target_error: Option<f64>,
     time_limit: Option<Duration>,
     first_check: u64,
-    /// What was found when the error was last looked at.
+    /// The state at the last check of the error.
     known: Option<Known>,
 }
 
-/// The largest relative error, and the rays that the target takes in all, as far as can be said.
+/// The largest relative error, and an estimate of all rays that the target takes, if there is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Known {
     error: f64,
     rays_to_target: Option<u64>,
 }
 
-/// The least of the first places where the error is looked at: before, it is little more than chance.
+/// The least position of the first check: before, an estimated error is little more than chance.
 const FIRST_CHECK: u64 = 1 << 14;
 
-/// Cells that are looked at in about the time of a ray.
+/// Cells that are checked in about the time of a ray.
 const CELLS_PER_RAY: u64 = 16;
 
-/// The first place after `position` where the error is looked at, and `first` is the first of all. The places lie 6 %
-/// apart, so that little is traced in vain, and looking costs no more than a small part of a long trace.
+/// The position of the first check after `position`, where `first` is the first of all. Checks lie 6 % apart. So few
+/// rays are traced in vain, and checks take only a small part of a long trace.
 fn next_check(first: u64, position: u64) -> u64 {
     std::iter::successors(Some(first), |check| check.checked_add(check / 16))
         .find(|check| *check > position)
@@ -42,8 +42,8 @@ fn next_check(first: u64, position: u64) -> u64 {
 }
 
 impl Stopping {
-    /// Stops when the largest relative error of all detectors ([`crate::result::uncertainty::worst_relative_error`]) is at
-    /// most `target_error`, or after `time_limit`.
+    /// Stops a trace when the largest relative error of all detectors is at most `target_error`, or after `time_limit`.
+    /// See [`crate::result::uncertainty::worst_relative_error`].
     pub fn new(ir: &SceneIr, target_error: Option<f64>, time_limit: Option<Duration>) -> Self {
         let num_cells: u64 = ir.detectors.iter().map(|detector| detector.num_cells() as u64).sum();
         let first_check = FIRST_CHECK.max(num_cells / CELLS_PER_RAY);
@@ -54,7 +54,7 @@ impl Stopping {
         next_check(self.first_check, position)
     }
 
-    /// To be called before the trace goes on from where `begun` ends.
+    /// Must be called before the trace goes on from the end of `begun`.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace.
@@ -66,7 +66,7 @@ impl Stopping {
         Ok(())
     }
 
-    /// What the trace is to be stopped by, after a pass.
+    /// The reason to stop after this pass, if there is one.
     ///
     /// # Errors
     /// [`crate::Error::Device`] if the device fails.
@@ -75,7 +75,7 @@ impl Stopping {
             let position = progress.position();
             if position > 0 && self.next_check(position - 1) == position {
                 let errors = Errors::of(ir, progress.tally()?);
-                // It stops where the error is looked at.
+                // A trace stops only at a check.
                 let stops_after = |position: f64| self.next_check((position.ceil() as u64).saturating_sub(1));
                 let more = |factor: f64| stops_after(position as f64 * factor).saturating_sub(position);
                 let rays_to_target =
@@ -90,14 +90,14 @@ impl Stopping {
         Ok(self.time_limit.filter(|limit| progress.elapsed >= *limit).map(|_| StoppedBy::TimeLimit))
     }
 
-    /// The largest relative error when it was last looked at.
+    /// The largest relative error at the last check.
     pub fn relative_error(&self) -> Option<f64> {
         self.known.map(|known| known.error)
     }
 
-    /// Rays that the target takes in all, judged by the errors when they were last looked at; none where nothing can be
-    /// said. With random numbers it comes true within a factor of 2 once a hundredth of the rays are traced, and within
-    /// 15 % from a quarter on; Sobol points need fewer.
+    /// All rays that the target takes, estimated from the errors at the last check; `None` where no estimate is
+    /// possible. With random numbers the estimate is right within a factor of 2 once a hundredth of the rays are
+    /// traced. From a quarter on it is right within 15 %. Sobol points need fewer rays.
     pub fn rays_to_target(&self) -> Option<u64> {
         self.known?.rays_to_target
     }

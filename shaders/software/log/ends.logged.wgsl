@@ -1,31 +1,34 @@
-// A ray writes down where it ends, and the host adds it up (src/software/log). Twin of sums/ends.deposited.wgsl: the sums
-// are the same bits. On a processor each lane of an atomic is a locked instruction of its own; a store costs a tenth of
-// one.
+// A ray logs where it ends, and the host adds up the log (src/software/log). On a processor each lane of an atomic is a
+// locked instruction of its own, and a store costs a tenth of that. Twin of sums/ends.deposited.wgsl, with the same
+// bits in the sums.
 
-// An entry: the cell in the low bits, then what it is; with it go the weight and the fractions of its taps (`write_entry`
-// in entries.*.wgsl). Or, where one detector alone has taps, the position on it, from which the host finds them: an entry
-// that is no position says so by one that no detector has.
+// An entry holds the cell in its low bits, and above them what kind of end it is. With it go the weight and the
+// fractions of the taps (`write_entry` in entries.*.wgsl).
+//
+// Where one detector alone has taps, an entry is instead the position on that detector, and the host finds the taps. An
+// entry that is no position then has a position that no detector has (OFF_DETECTORS).
 
-// The pixels of the taps beside the first are the same column, or the next; the same row, or the next.
+// The other taps lie in the next column, or in the same column at the edge of the map. The same goes for rows.
 const END_NEXT_COLUMN: u32 = 0x00400000u;
 const END_NEXT_ROW: u32 = 0x00800000u;
-// Which of the taps is the pixel that was hit.
+// Which of the taps is the pixel that was hit, in two bits from here on.
 const END_HIT_TAP_SHIFT: u32 = 24u;
 const END_IN_CELL: u32 = 0x04000000u;
 const END_IN_TAPS: u32 = 0x08000000u;
 const END_WITHOUT_PLACE: u32 = 0x10000000u;
 const END_REJECTED: u32 = 0x40000000u;
 
-// 0: the ray goes on, or what it ended on adds it up itself.
+// The entry so far. 0: the ray goes on, or ends on something that adds up the end itself.
 var<private> end: u32 = 0u;
 var<private> end_weight: real = 0.0;
-// The fractions of its taps, or the position in pixels.
+// The fractions of the taps, or the position in pixels.
 var<private> end_place: vec2<real> = vec2<real>(0.0, 0.0);
 
-// The column of a position off every detector, whose row is the entry. A position so far beyond the map is marked, by its
-// taps, which are one pixel, or by its fraction.
+// The column of a position off every detector; its row is the entry. A true position so far beyond the map differs: its
+// taps are one pixel, which marks it, or else its fraction does.
 const OFF_DETECTORS: real = -1.25;
-// A position times so much, which is exact, tells that the pixel that was hit is not the one before but the next.
+// A position is multiplied by this factor, which is exact, if the pixel that was hit is not the one before it but the
+// next.
 const HIT_NEXT: real = 79228162514264337593543950336.0;
 
 fn end_in(cell: u32, weight: real) {
@@ -41,7 +44,7 @@ fn hits_below(taps: FourTaps) -> bool {
     return taps.hit == taps.cells.z || taps.hit == taps.cells.w;
 }
 
-// The position in pixels, with the pixel that was hit.
+// The position in pixels, marked with the pixel that was hit.
 fn marked_position(position: vec2<real>, hits_right: bool, hits_below: bool) -> vec2<real> {
     return position * vec2<real>(choose(1.0, HIT_NEXT, hits_right), choose(1.0, HIT_NEXT, hits_below));
 }
@@ -64,7 +67,7 @@ fn end_without_place() {
     end = END_WITHOUT_PLACE;
 }
 
-// `event`: of the main path, the one at which the ray was rejected.
+// Ends a ray that the main path rejected at this event of the path.
 fn end_rejected(event: u32) {
     end = END_REJECTED | event;
 }

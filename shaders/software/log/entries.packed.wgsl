@@ -1,6 +1,9 @@
-// An entry of the log in f32, on 64-bit integers. First word: what the entry is, and the weight. Second: the fractions of
-// the taps. Where positions are logged, the first word is the position, and the second the weight, unless rays keep theirs.
-// A processor's driver takes the lanes of a store one by one, so wide stores are cheap. Twin of entries.words.wgsl.
+// An entry of the log in f32, on 64-bit integers. A processor's driver takes the lanes of a store one by one, so wide
+// stores are cheap. Twin of entries.words.wgsl.
+//
+// The first word holds the kind of entry and the weight, the second the fractions of the taps. Where positions are
+// logged, the first word is the position, and the second the weight. There is no second word if the weights of all rays
+// are known.
 @group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> end_log: array<u64>;
 
 fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {

@@ -1,5 +1,5 @@
-// An entry of the log in f64: what it is, as a number; the weight; the fractions of the taps. Where positions are logged:
-// the position, and the weight, unless rays keep theirs.
+// An entry of the log in f64: the kind of entry as a number, the weight, the fractions of the taps. Where positions are
+// logged: the position, and the weight, unless rays keep the weight they are born with.
 @group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> end_log: array<real>;
 
 fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {

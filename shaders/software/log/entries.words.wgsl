@@ -1,5 +1,6 @@
-// An entry of the log in f32, on 32-bit integers: what it is, the weight, the fractions of the taps. Where positions are
-// logged: the position, and the weight, unless rays keep theirs. Twin of entries.packed.wgsl.
+// An entry of the log in f32, on 32-bit integers: the kind of entry, the weight, the fractions of the taps. Where
+// positions are logged: the position, and the weight, unless rays keep the weight they are born with. Twin of
+// entries.packed.wgsl.
 @group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> end_log: array<u32>;
 
 fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {

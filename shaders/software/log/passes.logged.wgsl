@@ -1,6 +1,8 @@
-// A ray writes down what it leaves on detectors in passing, beside where it ends (ends.logged.wgsl). Twin of
-// sums/passes.deposited.wgsl. Atomics within the loop over events would be paid for at each event.
-// Entries of one ray lie range.log_stride apart: first those of its passes, in their order, and last that of its end.
+// A ray logs what it leaves on detectors in passing, beside where it ends (ends.logged.wgsl). Atomics within the loop
+// over events would cost time at each event. Twin of sums/passes.deposited.wgsl.
+//
+// Entries of one ray lie range.log_stride apart. First come the entries of its passes, in their order; the last is its
+// end.
 
 const END_PASSES: u32 = 0x20000000u;
 
@@ -16,7 +18,7 @@ fn entry_number(index: u32) -> u32 {
     return num_passes * range.log_stride + index;
 }
 
-// What a ray takes with it into the queue.
+// The number of passes so far, which a ray keeps in the queue.
 fn passes_so_far() -> u32 {
     return num_passes;
 }

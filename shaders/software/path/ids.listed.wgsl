@@ -1,4 +1,4 @@
-// The rays of a dispatch are those that the main path rejected: their ids, as low and high word. Twin of
+// The rays of a dispatch are those that the main path rejected, as a list of ids (low word, high word). Twin of
 // stages/ids.range.wgsl.
 @group(GROUP_SCENE) @binding(BINDING_REJECTED) var<storage, read> rejected: array<vec2<u32>>;
 

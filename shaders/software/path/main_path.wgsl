@@ -1,18 +1,20 @@
-// Stage trace_main_path follows the main path, the one that most rays of a scene take: its events in a row, and nothing else.
-// The walk is composed: at each event it looks for the nearest of those primitives that can lie between the last event and
-// the next. A ray that does anything else is rejected: it leaves only a mark, where its log begins, and trace_new traces it
-// anew from its birth. So no bit of a result depends on what the path is. Wide machines run no branch that no ray takes,
-// and no round of a loop that a few rays need.
-// Nor does a ray mark what it reaches: where a ray has kept to the path, the host knows that.
-// Stages trace_side_a and so on follow side paths in the same way: what most of those rays do that were rejected at the
-// same event. Entry points are composed, each with the walk of its own path alone: drivers take long over text that is not
-// used.
+// Stage trace_main_path follows the main path, which most rays of a scene take: its events in a row, and nothing else.
+// Wide machines then run no branch that no ray takes, and no round of a loop that only a few rays need.
+//
+// The walk is composed. At each event, it looks for the nearest of those primitives that can lie between the last event
+// and the next. A ray that does anything else is rejected. A rejected ray leaves only a mark, where its log begins, and
+// trace_new traces it anew from its birth. So no bit of a result depends on the choice of the path. Rays on the path do
+// not mark the primitives that they reach, because the host knows them.
+//
+// Stages trace_side_a and so on follow side paths in the same way. A side path is what most of the rays do that were
+// rejected at the same event. Entry points are composed, each with the walk of its own path alone, because drivers take
+// long over unused text.
 
-// Events in which the ray has kept to the path: those rejected at the same event have ways alike, and are traced side by
-// side.
+// The number of events in which the ray has kept to the path. Rays rejected at the same event take similar ways, and
+// are traced side by side.
 var<private> kept_events: u32 = 0u;
 
-// Begins the stage of a path: the number of the invocation.
+// Begins the stage of a path, and returns the number of the invocation.
 fn begin_stage(invocation: Invocation) -> u32 {
     begin();
     begin_lanes(invocation);
@@ -31,16 +33,16 @@ fn begin_ray() {
     kept_events = 0u;
 }
 
-// One event of the path on a surface: true if the ray has met it and does as the path. A rejected ray goes through
-// the same motions, to no effect.
+// One event of the path on a surface. True if the ray has met the surface and does what the path does. A rejected ray
+// goes through the same motions, to no effect.
 fn keeps_to(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach_next(ray, Hit(hit.distance, primitive));
     interact(ray, surface, primitive);
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
-// The same at a refracting surface to which the path's rays come from one side, and which reflects all of them or none: what
-// follows from that is a constant, the medium in which the ray goes on above all.
+// One event of the path on a refracting surface, where the path's rays come from one side and are all reflected or all
+// transmitted. What follows from side and branch is then a constant, above all the medium in which the ray goes on.
 fn crosses(
     ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32, entering_back: bool, reflected: bool,
 ) -> bool {
@@ -61,14 +63,14 @@ fn crosses(
     return (hit.primitive == primitive) & takes_side & goes_on(ray);
 }
 
-// The last event of a path may be the last one of all.
+// True if the ray lives on. The last event of the path may also be the last that any ray may have.
 fn goes_on(ray: ptr<function, Ray>) -> bool {
     let lives = (*ray).fate == ALIVE;
     go_on_along(ray);
     return lives & ((*ray).fate == select(ALIVE, DEPTH_KILLED, (*ray).bounce >= MAX_DEPTH));
 }
 
-// The last event of the path on a surface that absorbs the ray.
+// The last event of the path, on a surface that absorbs the ray.
 fn ends_on_surface(ray: ptr<function, Ray>, hit: Hit, surface: Surface, primitive: u32) -> bool {
     reach_next(ray, Hit(hit.distance, primitive));
     interact(ray, surface, primitive);

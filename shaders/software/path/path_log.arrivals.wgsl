@@ -1,6 +1,8 @@
-// Rays that keep to the path log where they arrive on its detectors, and what they weigh there unless the host knows it: no
-// more (src/software/path/path_log.rs). Arrivals of a ray lie range.log_stride apart. The first arrival of a rejected ray
-// is off all detectors, in the row of the event that rejected it; its others mean nothing. Twin of path_log.entries.wgsl.
+// Rays that keep to the path log only where they arrive on its detectors, and their weights there unless the host knows
+// them (src/software/path/path_log.rs). Twin of path_log.entries.wgsl.
+//
+// Arrivals of a ray lie range.log_stride apart. The first arrival of a rejected ray is off all detectors, in the row of
+// the event that rejected the ray. Further arrivals of a rejected ray mean nothing.
 
 var<private> first_place: vec2<real> = vec2<real>(0.0, 0.0);
 var<private> first_weight: real = 0.0;
@@ -11,19 +13,19 @@ fn arrives(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
     return hit.primitive == primitive;
 }
 
-// Where the ray is on a detector [mm].
+// The ray's position on a detector [mm].
 fn place_on(ray: Ray, detector_index: u32) -> vec2<real> {
     return local_position(ray, detector_of(detector_index)).xy;
 }
 
-// Where a ray is on a detector, and whether that tells which pixel it hits.
+// A ray's position on a detector, and whether the position decides which pixel is hit.
 struct Place {
     // [mm]
     at: vec2<real>,
     is_sure: bool,
 }
 
-// Logs where the ray is on a detector: the position in pixels, and by the edges of the pixels which of them is hit.
+// Logs the ray's position on a detector in pixels, marked with the pixel that is hit according to the pixels' edges.
 fn log_place(number: u32, ray: Ray, detector_index: u32) -> Place {
     let detector = detector_of(detector_index);
     let p = local_position(ray, detector);
@@ -32,8 +34,8 @@ fn log_place(number: u32, ray: Ray, detector_index: u32) -> Place {
     return Place(p.xy, true);
 }
 
-// The same where nearly all rays are off the edges: the position itself tells which pixel is hit, but so close to an edge,
-// within `edge_room` [pixels], that roundings decide. Such a ray is rejected.
+// Logs the same where nearly all rays are off the edges: the position itself decides which pixel is hit. Within
+// `edge_room` [pixels] of an edge, rounding could decide. Such a ray is rejected.
 fn log_place_off_edges(number: u32, ray: Ray, detector_index: u32, edge_room: vec2<real>) -> Place {
     let detector = detector_of(detector_index);
     let p = local_position(ray, detector);
@@ -43,7 +45,7 @@ fn log_place_off_edges(number: u32, ray: Ray, detector_index: u32, edge_room: ve
     return Place(p.xy, (abs(from_edge.x) > edge_room.x) & (abs(from_edge.y) > edge_room.y));
 }
 
-// The first one waits for the end, which tells whether it counts.
+// Logs an arrival. The first arrival waits until the end of the path, which decides whether it counts.
 fn keep_place(number: u32, ray: Ray, place: vec2<real>) {
     if number == 0u {
         first_place = place;

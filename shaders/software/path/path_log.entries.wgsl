@@ -1,9 +1,10 @@
 // Rays that keep to the path log entries, as all other rays do (software/log/ends.logged.wgsl). Twin of
 // path_log.arrivals.wgsl.
 
-// All ends that the invocation has logged. A driver that stores lanes one by one would compose an entry anew for each
-// of them, from each of its parts; one that is used a second time it composes once, for all lanes. That takes a tenth of
-// the time off in f64 here. (In trace_new it adds to it, where entries have few parts.)
+// All ends that the invocation has logged, joined by `|`. This second use of an entry saves a tenth of the time in f64
+// here. A driver that stores lanes one by one would otherwise compose an entry anew for each lane, from each of its
+// parts. An entry that is used twice is composed once, for all lanes. In trace_new, where entries have few parts, a
+// second use would cost time.
 var<private> entries: u32 = 0u;
 
 // One event of the path on a detector that lets it pass.
@@ -13,7 +14,7 @@ fn passes(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
     return (hit.primitive == primitive) & goes_on(ray);
 }
 
-// The last event of the path on a detector that ends it.
+// The last event of the path, on a detector that ends the ray.
 fn ends_on_detector(ray: ptr<function, Ray>, hit: Hit, primitive: u32) -> bool {
     reach_next(ray, Hit(hit.distance, primitive));
     (*ray).fate = DETECTED;
@@ -37,7 +38,7 @@ fn end_path(ray: Ray, holds: bool) {
     log_end(ray.index);
 }
 
-// The second use, to no effect: no entry has the highest bit.
+// The second use of entries. It has no effect, because no entry has the highest bit.
 fn use_entries() {
     if (entries >> 31u) != 0u {
         atomicStore(&queue_counts.cut, 1u);

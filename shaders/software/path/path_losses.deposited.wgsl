@@ -1,4 +1,5 @@
-// Rays that keep to the path deposit what they lose on their way, as all others do. Twin of path_losses.reported.wgsl.
+// Rays that keep to the path deposit what they lose on their way, as all other rays do. Twin of
+// path_losses.reported.wgsl.
 
 fn reach_next(ray: ptr<function, Ray>, hit: Hit) {
     reach(ray, hit);

@@ -1,8 +1,9 @@
 // Rays that keep to the path report their last weight, and deposit nothing on their way. Twin of
 // path_losses.deposited.wgsl.
-// Where media alone take something from such rays, that weight tells the host all that they have lost, because differences
-// of quantised weights telescope. A ray is rejected if it loses something on more or fewer of its ways than the others, or
-// comes to roulette.
+//
+// Only media take weight from such rays. The last weight then tells the host all losses, because differences of
+// quantised weights telescope. A ray is rejected if the number of segments that weaken it differs from the path's, or
+// if it comes to roulette.
 
 var<private> num_losses: u32 = 0u;
 var<private> is_off_roulette: bool = true;
@@ -23,7 +24,7 @@ fn reach_next(ray: ptr<function, Ray>, hit: Hit) {
     (*ray).last = hit.primitive;
 }
 
-// As `attenuated`, where a segment takes little from nearly all rays. A ray from which the segment takes more is rejected.
+// As `attenuated`, where a segment takes little from nearly all rays. A ray that loses more is rejected.
 fn attenuated_weakly(ray: Ray, distance: real) -> real {
     let absorption = medium_at(ray.medium, ray.wavelength).absorption;
     if absorption == 0.0 {
@@ -43,7 +44,7 @@ fn go_on_along(ray: ptr<function, Ray>) {
     }
 }
 
-// The ray has lost what its weight tells, on so many ways, and nothing else.
+// True if the last weight tells all losses: the ray lost weight on this number of segments, and to nothing else.
 fn are_losses_reported(attenuating_legs: u32) -> bool {
     return (num_losses == attenuating_legs) & is_off_roulette & is_absorbed_weakly;
 }

@@ -1,7 +1,7 @@
-// An invocation that follows a path does so with several rays, as one of trace_new does (software/rays.several.wgsl), where
-// the path takes from its rays what they do not log.
+// An invocation that follows a path follows several rays, as an invocation of trace_new does
+// (software/rays.several.wgsl). This is so where the path takes from its rays something that they do not log.
 
-// The first of them, by what would be its invocation if each had its own.
+// The first ray of an invocation. The argument is the invocation's number as if each ray had its own invocation.
 fn first_turn(invocation: u32) -> u32 {
     let local = invocation % WORKGROUP_SIZE;
     return (invocation - local) * PATH_RAYS_PER_INVOCATION + local;

@@ -1,7 +1,9 @@
-// An invocation of trace_main_path follows two rays side by side, which lie as far apart as its workgroup is large. The stage
-// itself is composed. Each step of a ray waits for the step before; a processor, which looks some hundred instructions
-// ahead, meanwhile works on the other ray. A last ray without a neighbour is followed twice: it deposits nothing, and logs
-// the same again.
+// An invocation of trace_main_path follows two rays side by side, one workgroup's size apart. The stage itself is
+// composed.
+//
+// Each step of a ray waits for the step before. A processor looks some hundred instructions ahead, and meanwhile works
+// on the other ray. A last ray without a neighbour is followed twice. The second time, the ray deposits nothing, and
+// logs the same again.
 
 fn first_of_pair(invocation: u32) -> u32 {
     let local = invocation % WORKGROUP_SIZE;

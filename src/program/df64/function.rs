@@ -1,4 +1,4 @@
-//! One function, with pairs of f32 in place of f64.
+//! Rewrites one function, with pairs of f32 in place of f64.
 
 use crate::error::Result;
 use crate::program::df64::rewriting::{Rewriting, literal_f32, unknown};
@@ -11,10 +11,10 @@ use std::collections::HashMap;
 
 type Value = Handle<Expression>;
 
-/// Which numbers a value is made of.
+/// How many reals a value holds directly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Reals {
-    /// No real, or one inside of a struct or behind a pointer.
+    /// None, or reals inside a struct or behind a pointer.
     None,
     One,
     Vector(VectorSize),
@@ -63,7 +63,7 @@ impl Rewriter<'_, '_> {
         Ok(())
     }
 
-    /// What a variable starts with: a constant, which is evaluated nowhere.
+    /// The initial value of a variable: a constant, which is not evaluated anywhere.
     fn initial(&mut self, old: Value) -> Result<Value> {
         let Expression::Compose { ty, components } = &self.old.expressions[old] else {
             return self.value(old);
@@ -182,7 +182,7 @@ impl Rewriter<'_, '_> {
         old.map(|old| self.value(old)).transpose()
     }
 
-    /// The new value of one that has been emitted, or of one that needs no evaluation.
+    /// The new value of an old one that has been emitted, or that needs no evaluation.
     fn value(&mut self, old: Value) -> Result<Value> {
         if let Some(new) = self.known.get(&old) {
             return Ok(*new);
@@ -210,7 +210,7 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    /// The scalars of a new value that stood for a vector, or as many of the same scalar.
+    /// The scalars of a new value that stands for a vector, or as many copies of a scalar.
     fn lanes(&mut self, old: Value, size: VectorSize, out: &mut Block) -> Result<Vec<Value>> {
         let value = self.value(old)?;
         let is_vector =
@@ -241,7 +241,7 @@ impl Rewriter<'_, '_> {
         self.emit(Expression::Compose { ty, components: vec![high, low] }, out)
     }
 
-    /// An expression at the place where it is evaluated.
+    /// Rewrites an expression where it is evaluated.
     fn emitted(&mut self, old: Value, out: &mut Block) -> Result<Value> {
         let expression = &self.old.expressions[old];
         let new = match expression {
@@ -319,7 +319,7 @@ impl Rewriter<'_, '_> {
         Ok(self.vector(lanes, out))
     }
 
-    /// The same for every lane of vectors; for reals themselves, once.
+    /// Applies `each` to every lane of vectors, or once to reals themselves.
     fn lanewise(
         &mut self,
         arguments: &[Value],
@@ -343,7 +343,7 @@ impl Rewriter<'_, '_> {
             .collect()
     }
 
-    /// `lanewise`, whose results are reals.
+    /// As `lanewise`, for results that are reals.
     fn lanewise_reals(
         &mut self,
         arguments: &[Value],
@@ -404,7 +404,7 @@ impl Rewriter<'_, '_> {
         self.emit(Expression::Compose { ty, components }, out)
     }
 
-    /// What an operand is known to be, where that spares work.
+    /// What is known about an operand, where that saves work.
     fn narrow(&mut self, old: Value) -> Narrow {
         let literal = match &self.old.expressions[old] {
             Expression::Literal(Literal::F64(value)) => Some(*value),
@@ -476,7 +476,7 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    /// The f32 that an operand is.
+    /// The f32 of an operand.
     fn single(&mut self, narrow: Narrow) -> Value {
         match narrow {
             Narrow::Literal(value) => self.f32(value),
@@ -485,7 +485,7 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    /// Times a power of two: exact, part by part.
+    /// Multiplies by a power of two: exact, part by part.
     fn scale(&mut self, value: Value, factor: f32, out: &mut Block) -> Value {
         let right = self.f32(factor);
         self.emit(Expression::Binary { op: BinaryOperator::Multiply, left: value, right }, out)
@@ -500,7 +500,7 @@ impl Rewriter<'_, '_> {
         out: &mut Block,
     ) -> Result<Value> {
         use BinaryOperator as B;
-        // The high part of a number that is not 0 is not 0 either.
+        // A number is 0 only if its high part is 0.
         if known.right == Narrow::Literal(0.0) {
             let left = self.emit(Expression::AccessIndex { base: left, index: 0 }, out);
             let right = self.f32(0.0);
@@ -607,7 +607,7 @@ impl Rewriter<'_, '_> {
     }
 }
 
-/// What is known of an operand.
+/// What is known about an operand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Narrow {
     Pair,
@@ -628,7 +628,7 @@ fn is_comparison(op: BinaryOperator) -> bool {
     matches!(op, B::Equal | B::NotEqual | B::Less | B::LessEqual | B::Greater | B::GreaterEqual)
 }
 
-/// A power of two, of either sign, whose inverse is a normal number too.
+/// True for a power of two, of either sign, whose inverse is a normal number too.
 fn is_power_of_two(value: f32) -> bool {
     value.is_normal() && value.to_bits() << 9 == 0 && value.recip().is_normal()
 }

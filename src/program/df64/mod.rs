@@ -1,8 +1,8 @@
-//! The df64 tier: the f64 module with every real as the unevaluated sum of two f32, for devices without f64.
+//! The df64 tier, for devices without f64: every real of the f64 module becomes the unevaluated sum of two f32.
 //!
-//! The physics is composed as for f64, parsed, and rewritten in naga's representation: an f64 becomes a `vec2<f32>`
-//! (high, low), a `vecN<f64>` a matrix of N such columns, and every operation a call of `shaders/math/df64.wgsl`. What
-//! comes out is WGSL again, without any f64.
+//! The physics is composed as for f64, parsed, and rewritten in naga's representation. An f64 becomes a `vec2<f32>`
+//! (high, low), and a `vecN<f64>` a matrix of N such columns. Every operation becomes a call of
+//! `shaders/math/df64.wgsl`. The result is WGSL again, without any f64.
 
 mod function;
 mod rewriting;
@@ -42,7 +42,7 @@ fn validate(module: &Module, capabilities: Capabilities) -> Result<ModuleInfo> {
 }
 
 impl Rewriting<'_> {
-    /// The library first, because everything else calls it.
+    /// The functions of the library come first, because all others call them.
     fn functions(&mut self) -> Result<()> {
         let is_library =
             |function: &naga::Function| function.name.as_ref().is_some_and(|name| name.starts_with(PREFIX));

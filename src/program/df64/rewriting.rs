@@ -1,4 +1,4 @@
-//! A module as it is rewritten: what is common to its functions.
+//! The state of rewriting a module, which all its functions share.
 
 use crate::error::{Error, Result};
 use crate::model::double_word::split;
@@ -6,14 +6,14 @@ use naga::valid::ModuleInfo;
 use naga::{Expression, Handle, Literal, Module, Scalar, Span, Type, TypeInner, VectorSize};
 use std::collections::HashMap;
 
-/// Names of the library's functions begin with this.
+/// How the names of the library's functions begin.
 pub(super) const PREFIX: &str = "df64_";
 
 pub(super) fn unknown(what: impl std::fmt::Debug) -> Error {
     Error::Internal(format!("df64 has no counterpart of {what:?}"))
 }
 
-/// The new module as it grows, and where the parts of the old one went.
+/// The new module as it grows, and the new handles of the old module's parts.
 pub(super) struct Rewriting<'a> {
     pub(super) old: &'a Module,
     pub(super) info: &'a ModuleInfo,
@@ -96,7 +96,7 @@ impl<'a> Rewriting<'a> {
         Ok((layout.alignment.round_up(1), layout.to_stride()))
     }
 
-    /// WGSL's rules lay the members out anew.
+    /// A struct, with its members laid out anew by WGSL's rules.
     pub(super) fn structure(&mut self, members: &[naga::StructMember]) -> Result<TypeInner> {
         let (mut end, mut alignment) = (0_u32, 1);
         let mut placed = Vec::new();
@@ -190,7 +190,7 @@ impl<'a> Rewriting<'a> {
         Ok(self.new.global_expressions.append(new, Span::UNDEFINED))
     }
 
-    /// Begins an entry point with what the library's barrier reads.
+    /// Begins an entry point by copying the zero that protects rounded results (shaders/math/df64.wgsl).
     pub(super) fn copy_zero(&self, function: &mut naga::Function) -> Result<()> {
         let mut global = |name: &str| {
             let mut variables = self.new.global_variables.iter();

@@ -1,5 +1,6 @@
-//! Trees of boxes whose nodes have up to four children, as shaders/geometry/boxes.wgsl walks them: those over the triangles
-//! of each mesh ([`crate::program::geometry::mesh`]), and the one over primitives ([`crate::program::geometry::tree`]).
+//! Trees of boxes whose nodes have up to four children, for shaders/geometry/boxes.wgsl. There is a tree over the
+//! triangles of each mesh ([`crate::program::geometry::mesh`]), and one over primitives
+//! ([`crate::program::geometry::tree`]).
 
 use crate::error::{Error, Result};
 use obvhs::BvhBuildParams;
@@ -14,19 +15,21 @@ use std::ops::Range;
 const NODE_ROWS: usize = 3;
 /// Most children of a node.
 const NODE_CHILDREN: usize = 4;
-/// Largest number of cells along a box's side, but for what the last one is rounded up by.
+/// Most cells along a box's side, before the last cell is rounded up.
 const MOST_CELLS: f64 = 254.0;
-/// More cells than the shader's arithmetic in a grid is in error by: 4 units of 2^-24 of its side.
+/// The room in cells that each box gets: more than the error of the shader's arithmetic, 4 units of 2^-24 of the grid's
+/// side.
 const GRID_SLACK: f64 = 1.0 / (1 << 12) as f64;
-/// A ray keeps what waits at a node in one word, of which 24 bits tell the first sibling.
+/// Most nodes. A ray keeps the siblings that wait at a node in one word, in which the first sibling has 24 bits.
 const MOST_NODES: usize = (1 << 24) - 1;
 
-/// Most levels of nodes: a ray keeps one group of siblings a level waiting. Balanced nodes of so many levels hold 2^128 items.
+/// Most levels of nodes: a ray keeps one group of waiting siblings a level. Balanced nodes of so many levels hold 2^128
+/// items.
 const MAX_DEPTH: u32 = 64;
 
 type Node = [[u32; 4]; NODE_ROWS];
 
-/// Trees. Their roots come first; all other nodes stand beside their siblings.
+/// Trees. Their roots come first; all other nodes are stored beside their siblings.
 #[derive(Debug)]
 pub struct Forest {
     nodes: Vec<Node>,
@@ -40,14 +43,15 @@ impl Forest {
         Forest { nodes: vec![Node::default(); num_roots], depth: 1 }
     }
 
-    /// Builds a tree over boxes; its items count from `first_item` on. Returns what is in the boxes, in the order of the items.
+    /// Builds a tree over boxes. Its items are numbered from `first_item` on. Returns the indices of the boxes, in the
+    /// order of the items.
     pub fn plant(&mut self, root: usize, boxes: &[Aabb], first_item: u32) -> Vec<u32> {
         let mut order = Vec::new();
         if boxes.is_empty() {
             return order;
         }
         let sapling = Sapling::over(boxes);
-        // By levels: siblings are next to one another, and what most rays visit is close together.
+        // Nodes are stored by levels: siblings are neighbours, and the nodes that most rays visit are close together.
         let mut depth = 1;
         let mut level = vec![(root, sapling.children(sapling.bounded(Branch::Node(0), depth)))];
         loop {
@@ -95,8 +99,8 @@ impl Forest {
     }
 }
 
-/// How a tree is built: the fewer boxes, the more often each is taken out and put back where it costs least. A thousand are
-/// done in some 20 ms, and a ray visits a tenth fewer nodes.
+/// How much work goes into a tree. The fewer boxes, the more often each is taken out and put back where it costs least.
+/// That takes some 20 ms for a thousand boxes, and a ray visits a tenth fewer nodes.
 fn effort(num_boxes: usize) -> BvhBuildParams {
     const MOST_REINSERTIONS: f32 = 4.0;
     const REINSERTED_BOXES: f32 = 2000.0;
@@ -106,21 +110,21 @@ fn effort(num_boxes: usize) -> BvhBuildParams {
     BvhBuildParams { max_prims_per_leaf: 1, reinsertion_batch_ratio, ..medium }
 }
 
-/// A tree with two children a node, from which one with four is made. Where it is too deep for a walk, balanced branches take
-/// the place of its own.
+/// A tree with two children a node, from which a tree with four is made. Where it is too deep for a walk, balanced
+/// branches replace its own.
 struct Sapling {
     nodes: Vec<Bvh2Node>,
-    /// What is in the boxes, from left to right.
+    /// The items in the boxes, from left to right.
     items: Vec<u32>,
-    /// Their boxes.
+    /// The items' boxes.
     boxes: Vec<Aabb>,
-    /// Of each node, the items below.
+    /// For each node, the items below it.
     spans: Vec<Range<u32>>,
 }
 
 /// A part of a sapling.
 enum Branch {
-    /// What is below a node.
+    /// All below a node.
     Node(usize),
     /// Items in a row, to be halved and halved again.
     Row(Range<u32>),
@@ -148,9 +152,10 @@ impl Sapling {
         sapling
     }
 
-    /// A branch whose root is on a level, counted from 1, or its items in a row where the levels that are left would hold
-    /// them only just. No child holds more items than its parent, and a row needs the fewest levels that can be. So what is
-    /// bounded on one level finds room on the next, and no tree gets deeper than [`MAX_DEPTH`].
+    /// A branch whose root is on a level, counted from 1. Where the levels that are left would only just hold the
+    /// branch, the result is a row of its items. A child holds no more items than its parent, and a row needs the
+    /// fewest levels possible. So a branch that fits on one level has children that fit on the next, and no tree gets
+    /// deeper than [`MAX_DEPTH`].
     fn bounded(&self, branch: Branch, level: u32) -> Branch {
         match branch {
             Branch::Node(node) if level + fewest_levels(self.spans[node].len()) > MAX_DEPTH => {
@@ -160,7 +165,7 @@ impl Sapling {
         }
     }
 
-    /// The item, if there is but one.
+    /// The item of a branch, if it has only one.
     fn leaf(&self, branch: &Branch) -> Option<u32> {
         let span = match branch {
             Branch::Node(node) => &self.spans[*node],
@@ -179,7 +184,7 @@ impl Sapling {
         }
     }
 
-    /// Up to four. Of nodes, the widest inner child is replaced by its own until there are enough.
+    /// Up to four children. Where there are fewer, the widest inner child is replaced by its own children.
     fn children(&self, parent: Branch) -> Vec<Branch> {
         let parent = match parent {
             Branch::Row(span) => return quarters(span).into_iter().map(Branch::Row).collect(),
@@ -199,7 +204,7 @@ impl Sapling {
     }
 }
 
-/// Levels of the flattest tree that holds so many items.
+/// Levels of the flattest tree that holds this many items.
 fn fewest_levels(num_items: usize) -> u32 {
     let mut levels = 1;
     let mut each = num_items;
@@ -210,15 +215,15 @@ fn fewest_levels(num_items: usize) -> u32 {
     levels
 }
 
-/// A row in up to four parts, none longer than a quarter that is rounded up.
+/// Divides a row into up to four parts, none longer than a quarter rounded up.
 fn quarters(row: Range<u32>) -> Vec<Range<u32>> {
     let length = row.end - row.start;
     let cut = |k: u32| row.start + (u64::from(length) * u64::from(k) / NODE_CHILDREN as u64) as u32;
     (0..NODE_CHILDREN as u32).map(|k| cut(k)..cut(k + 1)).filter(|part| !part.is_empty()).collect()
 }
 
-/// As `obvhs::bvh2::builder::build_bvh2` does it. But reinsertion searches with a stack for the depth that the tree had at
-/// first, and a chain outgrows that: so the depth is told anew before each of its rounds.
+/// Builds a tree as `obvhs::bvh2::builder::build_bvh2` does, with one difference. Reinsertion searches with a stack for
+/// the depth that the tree had at first, and a chain outgrows that. So each round here starts with the present depth.
 fn two_by_two(boxes: &[Aabb], params: BvhBuildParams) -> Bvh2 {
     let indices = (0..boxes.len() as u32).collect();
     let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
@@ -251,13 +256,13 @@ fn depth_of(bvh: &Bvh2) -> usize {
 
 /// A step of a walk through a whole tree.
 enum Visit {
-    /// Before what is below the node, whose level counts from 1.
+    /// Before the nodes below; levels count from 1.
     Enter { node: usize, level: usize },
-    /// After it.
+    /// After the nodes below.
     Leave { node: usize },
 }
 
-/// From left to right, without recursion: a chain is as deep as it is long.
+/// Visits a tree from left to right, without recursion: a chain is as deep as it is long.
 fn traverse(nodes: &[Bvh2Node], mut each: impl FnMut(Visit)) {
     let mut to_do = vec![Visit::Enter { node: 0, level: 1 }];
     while let Some(visit) = to_do.pop() {
@@ -272,8 +277,8 @@ fn traverse(nodes: &[Bvh2Node], mut each: impl FnMut(Visit)) {
     }
 }
 
-/// A node with the boxes of its children, of which the first `num_inner` are nodes. In its grid boxes grow, and never
-/// shrink: f64 holds all of that exactly, or to far less than boxes are padded by.
+/// A node with the boxes of its children, of which the first `num_inner` are nodes. In the node's grid boxes only grow.
+/// f64 holds all of that exactly, or with errors far below the padding of boxes.
 fn packed(boxes: &[Aabb], num_inner: usize, first_node: u32, first_item: u32) -> Node {
     let mut node = Node::default();
     let all = boxes.iter().copied().reduce(|a, b| a.union(&b)).unwrap_or_default();
@@ -295,7 +300,7 @@ fn packed(boxes: &[Aabb], num_inner: usize, first_node: u32, first_item: u32) ->
     node
 }
 
-/// Of the smallest power of two that is no less, among those that an f32 holds in full.
+/// The exponent of the smallest power of two that is at least `size`, among those that an f32 holds in full.
 fn exponent_of(size: f64) -> i32 {
     let about = size.log2().clamp(-126.0, 127.0).floor() as i32;
     if f64::from(about).exp2() < size { about + 1 } else { about }

@@ -1,9 +1,11 @@
 //! Contacts: faces so close that the precision cannot tell which comes first.
 //!
-//! Two touching plates have two faces in one place, and a ray must cross both, in the order that a vanishing gap would
-//! give. Distances cannot decide the order: distances differ by rounding. So the host finds the groups of faces that
-//! coincide: surfaces, detectors, facets of meshes. shaders/geometry/contact.on.wgsl lets a ray meet each face of a group at
-//! most once on its way through, and decides by sides and media which face comes next.
+//! Two touching plates have two faces in one place. A ray must cross both, in the order that a vanishing gap would
+//! give. Distances cannot decide the order, because distances differ by rounding.
+//!
+//! So the host finds the groups of faces that coincide: surfaces, detectors, facets of meshes. The shader
+//! (shaders/geometry/contact.on.wgsl) lets a ray meet each face of a group at most once on its way through. Sides and
+//! media decide there which face comes next.
 
 use crate::error::{Error, Result};
 use crate::model::shapes::{Level, Quadric};
@@ -15,64 +17,66 @@ use crate::program::features::Precision;
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
-/// The medium of a side that bounds none.
+/// The medium of a side that borders on no medium.
 pub const NO_MEDIUM: u32 = u32::MAX;
 
-/// A ray remembers in the bits of one word which faces of a group lie below it; one bit says that it arrives.
+/// Most layers of a group. A ray keeps in one word, a bit each, which faces of a group lie below it. One more bit marks
+/// a ray that arrives.
 const MOST_LAYERS: usize = 31;
 
-/// The layer of all faces that no ray crosses: a ray has always come from the side where it met them.
+/// The layer of all faces that no ray crosses. A ray stands on the side of such a face from which it came.
 const OPAQUE_LAYER: usize = MOST_LAYERS - 1;
 
-/// Where a primitive, or a facet of a mesh, stands among the faces in its place.
+/// The position of a primitive, or of a facet of a mesh, among the faces in its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Contact {
-    /// The faces with this number coincide; 0 for a face that touches none.
+    /// The number of the group of coinciding faces; 0 for a face that touches none.
     pub group: u32,
-    /// The bit of a ray's memory. Faces that overlap have different ones.
+    /// The number of the face's bit in a ray's memory. Faces that overlap have different layers.
     pub layer: u32,
     /// Position in the group along the normal of its first face. Faces that f64 cannot tell apart share one.
     pub level: u32,
     /// True if the face's own normal points the other way.
     pub flipped: bool,
-    /// Which face of a level is met, where physics has no answer.
+    /// Decides which face of a level is met, where physics has no answer.
     pub role: Role,
 }
 
-/// What decides whether a face of a level is met first. The discriminants are those of the shader.
+/// Decides whether a face of a level is met first. The discriminants are those of the shader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Role {
-    /// A mirror or a refracting surface: sides and media decide among several.
+    /// A mirror or a refracting surface. Among several, sides and media decide.
     #[default]
     Surface = 0,
-    /// An absorber: of it and another surface, the first in the list alone is met.
+    /// An absorber. Of an absorber and another surface, only the first in the list is met.
     Absorber = 1,
-    /// A detector: met where no surface is, and of several the first in the list alone.
+    /// A detector. It is met only where there is no surface; of several detectors, only the first in the list is met.
     Detector = 2,
 }
 
 /// The contacts of a scene.
 #[derive(Debug, Clone, Default)]
 pub struct Contacts {
-    /// Of every primitive: surfaces, then detectors. Of a mesh with facets in contact, what its facets share.
+    /// The contact of every primitive: surfaces, then detectors. For a mesh with facets in contact: what its facets
+    /// share.
     pub primitives: Vec<Contact>,
-    /// Of meshes, by the surface: the contact of each face.
+    /// The contacts of the faces of each mesh, by the number of the surface.
     pub facets: HashMap<usize, Vec<Contact>>,
     /// True for a primitive on which some source lies.
     pub born_on: Vec<bool>,
-    /// How far apart faces in contact can be met \[mm\].
+    /// The largest distance between faces in contact where a ray meets them \[mm\].
     pub tolerance: f64,
-    /// How far from a face that a source lies on its rays can be born \[mm\].
+    /// The largest distance of a ray's birth from a face on which its source lies \[mm\].
     pub birth_tolerance: f64,
 }
 
-/// Roundings of a coordinate within which faces coincide.
+/// The number of roundings of a coordinate within which faces coincide.
 const ROUNDINGS: f64 = 16.0;
 
-/// What a coordinate in df64 is rounded by: sums and products lose up to 5 u^2, u = 2^-24.
+/// The rounding of a coordinate in df64: sums and products lose up to 5 u^2, with u = 2^-24.
 const DF64_EPSILON: f64 = 16.0 * (0.5 * f32::EPSILON as f64) * (0.5 * f32::EPSILON as f64);
 
-/// Distance within which faces of this size coincide \[mm\].
+/// The distance within which faces of this size coincide \[mm\].
 pub fn tolerance(precision: Precision, size: f64) -> f64 {
     let epsilon = match precision {
         Precision::F32 => f64::from(f32::EPSILON),
@@ -117,21 +121,21 @@ impl Contacts {
     }
 }
 
-/// What is looked for, and what was found. A node is a primitive, or the facets of a mesh in one plane.
+/// A search for contacts, and what it found. A node is a primitive, or the facets of a mesh in one plane.
 struct Search<'a> {
     ir: &'a SceneIr,
     centre: DVec3,
     precision: Precision,
-    /// Of every primitive that is no mesh.
+    /// The face of every primitive that is not a mesh.
     faces: Vec<Option<Face>>,
     meshes: Vec<PlacedMesh<'a>>,
     groups: Groups,
-    /// Within which what was found coincides \[mm\].
+    /// The largest distance within which the faces found coincide \[mm\].
     tolerance: f64,
     birth_tolerance: f64,
-    /// Where rays are, but for what reaches farther than all else: a far-field detector has a radius of 1e6 mm \[mm\].
+    /// The size of the region where rays are \[mm\]. Far-field detectors do not count, with their radius of 1e6 mm.
     extent: f64,
-    /// What f64 has rounded places by before they were re-centred \[mm\].
+    /// The rounding of places in f64 before they were re-centred \[mm\].
     rounding: f64,
 }
 
@@ -151,7 +155,7 @@ enum Node {
 struct Groups {
     nodes: Vec<Node>,
     parents: Vec<usize>,
-    /// Joined with another, or with itself.
+    /// True for a node that is joined with another, or with itself.
     touches: Vec<bool>,
 }
 
@@ -224,13 +228,13 @@ impl<'a> Search<'a> {
         Search { ir, centre, precision, faces, meshes, groups, tolerance, birth_tolerance, extent, rounding }
     }
 
-    /// Distance within which faces of this size coincide.
+    /// The distance within which faces of this size coincide \[mm\].
     fn within(&self, size: f64) -> f64 {
         let by_tier = tolerance(self.precision, size.min(self.extent));
         by_tier.max(self.within_f64(size))
     }
 
-    /// The same, whatever the tier.
+    /// The same in f64, whatever the tier \[mm\].
     fn within_f64(&self, size: f64) -> f64 {
         tolerance(Precision::F64, size) + self.rounding
     }
@@ -251,7 +255,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Surfaces and detectors that coincide.
+    /// Joins surfaces and detectors that coincide.
     fn join_primitives(&mut self) {
         // Faces that coincide have the same distance from any point.
         let of = |i: usize| self.faces[i].as_ref().map(|face| (i, face));
@@ -273,7 +277,7 @@ impl<'a> Search<'a> {
         joined.into_iter().for_each(|(a, b, within)| self.join(a, b, within));
     }
 
-    /// Each face's points lie on the other. A point is as exact as the face that it belongs to.
+    /// True if each face's points lie on the other face. A point is as exact as the face to which it belongs.
     fn coincide(&self, a: &Face, b: &Face) -> bool {
         let lies = |on: &Face, face: &Face| {
             let within = self.within(face.size);
@@ -282,7 +286,7 @@ impl<'a> Search<'a> {
         lies(a, b) && lies(b, a)
     }
 
-    /// Facets in one plane of a mesh, on flat faces, and on facets of other meshes.
+    /// Joins facets in one plane of a mesh, on flat faces, and on facets of other meshes.
     fn join_meshes(&mut self) {
         let mut joined = Vec::new();
         for (k, placed) in self.meshes.iter().enumerate() {
@@ -393,7 +397,7 @@ impl<'a> Search<'a> {
         Ok(contacts.collect())
     }
 
-    /// The level of each member, by its height above one of them. What f64 cannot tell apart shares one.
+    /// The level of each member, by its height above `base`. Members that f64 cannot tell apart share a level.
     fn levels(&self, members: &[Unit], base: &Unit) -> Vec<u32> {
         let height = |unit: &Unit| {
             let sum: f64 = unit.points.iter().map(|&p| self.height(base, p)).sum();
@@ -411,7 +415,8 @@ impl<'a> Search<'a> {
         levels
     }
 
-    /// The faces of a member, its number, and whether each looks the other way than the first member of the group.
+    /// The faces of a member, its number, and for each face whether its normal points against that of the group's first
+    /// member.
     fn faces_of(&self, unit: &Unit, number: usize, base: &Unit) -> Vec<(Member, usize, bool)> {
         let is_flipped = |normal: DVec3| normal.dot(base.normal) < 0.0;
         match unit.node {
@@ -428,8 +433,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// A layer for each primitive and the way that its faces look: different ones where faces overlap. Faces of one
-    /// primitive that look the same way are one: where two of its facets coincide, the second adds nothing.
+    /// A layer for each primitive and orientation of its faces. Faces that overlap get different layers. Faces of one
+    /// primitive with the same orientation share a layer: where two of its facets coincide, the second adds nothing.
     fn layers(
         &self,
         members: &[Unit],
@@ -451,7 +456,7 @@ impl<'a> Search<'a> {
                 continue;
             }
             let others = keys[..place].iter().filter(|&&(other, _, l)| {
-                // Of detectors of one level the first alone is met.
+                // Of detectors of one level, only the first is met.
                 let hides = is_detector(other) && is_detector(primitive) && levels[l] == levels[k];
                 overlap(&members[l], &members[k]) && !hides
             });
@@ -524,13 +529,13 @@ enum Member {
     Facet { mesh: usize, facet: usize },
 }
 
-/// A node of a group, and what its place in the group follows from.
+/// A node of a group, with the data that determine its position in the group.
 struct Unit {
     node: Node,
     primitive: usize,
     normal: DVec3,
     points: Vec<DVec3>,
-    /// A ball that holds it.
+    /// The ball that holds the node.
     middle: DVec3,
     reach: f64,
     size: f64,
@@ -548,7 +553,7 @@ struct Face {
     frame: Frame,
     shape: Shape,
     points: Vec<DVec3>,
-    /// A ball that holds the face \[mm\].
+    /// The ball that holds the face \[mm\].
     middle: DVec3,
     reach: f64,
     /// Largest coordinate of its points \[mm\].
@@ -558,7 +563,7 @@ struct Face {
 }
 
 impl Face {
-    /// None of a shape without sample points, such as a mesh.
+    /// The face of a shape; `None` for a shape without sample points, such as a mesh.
     fn of(frame: Frame, shape: &Shape, centre: DVec3) -> Option<Self> {
         let frame = frame.relative_to(centre);
         let points: Vec<DVec3> =
@@ -609,12 +614,12 @@ impl Face {
     }
 }
 
-/// A mesh where a surface places it, relative to the scene's centre.
+/// A mesh in the place that a surface gives it, relative to the scene's centre.
 struct PlacedMesh<'a> {
     surface: usize,
     mesh: &'a Mesh,
     vertices: Vec<DVec3>,
-    /// The number of the plane in which each face lies.
+    /// The number of the plane of each face.
     plane_of: Vec<u32>,
     planes: Vec<FacetPlane>,
     low: DVec3,
@@ -657,7 +662,7 @@ impl<'a> PlacedMesh<'a> {
         (a.min(b).min(c), a.max(b).max(c))
     }
 
-    /// True if births lie in the plane of a facet, near it.
+    /// True if births lie in the plane of a facet, and near the facet.
     fn has_births(&self, births: &Births, within: f64) -> bool {
         let room = DVec3::splat(within);
         let (low, high) = (births.low - room, births.high + room);
@@ -670,7 +675,7 @@ impl<'a> PlacedMesh<'a> {
     }
 }
 
-/// Where the rays of a source are born, relative to the scene's centre.
+/// The places where the rays of a source are born, relative to the scene's centre.
 struct Births {
     points: Vec<DVec3>,
     middle: DVec3,
@@ -701,14 +706,14 @@ impl Births {
     }
 }
 
-/// The number of the plane in which each face of a mesh lies: within the rounding of f64, whatever the tier, because
-/// facets that a coarser tier cannot tell from flat still bound a solid.
+/// The number of the plane of each face of a mesh. Faces in one plane agree within the rounding of f64, whatever the
+/// tier. Facets that a coarser tier cannot tell from flat still bound a solid.
 fn planes_of(mesh: &Mesh) -> Vec<u32> {
     /// Planes whose keys differ by more are not compared.
     const KEYS_APART: f64 = 1e-9;
     let size = mesh.vertices.iter().map(|p| p.abs().max_element()).fold(f64::MIN_POSITIVE, f64::max);
     let within = tolerance(Precision::F64, size);
-    // The same for both orientations, and different for nearly all planes.
+    // The key is the same for both orientations, and differs between nearly all planes.
     let key = |normal: DVec3, p: DVec3| {
         (normal.dot(DVec3::new(0.754_877_666, 0.569_840_291, 0.430_159_709))
             + 0.324_717_957 * normal.dot(p) / size)
@@ -723,7 +728,7 @@ fn planes_of(mesh: &Mesh) -> Vec<u32> {
         .collect();
     facets.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut plane_of = vec![0; mesh.faces.len()];
-    // The first facet of each plane, in the order of the keys.
+    // Key, corner and normal of the first facet of each plane, in the order of the keys.
     let mut firsts: Vec<(f64, DVec3, DVec3)> = Vec::new();
     for (key, facet) in facets {
         let corners = mesh.corners(mesh.faces[facet as usize]);
@@ -745,7 +750,7 @@ fn planes_of(mesh: &Mesh) -> Vec<u32> {
     plane_of
 }
 
-/// Pairs of facets that coincide, of two meshes.
+/// Pairs of coinciding facets of two meshes.
 fn facets_in_contact(a: &PlacedMesh, b: &PlacedMesh, within: f64) -> Vec<[usize; 2]> {
     let room = DVec3::splat(within);
     let (low, high) = (a.low.max(b.low) - room, a.high.min(b.high) + room);
@@ -764,7 +769,7 @@ fn facets_in_contact(a: &PlacedMesh, b: &PlacedMesh, within: f64) -> Vec<[usize;
     };
     let ((of_a, axis), (of_b, _)) = (near(a), near(b));
     let mut pairs = Vec::new();
-    // A sweep along the longest axis of what both meshes share.
+    // A sweep along the longest axis of the region that both meshes share.
     let longest = of_b.iter().map(|(_, below, above)| above[axis] - below[axis]).fold(0.0, f64::max);
     for (f, below, above) in &of_a {
         let corners = a.corners(*f);
@@ -786,7 +791,8 @@ fn facets_in_contact(a: &PlacedMesh, b: &PlacedMesh, within: f64) -> Vec<[usize;
     pairs
 }
 
-/// True if a facet is much larger than a tolerance: a smaller one lies within it of whatever passes by.
+/// True if a facet is much larger than a tolerance. A smaller facet lies within the tolerance of anything that passes
+/// by.
 fn is_resolved(corners: [DVec3; 3], within: f64) -> bool {
     const TIMES: f64 = 8.0;
     let [a, b, c] = corners;

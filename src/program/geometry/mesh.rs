@@ -1,4 +1,4 @@
-//! Meshes as shaders/shapes/mesh.wgsl reads them: one list of triangles, in the order of the trees over them.
+//! The triangles of meshes as shaders/shapes/mesh.wgsl reads them: one list, in the order of the trees over them.
 
 use crate::model::{Mesh, SceneIr, unit_normal};
 use crate::program::geometry::bvh::Forest;
@@ -8,16 +8,17 @@ use obvhs::aabb::Aabb;
 /// Rows of a triangle: three times a corner and a component of the normal.
 const TRIANGLE_ROWS: usize = 3;
 
-/// A box is larger than what it holds by this share of the mesh's size, which covers all rounding in f32: of the box
-/// itself, of the ray's base and direction (2 units of 2^-24 of the size each), of the slabs (two differences and three
-/// products, over a box and its grid, with an inverse good to 2.5 ulp: 16) and of the corners that the ray sees.
+/// The share of the mesh's size by which a box is larger than its contents. The share is 64 units of 2^-24, which cover
+/// all rounding in f32. The box contributes, and so do the corners that the ray sees. The ray's base and direction
+/// contribute 2 units each. The slabs contribute 16: two differences and three products, over a box and its grid, with
+/// an inverse good to 2.5 ulp.
 const PADDING: f64 = 1.0 / (1 << 18) as f64;
 
 /// The triangles of all meshes.
 #[derive(Debug, Default)]
 pub struct Triangles {
     corners: Vec<[DVec3; 3]>,
-    /// Of each, the face of its mesh.
+    /// The face of the mesh that each triangle is.
     faces: Vec<u32>,
     /// The first triangle of each mesh.
     firsts: Vec<usize>,
@@ -37,20 +38,20 @@ impl Triangles {
         triangles
     }
 
-    /// The number of the first triangle of a mesh, and the faces that its triangles are.
+    /// The number of a mesh's first triangle, and the faces of the mesh in the order of its triangles.
     pub fn of_mesh(&self, mesh: usize) -> (usize, &[u32]) {
         let first = self.firsts[mesh];
         let end = self.firsts.get(mesh + 1).copied().unwrap_or(self.faces.len());
         (first, &self.faces[first..end])
     }
 
-    /// Rows of all triangles: they stand among the trees in f32, and in a buffer of their own in the other tiers.
+    /// Rows of all triangles. In f32 they follow the trees; in the other tiers they have a buffer of their own.
     pub fn num_rows(&self) -> usize {
         TRIANGLE_ROWS * self.corners.len()
     }
 
-    /// The contents of all rows, four numbers each. A triangle's normal stands there because corners that are rounded
-    /// would tilt it.
+    /// The contents of all rows, four numbers each. The rows include a triangle's normal, because rounded corners would
+    /// tilt it.
     pub fn reals(&self) -> impl Iterator<Item = f64> + '_ {
         let rows = self.corners.iter().flat_map(|&corners| {
             let normal = unit_normal(corners);
@@ -60,13 +61,13 @@ impl Triangles {
     }
 }
 
-/// The root of a mesh's tree: those of meshes come first.
+/// The root of a mesh's tree. The roots of meshes come first.
 pub fn root(mesh: usize) -> u32 {
     mesh as u32
 }
 
-/// How far from the facet that it leaves a ray may stand in f32 \[mm\]: so many units of 2^-24 of the largest coordinate
-/// of a mesh in the scene.
+/// How far from the facet that it leaves a ray may stand in f32 \[mm\]. This is 16 units of 2^-24 of the largest
+/// coordinate of any mesh.
 pub fn edge_slack(ir: &SceneIr, centre: DVec3) -> f64 {
     const ROUNDINGS: f64 = 16.0;
     let size = |surface: &crate::model::Surface| {

@@ -1,4 +1,4 @@
-//! What a scene's surfaces are searched by: trees of boxes, meshes, and which faces lie in one place.
+//! How a scene's surfaces are searched: trees of boxes, meshes, and faces in contact.
 
 pub mod bvh;
 pub mod contact;

@@ -1,13 +1,17 @@
 //! A tree of boxes over the primitives of a scene, as shaders/geometry/primitives.tree.wgsl walks it.
 //!
-//! The boxes are f32 in both tiers, and must hold whatever the shaders' own arithmetic counts as a hit. Errors of that
-//! come from rounding coordinates: of the ray's position o, of the primitive's place and size s, and of points on the
-//! way between, none larger than |o| + s. With u = 2^-24, in units of u times those: the box and its corners 1 each,
-//! the position 1, the direction and the frame's rotation 3 each over the way, place, subtraction and the point that is
-//! tested against the aperture 2 each, the slabs (two differences, a sum and three products, with an inverse good to
-//! 2.5 ulp; a box's place in a grid that is wider than it has room of its own, crate::program::geometry::bvh) 16, the crossing of a
-//! quadric 10. That is less than 48; a box is larger by 64 times s, and the shader widens it by 64 times |o|. Along the
-//! ray the same margin keeps the entry into a box before any hit within.
+//! The boxes are f32 in both tiers. A box must hold all that the shaders' own arithmetic counts as a hit. Rounding of
+//! coordinates limits that arithmetic: of the ray's position o, of the primitive's place and size s, and of points on
+//! the way. None of these coordinates is larger than |o| + s.
+//!
+//! Errors are in units of u (|o| + s), with u = 2^-24. The box and its corners contribute 1 each, and the position 1.
+//! The direction and the frame's rotation contribute 3 each, over the way. The place, the subtraction and the point
+//! that is tested against the aperture contribute 2 each. The slabs contribute 16: two differences, a sum and three
+//! products, with an inverse good to 2.5 ulp. The crossing of a quadric contributes 10. Rounding of a box to its node's
+//! grid has room of its own (crate::program::geometry::bvh).
+//!
+//! The sum is less than 48. A box is larger by 64 times s, and the shader widens it by 64 times |o|. The same margin
+//! along the ray keeps the entry into a box before any hit in it.
 
 use crate::error::Result;
 use crate::model::{Frame, Mesh, SceneIr, Shape};
@@ -18,24 +22,25 @@ use crate::program::layout::records::Records;
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 
-/// A box is larger than what it holds by this share of its coordinates and its size; a ray's slack is this share of its
-/// own coordinates.
+/// The share of its coordinates and its size by which a box is larger than its contents. A ray's slack is the same
+/// share of the ray's own coordinates.
 pub const SLACK: f64 = 1.0 / (1 << 18) as f64;
 
-/// The tree over the primitives that have a box, and the list of those that have none.
+/// The tree over the primitives that have a box, and the list of the others.
 #[derive(Debug)]
 pub struct PrimitiveTree {
-    /// The tree's place among the roots.
+    /// The number of the tree's root.
     pub root: u32,
     /// In the order of the tree, then those without a box.
     primitives: Vec<u32>,
     num_boxed: usize,
-    /// What shaders read of them, where it stands in the rows that follow the nodes; else those have their numbers alone.
+    /// The records that shaders read, if they are stored in the rows that follow the nodes. Otherwise these rows hold
+    /// numbers alone.
     pub records: Option<Records>,
 }
 
 impl PrimitiveTree {
-    /// Builds the tree from a root, over primitives with these boxes, or none.
+    /// Builds the tree from a root. `boxes` has the box of each primitive, or `None`.
     pub fn of(boxes: &[Option<Aabb>], forest: &mut Forest, root: usize) -> Self {
         let (mut boxed, mut bounds, mut boundless) = (Vec::new(), Vec::new(), Vec::new());
         for (i, of_primitive) in (0..).zip(boxes) {
@@ -58,12 +63,12 @@ impl PrimitiveTree {
         &self.primitives
     }
 
-    /// Primitives that have a box.
+    /// The number of primitives that have a box.
     pub fn num_boxed(&self) -> usize {
         self.num_boxed
     }
 
-    /// Rows of a primitive, after the nodes.
+    /// Rows of one primitive, after the nodes.
     pub fn rows_each(&self, precision: Precision) -> usize {
         self.records.as_ref().map_or(1, |records| records.num_texels(precision))
     }
@@ -85,18 +90,19 @@ impl PrimitiveTree {
     }
 }
 
-/// The boxes of all primitives, relative to `centre`; none for those without an end.
+/// The boxes of all primitives, relative to `centre`; `None` for an unbounded primitive.
 pub fn boxes(ir: &SceneIr, centre: DVec3, contacts: &Contacts) -> Vec<Option<Aabb>> {
     let primitives = crate::model::primitives::primitives(ir).into_iter().enumerate();
     let of = |(i, (frame, shape)): (usize, (Frame, Shape))| {
-        // Faces in contact are met together, as far apart as the tolerance.
+        // Faces in contact are met together, even as far apart as the tolerance.
         let touch = if contacts.touches(i) { contacts.tolerance } else { 0.0 };
         bounds(&frame.relative_to(centre), &shape, &ir.meshes, touch)
     };
     primitives.map(of).collect()
 }
 
-/// The box of a primitive, `margin` larger, or none if it has no end or its crossings are ill-conditioned.
+/// The box of a primitive, larger by `margin`; `None` if the primitive is unbounded or its crossings are
+/// ill-conditioned.
 pub fn bounds(frame: &Frame, shape: &Shape, meshes: &[Mesh], margin: f64) -> Option<Aabb> {
     let extent = shape.extent(meshes)?;
     let middle = frame.rotation * extent.middle + frame.origin;

@@ -1,19 +1,20 @@
-//! Bins that rays meet on their way, in registers: each goes to memory once an invocation (shaders/sums/ledger.wgsl).
+//! Keeps the ledger's bins in registers: each goes to memory once an invocation (shaders/sums/ledger.wgsl).
 
 use crate::model::surface_optics::lossy_mirrors;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::extension::Extension;
 use std::fmt::Write;
 
-/// A bin: its cell, as WGSL has it, and whether rays leave weight in it, or are counted alone.
+/// A bin: its cell as WGSL has it, and whether it sums weight or only counts rays.
 struct Bin {
     cell: String,
     has_quanta: bool,
 }
 
 impl Composition<'_> {
-    /// The variables of the bins, and the functions that add to them, send them to memory (`flush_bins`) and, where the
-    /// extension wants it, take back what a ray has put into them (`keep_bins`, `restore_bins`).
+    /// The variables of the bins, with functions that add to them (`add_to_bin`) and send them to memory
+    /// (`flush_bins`). If the extension wants it, two more functions take back what a ray has put into them
+    /// (`keep_bins`, `restore_bins`).
     pub(super) fn bins(&self, extension: &dyn Extension) -> String {
         let mut variables = String::new();
         let mut add = String::from("fn add_to_bin(cell: u32, q: Quanta) {\n");
@@ -51,7 +52,7 @@ impl Composition<'_> {
         text
     }
 
-    /// Those that rays of this scene can meet. The mirrors of a table deposit in memory, but for those that the extension
+    /// The bins that rays of this scene can meet. Mirrors in a table deposit in memory, except those that the extension
     /// wants in registers.
     fn bins_in_registers(&self, extension: &dyn Extension) -> Vec<Bin> {
         let f = &self.features;

@@ -1,5 +1,5 @@
-//! Composition of the WGSL for one scene: files of shaders/ as they are, and around them only constants, records and
-//! calls. No formula is written here.
+//! Composes the WGSL of one scene: files of shaders/ as they are, with only constants, records and calls around them.
+//! No formula is written here.
 
 use crate::error::Result;
 use crate::program::features::Precision;
@@ -16,15 +16,15 @@ pub fn advance() -> String {
 }
 
 impl Composition<'_> {
-    /// The whole module: the bindings, the library, the constants, the files that the scene needs (`variants`), and then what is written
-    /// for the scene itself. Each part stands below a comment that names the file, or the module that composes it.
+    /// The whole module: the bindings, the library, the constants, the files that the scene needs (`variants`), and the
+    /// text written for this scene. Above each part, a comment names the file, or the module that composes the part.
     pub fn compose(&self, extension: &dyn Extension) -> Result<String> {
         let mut text = Text::default();
         library::add(&mut text, self.real_type(), self.integers(), self.options.sampler);
         text.composed("program::wgsl::constants", &self.constants(extension)?);
         text.files(self.files(extension));
         if self.features.has_own_normals() {
-            // To which the function for all shapes turns (`dispatch`), so before that one is declared.
+            // The function for all shapes (`dispatch`) calls it under this name, and is declared later.
             text.rename("fn quadric_normal(", "fn normal_of_quadric(");
         }
         text.composed("program::wgsl::variants", &self.drawn_branch());

@@ -1,4 +1,4 @@
-//! What the text of a module is composed from.
+//! The data from which the text of a module is composed.
 
 use crate::error::Result;
 use crate::program::features::Precision;
@@ -8,7 +8,7 @@ use crate::program::prepared::Prepared;
 use glam::DVec3;
 use std::ops::Deref;
 
-/// What a composition is made from: a prepared scene, to which it dereferences, and the buffers that its cells lie in.
+/// The data of a composition: a prepared scene, to which it dereferences, and the buffers of its cells.
 pub struct Composition<'a> {
     scene: &'a Prepared<'a>,
     /// The buffers that the cells lie in.
@@ -29,7 +29,7 @@ impl<'a> Composition<'a> {
         Composition { scene, sums }
     }
 
-    /// That of the physics.
+    /// The precision of the physics.
     pub fn precision(&self) -> Precision {
         self.options.precision
     }

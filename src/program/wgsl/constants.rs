@@ -1,4 +1,4 @@
-//! The constants of a scene's module: sizes, numbers of cells, and what of it the shaders need not ask.
+//! The constants of a scene's module: sizes, numbers of cells, and properties that shaders then need not ask for.
 
 use crate::error::Result;
 use crate::program::features::Precision;
@@ -10,8 +10,8 @@ use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::extension::Extension;
 use std::fmt::{Display, Write};
 
-/// Up to so many detectors have a sum each of the visits that were forgotten (shaders/sums/visits.on.wgsl): an invocation keeps
-/// them in its own memory.
+/// Most detectors that have their own sum of forgotten visits (shaders/sums/visits.on.wgsl). An invocation keeps these
+/// sums in its own memory.
 const MAX_FORGOTTEN_PLACES: usize = 32;
 
 /// Declarations of constants.
@@ -24,7 +24,7 @@ impl Constants {
         self.declare(name, "u32", format_args!("{value}u"));
     }
 
-    /// Whether something is so.
+    /// A boolean.
     pub(crate) fn bool(&mut self, name: &str, value: bool) {
         self.declare(name, "bool", value);
     }
@@ -52,7 +52,7 @@ impl Composition<'_> {
         Ok(constants.0)
     }
 
-    /// How much there is of everything, and how it is divided among invocations.
+    /// How many things of each kind there are, and how work is divided among invocations.
     fn sizes(&self, constants: &mut Constants) {
         let options = &self.options;
         constants.uint("NO_COUNT", u32::MAX - options.vector_lanes);
@@ -70,7 +70,7 @@ impl Composition<'_> {
         constants.uint("PATH_THRESHOLD", threshold);
     }
 
-    /// Where nodes, triangles and primitives lie among the rows of trees.
+    /// The positions of nodes, triangles and primitives among the rows of trees.
     fn places_of_trees(&self, constants: &mut Constants) {
         if self.has_trees() {
             constants.uint("TREE_DEPTH", self.forest.depth);
@@ -94,7 +94,7 @@ impl Composition<'_> {
         }
     }
 
-    /// Where the sums of what lie.
+    /// The numbers of the cells.
     fn numbers_of_cells(&self, constants: &mut Constants) {
         for (i, name) in (0..).zip(LEDGER_CELLS) {
             constants.uint(name, i);
@@ -127,7 +127,7 @@ impl Composition<'_> {
         }
     }
 
-    /// What some scenes have and others have not.
+    /// Properties that some scenes have and others lack.
     fn questions(&self, constants: &mut Constants, extension: &dyn Extension) {
         let (features, options) = (&self.features, &self.options);
         let [hard, bilinear, gaussian] = features.splats;
@@ -153,7 +153,7 @@ impl Composition<'_> {
         }
     }
 
-    /// Lengths and weights that decide.
+    /// Lengths and weights on which decisions depend.
     fn tolerances(&self, constants: &mut Constants) -> Result<()> {
         let precision = self.precision();
         if self.contacts.any() {
@@ -170,7 +170,7 @@ impl Composition<'_> {
         Ok(())
     }
 
-    /// Where rays are split, a weight must be whole steps; a pair of f32 can hold more.
+    /// True if weights must be cut before a split. A split weight must be whole steps, and a pair of f32 can hold more.
     pub(super) fn cuts_weights(&self) -> bool {
         self.features.splits && self.precision() == Precision::Df64
     }

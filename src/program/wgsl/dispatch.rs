@@ -8,14 +8,14 @@ use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
 
 impl Composition<'_> {
-    /// All but that over shapes, which belongs to the search.
+    /// Dispatch over all kinds but shapes, which belong to the search.
     pub(super) fn dispatch(&self) -> Result<String> {
         let others = [self.record(), self.emit(), self.sample_bsdf(), self.reflect_probability()?];
         Ok(self.normal_by_kind() + &others.concat())
     }
 
-    /// Over the kinds of shapes that have a function for their normal; the others are quadrics, whose function has another
-    /// name then ([`Composition::compose`]).
+    /// Dispatch over the kinds of shapes that have a function for their normal. The other shapes are quadrics. Their
+    /// function then has another name ([`Composition::compose`]).
     fn normal_by_kind(&self) -> String {
         if !self.features.has_own_normals() {
             return String::new();
@@ -34,7 +34,7 @@ impl Composition<'_> {
         text + "    return normal_of_quadric(surface, position);\n}\n"
     }
 
-    /// Over the kinds of detectors.
+    /// Dispatch over the kinds of detectors.
     fn record(&self) -> String {
         let mut text = String::from("fn record(ray: Ray, detector: Detector, index: u32, ends: bool) {\n");
         for function in &self.features.detectors {
@@ -47,7 +47,7 @@ impl Composition<'_> {
         text
     }
 
-    /// Over the kinds of sources.
+    /// Dispatch over the kinds of sources.
     fn emit(&self) -> String {
         let Some((last, others)) = self.features.sources.split_last() else {
             return String::new();
@@ -61,7 +61,7 @@ impl Composition<'_> {
         text
     }
 
-    /// Over the kinds of BSDFs.
+    /// Dispatch over the kinds of BSDFs.
     fn sample_bsdf(&self) -> String {
         let Some((last, others)) = self.features.bsdfs.split_last() else {
             return String::new();
@@ -75,7 +75,7 @@ impl Composition<'_> {
         text
     }
 
-    /// How often reflection is drawn, where that is not its own probability.
+    /// The probability with which reflection is drawn, where that is not the reflectance itself.
     fn reflect_probability(&self) -> Result<String> {
         if !self.features.importance {
             return Ok(String::new());
@@ -89,8 +89,8 @@ impl Composition<'_> {
     }
 }
 
-/// A `Quadric` that tells in WGSL how far a point `o` is from a shape with these arguments: the shape's own one, or for
-/// a shape that is none a plane at the shape's height above the point.
+/// A `Quadric` in WGSL that gives the distance of a point `o` from a shape with these arguments. A shape that is no
+/// quadric gets a plane, at the shape's height above the point.
 pub(super) fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
     match kind.wgsl().normal {
         Normal::Quadric(quadric) => quadric(&arguments.split(", ").collect::<Vec<_>>()),
@@ -102,8 +102,9 @@ pub(super) fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
     }
 }
 
-/// A function that returns for its primitive, `p` in `head`, what `call` does for the kind, given the primitive's arguments,
-/// and `otherwise` where it is of none of the kinds. A single kind is not asked for.
+/// A function with the head `head`, which returns the result of `call` for the kind of its primitive `p`. `call` gets
+/// the kind and the primitive's arguments. For other kinds the result is `otherwise`; if there is only one kind, the
+/// kind is not tested.
 pub(super) fn by_kind(
     head: &str,
     kinds: &[ShapeKind],

@@ -1,7 +1,8 @@
-//! What a way of tracing adds to the plain module: files, constants, entry points.
+//! What a strategy adds to the plain module: files, constants, entry points.
 //!
-//! The plain module is complete without it, and traces every scene. An extension may put a file of its own in the place of
-//! a slot's ([`crate::program::wgsl::variants`]), and may add entry points beside the plain ones. It never changes a result.
+//! The plain module is complete without an extension, and traces every scene. An extension may replace the file of a
+//! slot ([`crate::program::wgsl::variants`]), and may add entry points beside the plain ones. An extension does not
+//! change a result.
 
 use crate::error::Result;
 use crate::program::prepared::Prepared;
@@ -12,15 +13,15 @@ use std::any::Any;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// What is added to the plain module of a scene. Each method says what the plain module has unless an extension overrides it.
+/// The additions to the plain module of a scene. A method that is not overridden leaves the plain module as it is.
 pub trait Extension: Debug + Any + Send + Sync {
-    /// The file that takes the place of a slot's own; the slot is named by its stem, such as `sums/ends`.
+    /// The file that replaces a slot's own. The slot is named by its stem, such as `sums/ends`.
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         let _ = slot;
         None
     }
 
-    /// Adds constants, files and entry points, with the comments that name them.
+    /// Adds constants, files and entry points, with comments that name their origin.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the precision cannot hold a number.
@@ -29,24 +30,25 @@ pub trait Extension: Debug + Any + Send + Sync {
         Ok(())
     }
 
-    /// What rays leave on detectors in passing is logged, and not added up by the device.
+    /// True if deposits on detectors in passing are logged, and not added up by the device.
     fn logs_passes(&self) -> bool {
         false
     }
 
-    /// The entry points take back what a ray has put into the bins since its birth (`keep_bins`, `restore_bins`).
+    /// True if the entry points take back what a ray has put into the bins since its birth (`keep_bins`,
+    /// `restore_bins`).
     fn restores_bins(&self) -> bool {
         false
     }
 
-    /// The bin of this mirror is kept in registers even where the scene lies in tables.
+    /// True if the bin of this mirror is kept in registers even where the scene lies in tables.
     fn keeps_bin_of(&self, primitive: usize) -> bool {
         let _ = primitive;
         false
     }
 }
 
-/// Whoever makes the extension of a scene.
+/// Makes the extension of a scene.
 pub trait Extend {
     /// The extension for this scene.
     fn extension(&self, scene: &Prepared) -> Arc<dyn Extension>;

@@ -1,4 +1,4 @@
-//! The WGSL files that every shader shares, chosen by precision and by integers.
+//! The WGSL files that all shaders share, chosen by precision and by the kind of integers.
 
 use crate::program::layout::bindings;
 use crate::program::layout::rng::Sampler;
@@ -10,7 +10,7 @@ use crate::shaders::{ShaderFile, shader};
 pub enum Real {
     /// 32-bit floats: every adapter.
     F32,
-    /// f64 in the text, for [`crate::program::df64::rewrite`] to make pairs of 32-bit floats of.
+    /// Pairs of 32-bit floats: the text has f64, and [`crate::program::df64::rewrite`] makes the pairs.
     Df64,
     /// 64-bit floats: adapters with `SHADER_F64`.
     F64,
@@ -58,7 +58,7 @@ pub fn source(real: Real, integers: Integers, sampler: Sampler) -> String {
     bindings::declared(&text.into_string())
 }
 
-/// Adds them to a module.
+/// Adds the shared functions to a module.
 pub(super) fn add(text: &mut Text, real: Real, integers: Integers, sampler: Sampler) {
     let (name, by_real) = match real {
         Real::F32 => ("f32", F32),

@@ -1,4 +1,4 @@
-//! The WGSL of one scene: which files it takes, and what stands around them.
+//! The WGSL of one scene: the files that it takes, and the text composed around them.
 
 mod bins;
 pub mod compose;

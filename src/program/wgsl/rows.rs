@@ -1,4 +1,5 @@
-//! What shaders read by row: surfaces, detectors, media, sources, contacts and primitives, compiled in or from tables.
+//! Records that shaders read by row: surfaces, detectors, media, sources, contacts and primitives. They are compiled
+//! in, or read from tables.
 
 use crate::error::Result;
 use crate::program::layout::records::Records;
@@ -6,7 +7,7 @@ use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
 
 impl Composition<'_> {
-    /// All of them, each with the functions into its frame and out of it.
+    /// All records, each with the functions into its frame and out of it.
     pub(super) fn rows(&self) -> Result<String> {
         Ok([
             self.surfaces_and_detectors()?,
@@ -39,8 +40,8 @@ impl Composition<'_> {
         }
     }
 
-    /// A single source is compiled in; of several, the one of the dispatch lies in a uniform. `begin` copies what lies in
-    /// uniforms before the first branch.
+    /// A single source is compiled in. Of several sources, the source of the dispatch lies in a uniform. `begin` copies
+    /// the uniforms before the first branch.
     fn source(&self) -> Result<String> {
         let sources = tables::source_records(self.ir, self.centre, &self.options.weights);
         let rotated = tables::any_rotated(self.ir.sources.iter().map(|e| &e.frame));
@@ -68,7 +69,7 @@ impl Composition<'_> {
         tables::contact_records(self.ir, &self.contacts, &self.facets)
     }
 
-    /// Where the scene is compiled in, the search has the numbers of primitives in its calls.
+    /// Where the scene is compiled in, the calls of the search contain the numbers of primitives.
     fn primitives(&self) -> Result<String> {
         match (self.options.baked, self.tree_records()) {
             (true, _) => Ok(String::new()),
@@ -88,7 +89,8 @@ impl Composition<'_> {
     }
 }
 
-/// `to_<row>` and `from_<row>`: into and out of a record's frame; no code where no frame of the table is rotated.
+/// `to_<row>` and `from_<row>`, the functions into a record's frame and out of it. They do nothing if no frame of the
+/// table is rotated.
 pub(super) fn frame_functions(name: &str, row: &str, rotated: bool) -> String {
     let (to, from) = if rotated {
         let rotation = "Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz))";

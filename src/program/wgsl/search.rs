@@ -1,4 +1,4 @@
-//! The search for the primitive that a ray meets next: one call a primitive, or a loop over a table, or a tree.
+//! The search for the primitive that a ray meets next: one call a primitive, a loop over a table, or a tree.
 
 use crate::error::Result;
 use crate::model::shapes::Quadric;
@@ -12,8 +12,8 @@ use std::fmt::Write;
 use std::ops::Range;
 
 impl Composition<'_> {
-    /// Baked: one call a primitive, with its numbers. Table: a loop over the primitives' records, or a tree and what stands
-    /// apart from it.
+    /// A scene that is compiled in has one call a primitive, with numbers. A scene in tables has a loop over the
+    /// primitives' records, or a tree and the few primitives beside it.
     pub(super) fn nearest_primitive(&self) -> Result<String> {
         let num = self.num_primitives();
         if self.options.baked {
@@ -32,8 +32,9 @@ impl Composition<'_> {
         self.nearest_of(&format!("{name}(ray: Ray, start: Hit)"), "start", None, candidates)
     }
 
-    /// A function that looks for the nearest of some primitives, one after the other; each with whether the ray stands on
-    /// it. Of the one that is `nearer`, a conic, it looks at the nearer crossing alone.
+    /// A function that finds the nearest of some primitives, one after the other. Each candidate comes with the
+    /// condition that the ray stands on it. If `nearer` is given, that primitive is a conic, and only its nearer
+    /// crossing is tested.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the precision cannot hold a number.
@@ -76,7 +77,8 @@ impl Composition<'_> {
         Ok((format!("to_local({v}, {rotation})"), format!("to_local(ray.direction, {rotation})")))
     }
 
-    /// Makes a primitive's hit the `best` one if it is nearer; `leaving` tells whether the ray stands on it.
+    /// Makes a primitive's hit the `best` one if it is nearer. `leaving` is the condition that the ray stands on the
+    /// primitive.
     fn try_primitive(
         &self,
         i: usize,
@@ -124,7 +126,7 @@ impl Composition<'_> {
         Ok(format!("    best = nearer_in_contact(best, ray, here, {i}u, {contact}, {elsewhere}, {holds});\n"))
     }
 
-    /// What the loop over a table, or the walk of a tree, asks of a primitive.
+    /// The functions with which the loop over a table, or the walk of a tree, tests a primitive.
     fn nearest_primitive_table(&self) -> String {
         let primitives = &crate::model::primitives::primitives(self.ir)[..self.options.num_in_table(self.ir)];
         let rotated = tables::any_rotated(primitives.iter().map(|(frame, _)| frame));
@@ -150,7 +152,7 @@ impl Composition<'_> {
         text
     }
 
-    /// Facets of meshes are in contact, or sources lie on them.
+    /// True if facets of meshes are in contact, or sources lie on them.
     pub(super) fn searches_facets(&self) -> bool {
         let is_mesh = |i: usize| self.ir.surfaces.get(i).is_some_and(|s| s.shape.mesh().is_some());
         let births = (0..self.ir.surfaces.len()).any(|i| is_mesh(i) && self.contacts.is_born_on(i));

@@ -1,4 +1,4 @@
-//! The text of a module in parts, each below a comment that says where it comes from.
+//! The text of a module in parts, each below a comment that names its origin.
 
 use crate::shaders::ShaderFile;
 use std::fmt::Write;
@@ -18,14 +18,14 @@ impl Text {
         files.into_iter().for_each(|file| self.file(file));
     }
 
-    /// Adds what the host composes, if anything; `by` names the module that does.
+    /// Adds text that the host composes, if there is any. `by` names the module that composes it.
     pub fn composed(&mut self, by: &str, text: &str) {
         if !text.is_empty() {
             let _ = writeln!(self.0, "// ==== composed by {by}\n{text}");
         }
     }
 
-    /// Gives what was declared so far another name.
+    /// Renames a declaration in the text so far.
     pub fn rename(&mut self, before: &str, after: &str) {
         self.0 = self.0.replace(before, after);
     }

@@ -1,4 +1,4 @@
-//! Trees of boxes in the module: whether there are any, where their rows lie, and how a walk keeps what waits.
+//! Trees of boxes in the module: whether there are any, where their rows lie, and how a walk keeps waiting groups.
 
 use crate::program::features::Precision;
 use crate::program::layout::records::Records;
@@ -9,7 +9,7 @@ impl Composition<'_> {
         self.num_tree_rows() > 0
     }
 
-    /// Trees lie in an image.
+    /// True if trees lie in an image.
     pub(super) fn has_texels(&self) -> bool {
         self.options.are_texels(self.num_tree_rows())
     }
@@ -18,29 +18,30 @@ impl Composition<'_> {
         self.features.has_meshes() && self.precision() == Precision::F32
     }
 
-    /// Rows of triangles among those of trees.
+    /// The number of rows of triangles among those of trees.
     pub(super) fn num_triangle_rows(&self) -> usize {
         if self.has_triangles_among_trees() { self.triangles.num_rows() } else { 0 }
     }
 
-    /// Nodes, triangles, primitives.
+    /// The number of rows of nodes, triangles and primitives.
     pub(super) fn num_tree_rows(&self) -> usize {
         let of_primitives = self.tree.as_ref().map_or(0, |tree| tree.num_rows(self.precision()));
         self.forest.num_rows() + self.num_triangle_rows() + of_primitives
     }
 
-    /// What stands of primitives beside their tree.
+    /// The records of primitives that are stored with their tree.
     pub(super) fn tree_records(&self) -> Option<&Records> {
         self.tree.as_ref()?.records.as_ref()
     }
 
-    /// Processors choose what waits among all levels sooner than each lane finds it by its index.
+    /// True if a walk selects the waiting group among all levels. On processors this is faster than an index in each
+    /// lane.
     pub(super) fn chooses_what_waits(&self) -> bool {
         const MOST_LEVELS: u32 = 32;
         self.has_texels() && self.forest.depth <= MOST_LEVELS
     }
 
-    /// The twin of geometry/waiting.indexed.wgsl, where what waits is chosen among all levels.
+    /// The twin of geometry/waiting.indexed.wgsl, which selects the waiting group among all levels.
     pub(super) fn waiting(&self) -> String {
         if !self.chooses_what_waits() {
             return String::new();

@@ -1,4 +1,5 @@
-//! Which files of shaders/ a scene takes: one row a slot, with its twin files and the rule that picks one of them.
+//! The table of the files of shaders/ that a scene takes: one row a slot, with its twin files and the rule that picks
+//! one.
 
 use crate::program::features::{Features, Precision};
 use crate::program::layout::tables::ReachedMarks;
@@ -21,23 +22,23 @@ const ALWAYS: &[ShaderFile] = &[
     shader!("sums/ledger.wgsl"),
 ];
 
-/// A place in a module that one of several files fills, which declare the same functions.
+/// A slot: a place in a module that one of several files fills. The files declare the same functions.
 struct Slot {
-    /// What their paths begin with.
+    /// The beginning of the files' paths.
     stem: &'static str,
-    /// The one of a scene, if it has any.
+    /// The file that a scene takes, if any.
     pick: fn(&Case) -> Option<ShaderFile>,
 }
 
-/// What rules ask.
+/// The input of the rules.
 struct Case<'a> {
     f: &'a Features,
     o: &'a ProgramOptions,
     all: &'a Composition<'a>,
 }
 
-/// Rows of slots: the stem; the ends of the paths of its files, with another stem behind `@` where one lies elsewhere; when
-/// the slot is filled; and by which file.
+/// Builds slots from rows. A row has the stem; the ends of its files' paths; when the slot is filled; and by which
+/// file. An end with `@` has its file under another stem.
 macro_rules! slots {
     ($case:ident; $($stem:literal [$($end:ident $(@ $elsewhere:literal)?),+] $when:expr => $which:expr;)+) => {
         &[$(Slot {
@@ -60,7 +61,7 @@ macro_rules! twin {
     };
 }
 
-/// All slots. Of two files, the second is there where the condition does not hold.
+/// All slots. `either` picks the first of two files where the condition holds.
 #[rustfmt::skip]
 const SLOTS: &[Slot] = slots! { c;
     // Stem                     [files]                               filled where => by
@@ -191,7 +192,8 @@ impl Composition<'_> {
         files
     }
 
-    /// Where rays are split, `draw_reflection` is the split's, which falls back on the draw under another name.
+    /// Where rays are split, stages/split.wgsl has its own `draw_reflection`. The plain function then gets the name
+    /// `draw_branch`, which the split calls where it does not apply.
     pub(super) fn drawn_branch(&self) -> String {
         let branch = either(
             self.features.importance,
