@@ -1,4 +1,4 @@
-//! Other programs that trace the same cases, as children.
+//! Other programs that trace the same cases, as child processes.
 //!
 //! ```text
 //! peer      what a program must do to be compared with
