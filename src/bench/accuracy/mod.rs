@@ -1,4 +1,4 @@
-//! Error against time: which tier, how many rays, which sampling, and which program.
+//! Measures error against time: which tier, how many rays, which sampling, and which program.
 //!
 //! ```text
 //! scenes      what is traced, and the detector that is looked at
