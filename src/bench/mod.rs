@@ -13,8 +13,8 @@
 //! stability   scenes where tracers fail, each with its exact answer
 //! ```
 //!
-//! This is a benchmark, not a test: nothing here passes or fails by the clock. [`stability`] and [`accuracy`] can fail,
-//! by their answers.
+//! A benchmark is not a test: nothing here passes or fails by the clock. [`stability`] and [`accuracy`] can fail, by
+//! their answers.
 
 pub mod accuracy;
 pub mod cases;

@@ -60,7 +60,7 @@ pub struct ViewerResult {
     pub window: [u32; 2],
     /// Measured frames; each shows another part of the map.
     pub num_frames: usize,
-    /// Load average before the first frame; null if the system does not tell it.
+    /// Load average before the first frame; null if the system does not report it.
     pub load_average: Option<f64>,
     /// Times of the program's part of a frame: from the user's input to the commands for the device \[s\].
     pub host_sec: Summary,
@@ -76,13 +76,13 @@ pub struct ViewerResult {
 pub struct Machine {
     /// Operating system and architecture.
     pub system: String,
-    /// Processor; null if the system does not tell it.
+    /// Processor; null if the system does not report it.
     pub processor: Option<String>,
     /// Cores that the program may use.
     pub num_cores: usize,
-    /// Load average before the first case; null if the system does not tell it.
+    /// Load average before the first case; null if the system does not report it.
     pub load_average_start: Option<f64>,
-    /// Load average after the last case; null if the system does not tell it.
+    /// Load average after the last case; null if the system does not report it.
     pub load_average_end: Option<f64>,
 }
 

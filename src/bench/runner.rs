@@ -48,7 +48,7 @@ pub struct CaseResult {
     pub max_depth: u32,
     /// Surfaces and detectors of the scene.
     pub num_primitives: usize,
-    /// Load average before the first run; null if the system does not tell it.
+    /// Load average before the first run; null if the system does not report it.
     pub load_average: Option<f64>,
     /// The measurements of this program, by precision.
     pub measurements: Vec<Measurement>,

@@ -29,7 +29,7 @@ pub struct Trial {
     pub relative: Vec<f64>,
 }
 
-/// The cases for measuring. They have fewer rays than usual, because they stand for long traces.
+/// The cases for measuring. The cases have fewer rays than usual, because they stand for long traces.
 pub fn cases() -> Vec<Case> {
     let all = cases::all(u64::MAX);
     let named = |name| all.iter().find(|case| case.name == name).cloned();

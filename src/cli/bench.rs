@@ -85,9 +85,9 @@ enum PrecisionsArg {
     Df64,
     /// 64-bit floats.
     F64,
-    /// Those of f32 and f64 that the adapter has.
+    /// F32 and f64, as far as the adapter has them.
     Both,
-    /// Those of all three that the adapter has.
+    /// All three, as far as the adapter has them.
     All,
 }
 

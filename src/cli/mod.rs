@@ -1,4 +1,4 @@
-//! The command line: one file per subcommand. This is the only room that prints.
+//! The command line: one file per subcommand. Only this room prints.
 //!
 //! stdout carries the result alone; progress, warnings and errors go to stderr.
 

@@ -76,7 +76,7 @@ pub struct Args {
     /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
     #[arg(long, default_value_t = 1e-6, value_name = "X")]
     min_flux_fraction: f64,
-    /// Most rays per dispatch. This changes memory and speed, but not the result.
+    /// Most rays per dispatch. The number changes memory and speed, but not the result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
     /// Precision: auto takes the least expensive that keeps positions to a hundredth of a pixel, predicted from the
@@ -454,8 +454,8 @@ fn keeps_rows(args: &Args) -> bool {
     is_part || args.checkpoint.is_some() || args.resume.is_some()
 }
 
-/// Where rows go that are no part of the sums: to disk, or nowhere if no files are written. `None` if the sums must
-/// hold the rows.
+/// The destination of rows that are no part of the sums: disk, or nowhere if no files are written. `None` if the sums
+/// must hold the rows.
 fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Recording + use<'a>>> {
     if keeps_rows(args) {
         return Ok(None);

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! tracing   a thread that folds passes, and a shelf with its latest result
-//! model     results, comparison, choices -> Picture (field, scale | spots); no window in it
+//! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
 //! field, scale, region, profile, compare, photometry, spots    what is shown, as pure functions
 //! plot, raster, pyramid    axes with a view; pixels; large maps at coarser resolutions
 //! app, views      panels around the plot

@@ -99,11 +99,11 @@ pub struct Reference {
 enum Paths {
     /// The user has not looked at the side view yet.
     NotAsked,
-    /// They are being traced.
+    /// The rays are being traced.
     Recording(PathsJob),
-    /// They are there.
+    /// The rays are recorded.
     Recorded(Arc<PathColumns>),
-    /// They could not be traced.
+    /// The rays could not be traced.
     Failed,
 }
 
@@ -418,7 +418,7 @@ impl Model {
         }
     }
 
-    /// Paths of a few rays. They are recorded when they are first asked for.
+    /// Paths of a few rays, which are recorded when they are first asked for.
     pub fn paths(&mut self) -> Option<Arc<PathColumns>> {
         match (&self.paths, &self.scene) {
             (Paths::NotAsked, Some(scene)) => {

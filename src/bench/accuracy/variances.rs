@@ -1,8 +1,9 @@
 //! Variances between independent traces, and the ratio of two of them with confidence.
 //!
-//! The variance of a detector's flux by random numbers needs no repetition. It is known from the rays of each trace,
-//! whose contributions are independent. All other variances are estimated within groups of traces with different seeds.
-//! Either way, a group gives an estimate without bias. The spread of the groups gives the error of their mean.
+//! The variance of a detector's flux by random numbers needs no repetition. The rays of each trace determine the
+//! variance, because their contributions are independent. All other variances are estimated within groups of traces
+//! with different seeds. Either way, a group gives an estimate without bias. The spread of the groups gives the error
+//! of their mean.
 
 use crate::bench::accuracy::estimate::{Deviations, Estimate};
 use crate::error::{Error, Result};
@@ -131,7 +132,7 @@ impl Variances {
 }
 
 /// The quantile of the difference of two means, in standard errors: the difference lies above it with a probability of
-/// 1 %. Each mean is of few values. Welch gives the degrees of freedom of the sum of their spreads. Source: Welch, The
+/// 1 %. Each mean is of few values. The degrees of freedom are those of the sum of the spreads. Source: Welch, The
 /// generalization of Student's problem when several different population variances are involved, Biometrika 34, 1947.
 fn deviate(a: Mean, b: Mean) -> f64 {
     let spread = a.spread + b.spread;
@@ -163,9 +164,9 @@ fn of_group(estimates: &[Estimate], mean: &Estimate, by_rays: Option<f64>) -> De
     }
 }
 
-/// The quantile of a mean of few values, in standard errors: the mean lies above it with a probability of 1 %. This is
-/// Student's t, by its expansion around the normal deviate (Abramowitz and Stegun, 26.7.5). From 4 degrees of freedom
-/// on, the error is within 2 %.
+/// The quantile of a mean of few values, in standard errors: the mean lies above it with a probability of 1 %. The
+/// quantile is Student's t, by its expansion around the normal deviate (Abramowitz and Stegun, 26.7.5). From 4 degrees
+/// of freedom on, the error is within 2 %.
 fn students_t(freedom: f64) -> f64 {
     const Z: f64 = 2.326_347_874;
     let first = (Z.powi(3) + Z) / 4.0;

@@ -15,7 +15,7 @@ use std::time::Instant;
 pub enum Backend {
     /// NumPy, in float64.
     Numpy,
-    /// Torch, in float64 on the processor. It is measured only where it is installed.
+    /// Torch, in float64 on the processor. Torch is measured only where it is installed.
     Torch,
 }
 
