@@ -64,8 +64,8 @@ impl Form {
     }
 }
 
-/// Compares every tier with the last one. To show the last tier's own rounding, that tier is also compared with itself:
-/// the scene in tables, without strict arithmetic, against the scene compiled in.
+/// Compares every tier with the last one. The last tier is also compared with itself, to show the tier's own rounding.
+/// One side has the scene in tables and arithmetic that is not strict, the other the scene compiled in.
 ///
 /// # Errors
 /// The errors of a trace.
