@@ -66,8 +66,8 @@ impl Error {
         Error::File { path: path.into(), problem: problem.to_string() }
     }
 
-    /// The process exit code: 1 internal, 2 usage, 3 scene, 4 no adapter, 5 device lost or out of memory,
-    /// 6 tolerance not met, 130 interrupted. An unreadable scene or unwritable output is a usage error.
+    /// The process exit code: 1 internal, 2 usage, 3 scene, 4 no adapter, 5 device lost or out of memory. Further
+    /// codes: 6 tolerance not met, 130 interrupted. An unreadable scene or unwritable output is a usage error.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Internal(_) => 1,

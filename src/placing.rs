@@ -69,8 +69,8 @@ pub(crate) struct Journal {
 }
 
 impl Scratch {
-    /// A new hidden folder in `place`. Those of killed runs are removed from there. Runs that change what lies in
-    /// `place` hold the lock of the folder `guard`.
+    /// A new hidden folder in `place`, from which the hidden folders of killed runs are removed. Runs that change what
+    /// lies in `place` hold the lock of the folder `guard`.
     pub(crate) fn new_in(place: &Path, guard: &Path) -> io::Result<Scratch> {
         let lock = Lock::of(guard);
         step();

@@ -22,7 +22,7 @@ fn box_ray(base: vec3<f32>, direction: vec3<f32>, slack: f32) -> BoxRay {
     return BoxRay(select(ahead, behind, reversed), select(behind, ahead, reversed), inverse, reversed);
 }
 
-// 1 / d, finite: a component of d near zero is replaced by 1e-18. That turns the ray by less than boxes are padded.
+// 1 / d, finite: a component of d near zero is replaced by 1e-18, which turns the ray by less than boxes are padded.
 fn box_inverse(d: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(1.0) / select(d, vec3<f32>(1e-18), abs(d) < vec3<f32>(1e-18));
 }

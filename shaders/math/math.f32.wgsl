@@ -7,8 +7,8 @@ const QUARTER_PI_HI: real = 0.785398006439209;
 const QUARTER_PI_LO: real = 1.5695823663008923e-07;
 
 // x - quarters * pi/2, with pi/2 in four parts (Cody and Waite, Software Manual for the Elementary Functions, 1980).
-// Every product is exact, so a fused multiply-add changes nothing. It keeps a compiler that may reorder sums (Metal's)
-// from joining the parts again.
+// Every product is exact, so fma gives the same whether it fuses or not. Without fma, a compiler that may reorder sums
+// (Metal's) could join the parts again.
 fn beyond_quarters(x: real, quarters: real) -> real {
     let first = fma(-quarters, 1.5703125, x);
     let second = fma(-quarters, 0.0004837512969970703, first);

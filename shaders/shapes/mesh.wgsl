@@ -4,16 +4,16 @@
 // ray on its own, so both triangles of an edge compute the same number for its sign. Source: Woop, Benthin and Wald,
 // Watertight Ray/Triangle Intersection, JCGT 2013.
 //
-// The projection here is onto an orthonormal basis around the ray, not a shear along the largest axis. That saves
+// The projection here is onto an orthonormal basis around the ray, not a shear along the largest axis. The basis saves
 // selecting components by index. Source: Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017.
 
 // A triangle has three rows (`mesh_row`), each a corner and a component of the normal. Seen from where the normal
 // points, the corners run counter-clockwise. Triangles are stored in the order of the trees.
 const TRIANGLE_ROWS: u32 = 3u;
 
-// The triangle of the nearest hit so far, and the triangle on which the ray has arrived, each by its first row. They
-// count only where the surface that is hit, or left, is a mesh. Ray and Hit do not hold them, because scenes without
-// meshes share those structs.
+// The triangle of the nearest hit so far, and the triangle on which the ray has arrived, each by its first row. A
+// triangle counts only where the surface that is hit, or left, is a mesh. Ray and Hit do not hold triangles, because
+// scenes without meshes share those structs.
 var<private> hit_triangle: u32 = 0u;
 var<private> arrived_triangle: u32 = 0u;
 

@@ -94,14 +94,14 @@ fn tap_cell(ix: i32, iy: i32, detector: Detector, base: u32, stride: u32) -> u32
     return base + (y * detector.num_x + x) * stride;
 }
 
-// The four taps of a bilinear splat: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1). `fractions` tells how far
-// between the pixels the position lies.
+// The four taps of a bilinear splat: pixels (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1). `fractions` is the position
+// between the pixels, in 0..1.
 struct FourTaps {
     // The cell of the pixel that was hit, which is one of the four.
     hit: u32,
     cells: vec4<u32>,
     fractions: vec2<real>,
-    // In pixels from the centre of pixel (0, 0).
+    // The position, in pixels from the centre of pixel (0, 0).
     position: vec2<real>,
 }
 

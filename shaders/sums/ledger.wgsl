@@ -1,8 +1,8 @@
 // The ledger accounts for all flux: every event deposits what it took, as weight before minus weight after in quanta.
 // Differences of quantised weights telescope, so the bins add up to what was launched, to the last bit.
 //
-// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`). They go to memory once
-// an invocation. Where a ray ends, it deposits once.
+// Bins that rays meet on their way are kept in registers (composed: `add_to_bin`, `flush_bins`). A bin goes to memory
+// once an invocation. Where a ray ends, it deposits once.
 
 fn deposit_counted(cell: u32, weight: real) {
     count(cell);

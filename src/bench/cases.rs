@@ -1,14 +1,14 @@
-//! What is measured: scenes as the files that users trace, so that every peer reads the same ones.
+//! The cases to measure: scenes in the form of files that users trace, so that every peer reads the same files.
 
 use serde_json::{Value, json};
 
-/// One scene, traced with so many rays.
+/// One scene, and the number of rays to trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// Unique name.
     pub name: String,
-    /// What the case is one point of: `rays`, `surfaces`, `depth`, `short`, `lenses`, `spheres`, `meshes`, `splats`,
-    /// `commands`, `cold_start`.
+    /// The sweep of which the case is one point: `rays`, `surfaces`, `depth`, `short`, `lenses`, `spheres`, `meshes`,
+    /// `splats`, `commands`, `cold_start`.
     pub axis: &'static str,
     /// The scene file's text.
     pub scene: String,
@@ -27,7 +27,7 @@ pub enum Kind {
     Trace,
     /// A whole command, from its start to its files.
     Command,
-    /// The same with the driver's cache of compiled shaders off.
+    /// A whole command, with the driver's cache of compiled shaders off.
     ColdCommand,
 }
 
@@ -42,12 +42,12 @@ impl Kind {
     }
 }
 
-/// Optiland's default, and that of `nsq-gpu trace`.
+/// The largest number of events: Optiland's default, and that of `nsq-gpu trace`.
 const MAX_DEPTH: u32 = 16;
-/// The scene of Optiland's ray sweep, which a Dr.Jit kernel traces too.
+/// The sweep over rays, through the scene of Optiland's ray sweep. A Dr.Jit kernel traces the scene, too.
 pub const LENS_AXIS: &str = "rays";
 
-/// Every case, with at most `max_rays` rays each. Of the sweep over rays, the points beyond are left out.
+/// Every case, with at most `max_rays` rays each. Points of the sweep over rays beyond that are left out.
 pub fn all(max_rays: u64) -> Vec<Case> {
     let mut cases = rays_sweep(max_rays);
     cases.extend(surfaces_sweep());
@@ -71,7 +71,7 @@ fn trace(name: &str, axis: &'static str, scene: String) -> Case {
     Case { name: name.into(), axis, scene, num_rays: 1_000_000, max_depth: MAX_DEPTH, kind: Kind::Trace }
 }
 
-/// With so many rays that the path that most of them take has a stage of its own, and that processors take two devices.
+/// The case with many rays. The main path then has a stage of its own, and processors use two devices.
 fn long(case: Case) -> Case {
     Case { num_rays: 10_000_000, ..case }
 }
@@ -97,7 +97,7 @@ fn depth_sweep() -> Vec<Case> {
     [2, 4, 8, 16, 32].map(case).into()
 }
 
-/// Traces too short for a stage of their path.
+/// Traces too short for a stage of the main path.
 fn short() -> Vec<Case> {
     let surfaces = |count| trace(&format!("surfaces_{count}_short"), "short", surface_count_scene(count));
     let mut cases = Vec::from([0, 200, 1000].map(surfaces));
@@ -116,7 +116,7 @@ fn commands() -> Vec<Case> {
     ]
 }
 
-/// `lens_scene` of Optiland's harness: one lens of constant index and a detector.
+/// `lens_scene` of Optiland's harness: one lens of constant index, and a detector.
 fn lens_scene() -> String {
     let lens = json!({"r1": 100.0, "r2": -100.0, "thickness": 5.0, "front_aperture_radius": 12.5,
         "material": {"type": "medium", "name": "glass"}});
@@ -142,7 +142,7 @@ fn surface_count_scene(num_surfaces: u32) -> String {
     }))
 }
 
-/// `cavity_scene` of Optiland's harness: two flat mirrors face to face, a transmissive detector between them.
+/// `cavity_scene` of Optiland's harness: two flat mirrors face to face, with a transmissive detector between them.
 fn cavity_scene() -> String {
     let mirror = |name: &str, z: f64| {
         let config = json!({"radius": FLAT, "reflectance": 0.98, "aperture_radius": 20.0});
@@ -155,7 +155,7 @@ fn cavity_scene() -> String {
     }))
 }
 
-/// A lens whose radii, thickness, glass, field and pixels are drawn at random, the same on every machine.
+/// A lens whose radii, thickness, glass, field and pixels are drawn at random, but are the same on every machine.
 fn random_lens(number: u64) -> String {
     const GLASSES: [&str; 5] = ["N-BK7", "N-SF11", "N-LAK8", "N-FK51A", "N-SF6"];
     const PIXELS: [u32; 4] = [32, 64, 128, 256];
@@ -177,8 +177,8 @@ fn random_lens(number: u64) -> String {
     }))
 }
 
-/// A fly's-eye condenser: a lamp, its collimator, 3 x 3 lenslets side by side, and a field lens that lays their pictures
-/// of the lamp over one another.
+/// A fly's-eye condenser: a lamp, its collimator, 3 x 3 lenslets side by side, and a field lens. The field lens lays
+/// the lenslets' pictures of the lamp over one another.
 fn condenser_array() -> String {
     const PITCH: f64 = 6.0;
     let lens = |name: &str, cs: Value, (r1, r2): (f64, f64), thickness: f64, radius: f64| {
@@ -201,7 +201,8 @@ fn condenser_array() -> String {
     }))
 }
 
-/// Rays in random directions from a disk onto absorbing spheres at random places: casts without coherence.
+/// Rays in random directions from a disk onto absorbing spheres in random places, which gives searches without
+/// coherence.
 fn spheres_scene(num_spheres: u32) -> String {
     let mut draws = Draws(100);
     let mut sphere = |i| {
@@ -236,7 +237,7 @@ fn torus_scene(segments: u32) -> String {
     })])
 }
 
-/// Surfaces around the origin, in the light of a disk that shines into a cone, before a detector.
+/// Surfaces around the origin, lit by a disk that shines into a cone, with a detector behind.
 fn in_random_directions(surfaces: Vec<Value>) -> String {
     let source = json!({"type": "extended", "name": "S", "cs": at_z(-80.0), "spectrum": spectrum(), "total_flux": 1.0,
         "aperture_radius": 50.0, "half_angle_deg": 45.0});
@@ -248,7 +249,8 @@ fn in_random_directions(surfaces: Vec<Value>) -> String {
     }))
 }
 
-/// A beam of 20 mm on 64 x 64 pixels that are together so wide: all over them, or within four around the centre.
+/// A beam 20 mm wide on 64 x 64 pixels, which are `width` mm wide in all. The beam falls all over the pixels, or within
+/// four around the centre.
 fn beam_scene(width: f64) -> String {
     scene(json!({
         "components": [],
@@ -257,10 +259,10 @@ fn beam_scene(width: f64) -> String {
     }))
 }
 
-/// A flat surface's radius; [`scene`] writes it as scene files do.
+/// The radius of a flat surface; [`scene`] writes it in the form of scene files.
 const FLAT: &str = "Infinity";
 
-/// The text of a scene file. JSON proper has no infinity, scene files have.
+/// The text of a scene file. Strict JSON has no infinity, but scene files have.
 fn scene(mut document: Value) -> String {
     document["nsq_schema_version"] = json!(1);
     document.to_string().replace("\"Infinity\"", "Infinity")
@@ -288,11 +290,11 @@ fn at_z(z: f64) -> Value {
     json!({"z": z})
 }
 
-/// SplitMix64: the scenes' own draws, which have nothing to do with those of a trace.
+/// SplitMix64: the scenes' own draws, which are independent of those of a trace.
 struct Draws(u64);
 
 impl Draws {
-    /// In 0..1.
+    /// A number in 0..1.
     fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

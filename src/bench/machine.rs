@@ -1,15 +1,15 @@
-//! What a measurement was made on, as far as the operating system tells.
+//! The machine on which a measurement was made, as far as the operating system reports it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Name of the processor, where the system tells it.
+/// Name of the processor, if the system reports it.
 pub fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     line.split_once(':').map(|(_, name)| name.trim().to_string())
 }
 
-/// Mean number of runnable processes over the last minute, where the system tells it.
+/// Mean number of runnable processes over the last minute, if the system reports it.
 pub fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split(' ').next()?.parse().ok()
 }

@@ -1,4 +1,5 @@
-//! How fast scenes are traced: cases, run in turns by this program and by its peers, become statistics and files.
+//! Measures how fast scenes are traced. This program and its peers run cases in turns, and the times become statistics
+//! and files.
 //!
 //! ```text
 //! cases       the scenes of Optiland's harness and others, as scene files
@@ -12,7 +13,8 @@
 //! stability   scenes where tracers fail, each with its exact answer
 //! ```
 //!
-//! A benchmark, never a test: nothing here passes or fails by the clock. [`stability`] and [`accuracy`] can fail, by their answers.
+//! A benchmark is not a test: nothing here passes or fails by the clock. [`stability`] and [`accuracy`] can fail, by
+//! their answers.
 
 pub mod accuracy;
 pub mod cases;

@@ -12,7 +12,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
+/// Version of the document. The version grows when a field changes its meaning or is removed, not when a field is
+/// added.
 pub const SCHEMA: u32 = 1;
 
 /// The document. Times are in s, rates per s.
@@ -28,9 +29,9 @@ pub struct BenchReport {
     pub build: &'static str,
     /// When the benchmark began, in UTC.
     pub date: String,
-    /// What measures the same again, but for the adapter, the Python of the peers and the folder.
+    /// The command that repeats the measurement, without the adapter, the Python of the peers, and the folder.
     pub command: String,
-    /// What the reader should know, such as who else used the machine.
+    /// A note for the reader, such as who else used the machine.
     pub note: Option<String>,
     /// The machine.
     pub machine: Machine,
@@ -40,18 +41,18 @@ pub struct BenchReport {
     pub peers: BTreeMap<String, BTreeMap<String, String>>,
     /// Measured runs of each case.
     pub num_runs: usize,
-    /// What was measured.
+    /// The measurements.
     pub cases: Vec<CaseResult>,
     /// The viewer's frames, where they were measured.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub viewer: Vec<ViewerResult>,
 }
 
-/// What was measured of the window in one state.
+/// The measurements of the window in one state.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ViewerResult {
-    /// `viewer_small`, `viewer_large`: a result is shown; `viewer_tracing`, `viewer_shared`: a trace, on a device of its own
-    /// or on the one that draws.
+    /// `viewer_small`, `viewer_large`: a result is shown. `viewer_tracing`, `viewer_shared`: a trace runs, on a device
+    /// of its own or on the device that draws.
     pub name: &'static str,
     /// Cells of the map along each side.
     pub cells: u32,
@@ -59,14 +60,14 @@ pub struct ViewerResult {
     pub window: [u32; 2],
     /// Measured frames; each shows another part of the map.
     pub num_frames: usize,
-    /// Load average before the first frame; null where the system does not tell.
+    /// Load average before the first frame; null if the system does not report it.
     pub load_average: Option<f64>,
-    /// Times of the program's part of a frame: from the user's input to what the device is to draw \[s\].
+    /// Times of the program's part of a frame: from the user's input to the commands for the device \[s\].
     pub host_sec: Summary,
-    /// Times of whole frames: from the user's input to the last pixel \[s\]. Where the device is a processor, it draws the
-    /// whole window, and takes about as long whatever is in it.
+    /// Times of whole frames: from the user's input to the last pixel \[s\]. A processor as the device draws the whole
+    /// window, and takes about as long for any contents.
     pub frame_sec: Summary,
-    /// Rays per second of the trace beside it; null where there is none.
+    /// Rays per second of the trace beside it; null without a trace.
     pub rays_per_sec: Option<f64>,
 }
 
@@ -75,22 +76,22 @@ pub struct ViewerResult {
 pub struct Machine {
     /// Operating system and architecture.
     pub system: String,
-    /// Processor; null where the system does not tell.
+    /// Processor; null if the system does not report it.
     pub processor: Option<String>,
     /// Cores that the program may use.
     pub num_cores: usize,
-    /// Load average before the first case; null where the system does not tell.
+    /// Load average before the first case; null if the system does not report it.
     pub load_average_start: Option<f64>,
-    /// Load average after the last case; null where the system does not tell.
+    /// Load average after the last case; null if the system does not report it.
     pub load_average_end: Option<f64>,
 }
 
 /// The adapter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Adapter {
-    /// Its name.
+    /// The adapter's name.
     pub name: String,
-    /// Its driver and version.
+    /// The adapter's driver and version.
     pub driver: String,
     /// Vulkan, Metal or DX12.
     pub backend: String,
@@ -99,7 +100,7 @@ pub struct Adapter {
 }
 
 impl BenchReport {
-    /// A report without any case yet.
+    /// A report without cases.
     pub fn new(info: &AdapterInfo, num_runs: usize, note: Option<String>) -> Self {
         BenchReport {
             schema: SCHEMA,
@@ -247,7 +248,7 @@ impl BenchReport {
         format!("{} {}, {day}, {} runs{note}", self.program, self.version, self.num_runs)
     }
 
-    /// Every engine in every precision that measured something, this program first.
+    /// Every engine in every precision with a measurement, this program first.
     fn series(&self) -> Vec<Series> {
         let mut all: Vec<Series> = Vec::new();
         let ours = self.cases.iter().flat_map(|case| &case.measurements);

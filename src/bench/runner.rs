@@ -1,4 +1,4 @@
-//! Runs a case: this program and its peers in turns, after a warm-up.
+//! Runs a case: this program and its peers take turns, after a warm-up.
 
 use crate::bench::cases::{Case, Kind};
 use crate::bench::machine;
@@ -25,7 +25,7 @@ use tempfile::TempDir;
 pub struct Session<'a> {
     /// The device.
     pub gpu: &'a Gpu,
-    /// This program, for whole commands.
+    /// The path of this program, for whole commands.
     pub program: PathBuf,
     /// Measured runs of each case.
     pub num_runs: usize,
@@ -33,14 +33,14 @@ pub struct Session<'a> {
     pub precisions: Vec<Precision>,
 }
 
-/// Everything measured of one case.
+/// All measurements of one case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseResult {
     /// Name of the case.
     pub name: String,
-    /// What the case is one point of.
+    /// The sweep of which the case is one point.
     pub axis: String,
-    /// What was timed: `trace`, `command` or `cold_command`.
+    /// The timed work: `trace`, `command` or `cold_command`.
     pub kind: String,
     /// Rays launched in each run of this program.
     pub num_rays: u64,
@@ -48,11 +48,11 @@ pub struct CaseResult {
     pub max_depth: u32,
     /// Surfaces and detectors of the scene.
     pub num_primitives: usize,
-    /// Load average before the first run; null where the system does not tell.
+    /// Load average before the first run; null if the system does not report it.
     pub load_average: Option<f64>,
-    /// This program, by precision.
+    /// The measurements of this program, by precision.
     pub measurements: Vec<Measurement>,
-    /// The others.
+    /// The measurements of the peers.
     pub peers: Vec<PeerMeasurement>,
 }
 
@@ -61,7 +61,7 @@ pub struct CaseResult {
 pub struct Measurement {
     /// `f32` or `f64`.
     pub precision: String,
-    /// Rays launched and counted; the same in every run, and equal.
+    /// Rays launched and counted, which must be equal, and the same in every run.
     pub counts: Counts,
     /// Wall-clock times of the runs, in their order \[s\].
     pub runs_sec: Vec<f64>,
@@ -71,10 +71,10 @@ pub struct Measurement {
     pub casts_per_sec: Summary,
     /// Mean casts and interactions of a ray.
     pub per_ray: PerRay,
-    /// From the scene's text to the compiled program \[s\]; null for whole commands.
+    /// Time from the scene's text to the compiled program \[s\]; null for whole commands.
     pub ready_sec: Option<f64>,
-    /// From the scene's text to the first rays traced, on an open device; of a whole command from the start of the process
-    /// \[s\].
+    /// Time until the first rays are traced \[s\]: from the scene's text, on an open device. For a whole command: from
+    /// the start of the process.
     pub first_rays_sec: Option<f64>,
     /// Median rays per second over the peer's, by peer.
     pub ratios: BTreeMap<String, f64>,
@@ -83,7 +83,7 @@ pub struct Measurement {
 /// A peer in one precision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PeerMeasurement {
-    /// Its name.
+    /// The peer's name.
     pub name: String,
     /// `f32` or `f64`.
     pub precision: String,
@@ -95,7 +95,7 @@ pub struct PeerMeasurement {
     pub rays_per_sec: Summary,
 }
 
-/// Where rays went, by number.
+/// Numbers of rays, by where they went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     /// Rays asked for.
@@ -104,28 +104,29 @@ pub struct Counts {
     pub launched: u64,
     /// Rays that ended: detected, absorbed, escaped, at the depth limit or by roulette.
     pub counted: u64,
-    /// Rays of them that ended on detectors.
+    /// Counted rays that ended on detectors.
     pub detected: u64,
     /// True if the ledger closes to the last quantum.
     pub closed: bool,
 }
 
-/// Means over some hundreds of recorded paths.
+/// Means over some thousands of recorded paths.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PerRay {
-    /// Searches for the nearest surface: interactions, and the one that finds nothing.
+    /// Searches for the nearest surface: one for each interaction, and a last one that finds nothing.
     pub casts: f64,
     /// Surfaces hit and detectors crossed.
     pub interactions: f64,
 }
 
-/// How far apart shares of two draws of the same scene may lie: a fair run in a thousand million lies beyond.
+/// Standard errors by which the shares of two draws of one scene may differ. A fair run in a thousand million exceeds
+/// this.
 const STANDARD_ERRORS: f64 = 6.0;
 /// Rays whose paths are recorded for [`PerRay`].
 const RECORDED_RAYS: u64 = 4096;
 
 impl Counts {
-    /// Those of a ledger.
+    /// The counts of a ledger.
     pub fn of_ledger(requested: u64, ledger: &Ledger) -> Self {
         let ends = [ledger.detected, ledger.absorbed, ledger.escaped, ledger.depth, ledger.roulette_loss];
         Counts {
@@ -137,7 +138,7 @@ impl Counts {
         }
     }
 
-    /// Those of a report.json.
+    /// The counts of a report.json.
     pub fn of_report(requested: u64, report: &Value) -> Self {
         let ledger = &report["ledger"];
         let count = |entry: &str| ledger[entry]["count"].as_u64().unwrap_or(0);
@@ -168,8 +169,8 @@ impl Counts {
         Ok(())
     }
 
-    /// Fails unless a peer that tells detects the same share of its rays, within [`STANDARD_ERRORS`]: what traces another
-    /// scene is no peer.
+    /// Fails unless a peer detects the same share of its rays, within [`STANDARD_ERRORS`], if the peer reports the
+    /// share. A program that traces another scene is no peer.
     ///
     /// # Errors
     /// [`Error::Internal`] with the shares.
@@ -188,10 +189,10 @@ impl Counts {
     }
 }
 
-/// Measures one case. Runs take turns, so that whatever else the machine does falls on all alike.
+/// Measures one case. Runs take turns, so that other work on the machine affects all alike.
 ///
 /// # Errors
-/// [`Error::Internal`] if a run lost rays; whatever the scene, the device or a peer fails with.
+/// [`Error::Internal`] if a run lost rays, and any error of the scene, the device or a peer.
 pub fn measure(case: &Case, session: &Session, peers: &mut [Box<dyn Peer>]) -> Result<CaseResult> {
     let start = Instant::now();
     let ir = Scene::from_json(&case.scene)?.lower()?;
@@ -226,7 +227,7 @@ pub fn measure(case: &Case, session: &Session, peers: &mut [Box<dyn Peer>]) -> R
 }
 
 impl CaseResult {
-    /// Compares every measurement with every peer: in the same precision, or in the only one that the peer has.
+    /// Compares every measurement with every peer, in the same precision, or in the only one that the peer has.
     pub fn fill_ratios(&mut self) {
         for ours in &mut self.measurements {
             for peer in &self.peers {
@@ -257,7 +258,7 @@ enum Engine<'a> {
 }
 
 impl<'a> Subject<'a> {
-    /// Prepares everything and runs once: drivers compile at the first dispatch.
+    /// Prepares everything and runs once, because drivers compile at the first dispatch.
     fn warm(
         case: &'a Case,
         session: &Session<'a>,
@@ -270,7 +271,7 @@ impl<'a> Subject<'a> {
         let before = |now: Instant| read_sec + (now - start).as_secs_f64();
         let (engine, ready_sec) = match case.kind {
             Kind::Trace => {
-                // As in the midst of a long trace, where the case stands for such.
+                // The case stands for a long trace, so it is measured as if in the midst of one.
                 let is_long = case.num_rays >= LONG_TRACE && Profile::of(session.gpu).two_devices;
                 let in_midst = if is_long { When::Always } else { When::ItPays };
                 let choices = Choices { second_device: in_midst, side_paths: in_midst, ..Choices::default() };
@@ -346,7 +347,7 @@ const LONG_TRACE: u64 = 10_000_000;
 
 /// One run.
 struct Run {
-    /// How long it took \[s\].
+    /// Duration of the run \[s\].
     seconds: f64,
     /// The report.json of a whole command.
     report: Value,
@@ -356,7 +357,7 @@ fn options(case: &Case, precision: Precision) -> TraceOptions {
     TraceOptions { num_rays: case.num_rays, max_depth: case.max_depth, precision, ..Default::default() }
 }
 
-/// Counts on recorded paths, because the trace itself has no counter of casts to pay for.
+/// Counts on recorded paths, so that the trace itself needs no counter of casts.
 fn per_ray(case: &Case, gpu: &Gpu, ir: &SceneIr, precision: Precision) -> Result<PerRay> {
     let num_rays = case.num_rays.min(RECORDED_RAYS);
     let options = TraceOptions { num_rays, paths: RecordPaths::All, ..options(case, precision) };
@@ -387,7 +388,7 @@ impl WholeCommand {
         command.args(["--progress", "never"]).stdout(Stdio::null()).stderr(Stdio::piped());
         vector_width::leave_to(&mut command);
         if case.kind == Kind::ColdCommand {
-            // Mesa's and NVIDIA's switches.
+            // The switches of Mesa and NVIDIA.
             command.env("MESA_SHADER_CACHE_DISABLE", "true").env("__GL_SHADER_DISK_CACHE", "0");
         }
         Ok(WholeCommand { files, command })
@@ -439,7 +440,7 @@ impl<'a> PeerRuns<'a> {
 const PRECISIONS: [&str; 2] = ["f32", "f64"];
 
 impl PeerMeasurement {
-    /// The runs of a peer in one precision; none if there are none. All launch the same number of rays.
+    /// The runs of a peer in one precision; `None` if there are no runs. All launch the same number of rays.
     pub fn of(name: &str, precision: &str, runs: &[PeerRun]) -> Option<Self> {
         let runs: Vec<&PeerRun> = runs.iter().filter(|run| run.precision == precision).collect();
         let num_rays = runs.first()?.num_rays;

@@ -1,8 +1,9 @@
-//! Where tracers fail: scenes with exact answers, read in every tier and held against what the tier's numbers allow.
+//! Scenes where tracers fail, with exact answers. Each is traced in every tier, and compared with what the tier's
+//! numbers allow.
 //!
-//! The cases, their answers to 60 digits and what Optiland reads are in `benches/stability/cases.json`, which
-//! `python -m tools.make_stability` writes. A tier is right where it hits the interval that a few roundings of the
-//! scene's own numbers make of the exact answer; what chance decides must lie within five standard deviations.
+//! The cases, their answers to 60 digits, and what Optiland reads are in `benches/stability/cases.json`, which `python
+//! -m tools.make_stability` writes. A few roundings of the scene's own numbers make an interval of the exact answer,
+//! and a tier is right in this interval. A reading that chance decides must lie within five standard deviations.
 
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -17,24 +18,24 @@ use std::fmt::Write;
 
 const CASES: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/benches/stability/cases.json"));
 
-/// A scene and what is read of it.
+/// A scene, and what is read from its result.
 #[derive(Debug, Clone, Deserialize)]
 pub struct StabilityCase {
     /// Unique name.
     pub name: String,
-    /// What makes it hard.
+    /// The difficulty of the scene.
     pub group: String,
     /// Rays to launch.
     pub num_rays: u64,
     /// Largest number of events of a ray.
     pub max_depth: u32,
-    /// Part of the message that the scene must be refused with.
+    /// If the scene must be refused: a part of the message.
     pub refused: Option<String>,
-    /// What Optiland refuses it with.
+    /// Optiland's message, if Optiland refuses the scene.
     pub reference_refused: Option<String>,
     /// True if Optiland would take too long.
     pub reference_not_run: bool,
-    /// What is read.
+    /// The readings.
     pub readings: Vec<Reading>,
     scene: Value,
 }
@@ -42,17 +43,17 @@ pub struct StabilityCase {
 /// A number of the result, and what it must be.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Reading {
-    /// What it is called.
+    /// The name of the reading.
     pub name: String,
-    /// The exact answer, or the expectation of what chance decides.
+    /// The exact answer, or the expectation if draws decide.
     pub expected: f64,
-    /// True if draws decide it.
+    /// True if draws decide the reading.
     pub by_chance: bool,
     f32: [f64; 2],
     df64: [f64; 2],
     f64: [f64; 2],
     nothing: Vec<String>,
-    /// What Optiland's NumPy backend reads, if it reads anything.
+    /// The reading of Optiland's NumPy backend, if there is one.
     #[serde(default)]
     pub reference: Option<f64>,
     detector: Option<String>,
@@ -62,10 +63,10 @@ pub struct Reading {
     field: Option<String>,
 }
 
-/// What a tier made of a case.
+/// The outcome of a case in a tier.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// Its readings in the case's order; none where nothing arrived.
+    /// The readings in the case's order; `None` where nothing arrived.
     Read(Vec<Option<f64>>),
     /// The scene was refused.
     Refused(Error),
@@ -95,7 +96,7 @@ pub fn cases() -> Result<Vec<StabilityCase>> {
 }
 
 impl Reading {
-    /// What the tier may read.
+    /// The interval in which the tier's reading must lie.
     pub fn interval(&self, precision: Precision) -> [f64; 2] {
         match precision {
             Precision::F32 => self.f32,
@@ -104,7 +105,7 @@ impl Reading {
         }
     }
 
-    /// True if the value is within what the tier may read.
+    /// True if the value is within the tier's interval.
     pub fn holds(&self, precision: Precision, value: Option<f64>) -> bool {
         let [low, high] = self.interval(precision);
         match value {
@@ -150,7 +151,7 @@ impl Reading {
             other => return Err(Error::Internal(format!("no column {other:?}"))),
         };
         let value = if self.take.as_deref() == Some("last") { column.last().copied() } else { column.mean() };
-        // An empty database holds one row of zeros in Optiland's form.
+        // In Optiland's form, an empty database holds one row of zeros.
         Ok(value.filter(|_| detector.num_rays_hit > 0).map(|value| value * unit))
     }
 }
@@ -159,7 +160,7 @@ impl StabilityCase {
     /// Traces the case in one precision.
     ///
     /// # Errors
-    /// Those of the trace, unless they refuse the scene.
+    /// The errors of the trace, except those that refuse the scene.
     pub fn measure(&self, gpu: &Gpu, precision: Precision) -> Result<Outcome> {
         let traced = self.scene().and_then(|ir| {
             let options = self.options(precision);
@@ -179,12 +180,12 @@ impl StabilityCase {
     /// The scene.
     ///
     /// # Errors
-    /// [`Error::Scene`] if it is refused.
+    /// [`Error::Scene`] if the scene is refused.
     pub fn scene(&self) -> Result<SceneIr> {
         Scene::from_json(&self.scene.to_string())?.lower()
     }
 
-    /// How it is traced.
+    /// The options of the trace.
     pub fn options(&self, precision: Precision) -> TraceOptions {
         TraceOptions {
             num_rays: self.num_rays,
@@ -198,7 +199,7 @@ impl StabilityCase {
     /// The readings of a result.
     ///
     /// # Errors
-    /// [`Error::Internal`] if its ledger does not close.
+    /// [`Error::Internal`] if the result's ledger does not close.
     pub fn read(&self, result: &TraceResult) -> Result<Outcome> {
         if !result.ledger.closes() {
             return Err(Error::Internal(format!("{}: the ledger does not close", self.name)));
@@ -207,7 +208,7 @@ impl StabilityCase {
         Ok(Outcome::Read(readings.collect::<Result<_>>()?))
     }
 
-    /// What is wrong with an outcome, by reading; nothing if it is right.
+    /// The faults of an outcome, by reading; empty if there are none.
     pub fn faults(&self, precision: Precision, outcome: &Outcome) -> Vec<String> {
         let fault = |what: String| format!("{}, {}: {what}", self.name, precision.name());
         match (outcome, &self.refused) {
@@ -228,7 +229,7 @@ impl StabilityCase {
     }
 }
 
-/// Everything wrong in the rows.
+/// All faults in the rows.
 pub fn faults(rows: &[Row]) -> Vec<String> {
     rows.iter()
         .flat_map(|row| row.outcomes.iter().flat_map(|(precision, o)| row.case.faults(*precision, o)))
@@ -239,8 +240,8 @@ fn shown(value: Option<f64>) -> String {
     value.map_or("nothing".into(), |value| format!("{value:.12e}"))
 }
 
-/// The table: a line a reading, with the error of each tier and of the reference. A `!` marks what is outside of what
-/// the numbers allow.
+/// The table: a line a reading, with the errors of each tier and of the reference. A `!` marks an error beyond what the
+/// numbers allow.
 pub fn table(rows: &[Row]) -> String {
     let width = rows.iter().map(|row| row.case.name.chars().count()).max().unwrap_or(0);
     let mut text = format!("{:<width$}  {:<12}{:>20}", "case", "reading", "expected");
@@ -267,7 +268,7 @@ pub fn table(rows: &[Row]) -> String {
 }
 
 impl Row {
-    /// Per reading: its name, what is expected, the errors of the tiers and of the reference.
+    /// For each reading: its name, the expected value, the errors of the tiers and of the reference.
     fn lines(&self) -> Vec<Vec<String>> {
         if self.case.refused.is_some() {
             let ours = |(precision, outcome): &(Precision, Outcome)| {

@@ -1,11 +1,11 @@
-//! What a handful of runs says.
+//! Statistics of a few runs.
 
 use serde::{Deserialize, Serialize};
 
 /// Median, least and greatest of some runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The middle one; the mean of the middle two of an even number.
+    /// The middle value; for an even number of values, the mean of the middle two.
     pub median: f64,
     /// The least.
     pub min: f64,
@@ -14,7 +14,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of `values`; none if there are none.
+    /// The summary of `values`; `None` if there are none.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -23,24 +23,24 @@ impl Summary {
         Some(Summary { median: 0.5 * (below + above), min, max })
     }
 
-    /// Of so many things done in each of these times \[1/s\].
+    /// The summary of rates \[1/s\]: `things` done in each of these times.
     pub fn of_rates(things: f64, seconds: &[f64]) -> Option<Self> {
         let rates: Vec<f64> = seconds.iter().map(|seconds| things / seconds.max(SHORTEST)).collect();
         Summary::of(&rates)
     }
 
-    /// The same, every value times `factor`.
+    /// The summary with every value times `factor`.
     pub fn times(self, factor: f64) -> Self {
         Summary { median: factor * self.median, min: factor * self.min, max: factor * self.max }
     }
 
-    /// How many times this median is the other's.
+    /// This median over the other's.
     pub fn ratio_to(self, other: Summary) -> f64 {
         self.median / other.median
     }
 }
 
-/// No clock resolves less \[s\].
+/// The shortest time that any clock resolves \[s\].
 const SHORTEST: f64 = 1e-9;
 
 #[cfg(test)]

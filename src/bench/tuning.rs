@@ -1,4 +1,4 @@
-//! How to cut work for an adapter, by measurement: workgroups, and events a dispatch.
+//! Measures how to cut work for an adapter: invocations a workgroup, and events a dispatch.
 
 use crate::bench::Summary;
 use crate::bench::cases::{self, Case};
@@ -11,35 +11,35 @@ use crate::trace::{TraceOptions, Tracer};
 use std::fmt::Write;
 use std::time::Instant;
 
-/// Cases that differ in what they spend: a lens, a cavity of many events, a tree over many surfaces.
+/// Cases that spend their time differently: a lens, a cavity of many events, a tree over many surfaces.
 const CASES: [&str; 3] = ["rays_1e6", "depth_32", "surfaces_200"];
-/// Rays a run.
+/// Rays per run.
 const NUM_RAYS: u64 = 400_000;
-/// Runs of each, after one to warm up.
+/// Runs of each case, after one to warm up.
 const NUM_RUNS: usize = 5;
-/// A gain below this share is noise: the default stays.
+/// The least gain that counts; a smaller one is noise, and the default stays.
 const WORTHWHILE: f64 = 0.03;
 
-/// One way to cut work, and what it takes.
+/// One way to cut work, and its cost.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     /// The way.
     pub tuning: Tuning,
-    /// Median time of each case over that of the default.
+    /// Median time of each case over the median time of the default.
     pub relative: Vec<f64>,
 }
 
-/// The cases that ways are measured by; with fewer rays, for they stand for long traces.
+/// The cases for measuring. The cases have fewer rays than usual, because they stand for long traces.
 pub fn cases() -> Vec<Case> {
     let all = cases::all(u64::MAX);
     let named = |name| all.iter().find(|case| case.name == name).cloned();
     CASES.into_iter().filter_map(named).collect()
 }
 
-/// Measures every way in turns.
+/// Measures every way, in turns.
 ///
 /// # Errors
-/// Whatever a trace fails with.
+/// The errors of a trace.
 pub fn measure(gpu: &Gpu, precision: Precision) -> Result<Vec<Trial>> {
     let ways: Vec<Tuning> = WORKGROUP_SIZES
         .into_iter()
@@ -57,8 +57,8 @@ pub fn measure(gpu: &Gpu, precision: Precision) -> Result<Vec<Trial>> {
     Ok(trials)
 }
 
-/// The median time of each way to trace a case \[s\]. Ways take turns, so that whatever else the machine does falls on
-/// all alike.
+/// The median time of each way to trace a case \[s\]. Ways take turns, so that other work on the machine affects all
+/// alike.
 fn medians_sec(gpu: &Gpu, case: &Case, precision: Precision, ways: &[Tuning]) -> Result<Vec<f64>> {
     let ir = Scene::from_json(&case.scene)?.lower()?;
     let tracer = |way: &Tuning| {
@@ -96,7 +96,7 @@ impl Trial {
     }
 }
 
-/// The fastest way; the one for which nothing was found out, if no other gains anything worthwhile.
+/// The fastest way; `untuned` if no other way gains anything worthwhile.
 pub fn best(trials: &[Trial], untuned: Tuning) -> Tuning {
     let fastest = trials.iter().min_by(|a, b| a.mean().total_cmp(&b.mean()));
     fastest.filter(|trial| trial.mean() < 1.0 - WORTHWHILE).map_or(untuned, |trial| trial.tuning)

@@ -1,5 +1,4 @@
-//! How many frames a second the viewer draws of a large map that the user drags about: while nothing else happens, and
-//! while the map is being traced.
+//! Measures the viewer's frames per second while the user drags a large map. The map is at rest, or is being traced.
 
 use crate::bench::machine;
 use crate::bench::report::ViewerResult;
@@ -30,19 +29,19 @@ enum State {
     Shared,
 }
 
-/// Cells along each side of the map that is shown: as many as the largest detectors have.
+/// Cells along each side of the map that is shown, as many as the largest detectors have.
 const SHOWN: u32 = 4096;
-/// Cells along each side of the map that is traced: with its squares, it fits the bindings of all adapters.
+/// Cells along each side of the map that is traced. With its squares, this map fits the bindings of all adapters.
 const TRACED: u32 = 2048;
 const SMALL: u32 = 64;
 const NUM_RAYS: u64 = 1_000_000;
-/// The first frames, in which panels find their sizes and pictures are made, are not measured.
+/// Frames that are not measured: in the first frames, panels find their sizes and pictures are made.
 const WARM_UP: usize = 4;
 
-/// Draws `num_frames` frames in each state on the adapter whose name has this part.
+/// Draws `num_frames` frames in each state, on the adapter whose name contains `adapter`.
 ///
 /// # Errors
-/// [`Error::NoAdapter`] or [`Error::Device`] if it cannot be drawn.
+/// [`Error::NoAdapter`] or [`Error::Device`] if drawing is impossible.
 pub fn measure(adapter: Option<&str>, num_frames: usize) -> Result<Vec<ViewerResult>> {
     [State::Small, State::Still, State::Tracing, State::Shared]
         .into_iter()
@@ -131,7 +130,7 @@ impl State {
 
 fn wait_until(canvas: &mut Canvas, app: &mut App, is_ready: impl Fn(&App) -> bool) -> Result<()> {
     for _ in 0..2 {
-        // What is ready may ask for more in its first frame.
+        // A ready window may ask for more in its first frame.
         while !is_ready(app) {
             if let Some(problem) = app.model.messages.last() {
                 return Err(Error::Device(problem.clone()));
@@ -144,7 +143,7 @@ fn wait_until(canvas: &mut Canvas, app: &mut App, is_ready: impl Fn(&App) -> boo
     Ok(())
 }
 
-/// The result with as many cells as are to be shown: no two neighbours alike.
+/// The result with as many cells as are to be shown; no two neighbours are alike.
 fn enlarged(result: &TraceResult) -> TraceResult {
     let mut result = result.clone();
     for detector in &mut result.detectors {
@@ -161,7 +160,8 @@ fn enlarged(result: &TraceResult) -> TraceResult {
     result
 }
 
-/// The button goes down in the middle of the plot, and the pointer turns about there: every frame shows another view.
+/// The events of a drag: the button goes down in the middle of the plot, and the pointer turns around it. Every frame
+/// shows another view.
 fn drag(app: &App, number: usize) -> Vec<Event> {
     let middle = app.frame().map_or(Pos2::ZERO, |frame| frame.rect.center()) + vec2(40.0, 60.0);
     let angle = 0.3 * number as f32;

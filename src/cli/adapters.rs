@@ -1,4 +1,4 @@
-//! `nsq-gpu adapters`: what can trace here.
+//! `nsq-gpu adapters`: lists the adapters that can trace here.
 
 use crate::error::{Error, Result};
 use crate::gpu::{self, AdapterChoice, AdapterInfo, Gpu};
@@ -12,11 +12,11 @@ pub struct Args {
     measure: bool,
 }
 
-/// One paragraph an adapter, the one that `trace` takes first.
+/// Returns one paragraph per adapter. The adapter that `trace` chooses comes first.
 pub fn run(args: &Args) -> Result<String> {
     let adapters = gpu::list_adapters();
     if adapters.is_empty() {
-        // The message with what to install is the device's.
+        // Opening a device fails with a message that says what to install.
         return Gpu::open(&AdapterChoice::default()).map(|_| String::new());
     }
     let text: String = adapters.iter().map(|info| describe(info, args.measure)).collect::<Result<_>>()?;

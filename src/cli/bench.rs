@@ -1,4 +1,4 @@
-//! `nsq-gpu bench`: how fast this machine traces, alone or against its peers.
+//! `nsq-gpu bench`: measures how fast this machine traces, alone or against its peers.
 
 use crate::bench::accuracy::curves::Effort;
 use crate::bench::accuracy::{self, AccuracyReport};
@@ -26,12 +26,12 @@ pub struct Args {
     /// Instead of speed: scenes where tracers fail, against their exact answers (exit code 6 where one is missed).
     #[arg(long, conflicts_with_all = ["quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     stability: bool,
-    /// Instead of speed: finds out how to cut work for the adapter, and keeps it in the user's cache for every trace to
-    /// come. It never changes a result.
+    /// Instead of speed: finds out how to cut work for the adapter, and keeps it in the user's cache for later traces.
+    /// No result changes.
     #[arg(long, conflicts_with_all = ["stability", "accuracy", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     tune: bool,
-    /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth
-    /// (exit code 6 where that is less than claimed).
+    /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth.
+    /// Exit code 6 where that is less than claimed.
     #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
     accuracy: bool,
     /// With --accuracy: only what Sobol points are worth.
@@ -40,17 +40,17 @@ pub struct Args {
     /// At most 1e5 rays a case, and 3 runs.
     #[arg(long)]
     quick: bool,
-    /// Measure these only: names of cases or of sweeps (rays, surfaces, depth, short, lenses, spheres, meshes, splats,
+    /// Measure only these: names of cases or of sweeps (rays, surfaces, depth, short, lenses, spheres, meshes, splats,
     /// commands, cold_start, viewer); with --accuracy, names of scenes.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     scenes: Vec<String>,
-    /// Arithmetic to measure; by default both; all with --stability and --accuracy.
+    /// Precision to measure; by default both, with --stability and --accuracy all.
     #[arg(long, value_enum)]
     precision: Option<PrecisionsArg>,
     /// Measured runs of each case, after one to warm up; 5, or 3 with --quick.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     runs: Option<u16>,
-    /// At most so many rays a case.
+    /// Most rays of a case.
     #[arg(long, value_name = "N", value_parser = count::parse)]
     max_rays: Option<u64>,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
@@ -62,10 +62,10 @@ pub struct Args {
     /// Python that has the peers installed.
     #[arg(long, value_name = "PYTHON", default_value = "python3")]
     python: PathBuf,
-    /// At most so many rays for Optiland in a warm process, whose rate does not depend on their number.
+    /// Most rays for Optiland in a warm process, whose rate does not depend on their number.
     #[arg(long, value_name = "N", default_value_t = PEER_RAYS, value_parser = count::parse)]
     peer_rays: u64,
-    /// What the reader of the files should know, such as who else uses the machine.
+    /// A note for readers of the files, such as who else uses the machine.
     #[arg(long, value_name = "TEXT")]
     note: Option<String>,
     /// Write bench.json, bench.csv and bench.png into this folder.
@@ -85,9 +85,9 @@ enum PrecisionsArg {
     Df64,
     /// 64-bit floats.
     F64,
-    /// Whatever of f32 and f64 the adapter has.
+    /// F32 and f64, as far as the adapter has them.
     Both,
-    /// Whatever of all three the adapter has.
+    /// All three, as far as the adapter has them.
     All,
 }
 
@@ -102,21 +102,21 @@ enum PeerArg {
     Mitsuba,
 }
 
-/// An argument as the command line has it.
+/// The name of an argument's value on the command line.
 fn name_of(argument: &impl ValueEnum) -> String {
     argument.to_possible_value().map_or(String::new(), |value| value.get_name().into())
 }
 
-/// What the viewer's frames are called among the cases.
+/// The name of the viewer's frames among the cases.
 const VIEWER: &str = "viewer";
 
-/// Rays for Optiland where nothing else is asked for.
+/// Rays for Optiland, unless the user asks for another number.
 const PEER_RAYS: u64 = 100_000;
 
 /// The limit of --quick.
 const QUICK_RAYS: u64 = 100_000;
 
-/// Measures, writes the files, and gives what goes to stdout.
+/// Measures, writes the files, and returns the text for stdout.
 pub fn run(args: &Args) -> Result<String> {
     if args.stability {
         return run_stability(args);
@@ -145,7 +145,7 @@ pub fn run(args: &Args) -> Result<String> {
     let mut report = BenchReport::new(&gpu.info, session.num_runs, args.note.clone());
     report.command = command_line(args);
     report.peers = peers.iter().map(|peer| (peer.name().to_string(), peer.versions())).collect();
-    // What was measured before a case failed took long, and is kept.
+    // Measurements before a failed case took long, and are kept.
     let mut failure = None;
     for (case, width) in cases.iter().zip(widths) {
         let result =
@@ -188,7 +188,7 @@ pub fn run(args: &Args) -> Result<String> {
     Err(error)
 }
 
-/// What measures the same again, but for what is a machine's own: its adapter, its Python, its folders.
+/// The command that repeats the measurement, without what belongs to one machine: its adapter, its Python, its folders.
 fn command_line(args: &Args) -> String {
     let list = |name: &str, values: &[String]| {
         (!values.is_empty()).then(|| format!(" --{name} {}", values.join(",")))
@@ -210,7 +210,7 @@ fn command_line(args: &Args) -> String {
     options.into_iter().flatten().fold("nsq-gpu bench".into(), |line, option| line + &option)
 }
 
-/// How wide vectors suit each case: what is timed is compiled before. Whole commands choose on their own.
+/// The width of vectors that suits each case. A timed trace is compiled before. Whole commands choose their own width.
 fn widths(cases: &[Case]) -> Result<Vec<Width>> {
     let width = |case: &Case| Ok(Width::of_trace(&Scene::from_json(&case.scene)?.lower()?, case.num_rays));
     cases.iter().map(width).collect()
@@ -220,7 +220,7 @@ fn widest(widths: &[Width]) -> Width {
     widths.iter().copied().max().unwrap_or(Width::Usual)
 }
 
-/// Measures a case in a process of its own: the width of vectors is a process's.
+/// Measures a case in a process of its own, because the width of vectors belongs to a process.
 fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResult> {
     let mut command = Command::new(&session.program);
     vector_width::leave_to(&mut command);
@@ -286,9 +286,9 @@ fn run_tuning(args: &Args) -> Result<String> {
     ))
 }
 
-/// How much `--accuracy` measures; some minutes on two cores.
+/// The effort of `--accuracy`: some minutes on two cores.
 const FULL: Effort = Effort { num_seeds: 4, trace_sec: 1.0, answer_sec: 6.0, most_rays: 1 << 22 };
-/// With --quick: seconds, and claims are shown but not judged.
+/// The effort with --quick: seconds. Claims are shown but not judged.
 const QUICK: Effort = Effort { num_seeds: 2, trace_sec: 0.1, answer_sec: 0.2, most_rays: 1 << 14 };
 /// Rays whose paths are compared between tiers.
 const PATHS: u64 = 1 << 14;

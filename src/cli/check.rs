@@ -1,4 +1,4 @@
-//! `nsq-gpu check`: everything that `trace` would refuse, without tracing.
+//! `nsq-gpu check`: finds, without tracing, everything that `trace` would refuse.
 
 use crate::error::Result;
 use crate::format::shown;
@@ -12,7 +12,7 @@ pub struct Args {
     scene: PathBuf,
 }
 
-/// What the scene holds, and what deserves a warning.
+/// Returns what the scene holds, and its warnings.
 pub fn run(args: &Args) -> Result<String> {
     let scene = crate::cli::console::read_scene(&args.scene)?;
     let ir = scene.lower()?;

@@ -1,4 +1,4 @@
-//! `nsq-gpu compare`: whether two results differ by more than chance.
+//! `nsq-gpu compare`: tests whether two results differ by more than chance.
 
 use crate::error::{Error, Result};
 use crate::format::{shown, significant, thousands};
@@ -12,10 +12,10 @@ use std::path::PathBuf;
 pub struct Args {
     /// Folder that `trace -o` wrote.
     a: PathBuf,
-    /// Another one.
+    /// Another such folder.
     b: PathBuf,
-    /// Largest difference of one number, in standard errors, that chance is held to explain; of the largest of many cells,
-    /// what is as rare.
+    /// Largest difference of one number that chance is assumed to explain, in standard errors. For the largest of many
+    /// cells, the limit is the value that is as rare.
     #[arg(long, default_value_t = 5.0, value_name = "X", value_parser = parse_sigmas)]
     sigmas: f64,
     /// Print JSON instead of the table.
@@ -28,7 +28,7 @@ fn parse_sigmas(text: &str) -> std::result::Result<f64, String> {
     number.ok_or_else(|| format!("`{text}` is not a number in 1..=30"))
 }
 
-/// Gives the table; an error where the two disagree.
+/// Returns the table, or an error if the two results disagree.
 pub fn run(args: &Args) -> Result<String> {
     let (a, b) = (TraceResult::read(&args.a)?, TraceResult::read(&args.b)?);
     for (path, result) in [(&args.a, &a), (&args.b, &b)] {

@@ -1,4 +1,4 @@
-//! `nsq-gpu completions`: completion scripts for shells.
+//! `nsq-gpu completions`: prints completion scripts for shells.
 
 use crate::error::Result;
 use clap::CommandFactory;
@@ -10,12 +10,13 @@ pub struct Args {
     shell: clap_complete::Shell,
 }
 
-/// The generator names a subcommand in two ways where the program's name has a dash, so that bash never found its options.
+/// Gives each subcommand one name. Where the program's name has a dash, the generator uses two names, and bash finds no
+/// options.
 fn with_one_name_per_subcommand(script: &str) -> String {
     script.replace("nsq__subcmd__gpu", "nsq__gpu")
 }
 
-/// The script.
+/// Returns the script.
 pub fn run<C: CommandFactory>(args: &Args) -> Result<String> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut C::command(), "nsq-gpu", &mut script);

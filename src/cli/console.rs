@@ -1,4 +1,4 @@
-//! What commands share: a scene is read, something is said, the result is printed.
+//! What commands share: reading a scene, messages on stderr, printing the result.
 
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
@@ -8,7 +8,7 @@ use crate::software::vector_width::Width;
 use std::io::Write;
 use std::path::Path;
 
-/// Reads a scene; a complaint about its contents begins with the file's name: a script may trace many.
+/// Reads a scene. An error about its contents begins with the file's name, because a script may trace many files.
 pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
     Scene::from_path(path).map_err(|error| match error {
         Error::Scene { place, problem, remedy } => {
@@ -28,20 +28,20 @@ pub(crate) fn print(text: &str) -> Result<()> {
     }
 }
 
-/// Says something on stderr that is not the result.
+/// Writes a message to stderr; it is no part of the result.
 pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Lets lavapipe compute in vectors as wide as suits this trace. Before other threads and adapters: [`crate::cli::main`]
-/// demands the one, and commands see to the other.
+/// Lets lavapipe compute in vectors as wide as suits this trace. Must be called before other threads and adapters.
+/// [`crate::cli::main`] demands that no other threads run, and each command calls this before it asks for an adapter.
 #[cfg_attr(not(feature = "software"), allow(unused_variables, reason = "the driver's own width is taken"))]
 pub(crate) fn choose_vectors(ir: &SceneIr, num_rays: u64, in_f64: bool) {
     #[cfg(feature = "software")]
     choose_width(Width::of_command(ir, num_rays, in_f64));
 }
 
-/// As [`choose_vectors`], so wide.
+/// As [`choose_vectors`], with this width.
 #[cfg(feature = "software")]
 pub(crate) fn choose_width(width: Width) {
     // SAFETY: no other thread runs yet, and no adapter was asked for.

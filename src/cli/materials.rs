@@ -1,4 +1,4 @@
-//! `nsq-gpu materials`: what the catalog holds, and what a name stands for.
+//! `nsq-gpu materials`: shows what the catalog holds, and what a name stands for.
 
 use crate::scene::materials::{self, Dispersion, Entry, OPTILAND_VERSION, Resolved};
 use crate::{Error, Result};
@@ -20,7 +20,7 @@ pub struct Args {
     pub search: Option<String>,
 }
 
-/// The text for stdout.
+/// Returns the text for stdout.
 ///
 /// # Errors
 /// [`Error::Usage`] if the name is unknown, nothing matches the search, or a wavelength is not a positive number.
@@ -84,7 +84,8 @@ fn describe(name: &str, resolved: &Resolved, wavelengths: &[f64]) -> Result<Stri
     Ok(text)
 }
 
-/// The visible lines for what is used there, else the ends and the middle of the data \[um\].
+/// The default wavelengths \[um\]: the visible lines where the data covers them, else the ends and the middle of the
+/// data.
 fn default_wavelengths(entry: &Entry) -> [f64; 3] {
     let (low, high) = entry.dispersion().range();
     if (low..=high).contains(&VISIBLE_LINES[1]) { VISIBLE_LINES } else { [low, (low + high) / 2.0, high] }

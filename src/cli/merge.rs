@@ -1,4 +1,4 @@
-//! `nsq-gpu merge`: the results of several traces as one.
+//! `nsq-gpu merge`: adds up the results of several traces.
 
 use crate::cli::console::{read_scene, say};
 use crate::cli::trace::Printed;
@@ -18,10 +18,10 @@ pub struct Args {
     /// Write the result of all rays into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Write no pictures, the numbers alone.
+    /// Write no pictures, only numbers.
     #[arg(long, requires = "output")]
     no_pictures: bool,
-    /// The scene file, where it is not where it was.
+    /// The scene file, if it was moved.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
     /// Print report.json instead of the text report.
@@ -29,7 +29,7 @@ pub struct Args {
     json: bool,
 }
 
-/// Adds the sums, writes the files, and gives what goes to stdout.
+/// Adds the sums, writes the files, and returns the text for stdout.
 pub fn run(args: &Args) -> Result<String> {
     let parts: Vec<Checkpoint> =
         args.results.iter().map(|path| Checkpoint::read(path)).collect::<Result<_>>()?;
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<String> {
     crate::cli::trace::deliver(&result, &merged, args.output.as_deref(), printed)
 }
 
-/// The sums of all parts.
+/// Adds the sums of all parts.
 fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
     let mut tally = Tally::zeros(ir);
     parts.iter().for_each(|part| tally += &part.tally);
@@ -87,7 +87,7 @@ fn merge(ir: &SceneIr, parts: &[Checkpoint]) -> Checkpoint {
     Checkpoint { identity, tally }
 }
 
-/// Refuses what does not add up: results of different traces, or of the same rays.
+/// Refuses results that cannot be added: of different traces, or of the same rays.
 fn check(paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
     paths.iter().zip(parts).try_for_each(|(path, part)| part.check_rows(path, "--first-ray"))?;
     for (path, part) in paths.iter().zip(parts) {
@@ -116,7 +116,7 @@ fn check(paths: &[PathBuf], parts: &[Checkpoint]) -> Result<()> {
     Ok(())
 }
 
-/// Whether one run would have given the same bits, and if not, why.
+/// Says whether one run would have given the same bits, and if not, why.
 fn on_the_bits(ir: &SceneIr, parts: &[Checkpoint], rays: &RaySet) -> String {
     let first = &parts[0].identity;
     let mut reasons = Vec::new();

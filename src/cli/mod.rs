@@ -1,4 +1,4 @@
-//! The command line: one file per subcommand; the only place that prints.
+//! The command line: one file per subcommand. Only this room prints.
 //!
 //! stdout carries the result alone; progress, warnings and errors go to stderr.
 
@@ -67,8 +67,8 @@ enum Command {
     Completions(completions::Args),
 }
 
-/// Runs the command; the exit code is the error's. To be called before other threads run: it may set a variable of the
-/// environment (`crate::software::vector_width`).
+/// Runs the command, and returns the exit code of its error. Must be called before other threads run, because it may
+/// set an environment variable (`crate::software::vector_width`).
 pub fn main() -> ExitCode {
     let start = Instant::now();
     quiet_drivers();
@@ -92,14 +92,15 @@ pub fn main() -> ExitCode {
     match printed.and_then(|text| print(&text)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Whoever closed stderr does not want to hear of it.
+            // If stderr is closed, the error cannot be reported.
             let _ = writeln!(std::io::stderr(), "nsq-gpu: {error}");
             ExitCode::from(error.exit_code())
         }
     }
 }
 
-/// Keeps Mesa's drivers from writing to stderr. Before other threads and adapters, as in [`console::choose_vectors`].
+/// Keeps Mesa's drivers from writing to stderr. Must be called before other threads and adapters, as
+/// [`console::choose_vectors`].
 fn quiet_drivers() {
     // SAFETY: no other thread runs yet, and no adapter was asked for.
     #[allow(unsafe_code)]
@@ -108,7 +109,8 @@ fn quiet_drivers() {
     }
 }
 
-/// A file that outgrows a limit (`ulimit -f`) is an error to be told, as that of a full disk, and no reason to be killed.
+/// Turns a file that outgrows a limit (`ulimit -f`) into an error that is reported, like a full disk. The signal would
+/// otherwise kill the process.
 fn ignore_file_size_signal() {
     #[cfg(unix)]
     {
@@ -119,7 +121,7 @@ fn ignore_file_size_signal() {
     }
 }
 
-/// An option that is unknown was misspelt, and hardly meant as a value: clap's tip to write `-- --option` leads astray.
+/// Removes clap's tip to write `-- --option`. An unknown option was misspelt, and hardly meant as a value.
 fn without_misleading_tip(mut error: clap::Error) -> clap::Error {
     let invalid = error.get(ContextKind::InvalidArg).map(ToString::to_string);
     if error.kind() == ErrorKind::UnknownArgument && invalid.is_some_and(|name| name.starts_with("--")) {

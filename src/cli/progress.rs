@@ -15,22 +15,22 @@ pub enum Mode {
     Json,
 }
 
-/// What is known of a trace while it runs.
+/// The state of a trace while it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
-    /// Rays done, those included that it began with.
+    /// Rays done, including those that the trace began with.
     pub rays: u64,
-    /// Rays in all, at most.
+    /// Most rays of the whole trace.
     pub num_rays: u64,
-    /// Rays done before it was taken up.
+    /// Rays done before the trace was resumed.
     pub begun: u64,
-    /// Time since it began or was taken up.
+    /// Time since the trace began or was resumed.
     pub elapsed: Duration,
-    /// The largest relative error, as far as it is known.
+    /// The largest relative error, if known.
     pub relative_error: Option<f64>,
-    /// The target for it.
+    /// The target for the relative error.
     pub target_error: Option<f64>,
-    /// Rays that the target takes, as far as can be said.
+    /// An estimate of the rays that the target takes.
     pub rays_to_target: Option<u64>,
     /// The time limit.
     pub time_limit: Option<Duration>,
@@ -51,7 +51,7 @@ impl Status {
         left.min(limit)
     }
 
-    /// The part of the bar that is for people to read.
+    /// The text of the bar.
     fn text(&self) -> String {
         let error = match (self.relative_error, self.target_error) {
             (Some(error), Some(target)) => format!(", error {} of {}", percent(error), percent(target)),
@@ -82,14 +82,14 @@ fn percent(fraction: f64) -> String {
     format!("{percent:.decimals$} %")
 }
 
-/// Shows how far a trace is.
+/// Shows the progress of a trace.
 pub struct Progress {
     mode: Mode,
     bar: ProgressBar,
     last: Option<Instant>,
 }
 
-/// Time between two lines of JSON, or two looks at the bar.
+/// Time between two lines of JSON, or two updates of the bar.
 const INTERVAL: Duration = Duration::from_millis(200);
 
 impl Progress {
@@ -106,13 +106,13 @@ impl Progress {
         Progress { mode, bar, last: None }
     }
 
-    /// True if it is time to show something: what costs much to find out is then worth it.
+    /// True if it is time to show the status. The caller computes an expensive status only then.
     pub fn is_due(&self) -> bool {
         let shown = self.mode == Mode::Json || !self.bar.is_hidden();
         shown && self.last.is_none_or(|last| last.elapsed() >= INTERVAL)
     }
 
-    /// Shows the status, if it is time or the last ray is done.
+    /// Shows the status if it is time, or if the last ray is done.
     pub fn update(&mut self, status: &Status) {
         if !self.is_due() && status.rays != status.num_rays {
             return;
@@ -125,7 +125,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }

@@ -15,7 +15,7 @@ pub fn parse_fraction(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Parses a time; without a unit it is in seconds.
+/// Parses a time; without a unit, the time is in seconds.
 pub fn parse_time(text: &str) -> Result<Duration, String> {
     let expected = || format!("`{text}` is not a time above 0; write 30s, 5m or 1.5h");
     let trimmed = text.trim();

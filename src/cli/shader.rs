@@ -1,4 +1,4 @@
-//! `nsq-gpu shader`: the WGSL that a scene is traced by, with the file that each part of it comes from.
+//! `nsq-gpu shader`: prints the WGSL that traces a scene, with the file that each part comes from.
 
 use crate::cli::console::{choose_vectors, read_scene};
 use crate::cli::trace::{PrecisionArg, wanted};
@@ -13,11 +13,11 @@ use std::path::PathBuf;
 pub struct Args {
     /// The scene file.
     scene: PathBuf,
-    /// Arithmetic: auto takes what `trace` would take. In df64 the text has f64, of which pairs of 32-bit floats are made
-    /// before it is compiled.
+    /// Precision: auto takes what `trace` would take. For df64 the text has f64, which is rewritten into pairs of
+    /// 32-bit floats before it is compiled.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
-    /// Part of the adapter's name (see `nsq-gpu adapters`): what is composed depends on what it can do.
+    /// Part of the adapter's name (see `nsq-gpu adapters`): what is composed depends on the adapter's features.
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     /// Use no native 64-bit integers or atomics of the device.
@@ -25,7 +25,7 @@ pub struct Args {
     portable: bool,
 }
 
-/// The composed text, as `trace` compiles it with no other options.
+/// Returns the composed text, as `trace` compiles it without other options.
 pub fn run(args: &Args) -> Result<String> {
     let ir = read_scene(&args.scene)?.lower()?;
     let options = TraceOptions { max_depth: crate::model::depth::of_scene(&ir), ..Default::default() };

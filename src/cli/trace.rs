@@ -1,4 +1,4 @@
-//! `nsq-gpu trace`: a scene to maps, ledger and report.
+//! `nsq-gpu trace`: traces a scene to maps, ledger and report.
 
 use crate::cli::console::{read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
@@ -36,48 +36,51 @@ pub struct Args {
         allow_negative_numbers = true
     )]
     num_rays: u64,
-    /// Number of the first ray, 0 unless given: results of disjoint rays can be merged. The rows of ray databases and
-    /// paths then stay in memory, to be written with the sums; so they do with --checkpoint.
+    /// Id of the first ray; 0 unless given. Results of disjoint rays can be merged. Rows of ray databases and paths
+    /// then stay in memory, to be written with the sums, as with --checkpoint.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     first_ray: Option<u64>,
-    /// The rays are a part of a trace of N rays, which the sources share. Needed only to merge the results of a scene of
-    /// several sources bit for bit.
+    /// The rays are a part of a trace of N rays, which the sources share. Needed only to merge results bit for bit, for
+    /// a scene of several sources.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     of_rays: Option<u64>,
-    /// Stop when every detector's relative error is at most X: 1%, 0.01. It is that of its flux, and that of its map: the
-    /// sum of the pixels' standard errors over the sum of their values. Exit code 6 if the rays or the time end before.
+    /// Stop when every detector's relative error is at most X: 1%, 0.01. Both the error of its flux and that of its map
+    /// count. The latter is the sum of the pixels' standard errors over the sum of their values. Exit code 6 if the
+    /// rays or the time end before.
     #[arg(long, value_name = "X", value_parser = quantity::parse_fraction)]
     target_error: Option<f64>,
     /// Stop after this time: 30s, 5m, 1.5h.
     #[arg(long, value_name = "TIME", value_parser = quantity::parse_time)]
     time_limit: Option<Duration>,
-    /// Write the sums so far to this file every so often, and at the end.
+    /// Write the sums so far to this file at intervals, and at the end.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
     /// Time between two checkpoints.
     #[arg(long, default_value = "30s", value_name = "TIME", value_parser = quantity::parse_time, requires = "checkpoint")]
     checkpoint_interval: Duration,
-    /// Go on from the sums in this file, which the same command with --checkpoint wrote; to the bits of an unbroken trace.
+    /// Go on from the sums in this file, which the same command with --checkpoint wrote. The result has the bits of an
+    /// unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little. With --sampler sobol,
-    /// on scrambles the points in 16 independent ways and gives the errors between them; auto does not.
+    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little. With --sampler
+    /// sobol, on scrambles the points in 16 independent ways, and gives the errors between them; auto does not.
     #[arg(long, value_enum, default_value_t = StandardErrorArg::Auto, value_name = "WHEN")]
     standard_error: StandardErrorArg,
     /// Seed of every random draw.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Largest number of events (surfaces and detectors) of a ray. Where it is not given, twice the number of surfaces that
-    /// are not absorbing, but at least 16, Optiland's; with --resume, that of the file.
+    /// Largest number of events (surfaces and detectors) of a ray. By default twice the number of surfaces that do not
+    /// absorb, but at least 16, Optiland's default; with --resume, that of the file.
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
     /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
     #[arg(long, default_value_t = 1e-6, value_name = "X")]
     min_flux_fraction: f64,
-    /// Most rays per dispatch; it changes memory and speed, never a result.
+    /// Most rays per dispatch. The number changes memory and speed, but not the result.
     #[arg(long, value_parser = count::parse, value_name = "N")]
     batch_size: Option<u64>,
-    /// Arithmetic: auto takes the cheapest that keeps positions to a hundredth of a pixel, predicted from the scene.
+    /// Precision: auto takes the least expensive that keeps positions to a hundredth of a pixel, predicted from the
+    /// scene.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
     precision: PrecisionArg,
     /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
@@ -86,7 +89,7 @@ pub struct Args {
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Fuse and reorder no arithmetic, so that every form of the shaders gives the same bits; on Vulkan alone.
+    /// Neither fuse nor reorder arithmetic, so that every form of the shaders gives the same bits; only on Vulkan.
     #[arg(long, value_enum, default_value_t = StrictArg::Auto, default_missing_value = "on", num_args = 0..=1, require_equals = true)]
     strict: StrictArg,
     /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
@@ -107,10 +110,11 @@ pub struct Args {
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Write no pictures, the numbers alone.
+    /// Write no pictures, only numbers.
     #[arg(long, requires = "output")]
     no_pictures: bool,
-    /// Time the stages on the device: to stderr and into the report's diagnostics. The trace itself becomes slower.
+    /// Time the stages on the device. The times go to stderr and into the report's diagnostics. The trace becomes
+    /// slower.
     #[arg(long)]
     profile: bool,
     /// Print report.json instead of the text report.
@@ -119,8 +123,8 @@ pub struct Args {
     /// Progress on stderr.
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     progress: Mode,
-    /// End at once when stdin closes, or the process ends that started this one: whoever holds stdin leaves no trace running,
-    /// however it ends itself.
+    /// End at once when stdin closes, or when the process ends that started this one. So a program that holds stdin
+    /// leaves no trace running, however that program ends.
     #[arg(long)]
     watch_stdin: bool,
 }
@@ -128,7 +132,7 @@ pub struct Args {
 /// The `--precision` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PrecisionArg {
-    /// f64 on a processor; on a GPU f32, unless the error predicted for the scene is too large: then f64, or df64 where
+    /// f64 on a processor. On a GPU f32, unless the error predicted for the scene is too large; then f64, or df64 where
     /// there is no f64.
     Auto,
     /// 32-bit floats.
@@ -155,17 +159,17 @@ pub enum StrictArg {
 pub enum SamplerArg {
     /// Optiland's keyed PCG32, bit for bit.
     Pcg,
-    /// Owen-scrambled Sobol points, a ray a point.
+    /// Owen-scrambled Sobol points, one point a ray.
     Sobol,
 }
 
 /// The `--standard-error` argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum StandardErrorArg {
-    /// Where a ray ends on every detector, in one cell, or in up to four where surfaces scatter by a table or a Harvey-Shack
-    /// lobe; with --target-error, always.
+    /// Where every detector ends a ray and takes it in one cell, and always with --target-error. Where surfaces scatter
+    /// by a table or a Harvey-Shack lobe, also in up to four cells.
     Auto,
-    /// Always: also where rays are spread over pixels, or pass detectors.
+    /// Always, even where rays are spread over pixels or pass detectors.
     On,
     /// Never.
     Off,
@@ -186,12 +190,12 @@ fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
     }
 }
 
-/// Traces, writes the files, and gives what goes to stdout. An interrupted trace is written, then reported as such.
-/// `start` is when the command began.
+/// Traces, writes the files, and returns the text for stdout. An interrupted trace is written, then reported as
+/// interrupted. `start` is when the command began.
 pub fn run(args: &Args, start: Instant) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
-    // What `auto` is on lavapipe.
+    // On lavapipe, `auto` means f64.
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
     crate::cli::console::choose_vectors(&ir, args.num_rays, in_f64);
     if args.watch_stdin {
@@ -238,10 +242,10 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     }
 }
 
-/// A choice of precision, or one whose reasons are still being found out.
+/// A choice of precision, or one that is still being predicted.
 enum Choosing<'scope> {
     Chosen(Choice),
-    /// f32 was asked for: what is predicted of it is only told, and so is predicted while the rays are traced.
+    /// The user asked for f32. The prediction is only reported, so it runs while the rays are traced.
     Predicting(ScopedJoinHandle<'scope, Result<Choice>>),
 }
 
@@ -267,7 +271,7 @@ impl<'scope> Choosing<'scope> {
         }
     }
 
-    /// A prediction that fails is no reason to lose the result.
+    /// The choice. A failed prediction is no reason to lose the result.
     fn choice(self) -> Choice {
         match self {
             Choosing::Chosen(choice) => choice,
@@ -283,7 +287,7 @@ impl<'scope> Choosing<'scope> {
     }
 }
 
-/// What a trace that gave a result did not do of what it should.
+/// The failure of a trace that gave a result, but missed a goal.
 fn failure(result: &TraceResult) -> Option<Error> {
     if result.run.stopped_by == Some(StoppedBy::Interrupt) {
         return Some(Error::Interrupted);
@@ -304,7 +308,7 @@ fn failure(result: &TraceResult) -> Option<Error> {
     }
 }
 
-/// The sums that the trace goes on from.
+/// The sums from which the trace goes on.
 fn beginning(args: &Args, identity: &Identity, resumed: Checkpoint) -> Result<Tally> {
     let differences = identity.differences_from_beginning(&resumed.identity);
     let file = args.resume.as_deref().unwrap_or(Path::new(""));
@@ -322,17 +326,17 @@ fn beginning(args: &Args, identity: &Identity, resumed: Checkpoint) -> Result<Ta
     Ok(resumed.tally)
 }
 
-/// What a result is printed as, and whether it has pictures.
+/// How a result is printed, and whether it has pictures.
 #[derive(Debug, Clone, Copy)]
 pub struct Printed {
-    /// report.json instead of the text.
+    /// True: report.json. False: the text report.
     pub json: bool,
-    /// A picture of each detector.
+    /// True: with a picture of each detector.
     pub pictures: bool,
 }
 
-/// Writes the files of a result, and gives what goes to stdout. Where they cannot be written, the result is printed before the
-/// error is returned: a trace may have taken days.
+/// Writes the files of a result, and returns the text for stdout. Where they cannot be written, the result is printed
+/// before the error is returned, because a trace may have taken days.
 pub fn deliver(
     result: &TraceResult,
     sums: &Checkpoint,
@@ -396,7 +400,7 @@ pub fn wanted(precision: PrecisionArg) -> Wanted {
     }
 }
 
-/// All but the precision and the largest number of events.
+/// The options, but without precision and largest number of events.
 fn options(args: &Args) -> Result<TraceOptions> {
     let standard_error = match (args.standard_error, args.target_error) {
         (StandardErrorArg::Off, Some(_)) => {
@@ -443,13 +447,15 @@ struct Run<'a> {
     identity: &'a Identity,
 }
 
-/// True if the sums must hold the rows of ray databases and paths, because another trace goes on from them or adds to them.
+/// True if the sums must hold the rows of ray databases and paths. Another trace then goes on from the sums, or adds to
+/// them.
 fn keeps_rows(args: &Args) -> bool {
     let is_part = args.first_ray.is_some() || args.of_rays.is_some();
     is_part || args.checkpoint.is_some() || args.resume.is_some()
 }
 
-/// Where rows go that are no part of the sums: to disk, or nowhere without files. None where the sums must hold them.
+/// The destination of rows that are no part of the sums: disk, or nowhere if no files are written. `None` if the sums
+/// must hold the rows.
 fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Recording + use<'a>>> {
     if keeps_rows(args) {
         return Ok(None);
@@ -461,7 +467,7 @@ fn recording<'a>(args: &Args, ir: &'a SceneIr) -> Result<Option<impl Fn() -> Rec
     }))
 }
 
-/// The result and its sums, and whether these could be written where `--checkpoint` says.
+/// Returns the result, its sums, and whether the sums could be written to the file of `--checkpoint`.
 fn trace(
     run: &Run<'_>,
     choosing: Choosing<'_>,
@@ -512,6 +518,7 @@ fn trace(
         partial,
         stopped_by: session.stopped_by.filter(|_| partial),
         target_error: args.target_error,
+        // Processors are chosen only if there is nothing else.
         has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
     };
@@ -537,7 +544,7 @@ struct Session<'a> {
 }
 
 impl Session<'_> {
-    /// Shows the progress, writes a checkpoint where one is due, and decides whether to go on.
+    /// Shows the progress, writes a checkpoint if one is due, and decides whether to go on.
     fn after_pass(&mut self, progress: &mut trace::Progress) -> Result<bool> {
         self.stopped_by = self.stopping.after_pass(self.ir, progress)?;
         if self.stop.load(Ordering::Relaxed) {
@@ -556,7 +563,8 @@ impl Session<'_> {
         if let Some(path) = &self.args.checkpoint
             && self.last_checkpoint.elapsed() >= self.args.checkpoint_interval
         {
-            // The disk may have room again by the next one, and no ray is lost; what fails at the end is an error.
+            // The disk may have room again at the next checkpoint, and no ray is lost. A failure at the end is an
+            // error.
             if let Err(error) = checkpoint::write(path, self.identity, progress.tally()?) {
                 say(&format!("no checkpoint now: {error}"));
             }
@@ -574,15 +582,15 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     )
 }
 
-/// Waits until nobody holds the other end of stdin, and ends the process. Results appear whole or not at all, so that
-/// there is nothing to tidy up.
+/// Waits until nobody holds the other end of stdin, then ends the process. Results appear whole or not at all, so
+/// nothing is left to tidy up.
 fn end_with_stdin() {
     let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
     std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 
-/// Waits until the process that started this one has ended, and ends this one: a fork of that process may hold the other end
-/// of stdin as well, and live on.
+/// Waits until the process that started this one has ended, then ends this one. A fork of that process may also hold
+/// the other end of stdin, and live on.
 #[cfg(unix)]
 fn end_with_parent(parent: u32) {
     while std::os::unix::process::parent_id() == parent {
@@ -591,7 +599,7 @@ fn end_with_parent(parent: u32) {
     std::process::exit(i32::from(Error::Interrupted.exit_code()));
 }
 
-/// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.
+/// A flag that Ctrl-C sets. A second Ctrl-C ends the process at once.
 fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();

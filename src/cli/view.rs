@@ -1,4 +1,4 @@
-//! `nsq-gpu view`: the window of a trace or of results, or a picture of it.
+//! `nsq-gpu view`: opens a window on a trace or on results, or draws a picture of it.
 
 use crate::count;
 use crate::error::{Error, Result};
@@ -22,13 +22,13 @@ pub struct Args {
     /// Seed of every random draw.
     #[arg(long)]
     seed: Option<u64>,
-    /// Largest number of events (surfaces and detectors) of a ray; where it is not given, that of `nsq-gpu trace`.
+    /// Largest number of events (surfaces and detectors) of a ray; by default that of `nsq-gpu trace`.
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Compare with the results in this folder: A is what is opened, B is this.
+    /// Compare with the results in this folder: A is what is opened, B is this folder.
     #[arg(long, value_name = "DIR")]
     compare: Option<PathBuf>,
     /// Show this detector first.
@@ -55,7 +55,7 @@ pub struct Args {
     /// What the picture shows of two results.
     #[arg(long, value_enum, requires = "compare")]
     show: Option<ShowArg>,
-    /// Close the window after so many frames, once everything is traced.
+    /// Close the window after this many frames, once everything is traced.
     #[arg(long, hide = true)]
     frames: Option<u32>,
 }
@@ -92,10 +92,10 @@ fn parse_pixels_per_point(text: &str) -> std::result::Result<f32, String> {
     number.ok_or_else(|| format!("`{text}` is not a number in 0.5..=4"))
 }
 
-/// Opens the window, or draws it; stdout stays empty.
+/// Opens the window, or draws it into a file. Nothing goes to stdout.
 pub fn run(args: &Args) -> Result<String> {
     if let Some(path) = &args.screenshot {
-        // The same picture whatever the user chose in the window before.
+        // The picture does not depend on what the user chose in the window before.
         let settings = Settings { dark: !args.light, ..Settings::default() };
         let mut app = app(args, settings, Arc::new(|| {}))?;
         let picture = screenshot::draw(&mut app, args.size, args.pixels_per_point)?;
@@ -115,7 +115,7 @@ pub fn run(args: &Args) -> Result<String> {
     Ok(String::new())
 }
 
-/// A folder holds what was traced already.
+/// Refuses options of a trace for a folder, whose results were traced before.
 fn refuse_options_of_traces(args: &Args) -> Result<()> {
     let given = [
         ("-n", args.num_rays.is_some()),

@@ -15,7 +15,7 @@ pub(crate) struct DeviceState {
     pub(crate) bytes: u64,
     /// Follows new rays.
     trace_new: FirstStage,
-    /// Stages that a strategy has added. They follow new rays in place of `trace_new`.
+    /// Stages that a strategy has added, which follow new rays in place of `trace_new`.
     added: Vec<(AddedStage, OnceCell<FirstStage>)>,
     compiler: Compiler,
     /// The stages for rays that outlive a dispatch, where there can be such rays.

@@ -56,7 +56,7 @@ pub struct TraceOptions {
 /// Whether arithmetic is strict: the driver then neither fuses nor reorders floating-point operations.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Strict {
-    /// On for processors, where it costs nothing, if the device can be told. Off elsewhere.
+    /// On for processors, where strict arithmetic costs nothing, if the driver takes strict shaders. Off elsewhere.
     #[default]
     Auto,
     /// On; where that is impossible, the trace is refused.
@@ -82,8 +82,8 @@ pub enum StandardError {
     /// Where second moments cost little, or where hits say nothing about the error. Never for Sobol points: independent
     /// scrambles of them would be spread less evenly.
     ///
-    /// They cost little where every detector ends a ray and takes it in one cell. A ray that is spread over pixels, or
-    /// that comes several times, makes as many deposits again.
+    /// Second moments cost little where every detector ends a ray and takes it in one cell. A ray that is spread over
+    /// pixels, or that comes several times, makes as many deposits again.
     ///
     /// Hits say nothing about the error where surfaces scatter by a table or a Harvey-Shack lobe, which leave rays
     /// without weight. Second moments are then summed if detectors end rays and have few cells.

@@ -190,7 +190,7 @@ impl Plan {
         self.options.max_depth.div_ceil(self.program.options.events_per_dispatch) as usize
     }
 
-    /// How the device tells which primitives rays have reached.
+    /// How the device marks the primitives that rays have reached.
     pub(crate) fn reached_marks(&self) -> ReachedMarks {
         let Program { cells, features, options, .. } = &self.program;
         cells.reached_marks(features, options.baked)

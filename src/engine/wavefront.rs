@@ -89,7 +89,7 @@ pub struct Progress<'t, 'a> {
 }
 
 impl Progress<'_, '_> {
-    /// The sums of all rays so far. They are fetched from the device, at most once a pass.
+    /// The sums of all rays so far. The device's sums are fetched at most once a pass.
     ///
     /// # Errors
     /// [`crate::Error::Device`] if the device fails.

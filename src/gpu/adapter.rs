@@ -12,7 +12,7 @@ pub struct AdapterChoice {
     pub name: Option<String>,
     /// Whether native features of the device may be used. Without them, the portable baseline gives the same bits.
     pub native: Native,
-    /// The compiler's bounds checks and loop bounding in shaders. They are on in tests, and off where speed counts.
+    /// The compiler's bounds checks and loop bounding in shaders: on in tests, off where speed counts.
     pub runtime_checks: bool,
     /// Which ways to trace. All ways give the same bits where arithmetic is strict.
     pub ways: Ways,
@@ -81,8 +81,8 @@ pub struct Gpu {
     pub f64: bool,
     /// True if 64-bit integers and their atomics are enabled.
     pub int64: bool,
-    /// Lanes of a subgroup, a multiple of 4, where they are known to be neighbours in their workgroup. That holds on
-    /// lavapipe; elsewhere the number is 1.
+    /// Lanes of a subgroup, a multiple of 4, if they are known to be neighbours in their workgroup, as on lavapipe.
+    /// Otherwise 1.
     pub lanes: u32,
     /// True if shaders check bounds.
     pub runtime_checks: bool,

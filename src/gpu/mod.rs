@@ -1,4 +1,4 @@
-//! Mechanics of wgpu: adapters, pipelines, buffers, read-back. This room knows no optics.
+//! Mechanics of wgpu: adapters, pipelines, buffers, read-back. The room `gpu` knows no optics.
 
 pub mod adapter;
 pub mod adapter_class;

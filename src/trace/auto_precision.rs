@@ -1,4 +1,4 @@
-//! Which precision a scene needs: predicts the error of f32 from the paths that the scene's light takes.
+//! Predicts the error of f32 from the paths that a scene's light takes, to choose the precision that the scene needs.
 //!
 //! A pilot of some hundred rays is traced in f32 and recorded. Along each path a covariance of position and direction
 //! is carried. Every event adds the roundings of its coordinates. Free flight, curvature, reflection and refraction

@@ -165,7 +165,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Traces the rays that `begun` lacks, and returns the sum of all rays. After each pass, `keep_going` gets the
-    /// progress, and may take a snapshot of the sums. It stops the trace by returning false.
+    /// progress, may take a snapshot of the sums, and stops the trace by returning false.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace. [`crate::Error::Device`] if the device

@@ -8,7 +8,7 @@ use eframe::egui::{self, CentralPanel, Key, Modifiers, Panel, Ui};
 pub use crate::viewer::state::{App, Cursor};
 
 impl App {
-    /// One frame.
+    /// Draws one frame.
     pub fn ui(&mut self, ui: &mut Ui) {
         self.model.poll();
         let theme = if self.model.settings.dark { egui::Theme::Dark } else { egui::Theme::Light };
@@ -37,7 +37,7 @@ impl App {
         });
     }
 
-    /// Keys that work wherever nothing is typed.
+    /// Handles keys that work wherever nothing is typed.
     fn shortcuts(&mut self, ui: &Ui) {
         if ui.ctx().text_edit_focused() {
             return;
@@ -65,7 +65,7 @@ impl App {
         }
     }
 
-    /// A folder of results that is dropped on the window becomes B.
+    /// Takes a folder of results that is dropped on the window as B.
     fn dropped_files(&mut self, ui: &Ui) {
         let paths: Vec<std::path::PathBuf> =
             ui.input(|input| input.raw.dropped_files.iter().map(|file| file.path().to_path_buf()).collect());

@@ -10,7 +10,7 @@ pub enum Comparison {
     /// The result that was opened or is being traced.
     #[default]
     A,
-    /// The one it is compared with.
+    /// The result for comparison.
     B,
     /// A - B.
     Difference,
@@ -19,7 +19,7 @@ pub enum Comparison {
 }
 
 impl Comparison {
-    /// All, in the order in which they are offered.
+    /// All choices, in the order of the menu.
     pub const ALL: [(Comparison, &'static str); 4] = [
         (Comparison::A, "A"),
         (Comparison::B, "B"),
@@ -27,13 +27,13 @@ impl Comparison {
         (Comparison::Significance, "(A − B) / σ"),
     ];
 
-    /// True for what lies about zero.
+    /// True for quantities that lie around zero.
     pub fn is_difference(self) -> bool {
         matches!(self, Comparison::Difference | Comparison::Significance)
     }
 }
 
-/// A - B, or that over its standard error.
+/// A - B, or A - B over its standard error.
 ///
 /// # Errors
 /// Why the two cannot be compared cell by cell.
@@ -51,7 +51,7 @@ pub fn difference(comparison: Comparison, a: &Field, b: &Field) -> Result<Field,
     let values = &a.values - &b.values;
     let sigma = zip(&a.sigma, &b.sigma, |a, b| match (a.is_nan(), b.is_nan()) {
         (true, true) => f64::NAN,
-        // A cell without hits has no known error; that of the other is the least that the difference has.
+        // A cell without hits has no known error. The error of the other cell is the least that the difference has.
         (true, false) => b,
         (false, true) => a,
         (false, false) => a.hypot(b),
@@ -74,16 +74,17 @@ pub fn difference(comparison: Comparison, a: &Field, b: &Field) -> Result<Field,
     Ok(field)
 }
 
-/// How (A - B) / sigma is distributed. Of two results that differ by chance alone it is normal, with mean 0 and variance 1.
+/// The distribution of (A - B) / sigma. For two results that differ by chance alone, it is normal with mean 0 and
+/// variance 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scores {
     /// Cells whose error is known.
     pub num_cells: u64,
-    /// Cells per bin of [`Scores::WIDTH`], from -[`Scores::REACH`] to [`Scores::REACH`]; the end bins hold what lies beyond.
+    /// Cells per bin of [`Scores::WIDTH`], from -[`Scores::REACH`] to [`Scores::REACH`]. The end bins hold all beyond.
     pub counts: Vec<u64>,
-    /// Their mean.
+    /// The mean of (A - B) / sigma.
     pub mean: f64,
-    /// Their mean square: chi squared per cell.
+    /// The mean square of (A - B) / sigma: chi squared per cell.
     pub mean_square: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What is shown, as text; and names of files that no other file has.
+//! What is shown, as text, and unused names for files.
 
 use crate::viewer::field::Field;
 use crate::viewer::spots::Spots;
@@ -32,7 +32,7 @@ pub fn spots_csv(spots: &Spots) -> String {
     text
 }
 
-/// A path in `folder` that nothing has yet: an export never replaces a file.
+/// A path in `folder` that is not in use: an export never replaces a file.
 pub fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
     let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     let stem: String = name.chars().map(safe).collect();

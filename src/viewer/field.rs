@@ -1,4 +1,4 @@
-//! What a map shows: values over a plane, whatever the kind of detector.
+//! What a map shows: values over a plane, for every kind of detector.
 
 use crate::result::detectors::{CellMap, Span};
 use crate::result::{FarFieldPattern, SpectralMap};
@@ -9,14 +9,15 @@ use ndarray::{Array2, Axis, Ix2};
 pub enum Geometry {
     /// Equal rectangles.
     Rectangles,
-    /// Directions as a disc: the polar angle grows from the middle, the azimuth turns counter-clockwise from the right.
+    /// Directions as a disc: the polar angle grows from the middle, and the azimuth turns counter-clockwise from the
+    /// right.
     Polar,
 }
 
 /// Values over a plane. Row 0 lies at the smallest y.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// Where the cells lie.
+    /// How the cells lie in the plane.
     pub geometry: Geometry,
     /// What the plot spans.
     pub x_range: (f64, f64),
@@ -24,7 +25,7 @@ pub struct Field {
     pub y_range: (f64, f64),
     /// Axes and quantity, with their units.
     pub labels: Labels,
-    /// Value per cell; NaN where there is none, as in a ratio.
+    /// Value per cell; NaN if there is none, as in a ratio.
     pub values: Array2<f64>,
     /// Rays per cell.
     pub hits: Array2<u64>,
@@ -43,21 +44,21 @@ pub struct Labels {
     pub y: (&'static str, &'static str),
     /// The values.
     pub value: (&'static str, &'static str),
-    /// Value times measure, summed: the flux.
+    /// The flux, which is the sum of value times measure.
     pub flux: &'static str,
 }
 
 /// A cell: row and column.
 pub type Cell = (usize, usize);
 
-/// The standard errors of a result; where it has none, those of equal deposits.
+/// The standard errors of a result; if it has none, those of equal deposits.
 fn sigma_of(errors: Option<&Array2<f64>>, values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
-    // An error of 0 stands where no ray came, and says nothing.
+    // An error of 0 means that no ray came, and says nothing.
     let known = |error: f64| if error > 0.0 { error } else { f64::NAN };
     errors.map_or_else(|| sigma_from_hits(values, hits), |errors| errors.mapv(known))
 }
 
-/// value / sqrt(hits).
+/// Standard errors of equal deposits: value / sqrt(hits).
 fn sigma_from_hits(values: &Array2<f64>, hits: &Array2<u64>) -> Array2<f64> {
     let sigma =
         |(&value, &hits): (&f64, &u64)| if hits > 0 { value / (hits as f64).sqrt() } else { f64::NAN };
@@ -99,7 +100,7 @@ impl Field {
         map.map().and_then(|map| Field::of_map(&map)).unwrap()
     }
 
-    /// Irradiance over x and y: the sum over the wavelength bins, each times its weight.
+    /// Irradiance over x and y: the sum over the wavelength bins, each bin times its weight.
     pub fn of_spectral(map: &SpectralMap, weights: &[f64]) -> Field {
         let (rows, columns, _) = map.irradiance.dim();
         let (mut values, mut variance) =
@@ -116,7 +117,7 @@ impl Field {
             {
                 *value += weight * irradiance;
                 *all_hits += hits;
-                // A ray has one wavelength: what falls into two bins comes from two rays.
+                // A ray has one wavelength, so two bins get their flux from different rays.
                 *variance += if sigma.is_nan() { 0.0 } else { (weight * sigma).powi(2) };
             }
         }
@@ -164,7 +165,7 @@ impl Field {
         }
     }
 
-    /// The same in photometric units: `efficacy` is in lm/W.
+    /// The same field in photometric units; `efficacy` is in lm/W.
     pub fn photometric(mut self, efficacy: f64) -> Field {
         let per_area = self.labels.value.1 == IRRADIANCE.value.1;
         // 1 lm/mm² is 10^6 lx.
@@ -194,7 +195,7 @@ impl Field {
             Geometry::Rectangles => Some((bin(y, self.y_range, rows)?, bin(x, self.x_range, columns)?)),
             Geometry::Polar => {
                 let phi = y.atan2(x).to_degrees();
-                // 180 degrees is where the azimuth begins anew.
+                // The azimuth begins anew at 180 degrees.
                 let phi = if phi >= 180.0 { phi - 360.0 } else { phi };
                 Some((bin(x.hypot(y), (0.0, self.x_range.1), rows)?, bin(phi, (-180.0, 180.0), columns)?))
             }

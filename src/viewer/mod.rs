@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! tracing   a thread that folds passes, and a shelf with its latest result
-//! model     results, comparison, choices -> Picture (field, scale | spots); no window in it
+//! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
 //! field, scale, region, profile, compare, photometry, spots    what is shown, as pure functions
 //! plot, raster, pyramid    axes with a view; pixels; large maps at coarser resolutions
 //! app, views      panels around the plot
@@ -41,7 +41,7 @@ use std::sync::{Arc, OnceLock};
 pub struct Waker(Arc<OnceLock<egui::Context>>);
 
 impl Waker {
-    /// What the tracing threads call.
+    /// The function that the tracing threads call.
     pub fn notify(&self) -> tracing::Notify {
         let context = self.0.clone();
         Arc::new(move || {
@@ -52,7 +52,7 @@ impl Waker {
     }
 }
 
-/// How the window is drawn. Neither the colours of a map nor a frame's time are to depend on dithering.
+/// How the window is drawn: without dithering, on which neither colours of a map nor times of frames may depend.
 pub(crate) const RENDERER: RendererOptions = RendererOptions {
     msaa_samples: 1,
     depth_stencil_format: None,
@@ -60,7 +60,7 @@ pub(crate) const RENDERER: RendererOptions = RendererOptions {
     predictable_texture_filtering: false,
 };
 
-/// Opens the window of `app`, `size` in points, and stays until it is closed.
+/// Opens the window of `app`, and returns when it is closed. `size` is in points.
 ///
 /// # Errors
 /// [`Error::Usage`] where there is no display.
@@ -73,7 +73,7 @@ pub fn open(title: &str, size: (f32, f32), waker: &Waker, app: App) -> Result<()
     let options = eframe::NativeOptions { viewport, dithering: RENDERER.dithering, ..Default::default() };
     let waker = waker.clone();
     let create = move |context: &eframe::CreationContext<'_>| -> Created {
-        // One window a waker: a second one could not be told apart.
+        // A waker has one window, because a second one could not be told apart.
         let _ = waker.0.set(context.egui_ctx.clone());
         Ok(Box::new(app))
     };

@@ -1,4 +1,4 @@
-//! What the window shows, without the window: results, traces and choices.
+//! What the window shows, without the window itself: results, traces and choices.
 
 use crate::error::{Error, Result};
 use crate::result::output::REPORT;
@@ -31,11 +31,11 @@ pub enum Subject {
 /// What the user marked in one plot.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Marks {
-    /// Region of the figures; the whole plot where there is none.
+    /// Region of the figures; `None` for the whole plot.
     pub region: Option<Region>,
-    /// Line of the profile; along x through the middle where there is none.
+    /// Line of the profile; `None` for a line along x through the middle.
     pub line: Option<Line>,
-    /// Point that is read where the pointer is not over the plot.
+    /// Point that is read while the pointer is not over the plot.
     pub pin: Option<(f64, f64)>,
 }
 
@@ -48,9 +48,9 @@ pub enum Picture {
         field: Box<Field>,
         /// The values at coarser resolutions.
         pyramid: Pyramid,
-        /// Their colours.
+        /// The colours of the values.
         scale: Scale,
-        /// The other of two results, for profiles.
+        /// The other of two results, which profiles show, too.
         other: Option<Box<Field>>,
         /// How significant a difference is.
         scores: Option<Scores>,
@@ -62,17 +62,17 @@ pub enum Picture {
 /// Figures of a region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RegionFigures {
-    /// Of a map; none where no cell lies within.
+    /// Figures of a map; `None` if no cell lies in the region.
     Map(Option<Statistics>),
-    /// Of rays.
+    /// Figures of rays.
     Spots(Figures),
 }
 
-/// Figures of a region, and how its flux lies about the centroid.
+/// Figures of a region, and how its flux is spread around the centroid.
 pub type Analysis = (RegionFigures, Option<EncircledEnergy>);
 
 impl Picture {
-    /// Figures of a region; of all that is shown where there is none.
+    /// Figures of a region, or of everything shown without a region.
     pub fn analysis(&self, region: Option<Region>) -> Analysis {
         match self {
             Picture::Map { field, .. } => {
@@ -87,9 +87,9 @@ impl Picture {
     }
 }
 
-/// A result that another is compared with.
+/// A result for comparison.
 pub struct Reference {
-    /// What it is called.
+    /// The name of the result.
     pub name: String,
     /// The result.
     pub result: Arc<TraceResult>,
@@ -97,17 +97,17 @@ pub struct Reference {
 
 /// The rays of the side view.
 enum Paths {
-    /// Nobody has looked at it yet.
+    /// The user has not looked at the side view yet.
     NotAsked,
-    /// They are being traced.
+    /// The rays are being traced.
     Recording(PathsJob),
-    /// They are there.
+    /// The rays are recorded.
     Recorded(Arc<PathColumns>),
-    /// They could not be traced.
+    /// The rays could not be traced.
     Failed,
 }
 
-/// All that a picture follows from.
+/// All that determines a picture.
 #[derive(Debug, Clone, PartialEq)]
 struct PictureKey {
     revision: u64,
@@ -117,7 +117,7 @@ struct PictureKey {
     wavelength: f64,
 }
 
-/// All that a picture is made from.
+/// The data from which a picture is made.
 #[derive(Clone)]
 struct Recipe {
     key: PictureKey,
@@ -125,7 +125,7 @@ struct Recipe {
     b: Option<Arc<TraceResult>>,
 }
 
-/// A picture, or why there is none, and what it was made for.
+/// A picture, or why there is none, and the key for which it was made.
 struct Made {
     key: PictureKey,
     picture: std::result::Result<Arc<Picture>, String>,
@@ -133,7 +133,7 @@ struct Made {
 }
 
 impl Recipe {
-    /// True if it is made well within a frame.
+    /// True if the picture can be made well within a frame.
     fn is_small(&self) -> bool {
         const CELLS: u64 = 300_000;
         let size =
@@ -187,7 +187,7 @@ impl Recipe {
         Ok(Picture::Map { field: Box::new(field), pyramid, scale, other, scores: None })
     }
 
-    /// The values of a detector, as the settings want them.
+    /// The values of a detector, by the settings.
     fn field(&self, detector: &Detector) -> std::result::Result<Field, String> {
         let Settings { photometric, polar, .. } = self.key.settings;
         let field = match &detector.data {
@@ -234,7 +234,7 @@ impl Recipe {
     }
 }
 
-/// A disc is drawn cell by cell.
+/// The pyramid of a field. A disc has none, because it is drawn cell by cell.
 fn pyramid_of(field: &Field) -> Pyramid {
     match field.geometry {
         Geometry::Rectangles => Pyramid::of(&field.values),
@@ -244,19 +244,19 @@ fn pyramid_of(field: &Field) -> Pyramid {
 
 /// The state of the viewer.
 pub struct Model {
-    /// Choices that are kept between starts.
+    /// The user's choices, which are kept between starts.
     pub settings: Settings,
-    /// What was opened.
+    /// The name of what was opened.
     pub title: String,
-    /// How the next trace is run.
+    /// The options of the next trace.
     pub run: RunOptions,
     /// What is shown.
     pub subject: Subject,
-    /// Wavelength bin of a spectral detector; all where there is none.
+    /// Wavelength bin of a spectral detector; `None` for all bins.
     pub bin: Option<usize>,
-    /// Wavelength by which watts become lumens where a detector does not tell wavelengths apart \[um\].
+    /// Wavelength for converting watts to lumens, where a detector does not resolve wavelengths \[um\].
     pub wavelength: f64,
-    /// What went wrong or was done, the latest last.
+    /// Messages about failures and finished work, the latest last.
     pub messages: Vec<String>,
     scene: Option<Arc<LoadedScene>>,
     a: Option<Arc<TraceResult>>,
@@ -369,7 +369,7 @@ impl Model {
         self.a.as_deref()
     }
 
-    /// What it is compared with.
+    /// The result for comparison.
     pub fn b(&self) -> Option<&Reference> {
         self.b.as_ref()
     }
@@ -379,19 +379,19 @@ impl Model {
         self.revision
     }
 
-    /// Begins to trace with [`Model::run`]; a trace that runs ends.
+    /// Begins to trace with [`Model::run`]. A trace that is running ends.
     pub fn trace(&mut self) {
         if let Some(scene) = &self.scene {
             self.job = Some(Job::start(&self.device, scene, &self.run, self.notify.clone()));
         }
     }
 
-    /// The trace that runs or ran.
+    /// The present or last trace.
     pub fn job(&self) -> Option<&Job> {
         self.job.as_ref()
     }
 
-    /// Takes what the tracing threads have put on the shelf; never waits.
+    /// Takes the latest results from the tracing threads, without waiting.
     pub fn poll(&mut self) {
         if let Some(job) = &self.job {
             if let Some(result) = job.take_result() {
@@ -416,7 +416,7 @@ impl Model {
         }
     }
 
-    /// Paths of a few rays; they are recorded when they are first asked for.
+    /// Paths of a few rays, which are recorded when they are first asked for.
     pub fn paths(&mut self) -> Option<Arc<PathColumns>> {
         match (&self.paths, &self.scene) {
             (Paths::NotAsked, Some(scene)) => {
@@ -430,7 +430,7 @@ impl Model {
         }
     }
 
-    /// True while nothing more will come by itself.
+    /// True while no further result will come by itself.
     pub fn is_idle(&self) -> bool {
         self.job.as_ref().is_none_or(|job| !job.is_running())
             && !matches!(self.paths, Paths::Recording(_))
@@ -467,7 +467,7 @@ impl Model {
         self.revision += 1;
     }
 
-    /// The detector that is shown: of B where B is shown alone, else of A.
+    /// The detector that is shown: of B if only B is shown, else of A.
     pub fn detector(&self) -> Option<&Detector> {
         let Subject::Detector(name) = &self.subject else {
             return None;
@@ -486,7 +486,7 @@ impl Model {
         }
     }
 
-    /// What the user marked in the plot that is shown. Each way of plotting has marks of its own.
+    /// The user's marks in the plot that is shown. Each way of plotting has its own marks.
     pub fn marks(&mut self) -> &mut Marks {
         let name = match &self.subject {
             Subject::Detector(name) => name.as_str(),
@@ -501,11 +501,11 @@ impl Model {
         self.marks.entry(key).or_default()
     }
 
-    /// The picture of the detector that is shown. It is made anew only where something changed; a large one in the
-    /// background, while the one before is still shown.
+    /// The picture of the detector that is shown. A picture is made anew only after a change. A large one is made in
+    /// the background, while the previous one is still shown.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Why there is no picture.
     pub fn picture(&mut self) -> std::result::Result<Arc<Picture>, String> {
         self.made()?.picture.clone()
     }
@@ -547,7 +547,7 @@ impl Model {
         Ok(Recipe { key, a, b: self.b.as_ref().map(|b| b.result.clone()) })
     }
 
-    /// The command that traces the same.
+    /// The command that traces with the same options.
     pub fn command(&self) -> String {
         let Some(scene) = &self.scene else {
             return format!("nsq-gpu view {}", quoted(&self.title));
@@ -565,13 +565,13 @@ impl Model {
         )
     }
 
-    /// Says what was done, or why not.
+    /// Adds a message about what was done, or why it failed.
     pub fn report<T>(&mut self, outcome: Result<T>, done: impl FnOnce(T) -> String) {
         self.messages.push(outcome.map_or_else(|error: Error| error.to_string(), done));
     }
 }
 
-/// What runs in the background ends first: a device must not be in use when the process ends.
+/// Background work ends first, because a device must not be in use when the process ends.
 impl Drop for Model {
     fn drop(&mut self) {
         if let Some(job) = self.job.take() {
@@ -583,7 +583,7 @@ impl Drop for Model {
     }
 }
 
-/// A word of a command line.
+/// A word of a command line, quoted if needed.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./\\:".contains(c);
     if word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
@@ -595,7 +595,7 @@ pub fn count(count: u64) -> String {
 }
 
 impl Settings {
-    /// Those that change the values or the scale of a picture.
+    /// The settings that change the values or the scale of a picture.
     fn of_pictures(&self) -> Settings {
         let Settings { scale, common_scale, comparison, photometric, polar, directions, .. } = *self;
         let percentile = if scale == ScaleKind::Percentile { self.percentile } else { 0.0 };

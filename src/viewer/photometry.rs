@@ -1,6 +1,6 @@
-//! From watts to lumens: Optiland's photopic curve.
+//! Converts watts to lumens, by Optiland's photopic curve.
 
-/// The curve begins here \[um\]; it is 0 outside.
+/// The beginning of the curve \[um\]; the curve is 0 outside.
 const FIRST: f64 = 0.380;
 /// Step of the table \[um\].
 const STEP: f64 = 0.010;
@@ -11,16 +11,16 @@ const PHOTOPIC: [f64; 41] = [
     0.1750, 0.1070, 0.0610, 0.0320, 0.0170, 0.0082, 0.0041, 0.0021, 0.0010, 0.00052, 0.00025, 0.00012,
     0.00006, 0.00003, 0.000015,
 ];
-/// Luminous efficacy at 555 nm \[lm/W\], Optiland's.
+/// Optiland's luminous efficacy at 555 nm \[lm/W\].
 const PEAK: f64 = 683.002;
-/// Below this fraction of the peak, light is not called dim but invisible: Optiland's guard.
+/// Below this fraction of the peak, light counts as invisible and not as dim: Optiland's guard.
 const NEGLIGIBLE: f64 = 1e-6;
 
 /// Luminous efficacy of a wavelength in um \[lm/W\]; 0 outside 0.38 um to 0.78 um.
 pub fn efficacy(wavelength: f64) -> f64 {
     let at = (wavelength - FIRST) / STEP;
     let last = (PHOTOPIC.len() - 1) as f64;
-    // The edges of the band are no round numbers in binary.
+    // The edges of the band are not exact in binary.
     if !(-1e-9..=last + 1e-9).contains(&at) {
         return 0.0;
     }
@@ -30,7 +30,7 @@ pub fn efficacy(wavelength: f64) -> f64 {
     PEAK * (PHOTOPIC[index] * (1.0 - part) + PHOTOPIC[index + 1] * part)
 }
 
-/// True if an efficacy is that of light that the eye sees.
+/// True if the eye sees light of this efficacy.
 pub fn is_visible(efficacy: f64) -> bool {
     efficacy >= PEAK * NEGLIGIBLE
 }

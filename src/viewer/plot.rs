@@ -1,4 +1,4 @@
-//! Axes with a view that is dragged, zoomed and moved by keys: what every plot of the window stands on.
+//! Axes with a view that the user drags, zooms and moves by keys. Every plot of the window uses them.
 
 use crate::result::png::ticks;
 use eframe::egui::{
@@ -18,39 +18,39 @@ pub struct View {
 /// Where a view lies on the screen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// The place.
+    /// The rectangle on the screen.
     pub rect: Rect,
-    /// What it shows.
+    /// The part of the plane that is visible.
     pub view: View,
 }
 
-/// What a plot is.
+/// The properties of a plot.
 pub struct Plot<'a> {
-    /// Its name, for whoever does not see it.
+    /// Name of the plot, for users who do not see it.
     pub name: &'a str,
-    /// What is shown until the user moves it.
+    /// The view until the user moves it.
     pub home: View,
-    /// One unit is as long along x as along y.
+    /// True if one unit is as long along x as along y.
     pub equal: bool,
     /// Name and unit of the horizontal axis.
     pub x: (&'a str, &'a str),
     /// Name and unit of the vertical axis.
     pub y: (&'a str, &'a str),
-    /// The vertical axis counts decades: its values are decimal logarithms.
+    /// True if the vertical axis counts decades; its values are then decimal logarithms.
     pub log_y: bool,
-    /// Light lines at the ticks.
+    /// True for light lines at the ticks.
     pub grid: bool,
-    /// Dragging with the first button moves the view; the others always do.
+    /// True if dragging with the first button moves the view; other buttons always do.
     pub pans: bool,
-    /// The view can be zoomed and moved.
+    /// True if the view can be zoomed and moved.
     pub moves: bool,
 }
 
 /// A plot on the screen.
 pub struct Shown {
-    /// What the user did with it.
+    /// The user's actions on the plot.
     pub response: Response,
-    /// Where it is.
+    /// The plot's place and view.
     pub frame: Frame,
 }
 
@@ -60,12 +60,12 @@ pub type Tick = (f64, String);
 const LABEL_SIZE: f32 = 12.0;
 
 impl View {
-    /// A view of what lies between these bounds.
+    /// A view of the plane between these bounds.
     pub fn new(x: (f64, f64), y: (f64, f64)) -> Self {
         View { x, y }
     }
 
-    /// Grown by a fraction on each side.
+    /// The view grown by a fraction on each side.
     pub fn padded(self, fraction: f64) -> Self {
         let pad = |(low, high): (f64, f64)| {
             let pad = fraction * (high - low);
@@ -78,7 +78,7 @@ impl View {
         (self.x.1 - self.x.0, self.y.1 - self.y.0)
     }
 
-    /// Grown along one axis until a unit is as long along both.
+    /// The view grown along one axis, until a unit is as long along both axes.
     fn with_equal_units(self, rect: Rect) -> Self {
         let (width, height) = self.size();
         let unit = (width / f64::from(rect.width())).max(height / f64::from(rect.height()));
@@ -98,7 +98,7 @@ impl View {
         View { x: zoom(self.x, about.0), y: zoom(self.y, about.1) }
     }
 
-    /// Neither so small that digits run out nor so large that the data is a dot.
+    /// True if the view is neither so small that digits run out nor so large that the data is a dot.
     fn is_sensible(&self, home: &View) -> bool {
         let (width, height) = self.size();
         let (home_width, home_height) = home.size();
@@ -110,7 +110,7 @@ impl View {
 }
 
 impl Frame {
-    /// The place of a point.
+    /// The place on the screen of a point of the plane.
     pub fn place(&self, (x, y): (f64, f64)) -> Pos2 {
         let part = |at: f64, (low, high): (f64, f64)| ((at - low) / (high - low)) as f32;
         pos2(
@@ -119,7 +119,7 @@ impl Frame {
         )
     }
 
-    /// The point at a place.
+    /// The point of the plane at a place on the screen.
     pub fn point(&self, place: Pos2) -> (f64, f64) {
         let along = |part: f32, (low, high): (f64, f64)| low + f64::from(part) * (high - low);
         (
@@ -130,7 +130,7 @@ impl Frame {
 }
 
 impl Plot<'_> {
-    /// Shows the axes in `rect`, and moves the view as the user wants. `draw` paints what lies within.
+    /// Shows the axes in `rect`, and moves the view as the user wants. `draw` paints the contents.
     pub fn show(
         &self,
         ui: &mut Ui,
@@ -143,7 +143,7 @@ impl Plot<'_> {
             let count = (height / 34.0).clamp(2.0, 9.0) as usize;
             if self.log_y { decades(view.y, count) } else { ticks(view.y, count) }
         };
-        // Labels decide how wide the margin is, and the margin does not change which labels there are.
+        // Labels determine the width of the margin, but the margin does not change the choice of labels.
         let height = rect.height() - 44.0;
         let shown = view.unwrap_or(self.home);
         let widest = y_ticks(&shown, height)
@@ -229,7 +229,7 @@ impl Plot<'_> {
         );
     }
 
-    /// The view that the user asks for; `home` where it should follow the data again.
+    /// The view that the user asks for; `home` if the view should follow the data again.
     fn moved(&self, ui: &mut Ui, response: &Response, frame: Frame, home: View) -> Option<View> {
         if response.double_clicked() {
             return Some(home);
@@ -304,7 +304,7 @@ enum Keys {
 
 /// The colours of axes.
 pub struct Colors {
-    /// Behind the data.
+    /// The ground behind the data.
     pub ground: Color32,
     /// Light lines.
     pub grid: Color32,
@@ -319,7 +319,7 @@ pub struct Colors {
 }
 
 impl Colors {
-    /// Those of the theme.
+    /// The colours of the theme.
     pub fn of(ui: &Ui) -> Self {
         let visuals = ui.visuals();
         if visuals.dark_mode {
@@ -344,7 +344,7 @@ impl Colors {
     }
 }
 
-/// Ticks whose labels stand side by side.
+/// Ticks of the horizontal axis, whose labels stand side by side.
 fn horizontal_ticks(ui: &Ui, frame: &Frame, font: &FontId) -> Vec<Tick> {
     let width = |label: &str| text_width(ui, label, font);
     let fits = |ticks: &Vec<Tick>| {
@@ -370,7 +370,7 @@ pub fn text_width(ui: &Ui, text: &str, font: &FontId) -> f32 {
     ui.painter().layout_no_wrap(text.into(), font.clone(), Color32::WHITE).size().x
 }
 
-/// A stripe of colours with its ticks: `colors` run from bottom to top.
+/// A stripe of colours with its ticks; `colors` run from bottom to top.
 pub fn color_bar(ui: &Ui, rect: Rect, colors: &[Color32], labels: &[(f32, String)]) {
     let painter = ui.painter();
     let line = Colors::of(ui);

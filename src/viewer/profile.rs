@@ -8,17 +8,17 @@ pub type Line = [(f64, f64); 2];
 /// One cell that a line crosses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Where the line enters and leaves the cell, as distances from its first end.
+    /// The distances from the line's first end at which the line enters and leaves the cell.
     pub span: (f64, f64),
     /// The cell.
     pub cell: Cell,
-    /// Its value.
+    /// The cell's value.
     pub value: f64,
-    /// Its standard error; NaN where unknown.
+    /// The cell's standard error; NaN if unknown.
     pub sigma: f64,
 }
 
-/// The cells along a line, in order. A cell counts where the line is within it for a tenth of a cell or more.
+/// The cells along a line, in order. A cell counts if the line is in it for at least a tenth of a cell.
 pub fn profile(field: &Field, [start, end]: Line) -> Vec<Sample> {
     const STEPS_PER_CELL: f64 = 10.0;
     const MOST_STEPS: f64 = 1e6;

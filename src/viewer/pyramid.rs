@@ -1,4 +1,4 @@
-//! A map at coarser resolutions: so that a frame reads about as many numbers as the screen has pixels, however many cells
+//! A map at coarser resolutions. A frame then reads about as many numbers as the screen has pixels, however many cells
 //! the map has.
 
 use ndarray::{Array2, ArrayView2, s};
@@ -13,7 +13,7 @@ pub struct Pyramid {
 #[derive(Debug, Clone, PartialEq)]
 struct Blocks {
     sums: Array2<f64>,
-    /// Cells that have a value; none where all have.
+    /// Numbers of cells that have a value; `None` if all cells have one.
     known: Option<Array2<u32>>,
 }
 
@@ -22,17 +22,17 @@ struct Blocks {
 pub struct Level<'a> {
     /// Cells along the side of a block.
     pub side: usize,
-    /// Sums over the blocks. Those of single cells are NaN where there is no value.
+    /// Sums over the blocks. A block of a single cell is NaN if the cell has no value.
     pub sums: ArrayView2<'a, f64>,
     known: Option<&'a Array2<u32>>,
     cells: (usize, usize),
 }
 
-/// Maps of at most so many cells are read whole.
+/// Most cells of a map that is read whole.
 const SMALL: usize = 512 * 512;
 
 impl Pyramid {
-    /// That of a map.
+    /// The pyramid of a map.
     pub fn of(values: &Array2<f64>) -> Self {
         let is_small = |cells: usize| cells <= SMALL;
         let mut pyramid = Pyramid::default();
@@ -56,7 +56,8 @@ impl Pyramid {
         pyramid
     }
 
-    /// The coarsest resolution of `values`, the map that this is of, whose blocks are at most `cells` cells long.
+    /// The coarsest resolution with blocks of at most `cells` cells along the side. `values` must be the map of this
+    /// pyramid.
     pub fn level<'a>(&'a self, values: &'a Array2<f64>, cells: f64) -> Level<'a> {
         let halvings = (cells.max(1.0).log2() as usize).min(self.coarser.len());
         let blocks = halvings.checked_sub(1).map(|index| &self.coarser[index]);
@@ -70,7 +71,7 @@ impl Pyramid {
 }
 
 impl Level<'_> {
-    /// Cells with a value in a range of blocks; all of them where blocks are single cells.
+    /// Number of cells with a value in a range of blocks. Where blocks are single cells, all of them count.
     pub fn count(&self, rows: &Range<usize>, columns: &Range<usize>) -> usize {
         let within = |blocks: &Range<usize>, cells: usize| {
             (blocks.end * self.side).min(cells) - blocks.start * self.side

@@ -1,4 +1,4 @@
-//! Pictures of values and rays at the resolution of the screen: their cost follows the window, not the detector.
+//! Pictures of values and rays at the resolution of the screen: their cost depends on the window, not on the detector.
 
 use crate::viewer::field::{Field, Geometry};
 use crate::viewer::plot::View;
@@ -8,9 +8,11 @@ use crate::viewer::spots::Spots;
 use eframe::egui::{Color32, ColorImage};
 use std::ops::Range;
 
-/// A map as pixels, top row first. Where a pixel covers several cells it shows their mean, so that the flux per area stays
-/// true; it is drawn as zero only where all of them are. Of a large map, blocks of cells that are no larger than a pixel
-/// count for the pixel that they begin in: each for one, so that no cell is passed over.
+/// Draws a map as pixels, top row first. A pixel that covers several cells shows their mean, so that the flux per area
+/// stays true. The pixel is drawn as zero only if all its cells are zero.
+///
+/// A large map is drawn from blocks of cells, which are no larger than a pixel. A block counts for the one pixel in
+/// which it begins, so that no cell is left out.
 pub fn map(
     field: &Field,
     pyramid: &Pyramid,
@@ -57,8 +59,8 @@ pub fn map(
     ColorImage::new(size, pixels)
 }
 
-/// A pixel is made from at least so many blocks along each axis: with fewer, it would show more or fewer cells than its
-/// neighbour does, by half.
+/// The least number of blocks in a pixel, along each axis. With fewer, the numbers of cells in neighbouring pixels
+/// could differ by half.
 const BLOCKS: f64 = 1.5;
 
 /// Cells along the sides of a pixel, x and y.
@@ -73,16 +75,16 @@ pub fn cells_per_pixel(field: &Field, view: &View, size: [usize; 2]) -> (f64, f6
 /// The colours of a map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Colors {
-    /// From the low end of the scale to the high one, 256.
+    /// 256 colours, from the low end of the scale to the high end.
     pub table: Vec<Color32>,
-    /// Exactly zero.
+    /// The colour of exactly zero.
     pub zero: Color32,
-    /// No value.
+    /// The colour of a missing value.
     pub missing: Color32,
 }
 
-/// The blocks that each pixel of an axis shows: those that begin in it, or where it is the smaller the one at its middle;
-/// none outside.
+/// The blocks that each pixel of an axis shows: those that begin in the pixel. A pixel smaller than a block shows the
+/// block at the pixel's middle. A pixel outside the map shows none.
 fn covered(
     (view_low, view_high): (f64, f64),
     (low, high): (f64, f64),
@@ -104,7 +106,7 @@ fn covered(
     (0..pixels).map(range).collect()
 }
 
-/// Sums of the columns over some rows: in this order a large map is read as fast as memory gives it.
+/// Sums the columns over some rows. In this order, a large map is read as fast as memory allows.
 fn column_sums(level: &Level, rows: &Range<usize>, sums: &mut [f64]) {
     sums.fill(0.0);
     for row in level.sums.slice(ndarray::s![rows.clone(), ..]).outer_iter() {
@@ -125,8 +127,8 @@ fn mean(level: &Level, rows: &Range<usize>, columns: &Range<usize>, sums: &[f64]
     if count == 0 { f64::NAN } else { sum / f64::from(count) }
 }
 
-/// Rays as dots of `radius` pixels, each in the colour of its wavelength. Where many overlap, their colours mix in any order
-/// of the rays, and the density still shows.
+/// Draws rays as dots of `radius` pixels, in the colours of their wavelengths. Where many overlap, their colours mix,
+/// in the same way for any order of the rays. The density still shows.
 pub fn spots(
     spots: &Spots,
     color: impl Fn(f64) -> Color32,
@@ -175,7 +177,7 @@ impl Canvas {
         }
     }
 
-    /// Of one dot, so that a lone one shows well and the densest places still differ.
+    /// The opacity of one dot: a single dot shows well, and the densest places still differ.
     fn opacity(&self) -> f32 {
         const LONE: f32 = 1.4;
         const DENSE: f32 = 2.2;
@@ -185,7 +187,7 @@ impl Canvas {
             return LONE;
         };
         let (_, dense, _) = covers.select_nth_unstable_by(last * 98 / 100, f32::total_cmp);
-        // A lone ray beside a bright spot is what a stray light hunter looks for: it never vanishes.
+        // A single ray beside a bright spot is what a hunter of stray light looks for, so it never vanishes.
         LONE.min(DENSE / *dense).max(FAINTEST)
     }
 }
@@ -241,7 +243,7 @@ mod tests {
         assert_eq!(pixels.iter().filter(|pixel| **pixel == Color32::RED).count(), 256 * 256 - 2);
     }
 
-    /// Wherever a lone bright cell lies, and however large the map is on the screen, some pixel shows it.
+    /// Some pixel shows a single bright cell, wherever the cell lies, and however large the map is on the screen.
     #[test]
     fn no_cell_is_passed_over() {
         for (cells, pixels) in [(100, 69), (100, 99), (100, 31), (1200, 801), (1200, 377)] {

@@ -3,10 +3,10 @@
 use crate::viewer::field::{Cell, Field, Geometry};
 use serde::{Deserialize, Serialize};
 
-/// A region of a plot: cells belong to it by their middles.
+/// A region of a plot. A cell belongs to the region if its middle does.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Region {
-    /// Its outline.
+    /// The shape of the outline.
     pub outline: Outline,
     /// Middle.
     pub centre: (f64, f64),
@@ -17,13 +17,13 @@ pub struct Region {
 /// The outline of a region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Outline {
-    /// With its sides along the axes.
+    /// A rectangle with its sides along the axes.
     Rectangle,
-    /// With its axes along the axes.
+    /// An ellipse with its axes along those of the plot.
     Ellipse,
 }
 
-/// What lies in a region. Lengths are in the units of the plot's axes, flux in W or lm.
+/// Figures of a region. Lengths are in the units of the plot's axes, flux in W or lm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Statistics {
     /// Cells.
@@ -32,13 +32,13 @@ pub struct Statistics {
     pub hits: u64,
     /// Sum of value times measure.
     pub flux: f64,
-    /// Standard error of `flux`, of independent cells; NaN where that of some lit cell is unknown.
+    /// Standard error of `flux`, for independent cells; NaN if the error of some lit cell is unknown.
     pub flux_sigma: f64,
     /// Mean value, weighted by the measure of the cells.
     pub mean: f64,
     /// Largest value.
     pub peak: f64,
-    /// Where it is.
+    /// Place of the largest value.
     pub peak_at: (f64, f64),
     /// Smallest value over largest.
     pub uniformity: f64,
@@ -60,7 +60,7 @@ pub struct EncircledEnergy {
 }
 
 impl Region {
-    /// All of a map.
+    /// The region of a whole map.
     pub fn whole(field: &Field) -> Self {
         let ((x0, x1), (y0, y1)) = (field.x_range, field.y_range);
         Region::between(Outline::Rectangle, (x0, y0), (x1, y1))
@@ -84,7 +84,8 @@ impl Region {
         }
     }
 
-    /// The cells within, among those that can be: dragging a small region over a large map must stay swift.
+    /// The cells in the region. Only cells near it are tested, so that a small region on a large map can be dragged
+    /// smoothly.
     fn cells(self, field: &Field) -> impl Iterator<Item = Cell> + Clone + '_ {
         let (rows, columns) = field.dim();
         let near = |centre: f64, half: f64, (low, high): (f64, f64), bins: usize| {
@@ -102,11 +103,11 @@ impl Region {
         near.filter(move |cell| self.contains(field.centre(*cell)) && field.values[*cell].is_finite())
     }
 
-    /// The figures of a map within the region; none where it holds no cell.
+    /// The figures of a map in the region; `None` if the region holds no cell.
     pub fn statistics(&self, field: &Field) -> Option<Statistics> {
         let (mut num_cells, mut hits, mut variance) = (0, 0, 0.0);
         let (mut measure, mut sum) = (0.0, 0.0);
-        // Moments about the first value, so that nothing cancels where all are alike.
+        // Moments are taken around the first value, so that nothing cancels where all values are alike.
         let (mut first, mut shifted, mut square) = (None, 0.0, 0.0);
         let (mut peak, mut peak_at, mut least) = (f64::NEG_INFINITY, (0.0, 0.0), f64::INFINITY);
         let mut spot = Moments::default();
@@ -148,7 +149,7 @@ impl Region {
         })
     }
 
-    /// How the flux of a map within the region lies about its centroid; none without flux.
+    /// How the flux of a map in the region is spread around its centroid; `None` without flux.
     pub fn encircled_energy(&self, field: &Field) -> Option<EncircledEnergy> {
         encircled_energy(self.cells(field).map(|cell| (field.centre(cell), field.flux_of(cell))))
     }
@@ -185,15 +186,15 @@ impl Moments {
     pub fn rms_radius(&self) -> f64 {
         let (x, y) = (self.x / self.weight, self.y / self.weight);
         let mean_square = self.square / self.weight - x * x - y * y;
-        // `max` would turn the NaN of no weight into a radius of 0.
+        // With `max`, the NaN of no weight would become a radius of 0.
         if mean_square < 0.0 { 0.0 } else { mean_square.sqrt() }
     }
 }
 
-/// Rings that the plane is cut into, up to the largest distance.
+/// Number of rings into which the plane is divided, up to the largest distance.
 const RINGS: usize = 4096;
 
-/// How weight lies about its centroid; none without weight. Radii are told apart to 1/4096 of the largest.
+/// How weight is spread around its centroid; `None` without weight. Radii are resolved to 1/4096 of the largest.
 pub fn encircled_energy(points: impl Iterator<Item = ((f64, f64), f64)> + Clone) -> Option<EncircledEnergy> {
     let points = points.filter(|(_, weight)| *weight > 0.0);
     let mut spot = Moments::default();
@@ -220,7 +221,7 @@ pub fn encircled_energy(points: impl Iterator<Item = ((f64, f64), f64)> + Clone)
 impl EncircledEnergy {
     /// The smallest radius that holds this fraction of the flux.
     pub fn radius_of(&self, fraction: f64) -> f64 {
-        // Sums of floats end a little below 1.
+        // Sums of floats may end slightly below 1.
         let index = self.fraction.partition_point(|held| *held < fraction - 1e-12);
         self.radius[index.min(self.radius.len() - 1)]
     }

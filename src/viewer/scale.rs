@@ -1,7 +1,7 @@
-//! From values to colours: linear, logarithmic, or linear up to a percentile.
+//! Turns values into colours: linear, logarithmic, or linear up to a percentile.
 //!
-//! A zero is a finding of its own, so it has a colour that no other value has. Colours are perceptually even and their
-//! brightness rises with the value; differences diverge from a neutral middle.
+//! A zero is a finding of its own, and has a colour that no other value has. Colours are perceptually even, and their
+//! brightness rises with the value. The colours of differences diverge from a neutral middle.
 
 use colorous::Gradient;
 use eframe::egui::Color32;
@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 pub enum ScaleKind {
     /// From zero to the largest value.
     Linear,
-    /// Equal ratios look equally far apart.
+    /// Logarithmic: equal ratios look equally far apart.
     Log,
-    /// Linear up to a percentile of what is not zero; the few brighter cells share the top colour.
+    /// Linear up to a percentile of the non-zero values; the few brighter cells share the top colour.
     Percentile,
 }
 
@@ -35,32 +35,32 @@ pub enum ColorMap {
 pub struct Scale {
     /// How values become colours.
     pub kind: ScaleKind,
-    /// The value of the first colour: 0 of a linear scale, the smallest that a logarithmic one tells apart.
+    /// The value of the first colour: 0 of a linear scale, or the smallest value that a logarithmic scale resolves.
     pub low: f64,
     /// The value of the last colour.
     pub high: f64,
-    /// Values are differences: the scale is symmetric about 0.
+    /// True for differences: the scale is symmetric around 0.
     pub diverging: bool,
-    /// Some value lies above `high`.
+    /// True if some value lies above `high`.
     pub saturated: bool,
-    /// Some value lies below `low` and is neither zero nor a difference.
+    /// True if some value lies below `low`, and is neither zero nor a difference.
     pub cut: bool,
 }
 
 /// What a value looks like.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shade {
-    /// No value, as outside a disc or where nothing is known.
+    /// There is no value, as outside a disc or where nothing is known.
     Missing,
     /// Exactly zero, of a quantity that cannot be negative.
     Zero,
-    /// So far along the colours, in 0..=1.
+    /// The position along the colours, in 0..=1.
     Part(f64),
 }
 
-/// A logarithmic scale spans at most so many decades.
+/// Most decades of a logarithmic scale.
 const DECADES: f64 = 6.0;
-/// The first colours of a map are left to zero.
+/// The part at the beginning of a colour map that is left to zero.
 const FIRST_PART: f64 = 0.10;
 
 impl ScaleKind {
@@ -89,7 +89,7 @@ impl ColorMap {
             ColorMap::Magma => colorous::MAGMA,
             ColorMap::Viridis => colorous::VIRIDIS,
             ColorMap::Cividis => colorous::CIVIDIS,
-            // The greys of colorous run from white to black.
+            // The grey scale of colorous runs from white to black.
             ColorMap::Grey => return opaque(colorous::GREYS, 1.0 - (FIRST_PART + (1.0 - FIRST_PART) * part)),
         };
         opaque(gradient, FIRST_PART + (1.0 - FIRST_PART) * part)
@@ -99,7 +99,7 @@ impl ColorMap {
     pub fn table(self, diverging: bool) -> Vec<Color32> {
         let color = |index: i32| {
             let part = f64::from(index) / 255.0;
-            // Red is where A is larger, as in a ledger of heat.
+            // Red means that A is larger.
             if diverging { opaque(colorous::RED_BLUE, 1.0 - part) } else { self.color(part) }
         };
         (0..256).map(color).collect()
@@ -144,7 +144,7 @@ impl Scale {
         scale
     }
 
-    /// Fits a scale to differences: symmetric about zero, linear up to the largest or to the percentile.
+    /// Fits a scale to differences: symmetric around zero, linear up to the largest one or to the percentile.
     pub fn fit_difference(kind: ScaleKind, percentile: f64, values: &Array2<f64>) -> Scale {
         let magnitude = values.mapv(f64::abs);
         let kind = if kind == ScaleKind::Log { ScaleKind::Linear } else { kind };
@@ -166,7 +166,7 @@ impl Scale {
         Shade::Part(self.part(value).clamp(0.0, 1.0))
     }
 
-    /// How far along the colours a value lies; beyond 0..=1 outside of the scale.
+    /// The position of a value along the colours; beyond 0..=1 outside the scale.
     pub fn part(&self, value: f64) -> f64 {
         match self.kind {
             ScaleKind::Log if !self.diverging => {
@@ -176,7 +176,7 @@ impl Scale {
         }
     }
 
-    /// The value at a part of the colours.
+    /// The value at a position along the colours.
     pub fn value(&self, part: f64) -> f64 {
         match self.kind {
             ScaleKind::Log if !self.diverging => self.low * (self.high / self.low).powf(part),

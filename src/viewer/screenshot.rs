@@ -1,4 +1,4 @@
-//! The window's frame without a window: drawn on a device into a texture, and from there into a file.
+//! Draws the window's frame without a window: on a device into a texture, and from there into a file.
 
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
@@ -17,16 +17,16 @@ pub struct Picture {
     pub rgba: Vec<u8>,
 }
 
-/// Frames until panels have found their sizes.
+/// Number of frames until panels have found their sizes.
 const SETTLING: u32 = 6;
-/// How long a trace may take before it is drawn as it is.
+/// Longest wait for a trace; then the window is drawn as it is.
 const PATIENCE: Duration = Duration::from_secs(3600);
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// Draws the window of `app`, `size` in points, once nothing more will come by itself.
+/// Draws the window of `app` once no further result will come by itself. `size` is in points.
 ///
 /// # Errors
-/// [`Error::Device`] or [`Error::NoAdapter`] if it cannot be drawn.
+/// [`Error::Device`] or [`Error::NoAdapter`] if drawing is impossible.
 pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Picture> {
     let gpu = Arc::new(Gpu::open(&AdapterChoice::default())?);
     let mut canvas = Canvas::new(gpu, size, pixels_per_point, RendererOptions::PREDICTABLE);
@@ -34,7 +34,7 @@ pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Pi
     let mut settled = 0;
     while settled < SETTLING {
         canvas.frame(app, Vec::new());
-        // A frame that asks for something, such as recorded rays, has to be followed by what it asked for.
+        // A frame may ask for something, such as recorded rays. A further frame must follow with the answer.
         if app.model.is_idle() || start.elapsed() > PATIENCE {
             settled += 1;
         } else {
@@ -48,7 +48,7 @@ pub fn draw(app: &mut App, size: (f32, f32), pixels_per_point: f32) -> Result<Pi
 }
 
 impl Picture {
-    /// Writes it to a `.png` file.
+    /// Writes the picture to a `.png` file.
     ///
     /// # Errors
     /// [`Error::File`] if the file cannot be written.
@@ -63,7 +63,7 @@ impl Picture {
     }
 }
 
-/// Where frames are drawn.
+/// The texture in which frames are drawn.
 pub(crate) struct Canvas {
     gpu: Arc<Gpu>,
     context: egui::Context,
@@ -75,7 +75,7 @@ pub(crate) struct Canvas {
 }
 
 impl Canvas {
-    /// On a device, `size` in points.
+    /// A canvas on a device; `size` is in points.
     pub(crate) fn new(
         gpu: Arc<Gpu>,
         size: (f32, f32),
@@ -98,7 +98,7 @@ impl Canvas {
         Canvas { gpu, context, renderer, size, pixels_per_point, texture, start: Instant::now() }
     }
 
-    /// One frame of a user who does `events`; its textures are taken over.
+    /// Computes one frame of a user who does `events`, and takes over its textures.
     pub(crate) fn frame(
         &mut self,
         app: &mut App,
@@ -125,7 +125,7 @@ impl Canvas {
         self.context.tessellate(output.shapes, self.pixels_per_point)
     }
 
-    /// Draws a frame on the device; gives the index of the submission.
+    /// Draws a frame on the device, and returns the index of the submission.
     pub(crate) fn render(&mut self, primitives: &[egui::epaint::ClippedPrimitive]) -> wgpu::SubmissionIndex {
         let Gpu { device, queue, .. } = self.gpu.as_ref();
         let screen = ScreenDescriptor {
@@ -155,7 +155,7 @@ impl Canvas {
         queue.submit(uploads.into_iter().chain([encoder.finish()]))
     }
 
-    /// What was drawn.
+    /// The picture that was drawn.
     fn picture(&self) -> Result<Picture> {
         let [width, height] = [self.texture.width(), self.texture.height()];
         // Rows of a copy are padded to a multiple of 256 bytes.

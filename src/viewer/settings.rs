@@ -1,4 +1,4 @@
-//! What the viewer remembers between starts.
+//! The settings that the viewer keeps between starts.
 
 use crate::folders::Folder;
 use crate::viewer::compare::Comparison;
@@ -6,11 +6,11 @@ use crate::viewer::scale::{ColorMap, ScaleKind};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Choices of the user.
+/// The user's choices.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Dark or light.
+    /// True: dark. False: light.
     pub dark: bool,
     /// How values become colours.
     pub scale: ScaleKind,
@@ -18,16 +18,16 @@ pub struct Settings {
     pub percentile: f64,
     /// Colours.
     pub color_map: ColorMap,
-    /// A and B share one scale.
+    /// True if A and B share one scale.
     pub common_scale: bool,
     /// What is shown of two results.
     #[serde(skip)]
     pub comparison: Comparison,
-    /// Lumens instead of watts.
+    /// True: lumens. False: watts.
     pub photometric: bool,
-    /// Far field as a disc; else azimuth and polar angle are the axes.
+    /// True: far field as a disc. False: with azimuth and polar angle as axes.
     pub polar: bool,
-    /// Rays of a database by direction; else by place.
+    /// True: rays of a database by direction. False: by place.
     pub directions: bool,
     /// What dragging does.
     pub tool: Tool,
@@ -55,9 +55,9 @@ pub enum Tool {
 /// What the colour of a ray shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RayColor {
-    /// Its number of events.
+    /// The ray's number of events.
     Bounce,
-    /// Its flux.
+    /// The ray's flux.
     Flux,
 }
 
@@ -91,13 +91,13 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Those of the last time; the defaults where there are none that can be read.
+    /// The settings of the last time; the defaults if none can be read.
     pub fn load() -> Self {
         let text = Self::path().and_then(|path| std::fs::read_to_string(path).ok());
         text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
     }
 
-    /// Keeps them for the next time. Where that fails, the next start has the defaults, which is no reason to complain.
+    /// Saves the settings for the next start. If that fails, the next start has the defaults, without a complaint.
     pub fn save(&self) {
         let (Some(path), Ok(text)) = (Self::path(), serde_json::to_string_pretty(self)) else {
             return;
@@ -114,7 +114,7 @@ impl Settings {
 }
 
 impl Tool {
-    /// All, with their names and keys.
+    /// All tools, with their names and keys.
     pub const ALL: [(Tool, &'static str, eframe::egui::Key); 4] = [
         (Tool::Pan, "Pan", eframe::egui::Key::P),
         (Tool::Profile, "Profile", eframe::egui::Key::L),
@@ -124,7 +124,7 @@ impl Tool {
 }
 
 impl Plane {
-    /// All, in the order in which they are offered.
+    /// All planes, in the order of the menu.
     pub const ALL: [(Plane, &'static str); 3] = [(Plane::ZY, "z–y"), (Plane::ZX, "z–x"), (Plane::XY, "x–y")];
 
     /// Horizontal and vertical coordinate of a point.

@@ -11,13 +11,13 @@ use ndarray::Array1;
 /// One ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spot {
-    /// Where it is in the plot.
+    /// Place in the plot.
     pub at: (f64, f64),
-    /// Its flux \[W or lm\].
+    /// The ray's flux \[W or lm\].
     pub flux: f64,
-    /// Its wavelength \[um\].
+    /// The ray's wavelength \[um\].
     pub wavelength: f64,
-    /// Its id.
+    /// The ray's id.
     pub ray_id: u64,
 }
 
@@ -39,18 +39,18 @@ pub struct Spots {
 pub struct Figures {
     /// Rays.
     pub num_rays: u64,
-    /// Their flux \[W or lm\].
+    /// The rays' flux \[W or lm\].
     pub flux: f64,
     /// Centre of the flux.
     pub centroid: (f64, f64),
-    /// Root of the mean square distance from it, weighted by flux.
+    /// Root mean square distance from the centroid, weighted by flux.
     pub rms_radius: f64,
-    /// Largest distance from it.
+    /// Largest distance from the centroid.
     pub largest_radius: f64,
 }
 
 impl Spots {
-    /// The rays of a database in its own frame: where they crossed, or their direction cosines.
+    /// The rays of a database in the detector's own frame: the places where they crossed, or their direction cosines.
     ///
     /// # Errors
     /// [`crate::Error::File`] if the rays lie on disk and cannot be read.
@@ -90,7 +90,7 @@ impl Spots {
         })
     }
 
-    /// Figures of the rays within a region, or of all.
+    /// Figures of the rays in a region, or of all rays.
     pub fn figures(&self, region: Option<&Region>) -> Figures {
         let mut moments = Moments::default();
         let (mut num_rays, mut flux) = (0, 0.0);
@@ -110,7 +110,7 @@ impl Spots {
         }
     }
 
-    /// How the flux of the rays within a region, or of all, lies about its centroid.
+    /// How the flux of the rays in a region, or of all rays, is spread around its centroid.
     pub fn encircled_energy(&self, region: Option<&Region>) -> Option<EncircledEnergy> {
         encircled_energy(self.within(region).map(|spot| (spot.at, spot.flux)))
     }

@@ -1,4 +1,4 @@
-//! What the window holds: the model, and what the user does with it at the moment.
+//! The state of the window: the model, and the user's present actions.
 
 use crate::viewer::field::Cell;
 use crate::viewer::model::{Analysis, Model, Picture};
@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// The window over a [`Model`].
 pub struct App {
-    /// What is shown.
+    /// The model that is shown.
     pub model: Model,
     /// Views that the user has moved, by plot.
     pub(super) views: HashMap<String, Option<View>>,
@@ -20,7 +20,7 @@ pub struct App {
     pub(super) cursor: Option<Cursor>,
     /// What is being dragged.
     pub(super) grab: Option<Grab>,
-    /// Where the plot in the middle was in the last frame.
+    /// Frame of the plot in the middle, in the last frame of the window.
     pub(super) frame: Option<Frame>,
     pub(super) painted: Option<Painted>,
     pub(super) figures: Option<CachedFigures>,
@@ -30,39 +30,39 @@ pub struct App {
     pub(super) export_folder: String,
     /// The rays of the next trace, as they are typed.
     pub(super) num_rays: String,
-    /// The window should be closed after so many frames: for tests in a real window.
+    /// Number of frames after which the window closes, for tests in a real window.
     pub frames_left: Option<u32>,
 }
 
 /// What the cursor reads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cursor {
-    /// Where it is.
+    /// The place of the cursor.
     pub at: (f64, f64),
-    /// The cell, of a map.
+    /// The cell, if the plot is a map.
     pub cell: Option<Cell>,
     /// Value, hits and standard error of the cell.
     pub value: Option<(f64, u64, f64)>,
-    /// The ray, of a database.
+    /// The ray, if the plot shows a database.
     pub spot: Option<Spot>,
-    /// It stays where the user clicked.
+    /// True if the cursor stays where the user clicked.
     pub pinned: bool,
 }
 
 /// What the pointer holds while it drags in the plot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Grab {
-    /// A corner of a region; the other one stays.
+    /// A corner of a region; the other corner is fixed.
     Corner { fixed: (f64, f64) },
-    /// A whole region: where the pointer was.
+    /// A whole region, and the last place of the pointer.
     Region { last: (f64, f64) },
     /// An end of the line.
     End(usize),
-    /// The whole line: where the pointer was.
+    /// The whole line, and the last place of the pointer.
     Line { last: (f64, f64) },
 }
 
-/// A picture as a texture, and what it was made from.
+/// A picture as a texture, and the inputs of the drawing.
 pub(super) struct Painted {
     pub picture: Arc<Picture>,
     pub view: View,
@@ -71,7 +71,7 @@ pub(super) struct Painted {
     pub texture: TextureHandle,
 }
 
-/// Figures of a region, and what they were made from.
+/// Figures of a region, and the inputs of the computation.
 pub(super) struct CachedFigures {
     pub picture: Arc<Picture>,
     pub region: Region,
@@ -79,7 +79,7 @@ pub(super) struct CachedFigures {
 }
 
 impl Cursor {
-    /// What it reads, to the bit: a value that is not known equals itself.
+    /// What the cursor reads, to the bit, so that an unknown value equals itself.
     pub(super) fn reads(&self) -> impl PartialEq + use<> {
         let value = self.value.map(|(value, hits, sigma)| (value.to_bits(), hits, sigma.to_bits()));
         (self.at, self.cell, value, self.spot, self.pinned)
@@ -104,7 +104,7 @@ impl App {
         }
     }
 
-    /// Where exports go.
+    /// Sets the folder of exports.
     pub fn set_export_folder(&mut self, folder: &std::path::Path) {
         self.export_folder = folder.display().to_string();
     }
@@ -114,12 +114,12 @@ impl App {
         self.cursor.as_ref()
     }
 
-    /// Where the plot in the middle was drawn last.
+    /// The place of the plot in the middle when it was drawn last.
     pub fn frame(&self) -> Option<Frame> {
         self.frame
     }
 
-    /// Figures of the region that is shown, and how its flux lies about the centroid.
+    /// Figures of the region that is shown, and how its flux is spread around the centroid.
     pub fn region_figures(&mut self) -> Option<Analysis> {
         let picture = self.model.picture().ok()?;
         let Some(region) = self.model.marks().region else {

@@ -1,9 +1,11 @@
-//! Tracing in the background: the interface only ever takes the latest result from a shelf, and never waits.
+//! Tracing in the background: the interface takes the latest result from a shelf, and never waits.
 //!
-//! The tracer has a device of its own, beside that which draws: on a shared one the interface waits for the lock of a queue
-//! that is busy with passes, each frame queues behind a pass, and a lost device would take the window with it. Measured by
-//! `nsq-gpu bench --scenes viewer` on lavapipe, two cores that others use too, while a map of 2048 x 2048 cells is traced
-//! (medians; a still window of this size takes 131 ms to draw there, by software):
+//! The tracer has a device of its own, beside the device that draws. On a shared device, the interface waits for the
+//! lock of a queue that is busy with passes, and each frame queues behind a pass. A lost device would also take the
+//! window with it.
+//!
+//! Medians of `nsq-gpu bench --scenes viewer` on lavapipe, with two cores that others use too. A map of 2048 x 2048
+//! cells is traced. A still window of this size takes 131 ms to draw there, by software.
 //!
 //! | device | program's part of a frame | whole frame | rays/s beside it |
 //! |---|---|---|---|
@@ -28,9 +30,9 @@ use std::time::{Duration, Instant};
 pub struct LoadedScene {
     /// The file.
     pub path: PathBuf,
-    /// What it says.
+    /// The scene in the file.
     pub scene: Scene,
-    /// What is traced.
+    /// The lowered scene, which is traced.
     pub ir: SceneIr,
 }
 
@@ -46,7 +48,7 @@ impl LoadedScene {
     }
 }
 
-/// How a trace is run.
+/// The options of a trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunOptions {
     /// Rays to launch.
@@ -55,11 +57,11 @@ pub struct RunOptions {
     pub seed: u64,
     /// Largest number of events of a ray.
     pub max_depth: u32,
-    /// Arithmetic; the adapter's better one where not given.
+    /// Precision; `None` for the better one of the adapter.
     pub precision: Option<Precision>,
-    /// It stops when the largest relative error is as small as this.
+    /// The trace stops when the largest relative error is as small as this.
     pub target_error: Option<f64>,
-    /// It stops after this time, pauses included.
+    /// The trace stops after this time, pauses included.
     pub time_limit: Option<Duration>,
 }
 
@@ -71,28 +73,28 @@ impl Default for RunOptions {
 }
 
 impl RunOptions {
-    /// Those of a trace of this scene by the command.
+    /// The options that the command would use for this scene.
     pub fn of(ir: &SceneIr) -> Self {
         RunOptions { max_depth: crate::model::depth::of_scene(ir), ..RunOptions::default() }
     }
 }
 
-/// How far a trace is.
+/// The state of a trace.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {
-    /// The device is opened and the scene compiled.
+    /// The device is being opened, and the scene compiled.
     Starting,
     /// Rays are traced.
     Tracing,
-    /// The user made it wait.
+    /// The user has paused the trace.
     Paused,
-    /// All rays are traced, or the user stopped it.
+    /// All rays are traced, or the user stopped the trace.
     Finished,
-    /// It failed: what the user should read.
+    /// The trace failed; the text is for the user.
     Failed(String),
 }
 
-/// What the tracing thread puts on the shelf.
+/// The latest state and result, from the tracing thread.
 #[derive(Clone)]
 struct Shelf {
     state: State,
@@ -114,10 +116,10 @@ struct Shared {
     notify: Notify,
 }
 
-/// Called from the tracing thread when there is something new to see.
+/// Called by the tracing thread when there is something new to show.
 pub type Notify = Arc<dyn Fn() + Send + Sync>;
 
-/// A device for all traces of a window, opened by the first.
+/// A device for all traces of a window, opened by the first trace.
 #[derive(Clone, Default)]
 pub struct Device {
     gpu: Arc<Mutex<Option<Arc<Gpu>>>>,
@@ -125,19 +127,19 @@ pub struct Device {
 }
 
 impl Device {
-    /// On the adapter whose name has this part; on the best where not given.
+    /// A device on the adapter whose name contains this text; `None` for the best adapter.
     pub fn on(adapter: Option<String>) -> Self {
         Device { adapter, ..Device::default() }
     }
 
-    /// The one that is open.
+    /// A device that is open already.
     pub fn sharing(gpu: Arc<Gpu>) -> Self {
         Device { gpu: Arc::new(Mutex::new(Some(gpu))), adapter: None }
     }
 
     fn open(&self) -> Result<Arc<Gpu>> {
         let mut gpu = lock(&self.gpu);
-        // A device that failed once stays failed.
+        // A device that has failed once stays failed.
         if let Some(gpu) = gpu.as_ref().filter(|gpu| gpu.check().is_ok()) {
             return Ok(gpu.clone());
         }
@@ -146,11 +148,11 @@ impl Device {
     }
 }
 
-/// A trace that runs in a thread of its own; it stops when this is dropped.
+/// A trace in a thread of its own. The trace stops when this value is dropped.
 pub struct Job {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
-    /// Rays that it will launch.
+    /// Rays that the trace will launch.
     pub num_rays: u64,
 }
 
@@ -175,19 +177,19 @@ impl Job {
         Job { shared, thread: Some(thread), num_rays }
     }
 
-    /// Makes it wait after the pass that runs, or go on.
+    /// Pauses the trace after the present pass, or lets it go on.
     pub fn pause(&self, paused: bool) {
         lock(&self.shared.control).paused = paused;
         self.shared.changed.notify_all();
     }
 
-    /// Ends it after the pass that runs; what is traced stays.
+    /// Ends the trace after the present pass. The rays traced so far stay.
     pub fn stop(&self) {
         lock(&self.shared.control).stopped = true;
         self.shared.changed.notify_all();
     }
 
-    /// Ends it, and waits until it has let go of the device.
+    /// Ends the trace, and waits until it has released the device.
     pub fn finish(mut self) {
         self.stop();
         if let Some(thread) = self.thread.take() {
@@ -196,23 +198,23 @@ impl Job {
         }
     }
 
-    /// How far it is.
+    /// The state of the trace.
     pub fn state(&self) -> State {
         lock(&self.shared.shelf).state.clone()
     }
 
-    /// Rays done, and the time they took without pauses \[s\].
+    /// Rays done, and the time without pauses \[s\].
     pub fn progress(&self) -> (u64, f64) {
         let shelf = lock(&self.shared.shelf);
         (shelf.rays, shelf.seconds)
     }
 
-    /// The latest result, if it was not taken yet.
+    /// The latest result, if it has not been taken yet.
     pub fn take_result(&self) -> Option<Arc<TraceResult>> {
         lock(&self.shared.shelf).result.take()
     }
 
-    /// True until it is finished or failed.
+    /// True until the trace is finished or failed.
     pub fn is_running(&self) -> bool {
         !matches!(self.state(), State::Finished | State::Failed(_))
     }
@@ -228,8 +230,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Rays in one dispatch, and the time of a pass: short, so that a device which cannot interrupt a dispatch draws frames in
-/// between.
+/// Rays in one dispatch, and the time of a pass. Both are small, because some devices cannot interrupt a dispatch to
+/// draw a frame.
 const BATCH: u32 = 1 << 16;
 const PASS_TIME: Duration = Duration::from_millis(15);
 
@@ -238,7 +240,7 @@ fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(Trace
         num_rays: options.num_rays,
         seed: options.seed,
         max_depth: options.max_depth,
-        // Whoever looks wants to see the noise, whatever it costs.
+        // The user wants to see the noise, whatever it costs.
         standard_error: StandardError::On,
         may_end_early: options.target_error.is_some() || options.time_limit.is_some(),
         batch_size: Some(BATCH),
@@ -301,20 +303,20 @@ impl Clock {
     }
 }
 
-/// Looks on from the tracing thread.
+/// Observes the trace from the tracing thread.
 struct Observer<'a> {
     shared: &'a Shared,
     scene: &'a LoadedScene,
     run: RunInfo,
     stopping: Stopping,
     clock: Clock,
-    /// When the next result should be shown.
+    /// The time at which the next result should be shown.
     due: Instant,
 }
 
 /// Least time between two results.
 const INTERVAL: Duration = Duration::from_millis(120);
-/// Showing results takes at most one part in so many of the time.
+/// The time for showing results is at most 1/SHARE of the whole.
 const SHARE: u32 = 8;
 
 impl Observer<'_> {
@@ -329,7 +331,7 @@ impl Observer<'_> {
         TraceResult::new(&self.scene.ir, &run, tally)
     }
 
-    /// Shows a result where one is due; false stops the trace.
+    /// Shows a result if one is due; false stops the trace.
     fn after_pass(&mut self, progress: &mut Progress<'_, '_>) -> Result<bool> {
         let asked = Instant::now();
         if asked >= self.due || lock(&self.shared.control).paused {
@@ -362,14 +364,14 @@ impl Observer<'_> {
     }
 }
 
-/// Work in a thread of its own, whose outcome is taken when it is there.
+/// Work in a thread of its own, whose outcome can be taken when it is ready.
 pub struct Background<T> {
     thread: JoinHandle<()>,
     outcome: Arc<Mutex<Option<T>>>,
 }
 
 impl<T: Send + 'static> Background<T> {
-    /// Begins to work.
+    /// Begins the work.
     pub fn start(work: impl FnOnce() -> T + Send + 'static, notify: Notify) -> Self {
         let outcome = Arc::new(Mutex::new(None));
         let shelf = outcome.clone();
@@ -386,7 +388,7 @@ impl<T: Send + 'static> Background<T> {
         lock(&self.outcome).take()
     }
 
-    /// Waits for it.
+    /// Waits until the work has ended.
     pub fn finish(self) {
         // Whatever a thread panicked with, it has ended.
         let _ = self.thread.join();

@@ -24,8 +24,8 @@ var<private> end_weight: real = 0.0;
 // The fractions of the taps, or the position in pixels.
 var<private> end_place: vec2<real> = vec2<real>(0.0, 0.0);
 
-// The column of a position off every detector; its row is the entry. A true position so far beyond the map differs: its
-// taps are one pixel, which marks it, or else its fraction does.
+// The column of a position off every detector; its row is the entry. A true position so far beyond the map differs,
+// because it is multiplied by HIT_NEXT. Its taps are one pixel, and its fraction is above one half.
 const OFF_DETECTORS: real = -1.25;
 // A position is multiplied by this factor, which is exact, if the pixel that was hit is not the one before it but the
 // next.

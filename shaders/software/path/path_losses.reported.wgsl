@@ -1,9 +1,9 @@
 // Rays that keep to the path report their last weight, and deposit nothing on their way. Twin of
 // path_losses.deposited.wgsl.
 //
-// Only media take weight from such rays. The last weight then tells the host all losses, because differences of
-// quantised weights telescope. A ray is rejected if the number of segments that weaken it differs from the path's, or
-// if it comes to roulette.
+// Only media take weight from such rays. Differences of quantised weights telescope, so the last weight determines all
+// losses. A ray is rejected if the number of segments that weaken it differs from the path's, or if it comes to
+// roulette.
 
 var<private> num_losses: u32 = 0u;
 var<private> is_off_roulette: bool = true;
@@ -44,7 +44,7 @@ fn go_on_along(ray: ptr<function, Ray>) {
     }
 }
 
-// True if the last weight tells all losses: the ray lost weight on this number of segments, and to nothing else.
+// True if the last weight determines all losses: the ray lost weight on this number of segments, and to nothing else.
 fn are_losses_reported(attenuating_legs: u32) -> bool {
     return (num_losses == attenuating_legs) & is_off_roulette & is_absorbed_weakly;
 }

@@ -1,5 +1,5 @@
 // An invocation that follows a path follows several rays, as an invocation of trace_new does
-// (software/rays.several.wgsl). This is so where the path takes from its rays something that they do not log.
+// (software/rays.several.wgsl). Paths are followed so if the path takes from its rays something that they do not log.
 
 // The first ray of an invocation. The argument is the invocation's number as if each ray had its own invocation.
 fn first_turn(invocation: u32) -> u32 {

@@ -1,5 +1,6 @@
-//! How many random numbers a Sobol point is worth: the ratio of the mean squared errors at the same number of rays, which
-//! is the ratio of the numbers of rays at the same error, since that of random numbers falls with their number.
+//! How many random numbers a Sobol point is worth: the ratio of the mean squared errors at the same number of rays.
+//! With random numbers the mean squared error falls as the number of rays grows. So this is also the ratio of the
+//! numbers of rays at the same error.
 
 use crate::bench::accuracy::scenes::{AccuracyScene, scene};
 use crate::bench::accuracy::variances::{FluxVariance, GROUP, Quantity, Ratio, Variances};
@@ -10,7 +11,7 @@ use crate::program::{Precision, Sampler};
 use crate::scene::Scene;
 use crate::trace::{StandardError, TraceOptions, Tracer};
 
-/// What is claimed of Sobol points in a scene.
+/// A claim about Sobol points in a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Claim {
     /// The scene and the detector.
@@ -19,49 +20,49 @@ pub struct Claim {
     pub split: Option<(u32, f64)>,
     /// Rays of each trace.
     pub num_rays: u64,
-    /// Groups of [`GROUP`] traces with random numbers.
+    /// Number of groups of [`GROUP`] traces with random numbers.
     pub pcg_groups: u64,
-    /// The same with Sobol points.
+    /// Number of groups with Sobol points.
     pub sobol_groups: u64,
-    /// The map's ratio is at least this, where something is claimed of it.
+    /// The least ratio that is claimed for the map, if any.
     pub map: Option<f64>,
-    /// The same of the detector's flux.
+    /// The least ratio that is claimed for the detector's flux, if any.
     pub flux: Option<f64>,
 }
 
-/// What was measured of a claim.
+/// The measurement of a claim.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verdict {
     /// The claim.
     pub claim: Claim,
-    /// How many random numbers a Sobol point is worth, by the map; nothing where random numbers make no error either.
+    /// How many random numbers a Sobol point is worth, by the map; `None` if random numbers make no error either.
     pub map: Option<Ratio>,
-    /// The same by the detector's flux.
+    /// The same, by the detector's flux.
     pub flux: Option<Ratio>,
-    /// Error of the map with random numbers, of so many rays.
+    /// Error of the map with random numbers, of `num_rays` rays.
     pub map_error: f64,
 }
 
 impl Verdict {
-    /// True if the ratios are at least what is claimed, at 99 %.
+    /// True if the ratios are at least the claimed ones, with a confidence of 99 %.
     pub fn holds(&self) -> bool {
         at_least(self.map, self.claim.map) && at_least(self.flux, self.claim.flux)
     }
 }
 
-/// True if a ratio is at least what is claimed of it, if anything is.
+/// True if a ratio is at least the claimed one, or if none is claimed.
 pub fn at_least(ratio: Option<Ratio>, claim: Option<f64>) -> bool {
     ratio.zip(claim).is_none_or(|(ratio, least)| ratio.low >= least)
 }
 
-/// Seeds of random numbers begin here: those of traces that tell how many are needed lie below.
+/// The first seed of random numbers. Lower seeds belong to the traces that determine how many traces are needed.
 const FIRST_PCG_SEED: u64 = 1 << 37;
-/// Seeds of Sobol points begin here.
+/// The first seed of Sobol points.
 const FIRST_SOBOL_SEED: u64 = 1 << 38;
 
-/// At least ten random numbers a point.
+/// The claim of at least ten random numbers a point.
 const TEN: Option<f64> = Some(10.0);
-/// Not worse.
+/// The claim of being no worse.
 const AS_GOOD: Option<f64> = Some(0.95);
 
 macro_rules! claim {
@@ -85,13 +86,15 @@ macro_rules! not_worse {
     };
 }
 
-/// Few dimensions: those of the source alone, where rays decide nothing after their birth, and two reflections more of a
-/// singlet. Then lenses whose rays are split. Then every other scene of the repository, so that none is chosen by what it
-/// shows; but for `coated_projector`, whose scattering stands in a file of its own. Each is seen by its first detector that
-/// has cells. A lamp's map has the ratio of few dimensions from enough rays on: its pixels see all four.
+/// All claims. The first scenes have few dimensions. In some, only the source draws, because rays decide nothing after
+/// their birth; in a singlet two reflections are added. Then come lenses whose rays are split.
 ///
-/// There are as many traces as it takes to tell the ratios that a pilot with seeds of its own has found, with three
-/// standard errors to spare: the closer to the claim, the more.
+/// All other scenes of the repository follow, so that no scene is chosen by its result. The exception is
+/// `coated_projector`, whose scattering is in a file of its own. Each scene is judged by its first detector with cells.
+/// With enough rays, a lamp's map has the ratio of few dimensions: its pixels see all four.
+///
+/// A pilot with its own seeds estimated the ratios. From it follows the number of traces that decides a claim, with
+/// three standard errors to spare. Closer claims need more traces.
 pub const CLAIMS: [Claim; 41] = [
     claim!("bench_surface_count_50", "D", None, 1 << 13, [128, 128], TEN),
     claim!("bench_cavity", "D", None, 1 << 13, [128, 128], TEN),
@@ -152,7 +155,7 @@ pub const CLAIMS: [Claim; 41] = [
     not_worse!("triplet_telescope_ghosts", "image", 512, 1024),
 ];
 
-/// A disk through a stop onto a map, and nothing else: four dimensions.
+/// A disk shines through a stop onto a map: four dimensions.
 const LAMP: AccuracyScene = AccuracyScene {
     name: "lamp",
     title: "",
@@ -170,7 +173,7 @@ const LAMP: AccuracyScene = AccuracyScene {
 };
 
 impl Claim {
-    /// A claim that is not judged: of few rays and traces.
+    /// The claim with few rays and traces, which is not judged.
     pub fn quick(&self) -> Self {
         Claim {
             num_rays: self.num_rays.min(1 << 10),
@@ -182,12 +185,12 @@ impl Claim {
         }
     }
 
-    /// Traces with random numbers, and with Sobol points.
+    /// The numbers of traces with random numbers, and with Sobol points.
     pub fn num_traces(&self) -> [u64; 2] {
         [self.pcg_groups, self.sobol_groups].map(|groups| groups * GROUP)
     }
 
-    /// Its scene, as its file says, splats included.
+    /// The claim's scene as in its file, splats included.
     ///
     /// # Errors
     /// [`crate::Error::Scene`] if the file is refused.
@@ -200,10 +203,10 @@ impl Claim {
         Ok(ir)
     }
 
-    /// Measures it.
+    /// Measures the claim.
     ///
     /// # Errors
-    /// Those of the trace.
+    /// The errors of the trace.
     pub fn measure(&self, gpu: &Gpu, precision: Precision) -> Result<Verdict> {
         let ir = self.ir()?;
         let detector = self.scene.detector(&ir)?;

@@ -1,4 +1,4 @@
-//! Error and time of a method while its rays grow.
+//! Measures error and time of a method as its rays grow.
 
 use crate::bench::accuracy::estimate::{Errors, Estimate};
 use crate::bench::accuracy::methods::{Method, best, methods};
@@ -11,27 +11,27 @@ use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::trace::{StandardError, TraceOptions, Tracer};
 
-/// How much is measured.
+/// The effort of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
     /// Independent traces of each point.
     pub num_seeds: u64,
-    /// A curve ends with the trace that took longer \[s\].
+    /// The time after which a curve ends \[s\]: a trace that takes longer is its last.
     pub trace_sec: f64,
-    /// The same of the answer.
+    /// The same for the answer \[s\].
     pub answer_sec: f64,
-    /// Rays at which it ends in any case.
+    /// Rays at which a curve ends in any case.
     pub most_rays: u64,
 }
 
-/// The first point of a curve \[rays\]; each further one has four times as many.
+/// Rays of a curve's first point; each further point has four times as many.
 pub const FIRST_RAYS: u64 = 1 << 12;
 const STEP: u64 = 4;
-/// The first point of a peer, which is slower.
+/// Rays of a peer's first point; peers are slower.
 const FIRST_PEER_RAYS: u64 = 1 << 10;
-/// Traces of the answer.
+/// Number of traces of the answer.
 const ANSWER_SEEDS: u64 = 2;
-/// The answer shares no draw with what is held against it.
+/// The first seed of the answer, which shares no draw with the compared traces.
 const FIRST_ANSWER_SEED: u64 = 1 << 32;
 
 /// The curves of a scene.
@@ -41,9 +41,9 @@ pub struct SceneCurves {
     pub scene: AccuracyScene,
     /// Rays of the answer.
     pub answer_rays: u64,
-    /// How far the answer itself is from the truth, from the spread of its traces.
+    /// The answer's own error, from the spread of its traces.
     pub answer_errors: Errors,
-    /// By method.
+    /// The curves, by method.
     pub curves: Vec<Curve>,
 }
 
@@ -54,28 +54,28 @@ pub struct Curve {
     pub engine: String,
     /// The method.
     pub method: String,
-    /// From few rays to many.
+    /// The points, from few rays to many.
     pub points: Vec<Point>,
 }
 
-/// A method with so many rays.
+/// The result of a method with this number of rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Rays launched.
     pub num_rays: u64,
     /// Time from the first ray to the sums \[s\].
     pub seconds: Summary,
-    /// Against the converged answer: root mean squares over the traces.
+    /// Root mean squares over the traces, compared with the converged answer.
     pub errors: Errors,
 }
 
-/// One trace, seen at several numbers of rays.
+/// One trace at several numbers of rays: (rays, time \[s\], estimate).
 type Snapshots = Vec<(u64, f64, Estimate)>;
 
 /// Measures a scene by every method, and by the peers.
 ///
 /// # Errors
-/// Those of a trace, and of a peer.
+/// The errors of a trace, and of a peer.
 pub fn measure(
     gpu: &Gpu,
     scene: &AccuracyScene,
@@ -106,7 +106,7 @@ pub fn measure(
     Ok(SceneCurves { scene: *scene, answer_rays, answer_errors, curves })
 }
 
-/// Of two independent answers, their mean is half as far from the truth as they are from each other.
+/// The error of the mean of two independent answers, which is half of their difference.
 fn half_of(errors: Errors) -> Errors {
     Errors { cells: 0.5 * errors.cells, total: 0.5 * errors.total }
 }
@@ -122,7 +122,7 @@ fn options(scene: &AccuracyScene, method: &Method, num_rays: u64) -> TraceOption
     }
 }
 
-/// Numbers of rays of the points of a curve.
+/// The numbers of rays of a curve's points.
 fn ray_counts(first: u64, most: u64) -> Vec<u64> {
     std::iter::successors(Some(first), |count| Some(count * STEP))
         .take_while(|count| *count <= most)
@@ -161,7 +161,7 @@ fn traces(
     traces_of(&mut Tracer::new(gpu, ir, options)?, 0, detector, effort)
 }
 
-/// The first trace decides how far all go, so that each point has as many traces.
+/// The traces of a curve. The first decides how far all go, so that each point has as many traces.
 fn traces_of(
     tracer: &mut Tracer,
     first_seed: u64,
@@ -181,7 +181,7 @@ fn traces_of(
     Ok(traces)
 }
 
-/// Traces, and looks at the sums after so many rays each; no further than to the first look after `limit` \[s\].
+/// Traces, and takes the sums at each of these numbers of rays, up to the first one reached after `limit` \[s\].
 fn trace_through(tracer: &mut Tracer, counts: &[u64], detector: usize, limit: f64) -> Result<Snapshots> {
     let mut snapshots = Snapshots::new();
     tracer.pause_at(counts[0]);
@@ -216,7 +216,7 @@ fn points(traces: &[Snapshots], answer: &Estimate) -> Vec<Point> {
     (0..num_points).filter_map(point).collect()
 }
 
-/// The peer traces the same plain scene, anew for each number of rays.
+/// The curve of a peer, which traces the same plain scene, anew for each number of rays.
 fn peer_curve(
     peer: &mut Optiland,
     scene: &AccuracyScene,
@@ -230,7 +230,7 @@ fn peer_curve(
         max_depth: scene.max_depth,
         seed,
     };
-    // Wakes what is loaded at first use.
+    // The first trace loads what is loaded at first use.
     let (first_sec, _) = peer.map(&request(FIRST_PEER_RAYS, 0))?;
     let num_seeds = if first_sec > effort.trace_sec { 1 } else { effort.num_seeds };
     let mut traces: Vec<Snapshots> = vec![Snapshots::new(); num_seeds as usize];

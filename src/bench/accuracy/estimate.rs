@@ -1,4 +1,4 @@
-//! What a trace says of one detector, and how far that is from another answer.
+//! The estimate that a trace makes of one detector, and its distance from another answer.
 
 use crate::model::SceneIr;
 use crate::result::uncertainty::Uncertainty;
@@ -7,33 +7,32 @@ use crate::result::{FluxUnit, QUANTA_PER_WEIGHT, Tally};
 /// A detector's cells and their sum, as shares of the launched flux.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
-    /// Per pixel or bin.
+    /// The shares of the pixels or bins.
     pub cells: Vec<f64>,
-    /// Their sum.
+    /// The sum over the cells.
     pub total: f64,
 }
 
-/// An error of a map in units of the mean of its cells, and one of the detector's flux in units of itself.
+/// The error of a map, and the error of a detector's flux.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Errors {
-    /// Root of the mean of the squares over the cells, in units of their mean.
+    /// Root mean square over the cells, in units of their mean.
     pub cells: f64,
-    /// Of the sum, in units of the sum.
+    /// The error of the sum, in units of the sum.
     pub total: f64,
 }
 
-/// Squared deviations in shares of the launched flux: of a cell times the number of cells, in the mean over the cells, and
-/// of the sum.
+/// Squared deviations, in shares of the launched flux.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviations {
-    /// Of the cells.
+    /// The mean over the cells of the square of a deviation times the number of cells.
     pub cells: f64,
-    /// Of their sum.
+    /// The square of the deviation of the cells' sum.
     pub total: f64,
 }
 
 impl Errors {
-    /// Of errors of independent traces.
+    /// The root mean square of the errors of independent traces.
     pub fn root_mean_square(errors: &[Errors]) -> Self {
         let count = errors.len().max(1) as f64;
         let root =
@@ -43,7 +42,7 @@ impl Errors {
 }
 
 impl Estimate {
-    /// What a tally holds of a detector.
+    /// The estimate of a detector in a tally.
     pub fn of(tally: &Tally, detector: usize) -> Self {
         let launched = tally.launched.quanta as f64;
         let detector = &tally.detectors[detector];
@@ -62,7 +61,7 @@ impl Estimate {
         }
     }
 
-    /// Variance of the flux of so many random rays, as their second moments tell it; none where these were not summed.
+    /// Variance of the flux, for random rays, from their second moments; `None` if these were not summed.
     pub fn flux_variance(ir: &SceneIr, tally: &Tally, detector: usize) -> Option<f64> {
         let quanta = FluxUnit::new(QUANTA_PER_WEIGHT, 1);
         let error = Uncertainty::new(ir, tally, quanta).of_total(&tally.detectors[detector])?;
@@ -75,7 +74,7 @@ impl Estimate {
         Deviations { cells: squares * answer.cells.len() as f64, total: (self.total - answer.total).powi(2) }
     }
 
-    /// How far this is from `answer`.
+    /// The errors of this estimate, compared with `answer`.
     pub fn errors(&self, answer: &Estimate) -> Errors {
         let squares = self.squares(answer);
         Errors { cells: squares.cells.sqrt() / answer.total, total: squares.total.sqrt() / answer.total }

@@ -1,4 +1,4 @@
-//! Ways to trace a scene: the plain one, and each setting that changes the error for the same time.
+//! The ways to trace a scene: the plain one, and each setting that changes the error for the same time.
 
 use crate::bench::accuracy::scenes::{is_refractive, set_splat};
 use crate::model::{ReflectProb, SceneIr, Splat};
@@ -7,17 +7,17 @@ use crate::program::{Precision, Sampler};
 /// One way to trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Method {
-    /// Its name in files and charts.
+    /// The name in files and charts.
     pub name: String,
     /// Precision of the physics.
     pub precision: Precision,
-    /// What the draws are.
+    /// The kind of draws.
     pub sampler: Sampler,
-    /// What differs from the plain scene.
+    /// The difference from the plain scene.
     pub setting: Setting,
 }
 
-/// A setting away from Optiland's default.
+/// A setting that differs from Optiland's default.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Setting {
     /// None.
@@ -32,11 +32,11 @@ pub enum Setting {
     Splat(Splat),
 }
 
-/// Splits at so many events, and follows every branch of them: with ten faces, what is left to chance is a ghost of a
-/// ghost.
+/// Splits rays of fewer events than this, and follows every branch. With ten faces, only a ghost of a ghost is left to
+/// chance.
 const SPLIT_DEPTH: u32 = 6;
 const SPLIT_BUDGET: f64 = 7.0;
-/// Flux below which roulette begins, in units of a new ray's.
+/// Flux below which roulette begins, in units of a new ray's flux.
 const ROULETTE: f64 = 0.5;
 
 impl Setting {
@@ -56,7 +56,7 @@ impl Setting {
     }
 }
 
-/// The ways to trace a scene: the plain one in every precision, and the others in the last of them.
+/// The ways to trace a scene: the plain one in every precision, the others in the last precision.
 pub fn methods(plain: &SceneIr, precisions: &[Precision]) -> Vec<Method> {
     let tier = |&precision: &Precision| Method {
         name: precision.name().into(),
@@ -80,7 +80,7 @@ pub fn methods(plain: &SceneIr, precisions: &[Precision]) -> Vec<Method> {
     all
 }
 
-/// The way that converges fastest, for the answer.
+/// The way that converges fastest, which computes the answer.
 pub fn best(plain: &SceneIr, precision: Precision) -> Method {
     let setting = if is_refractive(plain) { Setting::Split } else { Setting::Plain };
     Method { name: "answer".into(), precision, sampler: Sampler::Sobol, setting }

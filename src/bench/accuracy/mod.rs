@@ -1,13 +1,13 @@
-//! Error against time: which tier, how many rays, which sampling, and which program.
+//! Measures error against time: which tier, how many rays, which sampling, and which program.
 //!
 //! ```text
-//! scenes      what is traced, and the detector that is looked at
-//! methods     the ways to trace it: one setting each away from the plain one
-//! estimate    what a trace says of a detector, and its distance from the answer
+//! scenes      the scenes to trace, each with one detector
+//! methods     the ways to trace a scene: each differs from the plain one in one setting
+//! estimate    the estimate that a trace makes of a detector, and its distance from the answer
 //! curves      error and time of a method as its rays grow, against the converged answer
 //! numerical   the error of arithmetic alone: the same draws along the same paths in two tiers
-//! variances   between independent traces, and the ratio of two of them with confidence
-//! claims      what Sobol points are worth in random numbers, with confidence
+//! variances   variances between independent traces, and the ratio of two of them with confidence
+//! claims      how many random numbers a Sobol point is worth, with confidence
 //! report      table, CSV and charts
 //! ```
 

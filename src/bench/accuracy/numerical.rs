@@ -1,5 +1,5 @@
-//! The error of arithmetic alone: two tiers trace the same draws, and where a ray takes the same path in both, they are
-//! apart by rounding.
+//! Measures the error of arithmetic alone. Two tiers trace the same draws. Where a ray takes the same path in both, the
+//! results differ by rounding alone.
 
 use crate::bench::accuracy::scenes::AccuracyScene;
 use crate::error::Result;
@@ -10,22 +10,22 @@ use crate::result::{PathEvent, PathEventKind};
 use crate::trace::{RecordPaths, StandardError, Strict, TraceOptions, Tracer};
 use std::time::Instant;
 
-/// What a shader makes of the draws, against what another makes of them.
+/// The differences between two shaders with the same draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numerical {
     /// Name of the scene.
     pub scene: &'static str,
     /// The shader: its tier, and the form of the scene in it.
     pub shader: String,
-    /// The one that it is held against.
+    /// The shader that it is compared with.
     pub against: String,
     /// Rays traced.
     pub num_rays: u64,
-    /// Time that a ray takes in this tier, with the scene compiled in \[ns\].
+    /// Time per ray in this tier, with the scene compiled in \[ns\].
     pub ns_per_ray: f64,
-    /// Differences of rays that meet the same surfaces and end alike.
+    /// Differences of rays that meet the same surfaces and end in the same way.
     pub same: Differences,
-    /// Rays that meet others, or end otherwise.
+    /// Rays that meet other surfaces, or end in another way.
     pub num_other_fate: u64,
 }
 
@@ -40,7 +40,7 @@ pub struct Differences {
     pub position_max: f64,
     /// Root mean square of the difference of a ray's flux, in units of that flux.
     pub flux_rms: f64,
-    /// The largest.
+    /// The largest such difference.
     pub flux_max: f64,
 }
 
@@ -51,7 +51,7 @@ impl Numerical {
     }
 }
 
-/// A tier, with the scene compiled in, or in tables and as the driver likes to round it.
+/// A tier, with the scene compiled in; or in tables, with rounding left to the driver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Form {
     precision: Precision,
@@ -64,11 +64,11 @@ impl Form {
     }
 }
 
-/// Every tier against the last of them; and that one with the scene in tables, without strict arithmetic, against itself
-/// with the scene compiled in, which shows its own rounding.
+/// Compares every tier with the last one. The last tier is also compared with itself, to show the tier's own rounding.
+/// One side has the scene in tables and arithmetic that is not strict, the other the scene compiled in.
 ///
 /// # Errors
-/// Those of a trace.
+/// The errors of a trace.
 pub fn measure(
     gpu: &Gpu,
     scene: &AccuracyScene,
@@ -131,8 +131,8 @@ fn ns_per_ray(gpu: &Gpu, scene: &AccuracyScene, ir: &SceneIr, form: Form, num_ra
     Ok(1e9 * start.elapsed().as_secs_f64() / num_rays as f64)
 }
 
-/// Paths as they were recorded, by ray and then by event: differences on a detector, and the number of rays that took
-/// another path.
+/// Compares recorded paths, sorted by ray and event. Returns the differences on a detector, and the number of rays that
+/// took another path.
 pub fn compare(found: &[PathEvent], truth: &[PathEvent], detector: usize) -> (Differences, u64) {
     let of_ray = |a: &PathEvent, b: &PathEvent| a.ray.ray_id == b.ray.ray_id;
     let mut sums = Differences::default();
@@ -151,12 +151,12 @@ pub fn compare(found: &[PathEvent], truth: &[PathEvent], detector: usize) -> (Di
 }
 
 impl Differences {
-    /// Sums squares, until they become roots of means.
+    /// Adds the squares of the differences at one arrival; their roots are taken at the end.
     fn add(&mut self, a: &PathEvent, b: &PathEvent) {
         let squares = a.ray.position.iter().zip(&b.ray.position).map(|(a, b)| (a - b).powi(2));
         let distance = squares.sum::<f64>().sqrt();
         let (ours, theirs) = (a.ray.weight, b.ray.weight);
-        // What is scattered to nowhere weighs nothing.
+        // A ray that is scattered to nowhere weighs nothing.
         let flux = if ours == theirs { 0.0 } else { (ours / theirs - 1.0).abs() };
         self.num_arrivals += 1;
         self.position_rms += distance * distance;
@@ -191,7 +191,7 @@ mod tests {
         found[1].ray.position[0] = 1.3;
         found[2].ray.position[0] = 2.4;
         found[2].ray.weight = 0.51;
-        // On another detector, and with another fate.
+        // One ray arrives on another detector, and one has another fate.
         found[3].ray.position[0] = 99.0;
         found[4] = event(3, Escaped, 99.0, 1.0);
         let (same, num_other_fate) = compare(&found, &truth, 2);

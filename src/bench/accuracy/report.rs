@@ -11,24 +11,24 @@ use crate::result::png::curves::{Curves, Panel, Quantity, write_curves};
 use std::fmt::{Display, Formatter, Write};
 use std::path::{Path, PathBuf};
 
-/// Everything that was measured.
+/// All measurements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AccuracyReport {
     /// The adapter's name and driver.
     pub adapter: String,
-    /// When it was measured, in UTC.
+    /// The time of the measurement, in UTC.
     pub date: String,
-    /// What the reader should know, such as who else used the machine.
+    /// A note for the reader, such as who else used the machine.
     pub note: Option<String>,
     /// Error against time, by scene.
     pub scenes: Vec<SceneCurves>,
     /// The error of arithmetic alone.
     pub numerical: Vec<Numerical>,
-    /// What Sobol points are worth.
+    /// The measured claims about Sobol points.
     pub verdicts: Vec<Verdict>,
 }
 
-/// Columns of `accuracy.csv`. Errors of maps are in units of the mean pixel, those of fluxes in units of the flux.
+/// Columns of `accuracy.csv`. Errors of maps are in units of the mean pixel, and those of fluxes in units of the flux.
 pub const CURVE_COLUMNS: [&str; 12] = [
     "scene",
     "detector",
@@ -79,7 +79,7 @@ pub const CLAIM_COLUMNS: [&str; 15] = [
 ];
 
 impl AccuracyReport {
-    /// A report of nothing yet.
+    /// An empty report.
     pub fn new(info: &AdapterInfo, note: Option<String>) -> Self {
         AccuracyReport {
             adapter: info.name.clone(),
@@ -91,7 +91,7 @@ impl AccuracyReport {
         }
     }
 
-    /// Writes the files of what was measured into `dir`, which is created if it does not exist, and returns their paths.
+    /// Writes the files of the measurements into `dir`, which is created if it does not exist. Returns their paths.
     ///
     /// # Errors
     /// [`Error::File`] with the file or folder that could not be written.
@@ -245,7 +245,7 @@ impl AccuracyReport {
         }
     }
 
-    /// What was claimed and does not hold.
+    /// The claims that do not hold.
     pub fn faults(&self) -> Vec<String> {
         let broken = self.verdicts.iter().filter(|verdict| !verdict.holds());
         broken.map(Verdict::to_string).collect()
@@ -309,7 +309,7 @@ impl AccuracyReport {
         }
     }
 
-    /// A point a shader: what a ray costs, and how far it is from where it should be.
+    /// The chart of arithmetic, with a point a shader: the time of a ray, and its error.
     fn numerical_chart(&self) -> Curves {
         let mut scenes: Vec<&'static str> = self.numerical.iter().map(|row| row.scene).collect();
         scenes.dedup();

@@ -1,4 +1,4 @@
-//! The scenes of the chart, each with the detector that is looked at.
+//! The scenes of the charts, each with one detector.
 
 use crate::error::{Error, Result};
 use crate::model::{DetectorKind, Interaction, Sampling, SceneIr, Splat};
@@ -7,15 +7,15 @@ use crate::scene::Scene;
 /// A scene and one of its detectors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AccuracyScene {
-    /// Name of its file.
+    /// Name of the scene's file.
     pub name: &'static str,
-    /// What it is, for people.
+    /// The scene's title, for people.
     pub title: &'static str,
     /// The detector, of the kind `irradiance`.
     pub detector: &'static str,
     /// Largest number of events of a ray.
     pub max_depth: u32,
-    /// Text of its file.
+    /// Text of the scene's file.
     pub text: &'static str,
 }
 
@@ -32,7 +32,7 @@ macro_rules! scene {
 }
 pub(super) use scene;
 
-/// Those of the chart.
+/// The scenes of the charts.
 pub const SCENES: [AccuracyScene; 6] = [
     scene!("bench_lens", "A singlet", "D", 16),
     scene!("cooke_triplet", "Cooke triplet, seven stars", "image", 16),
@@ -43,7 +43,8 @@ pub const SCENES: [AccuracyScene; 6] = [
 ];
 
 impl AccuracyScene {
-    /// The scene as it is measured: each ray in one pixel, and Optiland's default policy. Methods change one of these.
+    /// The scene as it is measured: each ray lands in one pixel, with Optiland's default policy. A method changes one
+    /// of these.
     ///
     /// # Errors
     /// [`Error::Scene`] if the file is refused.
@@ -57,14 +58,14 @@ impl AccuracyScene {
     /// Index of the detector.
     ///
     /// # Errors
-    /// [`Error::Internal`] if there is none of that name.
+    /// [`Error::Internal`] if no detector has that name.
     pub fn detector(&self, ir: &SceneIr) -> Result<usize> {
         let position = ir.detectors.iter().position(|detector| detector.name == self.detector);
         position.ok_or_else(|| Error::Internal(format!("{}: no detector `{}`", self.name, self.detector)))
     }
 }
 
-/// How every map is splatted.
+/// Sets how all maps are splatted.
 pub(super) fn set_splat(ir: &mut SceneIr, splat: Splat) {
     for detector in &mut ir.detectors {
         if let DetectorKind::Irradiance(grid) = &mut detector.kind {

@@ -1,23 +1,24 @@
 //! Variances between independent traces, and the ratio of two of them with confidence.
 //!
-//! A detector's flux by random numbers needs no repetition: its variance is known from the rays of each trace, whose
-//! contributions are independent. Whatever else is estimated is the variance within groups of traces with seeds of their
-//! own. Either way a group gives an estimate without bias, and how far the groups lie apart tells the error of their mean.
+//! The variance of a detector's flux by random numbers needs no repetition. The rays of each trace determine the
+//! variance, because their contributions are independent. All other variances are estimated within groups of traces
+//! with different seeds. Either way, a group gives an estimate without bias. The spread of the groups gives the error
+//! of their mean.
 
 use crate::bench::accuracy::estimate::{Deviations, Estimate};
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
 use crate::trace::Tracer;
 
-/// Traces of a group: each has a seed of its own, so that scrambles are independent.
+/// Traces in a group. Each has a seed of its own, so that scrambles are independent.
 pub const GROUP: u64 = 8;
 
-/// Which error a ratio is of.
+/// The quantity whose error is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
-    /// RMS over the cells.
+    /// The map, as RMS over the cells.
     Map,
-    /// That of the detector's flux.
+    /// The detector's flux.
     Flux,
 }
 
@@ -32,7 +33,7 @@ pub struct Ratio {
     pub high: f64,
 }
 
-/// How the variance of a flux is found.
+/// How the variance of a flux is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FluxVariance {
     /// From the traces of a group.
@@ -41,7 +42,7 @@ pub enum FluxVariance {
     BetweenRays,
 }
 
-/// Variances without bias, by group, and the mean they are about.
+/// Estimates of a variance without bias, by group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variances {
     groups: Vec<Deviations>,
@@ -53,20 +54,20 @@ pub struct Variances {
 #[derive(Debug, Clone, Copy)]
 struct Mean {
     value: f64,
-    /// Square of its relative standard error.
+    /// Square of the mean's relative standard error.
     spread: f64,
-    /// Groups but one.
+    /// The number of groups less one: degrees of freedom.
     freedom: f64,
 }
 
-/// A relative error below this is that of the sums, whose squares are rounded to 2^-52 a ray.
+/// The least relative error. A smaller one is that of the sums, whose squares are rounded to 2^-52 a ray.
 const LEAST_ERROR: f64 = 1e-9;
 
 impl Variances {
-    /// Of traces of a tracer's scene by independent seeds.
+    /// Measures the variances of a tracer's scene, with independent seeds.
     ///
     /// # Errors
-    /// Those of the trace; [`Error::Internal`] if the rays' second moments are needed and were not summed.
+    /// The errors of the trace; [`Error::Internal`] if the rays' second moments are needed and were not summed.
     pub fn measure(
         tracer: &mut Tracer,
         (ir, detector): (&SceneIr, usize),
@@ -111,12 +112,12 @@ impl Variances {
         Mean { value, spread: squares / freedom / count / (value * value), freedom }
     }
 
-    /// The error that they stand for, in units of the mean cell or of the flux.
+    /// The standard deviation that belongs to the variance, in units of the mean cell or of the flux.
     pub fn relative_error(&self, quantity: Quantity) -> f64 {
         self.mean(quantity).value.sqrt() / self.flux
     }
 
-    /// This over another; nothing where neither makes an error.
+    /// The ratio of this variance to another; `None` if neither has an error.
     pub fn ratio_to(&self, other: &Variances, quantity: Quantity) -> Option<Ratio> {
         let is_exact = |variances: &Variances| variances.relative_error(quantity) < LEAST_ERROR;
         if is_exact(self) && is_exact(other) {
@@ -130,19 +131,21 @@ impl Variances {
     }
 }
 
-/// Standard errors beyond which the difference of two means of few lies on one side with a probability of 1 %, with as many
-/// degrees of freedom as the sum of their spreads has (Welch, The generalization of Student's problem when several
-/// different population variances are involved, Biometrika 34, 1947).
+/// The quantile of the difference of two means, in standard errors: the difference lies above it with a probability of
+/// 1 %. Each mean is of few values. The degrees of freedom are those of the sum of the spreads. Source: Welch, The
+/// generalization of Student's problem when several different population variances are involved, Biometrika 34, 1947.
 fn deviate(a: Mean, b: Mean) -> f64 {
     let spread = a.spread + b.spread;
     students_t(spread.powi(2) / (a.spread.powi(2) / a.freedom + b.spread.powi(2) / b.freedom))
 }
 
-/// Quantile of the ratio of two estimated variances to their true ratio, at a normal deviate (Abramowitz and Stegun,
-/// 26.6.15). It is that of F with as many degrees of freedom as the estimates' spreads say: chi-squared over n has a relative
-/// variance of 2/n, of heavier tails more, so that n is less.
+/// Quantile, at a normal deviate, of the ratio of two estimated variances over their true ratio (Abramowitz and Stegun,
+/// 26.6.15).
+///
+/// The quantile is that of the F distribution. The spreads of the estimates give the degrees of freedom n: chi-squared
+/// over n has a relative variance of 2/n. Heavier tails have a larger spread, and so a smaller n.
 fn f_quantile(deviate: f64, spread: f64, other_spread: f64) -> f64 {
-    // 1/(n - 1) of n = 2/spread.
+    // 1/(n - 1), for n = 2/spread.
     let [ours, theirs] = [spread, other_spread].map(|spread| spread / (2.0 - spread.min(1.0)));
     let h = 2.0 / (ours + theirs);
     let lambda = (deviate * deviate - 3.0) / 6.0;
@@ -150,7 +153,7 @@ fn f_quantile(deviate: f64, spread: f64, other_spread: f64) -> f64 {
     (2.0 * (deviate * (h + lambda).sqrt() / h - skew)).exp()
 }
 
-/// Variances of a group about its mean; that of the flux is what the rays say, where they say it.
+/// Variances of a group around its mean. The variance of the flux comes from the rays, where it is known from them.
 fn of_group(estimates: &[Estimate], mean: &Estimate, by_rays: Option<f64>) -> Deviations {
     let num = estimates.len() as f64;
     let squares = || estimates.iter().map(|estimate| estimate.squares(mean));
@@ -161,8 +164,9 @@ fn of_group(estimates: &[Estimate], mean: &Estimate, by_rays: Option<f64>) -> De
     }
 }
 
-/// Standard errors beyond which a mean of few lies on one side with a probability of 1 %: Student's t, by its expansion
-/// about the normal deviate (Abramowitz and Stegun, 26.7.5), within 2 % from 4 degrees of freedom on.
+/// The quantile of a mean of few values, in standard errors: the mean lies above it with a probability of 1 %. The
+/// quantile is Student's t, by its expansion around the normal deviate (Abramowitz and Stegun, 26.7.5). From 4 degrees
+/// of freedom on, the error is within 2 %.
 fn students_t(freedom: f64) -> f64 {
     const Z: f64 = 2.326_347_874;
     let first = (Z.powi(3) + Z) / 4.0;
@@ -222,7 +226,7 @@ mod tests {
     fn the_variance_of_a_group_has_no_bias() {
         let estimates = [1.0, 2.0, 3.0].map(|total| Estimate { cells: vec![total, 1.0], total });
         let mean = Estimate::mean(&estimates);
-        // About their mean of 2 the values deviate by 1, 0 and 1, so that their variance is 1.
+        // The values deviate by 1, 0 and 1 from their mean of 2, so that their variance is 1.
         assert_eq!(of_group(&estimates, &mean, None), Deviations { cells: 2.0, total: 1.0 });
         assert_eq!(of_group(&estimates, &mean, Some(1.5)), Deviations { cells: 2.0, total: 0.5 });
     }
@@ -239,13 +243,13 @@ mod tests {
         radius * (std::f64::consts::TAU * uniform(2 * key + 1)).cos()
     }
 
-    /// Kurtosis 6.
+    /// Deviates of the Laplace distribution, whose kurtosis is 6.
     fn laplace(key: u64) -> f64 {
         let u = uniform(key) - 0.5;
         -u.signum() * (1.0 - 2.0 * u.abs()).ln()
     }
 
-    /// Of so many groups of traces whose values are such deviates, from the first one on.
+    /// Variances of groups of traces whose values are such deviates, from number `first` on.
     fn drawn(of: Deviates, first: u64, num_groups: u64) -> Variances {
         let estimate = |key| Estimate { cells: vec![of(key)], total: of(key) };
         let group = |group: u64| {

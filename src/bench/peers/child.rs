@@ -10,22 +10,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use tempfile::TempDir;
 
-/// Scripts and the scene at hand, in a folder that goes when the peer does.
+/// Scripts and the present scene, in a folder that is removed with the peer.
 pub(super) struct Files(TempDir);
 
 /// How a peer's script is run.
 pub(super) struct Script<'a> {
     /// The Python that runs it.
     pub python: &'a Path,
-    /// Its name among the files.
+    /// The script's name among the files.
     pub name: &'static str,
-    /// Its one argument, where it has one.
+    /// The script's argument, if any.
     pub argument: Option<&'static str>,
-    /// What its Python must have installed.
+    /// The package that this Python must have installed.
     pub package: &'static str,
 }
 
-/// The process. It wrote first which versions it runs.
+/// The process. Its first message names the versions that it runs.
 pub(super) struct PythonChild {
     child: Child,
     requests: ChildStdin,
@@ -33,7 +33,7 @@ pub(super) struct PythonChild {
     name: &'static str,
 }
 
-/// What it says of a trace.
+/// The answer about a trace.
 #[derive(Deserialize)]
 pub(super) struct Answer {
     pub num_rays: u64,
@@ -55,7 +55,7 @@ impl Files {
         Ok(files)
     }
 
-    /// Writes the scene at hand, in place of the one before.
+    /// Writes the present scene, in place of the one before.
     pub fn write_scene(&self, text: &str) -> Result<PathBuf> {
         self.write("scene.json", text)
     }
@@ -68,7 +68,7 @@ impl Files {
 }
 
 impl PythonChild {
-    /// Starts Python, and waits until it says which versions it runs.
+    /// Starts Python, and waits for the versions that it runs.
     pub fn start(script: &Script, files: &Files) -> Result<(Self, BTreeMap<String, String>)> {
         let Script { python, package, .. } = script;
         let problem = |what: &str| {
@@ -92,7 +92,7 @@ impl PythonChild {
         Ok((child, versions))
     }
 
-    /// Asks for a trace of so many rays.
+    /// Asks for a trace of `num_rays` rays.
     pub fn launch(&mut self, request: &Value, num_rays: u64) -> Result<Answer> {
         writeln!(self.requests, "{request}").map_err(gone)?;
         let answer: Answer = self.answer()?;
@@ -109,14 +109,14 @@ impl PythonChild {
         serde_json::from_str(&line).map_err(gone)
     }
 
-    /// Ends its input, and waits for its end.
+    /// Ends the child's input, and waits until the child ends.
     pub fn finish(mut self) -> Result<()> {
         drop(self.requests);
         self.child.wait().map_err(gone).map(|_| ())
     }
 }
 
-/// The child wrote its reason to stderr, which it shares with this program.
+/// The error of a child that has ended. The child wrote its reason to stderr, which it shares with this program.
 pub(super) fn gone(error: impl std::fmt::Display) -> Error {
     Error::Usage(format!("the peer gave no answer: {error}"))
 }

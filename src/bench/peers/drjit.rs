@@ -18,10 +18,10 @@ pub struct DrJit {
 const SCRIPTS: [(&str, &str); 1] = [("drjit_peer.py", include_str!("../../../python/tools/drjit_peer.py"))];
 
 impl DrJit {
-    /// Starts it with a Python that has Mitsuba installed, which brings Dr.Jit.
+    /// Starts the peer with a Python that has Mitsuba installed, which brings Dr.Jit.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if this Python cannot run it.
+    /// [`crate::Error::Usage`] if this Python cannot run the peer.
     pub fn start(python: &Path) -> Result<Self> {
         let files = Files::new(&SCRIPTS)?;
         let script = Script { python, name: SCRIPTS[0].0, argument: None, package: "Mitsuba (for Dr.Jit)" };

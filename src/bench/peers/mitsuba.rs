@@ -8,7 +8,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Mitsuba 3 with Embree, in f32, around whose search `mitsuba_peer.py` writes a kernel of one search a ray.
+/// Mitsuba 3 with Embree, in f32. `mitsuba_peer.py` wraps its search in a kernel of one search a ray.
 pub struct Mitsuba {
     files: Files,
     versions: BTreeMap<String, String>,
@@ -21,10 +21,10 @@ const SCRIPTS: [(&str, &str); 1] =
 const AXES: [&str; 3] = ["surfaces", "spheres", "meshes"];
 
 impl Mitsuba {
-    /// Starts it with a Python that has Mitsuba installed.
+    /// Starts the peer with a Python that has Mitsuba installed.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if this Python cannot run it.
+    /// [`crate::Error::Usage`] if this Python cannot run the peer.
     pub fn start(python: &Path) -> Result<Self> {
         let files = Files::new(&SCRIPTS)?;
         let script = Script { python, name: SCRIPTS[0].0, argument: None, package: "Mitsuba" };

@@ -1,9 +1,9 @@
-//! Other programs that trace the same cases, as children.
+//! Other programs that trace the same cases, as child processes.
 //!
 //! ```text
-//! peer      what a program must do to be compared with
+//! peer      what a program must do to be compared
 //! child     a Python process that answers requests, line by line
-//! optiland  its NumPy and Torch backends: every case, and maps
+//! optiland  Optiland's NumPy and Torch backends: every case, and maps
 //! mitsuba   Mitsuba 3 with Embree: one search a ray
 //! drjit     a kernel written by hand for one scene
 //! ```

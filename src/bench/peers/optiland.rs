@@ -10,12 +10,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// What computes in Optiland.
+/// Optiland's backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Backend {
     /// NumPy, in float64.
     Numpy,
-    /// Torch, in float64 on the processor; alone where it is installed.
+    /// Torch, in float64 on the processor. Torch is measured only where it is installed.
     Torch,
 }
 
@@ -28,7 +28,7 @@ impl Backend {
     }
 }
 
-/// A map to be traced by a peer: each ray in one pixel, and Optiland's default policy.
+/// A request to trace a map: each ray lands in one pixel, with Optiland's default policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MapRequest<'a> {
     /// Text of the scene's file.
@@ -53,33 +53,33 @@ pub struct Optiland {
     child: PythonChild,
 }
 
-/// The scripts of the child. The second is the module of the Python package that builds Optiland's scene of a file, and
-/// needs nothing else of the package, so that Python need not have it installed.
+/// The scripts of the child. The second is a module of the Python package, which builds Optiland's scene from a file.
+/// That module needs nothing else of the package, so Python need not have the package installed.
 const SCRIPTS: [(&str, &str); 2] = [
     ("bench_peer.py", include_str!("../../../python/tools/bench_peer.py")),
     ("scene_file.py", include_str!("../../../python/nsq_gpu/scene_file.py")),
 ];
-/// Rays that wake what is loaded at first use.
+/// Rays of a first trace, which loads what is loaded at first use.
 const WARM_UP_RAYS: u64 = 1000;
 
 impl Optiland {
-    /// Starts it with a Python that has Optiland installed. A trace of a warm process launches at most `max_rays`: its
-    /// rate does not depend on their number.
+    /// Starts the peer with a Python that has Optiland installed. A trace in a warm process launches at most
+    /// `max_rays`, because its rate does not depend on their number.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if this Python cannot run it.
+    /// [`crate::Error::Usage`] if this Python cannot run the peer.
     pub fn start(python: &Path, backend: Backend, max_rays: u64) -> Result<Self> {
         let files = Files::new(&SCRIPTS)?;
         let (child, versions) = start_child(python, backend, &files)?;
         Ok(Optiland { backend, python: python.into(), max_rays, files, versions, child })
     }
 
-    /// True if its Python has Torch installed.
+    /// True if the peer's Python has Torch installed.
     pub fn has_torch(&self) -> bool {
         self.versions.contains_key("torch")
     }
 
-    /// Its name in charts.
+    /// The peer's name in charts.
     pub fn engine(&self) -> &'static str {
         match self.backend {
             Backend::Numpy => "optiland numpy",
@@ -87,7 +87,7 @@ impl Optiland {
         }
     }
 
-    /// Traces a map: its own time \[s\], and the map.
+    /// Traces a map. Returns the time by Optiland's clock \[s\], and the map.
     ///
     /// # Errors
     /// As [`Peer::run`].
@@ -105,7 +105,7 @@ impl Optiland {
         trace(&mut self.child, &scene, case, num_rays)
     }
 
-    /// A process of its own, from its start to its end.
+    /// Times a whole process \[s\], from its start to its end.
     fn whole_command(&self, case: &Case) -> Result<f64> {
         let scene = self.files.write_scene(&case.scene)?;
         let start = Instant::now();
@@ -125,7 +125,7 @@ fn start_child(
     PythonChild::start(&script, files)
 }
 
-/// Seconds, by Optiland's own clock.
+/// Times a trace \[s\], by Optiland's own clock.
 fn trace(child: &mut PythonChild, scene: &Path, case: &Case, num_rays: u64) -> Result<f64> {
     let request = json!({"scene": scene, "num_rays": num_rays, "max_depth": case.max_depth});
     Ok(child.launch(&request, num_rays)?.seconds)

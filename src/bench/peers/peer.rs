@@ -1,26 +1,27 @@
-//! What a program must do to be compared with.
+//! What a program must do to be compared.
 
 use crate::bench::cases::Case;
 use crate::error::Result;
 use std::collections::BTreeMap;
 
-/// A program to compare with.
+/// A program for comparison.
 pub trait Peer {
-    /// Its name in tables.
+    /// The peer's name in tables.
     fn name(&self) -> &'static str;
-    /// Versions of what it is made of.
+    /// Versions of the peer's parts.
     fn versions(&self) -> BTreeMap<String, String>;
-    /// True if it can trace the case.
+    /// True if the peer can trace the case.
     fn takes(&self, case: &Case) -> bool;
-    /// Whatever should be done before the first run of a case.
+    /// Prepares for the first run of a case.
     ///
     /// # Errors
     /// As [`Peer::run`].
     fn warm_up(&mut self, case: &Case) -> Result<()>;
-    /// Traces the case once: a timing for each precision that it computes in.
+    /// Traces the case once. Returns a timing for each precision in which the peer computes.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] if it cannot be run, [`crate::Error::Internal`] if it launched another number of rays.
+    /// [`crate::Error::Usage`] if the peer cannot be run, [`crate::Error::Internal`] if it launched another number of
+    /// rays.
     fn run(&mut self, case: &Case) -> Result<Vec<PeerRun>>;
 }
 
@@ -31,8 +32,8 @@ pub struct PeerRun {
     pub precision: &'static str,
     /// Rays launched.
     pub num_rays: u64,
-    /// Time that they took \[s\].
+    /// Time that the rays took \[s\].
     pub seconds: f64,
-    /// Rays that ended on detectors, where the peer tells: its share must be this program's.
+    /// Rays that ended on detectors, if the peer reports them. Their share must be that of this program.
     pub detected: Option<u64>,
 }

@@ -100,7 +100,7 @@ impl Forest {
 }
 
 /// How much work goes into a tree. The fewer boxes, the more often each is taken out and put back where it costs least.
-/// That takes some 20 ms for a thousand boxes, and a ray visits a tenth fewer nodes.
+/// The work takes some 20 ms for a thousand boxes, and spares a ray a tenth of its visits to nodes.
 fn effort(num_boxes: usize) -> BvhBuildParams {
     const MOST_REINSERTIONS: f32 = 4.0;
     const REINSERTED_BOXES: f32 = 2000.0;
@@ -310,7 +310,7 @@ fn exponent_of(size: f64) -> i32 {
 mod tests {
     use super::*;
 
-    /// What random rays that meet so many cubes visit of the nodes between the root and them: areas are chances.
+    /// The mean number of nodes that random rays visit between the root and the cubes: areas stand for chances.
     fn visits(num_boxes: usize, params: BvhBuildParams) -> f64 {
         let mut bits = 1_u64;
         let mut coordinate = || {

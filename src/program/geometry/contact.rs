@@ -50,7 +50,8 @@ pub enum Role {
     Surface = 0,
     /// An absorber. Of an absorber and another surface, only the first in the list is met.
     Absorber = 1,
-    /// A detector. It is met only where there is no surface; of several detectors, only the first in the list is met.
+    /// A detector. A detector is met only where there is no surface; of several detectors, only the first in the list
+    /// is met.
     Detector = 2,
 }
 

@@ -66,8 +66,8 @@ pub fn root(mesh: usize) -> u32 {
     mesh as u32
 }
 
-/// How far from the facet that it leaves a ray may stand in f32 \[mm\]. This is 16 units of 2^-24 of the largest
-/// coordinate of any mesh.
+/// The largest distance in f32 between a ray and the facet that it leaves \[mm\]. The value is 16 units of 2^-24 of the
+/// largest coordinate of any mesh.
 pub fn edge_slack(ir: &SceneIr, centre: DVec3) -> f64 {
     const ROUNDINGS: f64 = 16.0;
     let size = |surface: &crate::model::Surface| {

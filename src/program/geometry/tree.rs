@@ -31,7 +31,7 @@ pub const SLACK: f64 = 1.0 / (1 << 18) as f64;
 pub struct PrimitiveTree {
     /// The number of the tree's root.
     pub root: u32,
-    /// In the order of the tree, then those without a box.
+    /// The primitives, in the order of the tree, then those without a box.
     primitives: Vec<u32>,
     num_boxed: usize,
     /// The records that shaders read, if they are stored in the rows that follow the nodes. Otherwise these rows hold
@@ -58,7 +58,7 @@ impl PrimitiveTree {
         PrimitiveTree { root: root as u32, primitives, num_boxed: boxed.len(), records: None }
     }
 
-    /// In the order of the tree, then those without a box.
+    /// The primitives, in the order of the tree, then those without a box.
     pub fn primitives(&self) -> &[u32] {
         &self.primitives
     }

@@ -1,4 +1,4 @@
-//! Records that shaders read by row: surfaces, detectors, media, sources, contacts and primitives. They are compiled
+//! Records that shaders read by row: surfaces, detectors, media, sources, contacts and primitives. Records are compiled
 //! in, or read from tables.
 
 use crate::error::Result;
@@ -89,8 +89,8 @@ impl Composition<'_> {
     }
 }
 
-/// `to_<row>` and `from_<row>`, the functions into a record's frame and out of it. They do nothing if no frame of the
-/// table is rotated.
+/// `to_<row>` and `from_<row>`, the functions into a record's frame and out of it. Without a rotated frame in the
+/// table, both functions do nothing.
 pub(super) fn frame_functions(name: &str, row: &str, rotated: bool) -> String {
     let (to, from) = if rotated {
         let rotation = "Rotation(vec3<real>(r.xx, r.xy, r.xz), vec3<real>(r.yx, r.yy, r.yz), vec3<real>(r.zx, r.zy, r.zz))";

@@ -1,4 +1,4 @@
-//! Above a plot: what dragging does, and how values become colours.
+//! The controls above a plot: what dragging does, and how values become colours.
 
 use crate::result::DetectorData;
 use crate::viewer::model::Picture;

@@ -1,4 +1,4 @@
-//! Below a detector: values along the line, the spectrum, and the encircled energy.
+//! The curves below a detector: values along the line, the spectrum, and the encircled energy.
 
 use crate::format::si_prefix;
 use crate::viewer::compare::Scores;
@@ -40,7 +40,7 @@ fn plot<'a>(name: &'a str, home: View, x: (&'a str, &'a str), y: (&'a str, &'a s
     Plot { name, home, equal: false, x, y, log_y: false, grid: true, pans: false, moves: false }
 }
 
-/// Room above the highest value, and none below zero.
+/// Bounds with room above the highest value, and none below zero.
 fn headroom(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|value| value.is_finite())
@@ -104,7 +104,8 @@ impl Lines<'_> {
         (b.0 - a.0).hypot(b.1 - a.1).max(f64::MIN_POSITIVE)
     }
 
-    /// Along an axis its coordinate tells more than the distance does.
+    /// The label and offset of the distance along the line. Along an axis, the axis' coordinate says more than the
+    /// distance.
     fn along(&self) -> ((&'static str, &'static str), f64) {
         let [a, b] = self.line;
         let labels = self.field.labels;
@@ -133,11 +134,11 @@ fn staircase(
         let at = |along: f64, value: f64| frame.place((start + along, place(value)));
         let (from, to) = (at(sample.span.0, sample.value), at(sample.span.1, sample.value));
         if !sample.value.is_finite() {
-            // Where nothing is known, the curve has a gap.
+            // Where the value is unknown, the curve has a gap.
             painter.add(egui::Shape::line(std::mem::take(&mut points), stroke));
             continue;
         }
-        // Of cells finer than the screen, thousands of bands would be one.
+        // Where cells are finer than the screen, thousands of error bands would merge into one.
         if sample.sigma > 0.0 && to.x - from.x >= 0.5 {
             let (low, high) = (sample.value - sample.sigma, sample.value + sample.sigma);
             let band = Rect::from_two_pos(at(sample.span.0, low), at(sample.span.1, high));
@@ -196,7 +197,7 @@ impl Spectrum {
         let (factor, prefix) = si_prefix(top);
         let x = (edges[0], edges[edges.len() - 1]);
         let (low, high) = headroom(values.iter().map(|value| value / factor));
-        // The note stands above the bars.
+        // The note is written above the bars.
         let home = View::new(x, (low, 1.15 * high));
         let unit = format!("{prefix}{unit}");
         let plot = plot("Spectrum", home, ("wavelength", "µm"), ("per bin", &unit));
@@ -251,7 +252,7 @@ fn wavelengths(ui: &mut Ui, rect: Rect, spots: &Spots) {
     });
 }
 
-/// How (A - B) / sigma is distributed, over the normal distribution that chance alone gives.
+/// The distribution of (A - B) / sigma, over the normal distribution of chance alone.
 fn significance(ui: &mut Ui, rect: Rect, scores: &Scores) {
     let (reach, width) = (Scores::REACH, Scores::WIDTH);
     let density = |count: u64| count as f64 / (scores.num_cells.max(1) as f64 * width);

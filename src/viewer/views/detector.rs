@@ -1,4 +1,4 @@
-//! The plot of a detector: a map or a spot diagram, with what the user marks in it.
+//! The plot of a detector: a map or a spot diagram, with the user's marks.
 
 use crate::format::si_prefix;
 use crate::viewer::field::{Field, Geometry};
@@ -19,9 +19,9 @@ use std::sync::Arc;
 
 /// Room for the colour bar and its labels \[points\].
 const BAR: f32 = 104.0;
-/// How near the pointer must be to hold something \[points\].
+/// The distance within which the pointer can hold something \[points\].
 const REACH: f32 = 9.0;
-/// What the user marks is drawn light on dark, so that it shows on any colour.
+/// Marks are drawn light on dark, so that they show on any colour.
 const MARK: Stroke = Stroke { width: 1.5, color: Color32::WHITE };
 const SHADOW: Stroke = Stroke { width: 3.5, color: Color32::from_black_alpha(150) };
 
@@ -86,7 +86,7 @@ fn plot(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Arc<Picture>) {
     let changed = cursor.as_ref().map(Cursor::reads) != app.cursor.as_ref().map(Cursor::reads);
     app.cursor = cursor;
     if changed {
-        // The panels that show it were drawn before.
+        // The panels that show the cursor were drawn before, so the window is drawn again.
         ui.ctx().request_repaint();
     }
     let bar = Rect::from_min_max(
@@ -104,14 +104,15 @@ fn view_key(app: &App) -> String {
     format!("{:?} {} {}", app.model.subject, settings.polar, settings.directions)
 }
 
-/// Far beyond this the narrow side would vanish; angles along both axes are no lengths.
+/// True if the plot is true to scale. With a more extreme ratio of sides, the narrow side would vanish. Angles along
+/// both axes are no lengths.
 fn is_true_to_scale(field: &Field) -> bool {
     let (width, height) = (field.x_range.1 - field.x_range.0, field.y_range.1 - field.y_range.0);
     let angles = field.labels.x.1 == "°" && field.geometry == Geometry::Rectangles;
     !angles && width / height < 8.0 && height / width < 8.0
 }
 
-/// Makes the texture anew where something changed, and draws it.
+/// Draws the texture, and makes it anew after a change.
 fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc<Picture>) {
     let scale = ui.pixels_per_point();
     let size = size_of(ui, frame);
@@ -153,7 +154,7 @@ fn paint(app: &mut App, ui: &Ui, painter: &Painter, frame: &Frame, picture: &Arc
     }
 }
 
-/// Says so where a pixel of the screen stands for several cells.
+/// Shows a note where a pixel of the screen stands for several cells.
 fn note_means(ui: &Ui, painter: &Painter, frame: &Frame, field: &Field) {
     let (x, y) = raster::cells_per_pixel(field, &frame.view, size_of(ui, frame));
     if field.geometry == Geometry::Polar || x.max(y) < 1.5 {
@@ -174,7 +175,8 @@ fn size_of(ui: &Ui, frame: &Frame) -> [usize; 2] {
     [frame.rect.width(), frame.rect.height()].map(|side| (side * scale).round().max(1.0) as usize)
 }
 
-/// Short wavelengths blue, long ones red, evenly bright: false colours, since most of them are not visible at all.
+/// A false colour for a wavelength: short ones blue, long ones red, evenly bright. Most of the wavelengths are not
+/// visible.
 fn wavelength_color(ui: &Ui, wavelength: f64, (shortest, longest): (f64, f64)) -> Color32 {
     let part = if longest > shortest { (wavelength - shortest) / (longest - shortest) } else { 0.35 };
     let part = if ui.visuals().dark_mode { 0.25 + 0.75 * part } else { 0.85 * part };
@@ -183,7 +185,7 @@ fn wavelength_color(ui: &Ui, wavelength: f64, (shortest, longest): (f64, f64)) -
     Color32::from_rgb(color.r, color.g, color.b)
 }
 
-/// Rings of the polar angle and spokes of the azimuth.
+/// Draws rings of the polar angle and spokes of the azimuth.
 fn directions(painter: &Painter, frame: &Frame, field: &Field) {
     let faint = Stroke::new(1.0, Color32::from_white_alpha(46));
     let limit = field.x_range.1;
@@ -260,13 +262,13 @@ fn corners(region: &Region) -> [(f64, f64); 4] {
     [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(u, v)| (x + u * width, y + v * height))
 }
 
-/// Along x through the middle.
+/// The line along x through the middle.
 pub fn default_line(field: &Field) -> [(f64, f64); 2] {
     let y = 0.5 * (field.y_range.0 + field.y_range.1);
     [(field.x_range.0, y), (field.x_range.1, y)]
 }
 
-/// What is under the pointer, if it is a mark that can be dragged.
+/// The mark under the pointer, if it can be dragged.
 fn grab_at(marks: &Marks, tool: Tool, frame: &Frame, picture: &Picture, place: Pos2) -> Option<Grab> {
     let near = |point: (f64, f64)| frame.place(point).distance(place) < REACH;
     let at = frame.point(place);
@@ -297,7 +299,7 @@ fn distance_to_segment(place: Pos2, start: Pos2, end: Pos2) -> f32 {
     (start + along * part).distance(place)
 }
 
-/// True where the button went down on a mark: then dragging moves the mark, not the view.
+/// True if the button went down on a mark: dragging then moves the mark, not the view.
 fn pressed_on_mark(app: &mut App, ui: &Ui, picture: &Picture) -> bool {
     let origin = ui.input(|input| input.pointer.press_origin());
     let (Some(place), Some(frame)) = (origin, app.frame) else {
@@ -339,7 +341,7 @@ fn drag(app: &mut App, ui: &Ui, shown: &Shown, picture: &Picture) {
     if response.clicked() {
         let pin = response.interact_pointer_pos().map(|place| frame.point(place));
         let marks = app.model.marks();
-        // A click on the pin takes it away.
+        // A click on the pin removes it.
         let on_pin =
             marks.pin.zip(pin).is_some_and(|(old, new)| frame.place(old).distance(frame.place(new)) < REACH);
         marks.pin = pin.filter(|_| !on_pin);
@@ -393,7 +395,7 @@ fn moved(marks: &mut Marks, grab: Grab, at: (f64, f64), picture: &Picture) -> Gr
     }
 }
 
-/// What the pointer reads, or the pin where the pointer is elsewhere.
+/// What the pointer reads, or the pin if the pointer is elsewhere.
 fn read(app: &mut App, shown: &Shown, picture: &Picture) -> Option<Cursor> {
     let Shown { response, frame } = shown;
     let hovered = response.hover_pos().filter(|place| frame.rect.contains(*place));
@@ -412,7 +414,7 @@ fn read(app: &mut App, shown: &Shown, picture: &Picture) -> Option<Cursor> {
     Some(cursor)
 }
 
-/// The colours with their values; zero stands apart below.
+/// The colours with their values. Zero has a place of its own below.
 fn color_bar(app: &App, ui: &Ui, rect: Rect, field: &Field, scale: &Scale) {
     let colors = app.model.settings.color_map.table(scale.diverging);
     let (name, unit) = field.labels.value;

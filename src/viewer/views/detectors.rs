@@ -1,4 +1,4 @@
-//! What there is to see, what it is compared with, and how the next trace is run.
+//! The panel on the left: what there is to see, the comparison, and the options of the next trace.
 
 use crate::format::with_prefix;
 use crate::program::Precision;
@@ -109,7 +109,7 @@ fn options(app: &mut App, ui: &mut Ui) {
             match crate::count::parse(num_rays) {
                 Ok(rays) if rays > 0 && edit.changed() => model.run.num_rays = rays,
                 Ok(rays) if rays == model.run.num_rays => {}
-                // What is no count is only kept while it is typed.
+                // Text that is no count is kept only while the user types.
                 _ if !edit.has_focus() => *num_rays = model.run.num_rays.to_string(),
                 _ => {
                     edit.on_hover_text("Write 250000, 1e7 or 10M");
@@ -154,7 +154,7 @@ fn options(app: &mut App, ui: &mut Ui) {
     });
 }
 
-/// A row of the options that can be left out.
+/// A row for an option that can be left out.
 fn optional<T: Copy>(
     ui: &mut Ui,
     name: &str,

@@ -1,4 +1,4 @@
-//! Files of what is shown.
+//! Exports what is shown to files.
 
 use crate::error::{Error, Result};
 use crate::result::{TraceResult, npz_files, output, png};

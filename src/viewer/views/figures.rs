@@ -1,4 +1,4 @@
-//! On the right: what the cursor reads, the figures of the region, the ledger, and what deserves a warning.
+//! The panel on the right: what the cursor reads, the figures of the region, the ledger, and warnings.
 
 use crate::format::{percent, significant, thousands};
 use crate::result::{Entry, TraceResult};
@@ -105,7 +105,7 @@ fn of_map(ui: &mut Ui, figures: &Statistics, labels: &Labels) {
     let unit = labels.value.1;
     row(ui, "cells", &thousands(figures.num_cells));
     row(ui, "hits", &thousands(figures.hits));
-    // A sum of ratios is no flux.
+    // A sum of ratios is not a flux.
     if unit != "σ" {
         row(ui, "flux", &with_error(figures.flux, figures.flux_sigma, labels.flux));
     }
@@ -118,7 +118,7 @@ fn of_map(ui: &mut Ui, figures: &Statistics, labels: &Labels) {
     row(ui, "peak at", &format!("{}, {}", value(x, ""), value(y, labels.x.1)));
     row(ui, "min / max", &value(figures.uniformity, ""));
     row(ui, "rms / mean", &value(figures.variation, ""));
-    // Azimuth and polar angle are no lengths: a distance between them means nothing.
+    // Azimuth and polar angle are no lengths, so a distance between them means nothing.
     if labels.x.0 == labels.y.0 || labels.x.1 == "mm" || labels.x.0.starts_with('θ') {
         spot(ui, figures.centroid, figures.rms_radius, labels);
     }

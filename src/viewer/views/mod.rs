@@ -12,7 +12,7 @@ pub mod scene;
 use crate::format;
 use eframe::egui::{self, RichText, Ui};
 
-/// A value with its unit, as people read it.
+/// A value with its unit, for people.
 pub(super) fn value(value: f64, unit: &str) -> String {
     if value.is_nan() {
         return "–".into();
@@ -33,20 +33,20 @@ fn with_plain_unit(value: f64, unit: &str) -> String {
     }
 }
 
-/// A value with its standard error, where that is known.
+/// A value with its standard error, if the error is known.
 pub(super) fn with_error(value: f64, sigma: f64, unit: &str) -> String {
     let known = sigma > 0.0;
     if !known || unit == "σ" {
         return self::value(value, unit);
     }
     let (factor, prefix) = format::si_prefix(value);
-    // As many digits as the error leaves.
+    // As many digits as the error justifies.
     let digits = (value.abs() / sigma).log10().ceil().clamp(1.0, 6.0) as usize + 1;
     let number = format::significant(value / factor, digits).replace('-', "−");
     format!("{number} ± {} {prefix}{unit}", format::significant(sigma / factor, 2))
 }
 
-/// A line of a table: what it is on the left, how much on the right.
+/// A line of a table: a name on the left, a value on the right.
 pub(super) fn row(ui: &mut Ui, name: &str, value: &str) {
     ui.label(quiet(ui, name));
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(value));
@@ -58,7 +58,7 @@ pub(super) fn table(ui: &mut Ui, name: &str, rows: impl FnOnce(&mut Ui)) {
     egui::Grid::new(name).num_columns(2).spacing([10.0, 3.0]).min_col_width(70.0).show(ui, rows);
 }
 
-/// Text beside what matters, still easy to read.
+/// Less important text, still easy to read.
 pub(super) fn quiet(ui: &Ui, text: impl Into<String>) -> RichText {
     RichText::new(text).color(ui.visuals().text_color().gamma_multiply(0.8))
 }

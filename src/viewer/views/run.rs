@@ -1,4 +1,4 @@
-//! The trace: how far it is, and what to do with it.
+//! The bar at the top: the progress of the trace, and its controls.
 
 use crate::format::{significant, thousands};
 use crate::result::StoppedBy;
@@ -8,7 +8,7 @@ use crate::viewer::tracing::State;
 use crate::viewer::views::export;
 use eframe::egui::{self, ProgressBar, RichText, Ui};
 
-/// Makes the trace wait, or go on.
+/// Pauses the trace, or lets it go on.
 pub fn toggle_pause(model: &Model) {
     if let Some(job) = model.job() {
         job.pause(job.state() != State::Paused);

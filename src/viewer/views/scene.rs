@@ -1,4 +1,4 @@
-//! The scene from the side, with a few hundred recorded rays: a misplaced surface is seen at once.
+//! The scene from the side, with a few hundred recorded rays. A misplaced surface is seen at once.
 
 use crate::model::shapes::{Geometry, circle};
 use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr};
@@ -96,7 +96,7 @@ impl Drawing {
             drawing.add(&curves(&surface.frame, &*surface.shape, &ir.meshes, plane), kind, plane);
         }
         for detector in &ir.detectors {
-            // The disk of a far field is not a thing that stands somewhere.
+            // The disk of a far-field detector has no place in the scene.
             if !detector.kind.is_placed() {
                 continue;
             }
@@ -115,7 +115,7 @@ impl Drawing {
         if !drawing.bounds.x.0.is_finite() {
             drawing.bounds = View::new((-1.0, 1.0), (-1.0, 1.0));
         }
-        // A scene in one plane or on one axis still needs an area to be drawn in.
+        // A scene in one plane or on one axis still needs an area for drawing.
         let size = (drawing.bounds.x.1 - drawing.bounds.x.0).max(drawing.bounds.y.1 - drawing.bounds.y.0);
         let least = if size > 0.0 { 0.05 * size } else { 1.0 };
         for range in [&mut drawing.bounds.x, &mut drawing.bounds.y] {
@@ -145,7 +145,7 @@ impl Drawing {
         }
     }
 
-    /// How far a ray that escapes is drawn.
+    /// The length at which an escaping ray is drawn.
     fn reach(&self) -> f64 {
         let View { x, y } = self.bounds;
         0.35 * (x.1 - x.0).hypot(y.1 - y.0)
@@ -176,7 +176,7 @@ impl Drawing {
             let galley = painter.layout_no_wrap(name.clone(), FontId::proportional(12.0), colors.text);
             let place = frame.place(*at) - egui::vec2(0.0, 5.0);
             let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
-            // Sources often stand in one place; one name there tells more than all on top of each other.
+            // Sources often stand in one place. One name there is easier to read than all on top of one another.
             if !taken.iter().any(|other| other.intersects(rect)) {
                 painter.rect_filled(rect.expand(2.0), 2.0, colors.ground.gamma_multiply(0.8));
                 painter.galley(rect.min, galley, colors.text);
@@ -191,7 +191,7 @@ fn curves(frame: &LocalFrame, shape: &dyn Geometry, meshes: &[Mesh], plane: Plan
     let radial = radial(frame, plane);
     let section = shape.section().into_iter();
     let section = section.map(|curve| curve.iter().map(|p| radial * p.x + DVec3::Z * p.y).collect());
-    // Seen from the side, a rim is a line through the surface that would only hide its shape.
+    // Seen from the side, a rim is a line through the surface, which would only hide the surface's shape.
     let (across, up) = plane.project(frame.rotation * DVec3::Z);
     let from_the_side = across.hypot(up) > 0.95;
     let rims = shape.rims().into_iter().filter(|_| !from_the_side).map(|(radius, z)| circle(radius, z));
@@ -203,10 +203,10 @@ fn placed(frame: &LocalFrame, curve: &[DVec3]) -> Curve {
     curve.iter().map(|&point| frame.rotation * point + frame.origin).collect()
 }
 
-/// The local direction, at a right angle to the axis, that is seen at its longest along the vertical of the view.
+/// The local direction, at a right angle to the axis, that appears longest along the vertical of the view.
 fn radial(frame: &LocalFrame, plane: Plane) -> DVec3 {
     let along = |axis: DVec3| plane.project(frame.rotation * axis);
-    // Which combination of local x and y has the largest part along the vertical, then along the horizontal.
+    // The combination of local x and y with the largest part along the vertical, then along the horizontal.
     let ((hx, vx), (hy, vy)) = (along(DVec3::X), along(DVec3::Y));
     let vertical = DVec3::new(vx, vy, 0.0);
     let horizontal = DVec3::new(hx, hy, 0.0);
@@ -214,7 +214,7 @@ fn radial(frame: &LocalFrame, plane: Plane) -> DVec3 {
     best.try_normalize().unwrap_or(DVec3::Y)
 }
 
-/// The recorded rays, segment by segment.
+/// Draws the recorded rays, segment by segment.
 fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by: RayColor, reach: f64) {
     let point = |row: usize| {
         let [x, y, z] = &paths.position;
@@ -242,17 +242,17 @@ fn rays(painter: &Painter, frame: &Frame, paths: &PathColumns, plane: &Plane, by
     }
 }
 
-/// Events so far: the first few are told apart best.
+/// The colour for a number of events so far. The first few differ most.
 fn bounce_color(bounce: i32) -> Color32 {
     gradient(colorous::TURBO, 0.12 + 0.8 * (1.0 - (-f64::from(bounce) / 5.0).exp()))
 }
 
-/// Three decades below the brightest a ray is as faint as any.
+/// The colour for a share of flux. All rays three decades or more below the brightest are equally faint.
 fn flux_color(share: f64) -> Color32 {
     gradient(colorous::INFERNO, 0.25 + 0.65 * (share.max(1e-3).log10() / 3.0 + 1.0))
 }
 
-/// What the colours of rays mean.
+/// The meaning of the colours of rays.
 fn color_key(by: RayColor) -> (&'static str, Vec<(Color32, String)>) {
     match by {
         RayColor::Bounce => {
@@ -269,7 +269,7 @@ fn color_key(by: RayColor) -> (&'static str, Vec<(Color32, String)>) {
 
 /// A colour and what it means.
 fn swatch(ui: &mut Ui, color: Color32, label: &str) {
-    // Together, so that a narrow window does not part them.
+    // Both stay together, even in a narrow window.
     ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(egui::vec2(14.0, 10.0), egui::Sense::hover());
         ui.painter().rect_filled(rect, 2.0, color);
