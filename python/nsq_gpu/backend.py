@@ -143,7 +143,7 @@ class NsqGpuBackend(TracerBackend):
             "--sampler": self.sampler,
         }
         if self.target_error is not None:
-            options["--target-error"] = float(self.target_error)
+            options["--target-error"] = self.target_error if isinstance(self.target_error, str) else float(self.target_error)
         if self.standard_error is not None:
             options["--standard-error"] = "on" if self.standard_error else "off"
         if self.time_limit is not None:

@@ -112,14 +112,14 @@ fn line(detector: &DetectorComparison) -> String {
 
 fn notes(found: &ResultComparison) -> String {
     let mut text = String::from(
-        "\ncells: those where each side has 12 hits or more, or is to be expected to; rms and largest: of (A - B) / sigma, 1 and about the limit at most where \
-         chance alone is at work\n",
+        "\ncells: those in which each side has 12 hits or more, or would be expected to\nrms, largest: of (A - B) / sigma over \
+         the cells; chance alone gives an rms near 1, and a largest value below the limit\n",
     );
     if found.errors_from_hits {
         text += "some standard errors are not in the files (`trace --standard-error on`): value / sqrt(hits) instead\n";
     }
     if found.same_draws {
-        text += "A and B have the same draws: if they are of one scene, they should be less far apart than chance has it\n";
+        text += "A and B have the same seed, and so the same draws: of one scene, they differ less than chance would have it\n";
     }
     text
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Parses a fraction above 0.
+/// Parses a fraction between 0 and 1. A bare `1` may mean 1 % or 100 %, and is refused.
 pub fn parse_fraction(text: &str) -> Result<f64, String> {
     let trimmed = text.trim();
     let (number, scale) = match trimmed.strip_suffix('%') {
@@ -10,8 +10,8 @@ pub fn parse_fraction(text: &str) -> Result<f64, String> {
         None => (trimmed, 1.0),
     };
     match number.parse::<f64>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok(value * scale),
-        _ => Err(format!("`{text}` is not a fraction above 0; write 1% or 0.01")),
+        Ok(value) if value > 0.0 && value * scale < 1.0 => Ok(value * scale),
+        _ => Err(format!("`{text}` is not a fraction between 0 and 1; write 1% or 0.01")),
     }
 }
 
@@ -36,7 +36,7 @@ mod tests {
         assert_eq!(parse_fraction("1%"), Ok(0.01));
         assert_eq!(parse_fraction(" 2.5 % "), Ok(0.025));
         assert_eq!(parse_fraction("0.03"), Ok(0.03));
-        for wrong in ["0", "-1%", "nan", "inf", "%", "", "one"] {
+        for wrong in ["0", "-1%", "nan", "inf", "%", "", "one", "1", "1.5", "100%"] {
             assert!(parse_fraction(wrong).is_err(), "{wrong}");
         }
     }

@@ -297,9 +297,10 @@ fn failure(result: &TraceResult) -> Option<Error> {
     match result.relative_error {
         Some(error) if error <= target => None,
         Some(error) => Some(Error::Tolerance(format!(
-            "the relative error is {}, above the target of {}",
+            "the relative error is {}, above the target of {}; it falls as 1 / sqrt(rays), so give about -n {:.1e}",
             percent(error),
-            percent(target)
+            percent(target),
+            result.num_rays_total as f64 * (error / target).powi(2)
         ))),
         None => Some(Error::Tolerance(format!(
             "the relative error is not known, and so not below the target of {}",

@@ -154,8 +154,8 @@ impl Diagnostics {
     fn roulette(&self) -> Option<String> {
         (self.rr_killed_flux_fraction > ROULETTE).then(|| {
             format!(
-                "Russian roulette ended {} of the launched flux: unbiased, but noisy; lower rr_start_flux if the noise \
-                 matters",
+                "Russian roulette ended {} of the launched flux: unbiased, but noisy; if the noise matters, give a smaller \
+                 --rr-start-flux, or rr_start_flux of the scene's sampling",
                 percent(self.rr_killed_flux_fraction)
             )
         })
@@ -174,7 +174,7 @@ impl Diagnostics {
     fn saturated(&self) -> Option<String> {
         self.split_budget_saturated.then(|| {
             "splitting used up the split_budget of some launched rays, whose later branches were drawn: unbiased, but \
-             noisier; raise split_budget if the noise matters"
+             noisier; if the noise matters, raise split_budget of the scene's sampling"
                 .into()
         })
     }
@@ -182,9 +182,9 @@ impl Diagnostics {
     fn underflows(&self) -> Option<String> {
         (self.medium_stack_underflows > 0).then(|| {
             format!(
-                "{} time(s) a ray left a solid that it had never entered: expected of rays born inside a solid, where faces \
-                 of a solid scatter, and at a lone face in air, such as a coated pellicle; otherwise the sides of some \
-                 surface have the wrong media",
+                "{} time(s) a ray left a solid that it had never entered. This is right in three cases: rays are born inside a \
+                 solid, faces of a solid scatter, or a single face stands in air. Elsewhere, some surface has its media on the \
+                 wrong sides",
                 thousands(self.medium_stack_underflows)
             )
         })

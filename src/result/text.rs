@@ -108,6 +108,9 @@ impl TraceResult {
                 thousands(detector.num_rays_hit),
             );
         }
+        if self.detectors.iter().any(|detector| detector.total_flux_standard_error.is_none()) {
+            table.push_str("-: not computed; --standard-error on gives it\n");
+        }
         table
     }
 
