@@ -144,6 +144,7 @@ fn the_first_dispatch_of_a_deep_trace_is_short() {
 }
 
 #[test]
+#[ignore = "long"]
 fn workgroups_of_32_128_and_256_give_the_same_bits_as_of_64() {
     assert_same_bits(
         3000,
@@ -156,6 +157,7 @@ fn workgroups_of_32_128_and_256_give_the_same_bits_as_of_64() {
 }
 
 #[test]
+#[ignore = "long"]
 fn dispatches_of_1_2_and_5_events_give_the_same_bits_as_of_16() {
     // With second moments, no ray outlives a dispatch where detectors let rays pass.
     let base = TraceOptions { num_rays: 3000, standard_error: StandardError::Off, ..TraceOptions::default() };
@@ -283,6 +285,7 @@ fn what_rays_leave_in_passing_adds_up_to_the_same_bits_on_host_and_device() {
 /// Commands leave out the checks that tests run with, which are branches in every loop: without them a driver may treat
 /// lanes that have left a loop otherwise (shaders/stages/state.wgsl).
 #[test]
+#[ignore = "long"]
 fn shaders_without_run_time_checks_give_the_same_bits() {
     let assert_same = |name: &str, ir: &SceneIr, options: &TraceOptions| {
         let [checked, unchecked] =

@@ -94,6 +94,7 @@ fn the_stage_gives_the_same_bits_in_every_scene_that_has_one() {
 }
 
 #[test]
+#[ignore = "long"]
 fn small_batches_and_rejected_rays_in_queues_have_the_same_bits() {
     for (name, precision) in SOME.into_iter().zip([Precision::F32, Precision::F64].into_iter().cycle()) {
         let options = TraceOptions { batch_size: Some(300), events_per_dispatch: 2, ..options(precision) };
@@ -226,6 +227,7 @@ fn errors_in_rays_side_by_side_are_seen() {
 }
 
 #[test]
+#[ignore = "long"]
 fn scenes_in_tables_have_the_same_bits() {
     for (i, name) in SOME.into_iter().enumerate() {
         let precision = [Precision::F64, Precision::F32][i % 2];
@@ -1048,6 +1050,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
+    #[ignore = "long"]
     fn specks_in_the_way_are_met_by_the_same_rays(
         place in [-8.0..8.0f64, -8.0..8.0f64, -24.0..149.0f64],
         kind in 0..6usize,
