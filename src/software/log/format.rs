@@ -34,7 +34,8 @@ pub enum Form {
     Counts,
     /// 64-bit integers: what it is, and the f32 of its weight; the f32 of the fractions (entries.packed.wgsl).
     Packed,
-    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (entries.words.wgsl).
+    /// 32-bit integers: what it is; the f32 of its weight; those of the fractions (entries.words.wgsl). For processors'
+    /// drivers without 64-bit integers, such as SwiftShader.
     Words,
     /// f64: what it is, its weight, the fractions (entries.reals.wgsl).
     Reals,
