@@ -42,7 +42,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_count_is_refused() {
+    fn invalid_counts_are_refused() {
         for text in ["", "M", "-1", "1.5", "1e30", "nan", "inf", "ten"] {
             assert!(parse(text).is_err(), "{text}");
         }

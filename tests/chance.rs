@@ -134,7 +134,7 @@ fn roulette_is_unbiased() {
 }
 
 #[test]
-fn a_bias_of_two_percent_is_told_by_chance_tests() {
+fn a_bias_of_two_percent_is_seen_by_chance_tests() {
     let ir = zoo::load("bench_lens");
     let plain = fluxes(&ir, 4000, 0..32);
     let biased: Vec<f64> = fluxes(&ir, 4000, 100..132)[0].iter().map(|flux| 0.98 * flux).collect();
@@ -184,7 +184,7 @@ fn chi_squares(ir: &SceneIr, steps: &[u64; 5], variances: &[f64; 5], runs: u64) 
 }
 
 #[test]
-fn variances_that_fall_too_slowly_are_told() {
+fn variances_that_fall_too_slowly_are_reported() {
     let steps = [250, 1000, 4000, 16_000, 64_000];
     let variances = steps.map(|num_rays| (num_rays as f64).powf(-0.6));
     assert!((slope_of_variances(&steps, &variances) + 0.6).abs() < 1e-12);

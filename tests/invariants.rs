@@ -696,7 +696,7 @@ fn scenes_in_tables_agree_with_scenes_compiled_in() {
 }
 
 #[test]
-fn a_count_or_a_bin_that_differs_is_told() {
+fn a_count_or_a_bin_that_differs_is_reported() {
     let tally = zoo::trace(&zoo::load("bench_lens"), &zoo::options(3000, 2, Precision::F64));
     assert_eq!(deviation(&tally, &tally), 0.0);
     let mut other = tally.clone();

@@ -612,7 +612,8 @@ fn a_path_that_rejects_all_rays_is_left() {
     let ir = zoo::load("bench_lens");
     let by_itself = TraceOptions { num_rays: 1 << 23, ..options(Precision::F32) };
     let plain = by_itself.with(|choices| choices.main_path = When::Never);
-    let (right, wrong) = ("real(kept_events)), first_place, holds)", "0.0), first_place, range.count == 0u)");
+    let (right, wrong) =
+        ("real(kept_events)), first_arrival, holds)", "0.0), first_arrival, range.count == 0u)");
     let mut tracer = zoo::edited(&ir, &by_itself, right, wrong);
     let tally = tracer.trace(|_| true).unwrap();
     assert!(tally == trace(&ir, &plain).0, "other bits");
@@ -633,8 +634,8 @@ fn errors_in_the_log_of_places_are_seen() {
     let tally = trace(&ir, &options).0;
     for [right, wrong] in [
         ["number * range.log_stride + ray.index", "number * (range.log_stride - 1u) + ray.index"],
-        ["log_place_off_edges(1u,", "log_place_off_edges(2u,"],
-        ["select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_place, holds)", "first_place"],
+        ["log_arrival_off_edges(1u,", "log_arrival_off_edges(2u,"],
+        ["select(vec2<real>(OFF_DETECTORS, real(kept_events)), first_arrival, holds)", "first_arrival"],
         ["if !holds {\n        restore_bins();\n    }", ""],
     ] {
         let traced = zoo::edited(&ir, &with_main_path(&options), right, wrong).trace(|_| true);
@@ -656,7 +657,7 @@ fn rays_that_do_not_arrive_at_the_place_of_nearly_all_have_the_same_bits() {
     let with = with_main_path(&options).with(|choices| choices.side_by_side = When::Never);
     let tally = trace(&ir, &options).0;
     assert!(trace(&ir, &with).0 == tally, "other bits");
-    assert_needed("holds = all(place_on(ray, 0u) == place_0.at) & holds;", &ir, &with, &tally);
+    assert_needed("holds = all(arrival_on(ray, 0u) == arrival_0.at) & holds;", &ir, &with, &tally);
 }
 
 /// A paraboloid focuses all rays on the corner of four pixels, where roundings decide which of them is hit.
@@ -693,7 +694,7 @@ fn rays_at_the_edges_of_pixels_hit_the_same_ones() {
     assert_eq!(arrivals(&ir, &options), Some(vec![1]));
     let with = with_main_path(&options).with(|choices| choices.side_by_side = When::Never);
     assert!(trace(&ir, &with).0 == tally, "other bits");
-    assert_needed("holds = place_0.is_sure & holds;", &ir, &with, &tally);
+    assert_needed("holds = arrival_0.is_sure & holds;", &ir, &with, &tally);
 }
 
 /// A path through a passing detector to one that absorbs: so deep that passes are no longer logged, it has no stage.

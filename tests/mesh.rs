@@ -717,7 +717,7 @@ fn faces_of_many_corners_are_covered_once() {
 }
 
 #[test]
-fn solids_that_leak_are_told_by_their_kind() {
+fn solids_that_leak_are_reported_by_their_kind() {
     let mut open = tetrahedron();
     open.faces.pop();
     let mut turned = tetrahedron();

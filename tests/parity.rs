@@ -342,7 +342,7 @@ fn recorded_paths_are_those_of_the_reference() {
 }
 
 #[test]
-fn a_recorded_path_that_differs_in_anything_is_told() {
+fn a_recorded_path_that_differs_in_anything_is_reported() {
     let events = &paths_oracle().scenes["double_gauss"];
     let changes: [fn(&mut OracleEvent); 5] = [
         |event| event.ray_id += 1,
@@ -409,7 +409,7 @@ fn every_kind_of_finish_is_in_a_scene() {
 // The comparison can fail.
 
 #[test]
-fn every_planted_difference_is_told() {
+fn every_planted_difference_is_reported() {
     let oracle = oracle::load("filter_stack");
     let result = trace_as(&oracle, "filter_stack");
     assert_eq!(Agreement::of(&result, &oracle).violations, Vec::<String>::new());

@@ -282,7 +282,7 @@ fn a_map_of_few_hits_says_what_it_takes() {
 }
 
 #[test]
-fn light_that_the_depth_limit_took_is_told_with_the_number_to_give() {
+fn light_that_the_depth_limit_took_is_reported_with_the_number_to_give() {
     let (mut ir, mut tally) = everything();
     let told = |ir: &SceneIr, tally: &Tally, max_depth: u32| {
         let run = RunInfo { max_depth, ..run(1000) };
@@ -309,7 +309,7 @@ fn light_that_the_depth_limit_took_is_told_with_the_number_to_give() {
 }
 
 #[test]
-fn sources_without_a_ray_are_told() {
+fn sources_without_a_ray_are_reported() {
     let (mut ir, mut tally) = everything();
     let source = ir.sources[0].clone();
     ir.sources = (0..12).map(|i| Source { name: format!("S{i}"), ..source.clone() }).collect();

@@ -271,7 +271,7 @@ fn doubtful_materials_and_angles_are_warned_of() {
 
 /// In every frame, and in those that it is chained to.
 #[test]
-fn degrees_for_radians_are_told_wherever_a_rotation_stands() {
+fn degrees_for_radians_are_reported_wherever_a_rotation_stands() {
     let plain = r#""cs": {"reference_cs": {"x": 1}}"#;
     let scene = |turned: usize, cs: &str| {
         let cs = |i: usize| if i == turned { cs } else { plain };

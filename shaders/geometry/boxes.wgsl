@@ -142,7 +142,7 @@ fn visit(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32) {
 fn descend(walk: ptr<function, Walk>, ray: BoxRay, start: f32, end: f32, most_visits: u32) {
     var level = 0u;
     loop {
-        if is_dispatched() & is_descending(walk) {
+        if always_true() & is_descending(walk) {
             visit(walk, ray, start, end);
         }
         level += 1u;

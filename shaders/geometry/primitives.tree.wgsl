@@ -27,7 +27,7 @@ fn nearest_primitive(ray: Ray, start: Hit) -> Hit {
     var round = 0u;
     loop {
         descend(&walk, boxes, 0.0, f32(best.distance), MOST_VISITS);
-        if is_dispatched() & (walk.items != 0u) {
+        if always_true() & (walk.items != 0u) {
             best = try_placed(best, ray, here, take_item(&walk));
         }
         round += 1u;

@@ -8,7 +8,7 @@ fn interval_of(x: real, first: u32, count: u32) -> u32 {
     var step = 0u;
     loop {
         let middle = (low + high) / 2u;
-        if is_dispatched() & (high - low > 1u) {
+        if always_true() & (high - low > 1u) {
             if bsdf_table[first + middle] <= x {
                 low = middle;
             } else {

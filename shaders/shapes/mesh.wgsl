@@ -118,7 +118,7 @@ fn mesh_distance(o: vec3<real>, d: vec3<real>, root: real, leaving: bool, farthe
         descend(&walk, ray.boxes, f32(ray.start), f32(facets_beyond(nearest)), TREE_ROWS);
         var i = 0u;
         loop {
-            if is_dispatched() & (walk.items != 0u) {
+            if always_true() & (walk.items != 0u) {
                 let triangle = TRIANGLE_ROWS * take_item(&walk);
                 let t = facet_crossing(ray, triangle);
                 if facet_comes_first(ray, triangle, t, found, nearest) {

@@ -6,7 +6,7 @@
 
 fn notice_cut_loops() {
     // With a constant, a compiler would unroll the loop.
-    let wanted = select(3u, 2u, is_dispatched());
+    let wanted = select(3u, 2u, always_true());
     var rounds = 0u;
     for (var i = 0u; i < wanted; i++) {
         rounds += 1u;

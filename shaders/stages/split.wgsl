@@ -36,7 +36,7 @@ fn trace_split(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgr
     record_birth(ray);
     budget = FAMILY_BUDGET + select(0u, 1u, draw_first(ray.key, SPLIT_BUDGET) < FAMILY_BUDGET_FRACTION);
     loop {
-        if is_dispatched() & (ray.fate == ALIVE) {
+        if always_true() & (ray.fate == ALIVE) {
             follow(&ray);
         }
         if num_waiting == 0u {

@@ -57,7 +57,7 @@ struct Hit {
 //
 // A loop that asks only after its rounds goes wrong on lavapipe (Mesa 22.3). The loop computes on for lanes that have
 // left it, and memory reads of those lanes give zeros. A branch still skips such lanes. So a variable that is used
-// after a loop, and may differ between lanes, changes only within a branch. `is_dispatched` keeps Mesa from seeing that
+// after a loop, and may differ between lanes, changes only within a branch. `always_true` keeps Mesa from seeing that
 // a lane that comes again always takes that branch.
 //
 // Where all lanes make the same rounds, asking after them is enough. Where rounds are short, asking before them is
@@ -93,11 +93,11 @@ struct Range {
 
 var<private> range: Range;
 
-// Always true, in a way that compilers cannot see: no dispatch has NO_COUNT rays. NO_COUNT differs with the width of
+// Always true, in a way that compilers cannot see: no dispatch has IMPOSSIBLE_COUNT rays. IMPOSSIBLE_COUNT differs with the width of
 // the driver's vectors. A driver may keep compiled shaders without noting their width (Mesa 22.3), and the number tells
 // them apart.
-fn is_dispatched() -> bool {
-    return range.count != NO_COUNT;
+fn always_true() -> bool {
+    return range.count != IMPOSSIBLE_COUNT;
 }
 
 // The row of rng_table for step 0.

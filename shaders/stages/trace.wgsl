@@ -35,7 +35,7 @@ fn follow_new(index: u32) -> Ray {
 fn follow(ray: ptr<function, Ray>) {
     var step = 0u;
     loop {
-        if is_dispatched() & ((*ray).fate == ALIVE) {
+        if always_true() & ((*ray).fate == ALIVE) {
             next_event(ray);
         }
         step += 1u;
@@ -43,8 +43,8 @@ fn follow(ray: ptr<function, Ray>) {
             break;
         }
     }
-    if (*ray).fate != ALIVE && !has_place(*ray) {
-        end_without_place();
+    if (*ray).fate != ALIVE && !has_position(*ray) {
+        end_without_position();
         (*ray).fate = ESCAPED;
     }
     settle(*ray);
@@ -61,7 +61,7 @@ fn settle(ray: Ray) {
 
 // False if the ray's position or direction is no number. Such a ray meets nothing: it ends as escaped, and is counted
 // as invalid.
-fn has_place(ray: Ray) -> bool {
+fn has_position(ray: Ray) -> bool {
     let size = abs(ray.position) + abs(ray.direction);
     return is_number(size.x + size.y + size.z);
 }

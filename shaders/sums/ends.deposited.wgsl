@@ -8,7 +8,7 @@ fn end_in_taps(taps: FourTaps, weight: real) {
     deposit_taps(taps, weight);
 }
 
-fn end_without_place() {
+fn end_without_position() {
     count(INVALID_DEPOSITS);
 }
 

@@ -55,7 +55,7 @@ fn add_pixel_moments(weight: real, detector: Detector, p: vec3<real>, pixel: u32
         let row_weight = weight * pixel_share(y, row, last_row, detector);
         var column = clamp(x.first, 0, last_column);
         loop {
-            if is_dispatched() & (row <= end_row) & (column <= end_column) {
+            if always_true() & (row <= end_row) & (column <= end_column) {
                 let taken = row_weight * pixel_share(x, column, last_column, detector);
                 let before = taken_by_pixel(detector, base, column, row);
                 let cell = base + (u32(row) * detector.num_x + u32(column)) * stride;
@@ -111,7 +111,7 @@ fn pixel_share(taps: Taps, pixel: i32, last_pixel: i32, detector: Detector) -> r
     var share: real = 0.0;
     var i = first;
     loop {
-        if is_dispatched() & (i <= last) {
+        if always_true() & (i <= last) {
             share += tap_share(taps, i, detector);
         }
         if i >= last {

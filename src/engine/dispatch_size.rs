@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dispatch_takes_as_long_as_it_may() {
+    fn a_dispatch_grows_to_its_target_time() {
         let mut size = DispatchSize::new(100_000, 1000, 17);
         assert_eq!(note(&mut size, 100_000, 20), 100_000);
         assert_eq!(note(&mut size, 100_000, 400), 10_000);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn few_rays_tell_what_is_too_long_and_no_more() {
+    fn a_small_dispatch_can_only_shrink_the_size() {
         let mut size = DispatchSize::new(100_000, 1000, 17);
         assert_eq!(note(&mut size, 30_000, 120), 10_000);
         assert_eq!(note(&mut size, 4999, 1), 10_000);

@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn where_all_surfaces_absorb_their_ends_tell_that_they_were_reached() {
+    fn absorbing_surfaces_count_as_reached_where_rays_end() {
         let cells = Cells {
             detectors: vec![14, 17],
             num_cells: 18,

@@ -23,7 +23,7 @@ impl MomentSource {
     pub(crate) fn of(ir: &SceneIr, options: &TraceOptions, weights: &[f64], roulette_threshold: f64) -> Self {
         let keeps_weight = || Features::of(ir, weights, roulette_threshold, options.max_depth).keeps_weight;
         let is_cheap = !splits(ir) && ir.detectors.iter().all(tables::takes_rays_whole);
-        let is_needed = hits_say_little(ir);
+        let is_needed = hits_do_not_give_errors(ir);
         match options.standard_error {
             StandardError::Off => MomentSource::Nowhere,
             asked if options.sampler == Sampler::Sobol => match asked {
@@ -48,7 +48,7 @@ impl MomentSource {
 
 /// True where a table or a Harvey-Shack lobe leaves rays without weight, which hit detectors. The number of hits then
 /// says nothing about the error. False where squares would be many or expensive.
-fn hits_say_little(ir: &SceneIr) -> bool {
+fn hits_do_not_give_errors(ir: &SceneIr) -> bool {
     const MOST_CELLS: usize = 1 << 22;
     let is_near = |detector: &Detector| {
         detector.absorb

@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn sums_survive_a_round_trip() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tally");
         let checkpoint = checkpoint();

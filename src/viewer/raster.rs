@@ -179,16 +179,16 @@ impl Canvas {
 
     /// The opacity of one dot: a single dot shows well, and the densest places still differ.
     fn opacity(&self) -> f32 {
-        const LONE: f32 = 1.4;
+        const SINGLE: f32 = 1.4;
         const DENSE: f32 = 2.2;
         const FAINTEST: f32 = 0.15;
         let mut covers: Vec<f32> = self.sums.iter().map(|sum| sum[3]).filter(|cover| *cover > 0.0).collect();
         let Some(last) = covers.len().checked_sub(1) else {
-            return LONE;
+            return SINGLE;
         };
         let (_, dense, _) = covers.select_nth_unstable_by(last * 98 / 100, f32::total_cmp);
         // A single ray beside a bright spot is what a hunter of stray light looks for, so it never vanishes.
-        LONE.min(DENSE / *dense).max(FAINTEST)
+        SINGLE.min(DENSE / *dense).max(FAINTEST)
     }
 }
 

@@ -234,7 +234,7 @@ fn either_branch_draws_the_numbers_of_its_own_id() {
 }
 
 #[test]
-fn a_budget_that_is_used_up_leaves_the_means_and_is_told() {
+fn a_budget_that_is_used_up_leaves_the_means_and_is_reported() {
     const RAYS: u64 = 20_000;
     for tier in tiers("split with little budget") {
         for budget in [1.0, 1.5, 2.0, 3.0] {

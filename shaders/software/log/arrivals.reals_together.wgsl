@@ -1,14 +1,14 @@
 // The arrivals of four lanes in two stores, in f64. The lanes in the first quarter of a subgroup store them
 // (software/path/lanes.together.wgsl). Twin of arrivals.reals.wgsl.
-@group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> place_log: array<vec4<real>>;
+@group(GROUP_SCENE) @binding(BINDING_LOG) var<storage, read_write> arrival_log: array<vec4<real>>;
 
-fn write_place(number: u32, place: vec2<real>, weight: real) {
+fn write_arrival(number: u32, place: vec2<real>, weight: real) {
     let second = place_of(lane ^ (LANES / 4u), place);
     let third = place_of(lane ^ (LANES / 2u), place);
     let fourth = place_of(lane ^ (3u * LANES / 4u), place);
     if lane < LANES / 4u {
-        place_log[number / 2u] = vec4<real>(place, second);
-        place_log[number / 2u + 1u] = vec4<real>(third, fourth);
+        arrival_log[number / 2u] = vec4<real>(place, second);
+        arrival_log[number / 2u + 1u] = vec4<real>(third, fourth);
     }
 }
 

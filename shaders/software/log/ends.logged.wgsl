@@ -15,14 +15,14 @@ const END_NEXT_ROW: u32 = 0x00800000u;
 const END_HIT_TAP_SHIFT: u32 = 24u;
 const END_IN_CELL: u32 = 0x04000000u;
 const END_IN_TAPS: u32 = 0x08000000u;
-const END_WITHOUT_PLACE: u32 = 0x10000000u;
+const END_WITHOUT_POSITION: u32 = 0x10000000u;
 const END_REJECTED: u32 = 0x40000000u;
 
 // The entry so far. 0: the ray goes on, or ends on something that adds up the end itself.
 var<private> end: u32 = 0u;
 var<private> end_weight: real = 0.0;
 // The fractions of the taps, or the position in pixels.
-var<private> end_place: vec2<real> = vec2<real>(0.0, 0.0);
+var<private> end_position: vec2<real> = vec2<real>(0.0, 0.0);
 
 // The column of a position off every detector; its row is the entry. A true position so far beyond the map differs,
 // because it is multiplied by HIT_NEXT. Its taps are one pixel, and its fraction is above one half.
@@ -53,18 +53,18 @@ fn end_in_taps(taps: FourTaps, weight: real) {
     end_weight = weight;
     if LOGS_POSITIONS {
         end |= END_IN_TAPS;
-        end_place = marked_position(taps.position, hits_right(taps), hits_below(taps));
+        end_position = marked_position(taps.position, hits_right(taps), hits_below(taps));
     } else {
         let columns = select(0u, END_NEXT_COLUMN, taps.cells.y != taps.cells.x);
         let rows = select(0u, END_NEXT_ROW, taps.cells.z != taps.cells.x);
         let hit = select(0u, 1u, hits_right(taps)) | select(0u, 2u, hits_below(taps));
         end |= END_IN_TAPS | taps.cells.x | columns | rows | (hit << END_HIT_TAP_SHIFT);
-        end_place = taps.fractions;
+        end_position = taps.fractions;
     }
 }
 
-fn end_without_place() {
-    end = END_WITHOUT_PLACE;
+fn end_without_position() {
+    end = END_WITHOUT_POSITION;
 }
 
 // Ends a ray that the main path rejected at this event of the path.
@@ -73,6 +73,6 @@ fn end_rejected(event: u32) {
 }
 
 fn log_end(index: u32) {
-    write_entry(entry_number(index), end, end_weight, end_place);
+    write_entry(entry_number(index), end, end_weight, end_position);
     end = 0u;
 }

@@ -8,7 +8,7 @@
 
 fn write_entry(number: u32, entry: u32, weight: real, place: vec2<real>) {
     let word = number * LOG_WORDS;
-    let second = packed_place(place);
+    let second = packed_position(place);
     if LOGS_POSITIONS {
         let is_position = (entry & END_IN_TAPS) != 0u;
         end_log[word] = select(joined(bitcast<u32>(OFF_DETECTORS), entry), second, is_position);
@@ -27,6 +27,6 @@ fn joined(low: u32, high: u32) -> u64 {
     return u64(low) | (u64(high) << 32u);
 }
 
-fn packed_place(place: vec2<real>) -> u64 {
+fn packed_position(place: vec2<real>) -> u64 {
     return joined(bitcast<u32>(place.x), bitcast<u32>(place.y));
 }

@@ -9,7 +9,7 @@ const END_PASSES: u32 = 0x20000000u;
 var<private> num_passes: u32 = 0u;
 
 fn log_pass(index: u32) {
-    write_entry(entry_number(index), END_PASSES | end, end_weight, end_place);
+    write_entry(entry_number(index), END_PASSES | end, end_weight, end_position);
     end = 0u;
     num_passes += 1u;
 }

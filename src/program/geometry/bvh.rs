@@ -50,7 +50,7 @@ impl Forest {
         if boxes.is_empty() {
             return order;
         }
-        let sapling = Sapling::over(boxes);
+        let sapling = BinaryTree::over(boxes);
         // Nodes are stored by levels: siblings are neighbours, and the nodes that most rays visit are close together.
         let mut depth = 1;
         let mut level = vec![(root, sapling.children(sapling.bounded(Branch::Node(0), depth)))];
@@ -112,7 +112,7 @@ fn effort(num_boxes: usize) -> BvhBuildParams {
 
 /// A tree with two children a node, from which a tree with four is made. Where it is too deep for a walk, balanced
 /// branches replace its own.
-struct Sapling {
+struct BinaryTree {
     nodes: Vec<Bvh2Node>,
     /// The items in the boxes, from left to right.
     items: Vec<u32>,
@@ -130,11 +130,11 @@ enum Branch {
     Row(Range<u32>),
 }
 
-impl Sapling {
+impl BinaryTree {
     fn over(boxes: &[Aabb]) -> Self {
-        let bvh = two_by_two(boxes, effort(boxes.len()));
+        let bvh = binary_tree(boxes, effort(boxes.len()));
         let mut sapling =
-            Sapling { nodes: Vec::new(), items: Vec::new(), boxes: Vec::new(), spans: Vec::new() };
+            BinaryTree { nodes: Vec::new(), items: Vec::new(), boxes: Vec::new(), spans: Vec::new() };
         sapling.spans.resize(bvh.nodes.len(), 0..0);
         traverse(&bvh.nodes, |visit| match visit {
             Visit::Enter { node, .. } => {
@@ -224,7 +224,7 @@ fn quarters(row: Range<u32>) -> Vec<Range<u32>> {
 
 /// Builds a tree as `obvhs::bvh2::builder::build_bvh2` does, with one difference. Reinsertion searches with a stack for
 /// the depth that the tree had at first, and a chain outgrows that. So each round here starts with the present depth.
-fn two_by_two(boxes: &[Aabb], params: BvhBuildParams) -> Bvh2 {
+fn binary_tree(boxes: &[Aabb], params: BvhBuildParams) -> Bvh2 {
     let indices = (0..boxes.len() as u32).collect();
     let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
         params.ploc_search_distance,
@@ -321,7 +321,7 @@ mod tests {
         let cube = |low: [f32; 3]| Aabb::new(low.into(), low.map(|x| x + side).into());
         let boxes: Vec<Aabb> =
             (0..num_boxes).map(|_| cube([coordinate(), coordinate(), coordinate()])).collect();
-        let nodes = two_by_two(&boxes, params).nodes;
+        let nodes = binary_tree(&boxes, params).nodes;
         let inner = nodes.iter().filter(|node| node.prim_count == 0);
         inner.map(|node| f64::from(node.aabb.half_area() / nodes[0].aabb.half_area())).sum()
     }
@@ -382,7 +382,7 @@ mod tests {
             let depth = planted(&boxes);
             assert!(depth <= MAX_DEPTH, "{what}: {depth}");
             // Else the shape would prove nothing.
-            let unbounded = depth_of(&two_by_two(&boxes, effort(boxes.len())));
+            let unbounded = depth_of(&binary_tree(&boxes, effort(boxes.len())));
             assert!(!is_chain || unbounded > 2 * MAX_DEPTH as usize, "{what}: {unbounded}");
         }
     }

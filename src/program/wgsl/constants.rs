@@ -55,7 +55,7 @@ impl Composition<'_> {
     /// How many things of each kind there are, and how work is divided among invocations.
     fn sizes(&self, constants: &mut Constants) {
         let options = &self.options;
-        constants.uint("NO_COUNT", u32::MAX - options.vector_lanes);
+        constants.uint("IMPOSSIBLE_COUNT", u32::MAX - options.vector_lanes);
         constants.uint("WORKGROUP_SIZE", options.workgroup_size);
         constants.uint("RAYS_PER_INVOCATION", options.rays_per_invocation(&self.features));
         constants.uint("EVENTS_PER_DISPATCH", options.events_per_dispatch);

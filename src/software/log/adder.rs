@@ -6,7 +6,7 @@ use crate::software::log::bits::{bits, entries_of, quantize};
 use crate::software::log::corners::CornerSums;
 use crate::software::log::entries::{
     CELL_MASK, End, Entry, HIT_NEXT_COLUMN, HIT_NEXT_ROW, IN_CELL, IN_TAPS, NEXT_COLUMN, NEXT_ROW, PASSES,
-    REJECTED, WITHOUT_PLACE,
+    REJECTED, WITHOUT_POSITION,
 };
 use crate::software::log::format::{EndLog, Form, Grid, Taps};
 use crate::software::log::positions::{BLOCK, Block, PositionEntry, PositionTaps};
@@ -318,7 +318,7 @@ impl EndSums {
 
     #[inline(always)]
     fn add_count(&mut self, end: u32) -> Option<()> {
-        if end & WITHOUT_PLACE != 0 {
+        if end & WITHOUT_POSITION != 0 {
             *self.counts.get_mut(INVALID_DEPOSITS)? += 1;
         }
         if end & IN_CELL != 0 {

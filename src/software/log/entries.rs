@@ -21,7 +21,7 @@ pub const IN_CELL: u32 = 1 << 26;
 /// Four taps share it.
 pub const IN_TAPS: u32 = 1 << 27;
 /// The ray had no place.
-pub const WITHOUT_PLACE: u32 = 1 << 28;
+pub const WITHOUT_POSITION: u32 = 1 << 28;
 /// The ray goes on.
 pub const PASSES: u32 = 1 << 29;
 /// It was rejected by the main path; the low bits are the event of the path at which it did.

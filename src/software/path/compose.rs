@@ -187,7 +187,7 @@ impl Stages<'_> {
         if let Some(log) = path_log {
             statements.extend(self.log_end(log)?);
         }
-        statements.push("end_path(ray@, holds@ & has_place(ray@));".to_string());
+        statements.push("end_path(ray@, holds@ & has_position(ray@));".to_string());
         Ok(Walk { functions, statements })
     }
 
@@ -198,7 +198,7 @@ impl Stages<'_> {
             None => Vec::new(),
         };
         if log.places.is_empty() {
-            statements.push("keep_place(0u, ray@, vec2<real>(0.0, 0.0));".to_string());
+            statements.push("keep_arrival(0u, ray@, vec2<real>(0.0, 0.0));".to_string());
         }
         statements.extend(log.attenuating_legs.map(|legs| holds(&format!("are_losses_reported({legs}u)"))));
         Ok(statements)
@@ -232,17 +232,20 @@ impl Stages<'_> {
         let mut statements = vec![holds(&format!("arrives(&ray@, hit_{step}@, {primitive}u)"))];
         if place.arrivals[0].event == step {
             let logs = match place.edge_room {
-                None => format!("log_place({number}u, ray@, {}u)", place.detector),
+                None => format!("log_arrival({number}u, ray@, {}u)", place.detector),
                 Some([x, y]) => {
                     let [x, y] = [self.real(x)?, self.real(y)?];
-                    format!("log_place_off_edges({number}u, ray@, {}u, vec2<real>({x}, {y}))", place.detector)
+                    format!(
+                        "log_arrival_off_edges({number}u, ray@, {}u, vec2<real>({x}, {y}))",
+                        place.detector
+                    )
                 }
             };
-            statements.push(format!("let place_{number}@ = {logs};"));
-            statements.push(holds(&format!("place_{number}@.is_sure")));
+            statements.push(format!("let arrival_{number}@ = {logs};"));
+            statements.push(holds(&format!("arrival_{number}@.is_sure")));
         } else {
-            let again = format!("place_on(ray@, {}u)", place.detector);
-            statements.push(holds(&format!("all({again} == place_{number}@.at)")));
+            let again = format!("arrival_on(ray@, {}u)", place.detector);
+            statements.push(holds(&format!("all({again} == arrival_{number}@.at)")));
         }
         statements.extend(self.weighs(arrival.weight)?);
         if !ends {
