@@ -51,9 +51,9 @@ class NsqGpuBackend(TracerBackend):
         timeout: Longest time of a trace [s]; then it is ended and TraceTimeoutError raised.
         progress: True shows a bar on stderr; a function is called with the rays done, the rays in all, and the rays
             per second.
-        target_error: Stop when every detector's relative error is at most this, that of its flux and that of its map: the
-            sum of the pixels' standard errors over the sum of their values. The rays given to ``trace`` are then the
-            most. ToleranceWarning says where it was not met.
+        target_error: Stop when every detector's relative error is at most this, 0.01 or "1%". Two errors count. One
+            is that of the flux. The other is that of the map: the sum of the pixels' standard errors over the sum of
+            their values. The rays given to ``trace`` are then the most. ToleranceWarning says where it was not met.
         standard_error: True sums second moments, so that results have standard errors, False does not; None does where
             it costs little, where hits say nothing of the error, or where ``target_error`` needs them. With Sobol points,
             True scrambles them in 16 independent ways and gives the errors between these, and None gives none.
@@ -69,7 +69,7 @@ class NsqGpuBackend(TracerBackend):
 
     def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
-                 progress: bool | ProgressCallback = False, target_error: float | None = None,
+                 progress: bool | ProgressCallback = False, target_error: float | str | None = None,
                  time_limit: float | None = None, standard_error: bool | None = None,
                  sampler: str = "pcg", max_depth: int | None = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
@@ -143,7 +143,8 @@ class NsqGpuBackend(TracerBackend):
             "--sampler": self.sampler,
         }
         if self.target_error is not None:
-            options["--target-error"] = self.target_error if isinstance(self.target_error, str) else float(self.target_error)
+            target = self.target_error
+            options["--target-error"] = target if isinstance(target, str) else float(target)
         if self.standard_error is not None:
             options["--standard-error"] = "on" if self.standard_error else "off"
         if self.time_limit is not None:

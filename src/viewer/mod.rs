@@ -79,7 +79,7 @@ pub fn open(title: &str, size: (f32, f32), waker: &Waker, app: App) -> Result<()
     };
     eframe::run_native(title, options, Box::new(create)).map_err(|error| {
         Error::Usage(format!(
-            "no window could be opened ({error}); `--screenshot FILE` draws the same without a display"
+            "no window could be opened: is there a display? `--screenshot FILE` draws the same without one ({error})"
         ))
     })
 }
