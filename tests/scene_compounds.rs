@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use nsq_gpu::model::{Annulus, Conic, Frustum, Interaction, Outline, SceneIr, Shape, Sphere, Surface};
+use nsq_gpu::model::{Annulus, Conic, Frustum, Interaction, SceneIr, Shape, Surface};
 use nsq_gpu::scene::Scene;
 use serde::Deserialize;
 
@@ -52,24 +52,19 @@ fn close(found: f64, expected: f64, scale: f64) -> bool {
 
 /// Optiland's parameters of a shape, with the curvature for the radius.
 fn parameters(shape: &Shape) -> (&'static str, Vec<(&'static str, f64)>) {
-    match *shape {
-        Shape::Conic(Conic { curvature, conic, aperture_radius }) => (
-            "ConicGeometry",
-            vec![("curvature", curvature), ("conic", conic), ("aperture_radius", aperture_radius)],
-        ),
-        Shape::Annulus(Annulus { inner_radius, outer_radius, z_offset }) => (
-            "AnnularPlaneGeometry",
-            vec![("inner_radius", inner_radius), ("outer_radius", outer_radius), ("z_offset", z_offset)],
-        ),
-        Shape::Frustum(Frustum { r_front, r_back, z_front, z_back }) => (
-            "CylindricalFrustumGeometry",
-            vec![("r_front", r_front), ("r_back", r_back), ("z_front", z_front), ("z_back", z_back)],
-        ),
-        Shape::Plane(Outline::Infinite | Outline::Rectangle { .. } | Outline::Disk { .. })
-        | Shape::Sphere(Sphere { .. })
-        | Shape::Mesh(_) => {
-            panic!("no compound has a {shape:?}")
-        }
+    if let Shape::Conic(Conic { curvature, conic, aperture_radius }) = *shape {
+        let numbers = vec![("curvature", curvature), ("conic", conic), ("aperture_radius", aperture_radius)];
+        ("ConicGeometry", numbers)
+    } else if let Shape::Annulus(Annulus { inner_radius, outer_radius, z_offset }) = *shape {
+        let numbers =
+            vec![("inner_radius", inner_radius), ("outer_radius", outer_radius), ("z_offset", z_offset)];
+        ("AnnularPlaneGeometry", numbers)
+    } else if let Shape::Frustum(Frustum { r_front, r_back, z_front, z_back }) = *shape {
+        let numbers =
+            vec![("r_front", r_front), ("r_back", r_back), ("z_front", z_front), ("z_back", z_back)];
+        ("CylindricalFrustumGeometry", numbers)
+    } else {
+        panic!("no compound has a {shape:?}")
     }
 }
 

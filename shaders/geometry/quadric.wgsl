@@ -1,4 +1,4 @@
-// Every analytic shape is a quadric of revolution in its own frame:
+// Quadrics of revolution, which most analytic shapes are in their own frames:
 //
 //     radial (x^2 + y^2) + axial z^2 + 2 offset z + constant = 0.
 //

@@ -5,6 +5,13 @@
 //! much at once. [`submit`] lists the stages that a range goes through. [`rows`] fetches rows for the host, and
 //! [`drain`] fetches the sums.
 //!
+//! Six words, from small to large:
+//! - a **round** follows the rays that live on for some more events;
+//! - a **dispatch** is one stage on the device;
+//! - a **range** is the rays of one source that one dispatch begins, at most a **batch**;
+//! - a **submission** hands the dispatches of a range to the device;
+//! - a **pass** is ranges of all sources, after which the caller is asked whether to go on.
+//!
 //! Each part of the loop that may be done otherwise is a method of a [`strategy`]. The engine is complete without a
 //! special strategy: it then runs with [`strategy::Plain`].
 

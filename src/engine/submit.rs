@@ -11,7 +11,7 @@ use crate::program::{Program, RayRange};
 
 /// How a device traces a range.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Way {
+pub(crate) struct Route {
     /// The number of the bind group that holds the strategy's buffers.
     pub(crate) group: usize,
     /// The number of a stage that a strategy has added; `None` for the plain stages.
@@ -47,7 +47,7 @@ enum Workgroups<'a> {
 fn stages<'d>(
     device: &'d DeviceState,
     plan: &Plan,
-    way: Way,
+    way: Route,
     workgroups: [u32; 3],
 ) -> Result<Vec<Stage<'d>>> {
     let scene = &device.scenes[way.group];
@@ -77,18 +77,18 @@ fn stages<'d>(
     Ok(stages)
 }
 
-impl Way {
+impl Route {
     /// The plain stages, with the buffers of this group.
     pub(crate) fn plain(program: &Program, group: usize) -> Self {
         let rays_per_invocation = program.options.rays_per_invocation(&program.features);
-        Way { group, added: None, rays_per_invocation }
+        Route { group, added: None, rays_per_invocation }
     }
 }
 
 impl Engine<'_> {
     /// Submits a range to the engine's device, in the plain way.
     pub(crate) fn submit(&mut self, range: &RayRange) -> Result<()> {
-        let way = Way::plain(&self.plan.program, 0);
+        let way = Route::plain(&self.plan.program, 0);
         self.submit_to(None, way, range)?;
         self.end_dispatch(None)
     }
@@ -107,7 +107,7 @@ impl Engine<'_> {
     pub(crate) fn submit_to(
         &mut self,
         other: Option<&DeviceState>,
-        way: Way,
+        way: Route,
         range: &RayRange,
     ) -> Result<Submitted> {
         let device = other.unwrap_or(&self.device);
@@ -126,7 +126,7 @@ impl Engine<'_> {
 
     /// Submits the stages of a range with no workgroups, as if the range began at ray 0. Nothing is done if the first
     /// stage has run before.
-    pub(crate) fn prime(&self, other: Option<&DeviceState>, way: Way, range: &RayRange) -> Result<()> {
+    pub(crate) fn prime(&self, other: Option<&DeviceState>, way: Route, range: &RayRange) -> Result<()> {
         let device = other.unwrap_or(&self.device);
         if device.first_stage(&self.plan.program, way.added)?.has_begun.get() {
             return Ok(());

@@ -27,9 +27,9 @@ impl Undrained {
         self.counts += count * counts_per_ray(&plan.program);
     }
 
-    /// Counts a pass. True if the devices should be asked now which primitives were reached. Asking waits for a device,
+    /// Counts a pass, and says whether to ask the devices now which primitives were reached. Asking waits for a device,
     /// which a strategy may keep busy from one pass to the next; so the answer is true ever more rarely.
-    pub(crate) fn end_pass(&mut self) -> bool {
+    pub(crate) fn should_ask_after_pass(&mut self) -> bool {
         self.num_passes += 1;
         self.num_passes.is_power_of_two()
     }

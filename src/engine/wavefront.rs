@@ -21,6 +21,7 @@ pub(crate) fn trace<'a>(
     begun: Tally,
     mut keep_going: impl FnMut(&mut Progress<'_, 'a>) -> Result<bool>,
 ) -> Result<Tally> {
+    // What an earlier trace, which failed, left on the devices.
     discard(engine, strategy)?;
     let mut at = engine.plan.position_after(&begun)?;
     check_shape(engine.ir, &begun)?;
@@ -67,7 +68,8 @@ fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end:
     if !strategy.keeps_busy() {
         engine.wait_for_pass(end - first, ranges.len(), start)?;
     }
-    if engine.undrained.end_pass() {
+    // Shaders need not mark primitives that are known to be reached. Drivers may cut long loops, which must not pass.
+    if engine.undrained.should_ask_after_pass() {
         engine.learn_reached(strategy)?;
         engine.check_loops(strategy)?;
     }

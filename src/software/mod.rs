@@ -23,7 +23,7 @@ use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
 use crate::engine::strategy::Strategy;
-use crate::engine::submit::Way;
+use crate::engine::submit::Route;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -106,19 +106,19 @@ impl Software {
     }
 
     /// How the device whose turn it is traces such rays.
-    fn way(&self, program: &Program, rays: &Rays) -> Way {
+    fn way(&self, program: &Program, rays: &Rays) -> Route {
         let (_, group) = self.turn();
         let added = SoftwareExtension::of_program(program);
         let side_rays = added.side_rays_per_invocation();
         match rays {
             Rays::OfRange if added.main_path.is_some() => {
                 let rays_per_invocation = added.rays_per_main_path_invocation();
-                Way { group, added: Some(MAIN_PATH), rays_per_invocation }
+                Route { group, added: Some(MAIN_PATH), rays_per_invocation }
             }
             Rays::OfSide { side, .. } => {
-                Way { group, added: Some(FIRST_SIDE_PATH + side), rays_per_invocation: side_rays }
+                Route { group, added: Some(FIRST_SIDE_PATH + side), rays_per_invocation: side_rays }
             }
-            Rays::OfRange | Rays::Rejected => Way::plain(program, group),
+            Rays::OfRange | Rays::Rejected => Route::plain(program, group),
         }
     }
 

@@ -5,7 +5,7 @@ use nsq_gpu::model::{
     Source, SourceKind, Spectral, Sphere, Splat, Surface,
 };
 
-/// Every kind of source.
+/// Every kind of source that Optiland has.
 pub const SOURCES: [&str; 6] = [
     "point in a cone",
     "point in all directions",

@@ -13,8 +13,8 @@ pub struct Extent {
     pub half_height: f64,
     /// Radius of a ball about the origin that holds the shape.
     pub reach: f64,
-    /// The largest length that its crossings are computed from; infinite where they are so ill-conditioned that no box
-    /// holds what a ray is found to hit.
+    /// The scale of rounding errors: the largest coordinate that the formula of a crossing squares \[mm\]. It is infinite
+    /// where crossings are so ill-conditioned that no box holds what a ray is found to hit.
     pub size: f64,
 }
 

@@ -83,7 +83,8 @@ pub enum Normal {
 
 /// What the program, the checks of scenes and the viewer ask of a shape.
 pub trait Geometry: std::fmt::Debug {
-    /// The function that draws it.
+    /// The shader functions that trace the shape. They may be those of a simpler kind, such as the disk for a flat conic;
+    /// [`Geometry::arguments`] are then the numbers of that kind.
     fn kind(&self) -> ShapeKind;
 
     /// The numbers that the functions take after a point and a direction.
@@ -95,6 +96,7 @@ pub trait Geometry: std::fmt::Debug {
     }
 
     /// The function that is zero on the shape, for shapes with a normal that bends smoothly; by default the quadric's.
+    /// A shape without one counts as the plane z = 0 where faces in contact are looked for.
     fn level(&self, p: DVec3) -> Option<Level> {
         self.quadric().map(|quadric| quadric.level(p))
     }
@@ -164,7 +166,8 @@ pub trait Geometry: std::fmt::Debug {
         None
     }
 
-    /// Where the line o + t d crosses the shape, as values of t in no order. For checks of scenes; rays have WGSL.
+    /// The values of t, in no order, at which the line o + t d crosses the shape. Checks of compound bodies use them;
+    /// rays have WGSL. By default these are the quadric's, and there are none for a shape without a quadric.
     fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
         let all = self.quadric().into_iter().flat_map(|quadric| quadric.crossings(o, d));
         all.filter(|t| t.is_finite() && self.holds(o + *t * d)).collect()
@@ -197,7 +200,8 @@ trait Entry {
     /// Refuses numbers that no shape has. `at` gives the place of a key.
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()>;
 
-    /// The shape; of a mesh, which is read elsewhere, by its place among the scene's meshes.
+    /// The shape. `place` is where it stands in the scene file. `index` is the number of a mesh among the scene's
+    /// meshes; other shapes ignore it.
     fn shape(&self, place: &str, index: Option<usize>) -> Result<Shape>;
 }
 

@@ -359,15 +359,16 @@ mod tests {
     /// Where a straight line meets a shape, found by small steps along it: true if it crosses the quadric so near to a
     /// place of the shape.
     fn is_met(shape: &Shape, line: &Stretch) -> bool {
-        let on_shape = |p: DVec3| match *shape {
-            Shape::Conic(Conic { curvature, conic, aperture_radius }) => {
+        let on_shape = |p: DVec3| {
+            if let Shape::Conic(Conic { curvature, conic, aperture_radius }) = *shape {
                 1.0 - (1.0 + conic) * curvature * p.z >= 0.0 && p.truncate().length() <= aperture_radius
-            }
-            Shape::Frustum(Frustum { z_front, z_back, .. }) => (z_front..=z_back).contains(&p.z),
-            Shape::Annulus(Annulus { inner_radius, outer_radius, .. }) => {
+            } else if let Shape::Frustum(Frustum { z_front, z_back, .. }) = *shape {
+                (z_front..=z_back).contains(&p.z)
+            } else if let Shape::Annulus(Annulus { inner_radius, outer_radius, .. }) = *shape {
                 (inner_radius..=outer_radius).contains(&p.truncate().length())
+            } else {
+                false
             }
-            Shape::Plane(_) | Shape::Sphere(_) | Shape::Mesh(_) | Shape::Roof(_) => false,
         };
         let at = |i: u32| line.from.lerp(line.to, f64::from(i) / 20_000.0);
         let value = |p: DVec3| Along::of(shape, p, DVec3::Z).f;
