@@ -20,7 +20,7 @@ alias real = f32;
 // <- shaders/random/rng.portable.wgsl
 // <- shaders/sums/sums.portable.wgsl
 // ==== composed by program::wgsl::constants
-const NO_COUNT: u32 = 4294967295u;
+const IMPOSSIBLE_COUNT: u32 = 4294967295u;
 const WORKGROUP_SIZE: u32 = 64u;
 const RAYS_PER_INVOCATION: u32 = 1u;
 const EVENTS_PER_DISPATCH: u32 = 16u;
