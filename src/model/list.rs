@@ -54,6 +54,11 @@ macro_rules! kinds {
             pub const ALL: &[$functions] =
                 &[$($($(#[cfg($function_cfg)])? $functions::$function,)+)+];
 
+            /// Those that occur, in the order of their codes, without repetition.
+            pub fn distinct(functions: impl Iterator<Item = Self>) -> Vec<Self> {
+                functions.collect::<std::collections::BTreeSet<_>>().into_iter().collect()
+            }
+
             /// The code in the shaders.
             pub fn code(self) -> u32 {
                 self as u32

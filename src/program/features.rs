@@ -60,12 +60,9 @@ impl Features {
         let lowest_birth_weight = weights.iter().copied().fold(f64::INFINITY, f64::min);
         let primitives = primitives(ir);
         let shapes = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
-        let mut sources: Vec<SourceFunction> = ir.sources.iter().map(|e| e.kind.kind()).collect();
-        sources.sort();
-        sources.dedup();
-        let mut detectors: Vec<DetectorFunction> = ir.detectors.iter().map(|s| s.kind.function()).collect();
-        detectors.sort();
-        detectors.dedup();
+        let sources = SourceFunction::distinct(ir.sources.iter().map(|source| source.kind.kind()));
+        let detectors =
+            DetectorFunction::distinct(ir.detectors.iter().map(|detector| detector.kind.function()));
         let reflectances = || {
             ir.surfaces.iter().filter_map(|s| match &s.interaction {
                 Interaction::Reflective { reflectance } => Some(reflectance),

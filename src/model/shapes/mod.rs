@@ -231,10 +231,7 @@ impl ShapeKind {
 
     /// The kinds of shapes, without repetition.
     pub fn among<'a>(shapes: impl Iterator<Item = &'a Shape>) -> Vec<Self> {
-        let mut kinds: Vec<ShapeKind> = shapes.map(ShapeKind::of).collect();
-        kinds.sort();
-        kinds.dedup();
-        kinds
+        ShapeKind::distinct(shapes.map(ShapeKind::of))
     }
 
     /// A function of the kind, such as `conic_distance`.

@@ -6,10 +6,7 @@ use crate::program::layout::records::Records;
 
 /// The kinds that occur, without repetition.
 pub fn kinds(ir: &SceneIr) -> Vec<BsdfKind> {
-    let mut kinds: Vec<BsdfKind> = scatters(ir).map(|scatter| scatter.bsdf.kind()).collect();
-    kinds.sort();
-    kinds.dedup();
-    kinds
+    BsdfKind::distinct(scatters(ir).map(|scatter| scatter.bsdf.kind()))
 }
 
 /// Every scattering of the scene.
