@@ -3,13 +3,10 @@
 use crate::Result;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, default_absorb,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
 };
 use crate::model::shapes::Outline;
-use crate::model::written::CoordinateSystem;
 use crate::shaders::shader;
-use schemars::JsonSchema;
-use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Its function, which deposits into bins of directions.
@@ -29,24 +26,17 @@ pub struct FarField {
     pub num_phi: u32,
 }
 
-/// Flux over directions.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "FarFieldDetector")]
-pub struct Written {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Bins of the polar angle, 0 to 90 degrees from the axis, forwards and backwards together.
-    #[serde(default = "ninety")]
-    pub num_bins_theta: u32,
-    /// Bins of the azimuth, -180 to 180 degrees.
-    #[serde(default = "full_circle")]
-    pub num_bins_phi: u32,
-    /// Whether a hit ends the ray.
-    #[serde(default = "default_absorb")]
-    pub absorb: bool,
+written! {
+    /// Flux over directions.
+    #[schemars(rename = "FarFieldDetector")]
+    pub struct Written {
+        /// Bins of the polar angle, 0 to 90 degrees from the axis, forwards and backwards together.
+        #[serde(default = "ninety")]
+        pub num_bins_theta: u32,
+        /// Bins of the azimuth, -180 to 180 degrees.
+        #[serde(default = "full_circle")]
+        pub num_bins_phi: u32,
+    }
 }
 
 impl Entry for Written {

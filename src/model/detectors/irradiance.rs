@@ -5,46 +5,36 @@ pub use crate::model::detectors::grid::PixelGrid;
 use crate::Result;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow, SplatKind};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, default_absorb,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
 };
 use crate::model::shapes::Outline;
-use crate::model::written::CoordinateSystem;
 use crate::shaders::shader;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
 /// Its function, which deposits into pixels.
 pub const IRRADIANCE: DetectorWgsl =
     DetectorWgsl { name: "irradiance", file: shader!("detectors/irradiance.wgsl"), records: Records::Cells };
 
-/// Flux over pixels.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "IrradianceDetector")]
-pub struct Written {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Full width \[mm\].
-    pub width: f64,
-    /// Full height \[mm\].
-    pub height: f64,
-    /// Pixels along x.
-    #[serde(default = "grid::default_pixels")]
-    pub num_pixels_x: u32,
-    /// Pixels along y.
-    #[serde(default = "grid::default_pixels")]
-    pub num_pixels_y: u32,
-    /// How flux is spread over pixels.
-    #[serde(default)]
-    pub splat: SplatKind,
-    /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
-    #[serde(default = "grid::default_sigma")]
-    pub splat_sigma: f64,
-    /// Whether a hit ends the ray.
-    #[serde(default = "default_absorb")]
-    pub absorb: bool,
+written! {
+    /// Flux over pixels.
+    #[schemars(rename = "IrradianceDetector")]
+    pub struct Written {
+        /// Full width \[mm\].
+        pub width: f64,
+        /// Full height \[mm\].
+        pub height: f64,
+        /// Pixels along x.
+        #[serde(default = "grid::default_pixels")]
+        pub num_pixels_x: u32,
+        /// Pixels along y.
+        #[serde(default = "grid::default_pixels")]
+        pub num_pixels_y: u32,
+        /// How flux is spread over pixels.
+        #[serde(default)]
+        pub splat: SplatKind,
+        /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
+        #[serde(default = "grid::default_sigma")]
+        pub splat_sigma: f64,
+    }
 }
 
 impl Entry for Written {

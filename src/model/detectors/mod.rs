@@ -21,64 +21,11 @@ use crate::model::shapes::Outline;
 use crate::model::written::CoordinateSystem;
 use crate::shaders::ShaderFile;
 
-/// Makes `DetectorKind`, `DetectorFunction` and `Written` of the list, and what `Written` says of every detector.
-macro_rules! list {
-    ($($list:tt)+) => {
-        kinds! {
-            DetectorKind: Detection,
-            functions DetectorFunction: DetectorWgsl,
-            /// A detector, by its `type`.
-            written "Detector": Entry;
-            $($list)+
-        }
-        shared! { $($list)+ }
-    };
-}
-
-/// What scene files say of every detector: each file's `Written` has a name, a frame and `absorb`.
-macro_rules! shared {
-    ($($(#[doc = $doc:literal])+ $name:ident($file:ident::$type:ident) by $function:ident = $text:ident;)+) => {
-        impl Written {
-            /// The user's name for it.
-            pub fn name(&self) -> &str {
-                match self {
-                    $(Written::$name(written) => &written.name,)+
-                }
-            }
-
-            /// Position and orientation.
-            pub fn cs(&self) -> &CoordinateSystem {
-                match self {
-                    $(Written::$name(written) => &written.cs,)+
-                }
-            }
-
-            /// True if it stores the rays that it records, whose number may be limited.
-            pub fn stores_rays(&self) -> bool {
-                match self {
-                    $(Written::$name(_) => DetectorFunction::$function.stores_rays(),)+
-                }
-            }
-
-            /// Whether a hit ends the ray.
-            pub fn absorb(&self) -> bool {
-                match self {
-                    $(Written::$name(written) => written.absorb,)+
-                }
-            }
-        }
-
-        impl std::ops::Deref for Written {
-            type Target = dyn Entry;
-
-            fn deref(&self) -> &Self::Target {
-                self.entry()
-            }
-        }
-    };
-}
-
-list! {
+kinds! {
+    DetectorKind: Detection,
+    functions DetectorFunction: DetectorWgsl,
+    /// A detector, by its `type`.
+    written "Detector": Entry;
     /// Flux over pixels.
     Irradiance(irradiance::PixelGrid) by Irradiance = IRRADIANCE;
     /// Flux over pixels and wavelengths.
@@ -88,6 +35,38 @@ list! {
     /// Every ray.
     RayDatabase(ray_database::RayDatabase) by RayDatabase = RAY_DATABASE;
 }
+
+/// Makes what scene files have of a detector: the keys of all detectors around its own.
+macro_rules! written {
+    (
+        $(#[$attribute:meta])*
+        pub struct $name:ident {
+            $($(#[$key_attribute:meta])* pub $key:ident: $type:ty,)*
+        }
+    ) => {
+        #[derive(Debug, Clone, PartialEq, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        $(#[$attribute])*
+        pub struct $name {
+            /// Unique name.
+            pub name: String,
+            /// Position and orientation.
+            pub cs: $crate::model::written::CoordinateSystem,
+            $($(#[$key_attribute])* pub $key: $type,)*
+            /// Whether a hit ends the ray.
+            #[serde(default = "crate::model::detectors::default_absorb")]
+            pub absorb: bool,
+        }
+
+        impl $crate::model::detectors::HasShared for $name {
+            fn shared(&self) -> $crate::model::detectors::Shared<'_> {
+                let $name { name, cs, absorb, .. } = self;
+                $crate::model::detectors::Shared { name, cs, absorb: *absorb }
+            }
+        }
+    };
+}
+use written;
 
 /// What the shaders have of a detector.
 #[derive(Debug)]
@@ -190,8 +169,21 @@ impl DetectorFunction {
     }
 }
 
+/// What all detectors of scene files have.
+pub struct Shared<'a> {
+    name: &'a str,
+    cs: &'a CoordinateSystem,
+    absorb: bool,
+}
+
+/// What `written` gives to each file's `Written`.
+pub trait HasShared {
+    /// The keys of all detectors.
+    fn shared(&self) -> Shared<'_>;
+}
+
 /// What each file's `Written` does: the numbers of a detector as scene files have them.
-pub trait Entry {
+pub trait Entry: HasShared {
     /// Refuses numbers that no detector has. `at` gives the place of a key.
     ///
     /// # Errors
@@ -207,6 +199,36 @@ pub trait Entry {
     /// The wavelengths that its bins span \[um\], if it has bins.
     fn band(&self) -> Option<[f64; 2]> {
         None
+    }
+}
+
+impl Written {
+    /// The user's name for it.
+    pub fn name(&self) -> &str {
+        self.entry().shared().name
+    }
+
+    /// Position and orientation.
+    pub fn cs(&self) -> &CoordinateSystem {
+        self.entry().shared().cs
+    }
+
+    /// Whether a hit ends the ray.
+    pub fn absorb(&self) -> bool {
+        self.entry().shared().absorb
+    }
+
+    /// True if it stores the rays that it records, whose number may be limited.
+    pub fn stores_rays(&self) -> bool {
+        self.entry().kind(None).stores_rays()
+    }
+}
+
+impl std::ops::Deref for Written {
+    type Target = dyn Entry;
+
+    fn deref(&self) -> &Self::Target {
+        self.entry()
     }
 }
 

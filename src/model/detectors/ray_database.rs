@@ -3,13 +3,10 @@
 use crate::Result;
 use crate::model::detectors::grid::{self, GridRow};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, default_absorb,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
 };
 use crate::model::shapes::Outline;
-use crate::model::written::CoordinateSystem;
 use crate::shaders::shader;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
 /// Its function, which appends a row.
 pub const RAY_DATABASE: DetectorWgsl = DetectorWgsl {
@@ -29,22 +26,15 @@ pub struct RayDatabase {
     pub max_rays: Option<u64>,
 }
 
-/// Every ray through a rectangle.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "RayDatabaseDetector")]
-pub struct Written {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Full width \[mm\].
-    pub width: f64,
-    /// Full height \[mm\].
-    pub height: f64,
-    /// Whether a hit ends the ray.
-    #[serde(default = "default_absorb")]
-    pub absorb: bool,
+written! {
+    /// Every ray through a rectangle.
+    #[schemars(rename = "RayDatabaseDetector")]
+    pub struct Written {
+        /// Full width \[mm\].
+        pub width: f64,
+        /// Full height \[mm\].
+        pub height: f64,
+    }
 }
 
 impl Entry for Written {

@@ -4,13 +4,10 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::detectors::grid::{self, ArrivalError, GridRow, PixelGrid, SplatKind};
 use crate::model::detectors::{
-    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, default_absorb,
+    Detection, DetectorExtra, DetectorFunction, DetectorKind, DetectorWgsl, Entry, Records, written,
 };
 use crate::model::shapes::Outline;
-use crate::model::written::CoordinateSystem;
 use crate::shaders::shader;
-use schemars::JsonSchema;
-use serde::Deserialize;
 
 /// Its function, which deposits into the pixels of the wavelength's bin.
 pub const SPECTRAL: DetectorWgsl =
@@ -28,43 +25,36 @@ pub struct Spectral {
     pub wavelength_edges: Vec<f64>,
 }
 
-/// Flux over pixels and wavelengths.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "SpectralDetector")]
-pub struct Written {
-    /// Unique name.
-    pub name: String,
-    /// Position and orientation.
-    pub cs: CoordinateSystem,
-    /// Full width \[mm\].
-    pub width: f64,
-    /// Full height \[mm\].
-    pub height: f64,
-    /// Pixels along x.
-    #[serde(default = "grid::default_pixels")]
-    pub num_pixels_x: u32,
-    /// Pixels along y.
-    #[serde(default = "grid::default_pixels")]
-    pub num_pixels_y: u32,
-    /// Lower end of the first bin \[um\], which also counts what is shorter.
-    #[serde(default = "violet")]
-    pub wl_min: f64,
-    /// Upper end of the last bin \[um\], which also counts what is longer.
-    #[serde(default = "red")]
-    pub wl_max: f64,
-    /// Wavelength bins.
-    #[serde(default = "hundred")]
-    pub num_bins: u32,
-    /// How flux is spread over pixels.
-    #[serde(default)]
-    pub splat: SplatKind,
-    /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
-    #[serde(default = "grid::default_sigma")]
-    pub splat_sigma: f64,
-    /// Whether a hit ends the ray.
-    #[serde(default = "default_absorb")]
-    pub absorb: bool,
+written! {
+    /// Flux over pixels and wavelengths.
+    #[schemars(rename = "SpectralDetector")]
+    pub struct Written {
+        /// Full width \[mm\].
+        pub width: f64,
+        /// Full height \[mm\].
+        pub height: f64,
+        /// Pixels along x.
+        #[serde(default = "grid::default_pixels")]
+        pub num_pixels_x: u32,
+        /// Pixels along y.
+        #[serde(default = "grid::default_pixels")]
+        pub num_pixels_y: u32,
+        /// Lower end of the first bin \[um\], which also counts what is shorter.
+        #[serde(default = "violet")]
+        pub wl_min: f64,
+        /// Upper end of the last bin \[um\], which also counts what is longer.
+        #[serde(default = "red")]
+        pub wl_max: f64,
+        /// Wavelength bins.
+        #[serde(default = "hundred")]
+        pub num_bins: u32,
+        /// How flux is spread over pixels.
+        #[serde(default)]
+        pub splat: SplatKind,
+        /// Standard deviation of a Gaussian splat \[pixels\]; 0 for none.
+        #[serde(default = "grid::default_sigma")]
+        pub splat_sigma: f64,
+    }
 }
 
 impl Entry for Written {
