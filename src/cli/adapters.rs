@@ -1,13 +1,14 @@
 //! `nsq-gpu adapters`: lists the adapters that can trace here.
 
 use crate::error::{Error, Result};
+use crate::gpu::rounding::Misrounded;
 use crate::gpu::{self, AdapterChoice, AdapterInfo, Gpu};
 use std::fmt::Write;
 
 /// Arguments of `nsq-gpu adapters`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Measure the rates of f32, df64 and f64 arithmetic.
+    /// Measure the rates of f32, df64 and f64 arithmetic, and how f32 and f64 are rounded.
     #[arg(long)]
     measure: bool,
 }
@@ -46,6 +47,21 @@ fn describe(info: &AdapterInfo, measure: bool) -> Result<String> {
                 let _ = writeln!(text, "  {name}: {billions:.1} G multiply-adds/s ({share:.2} of f32)");
             }
         }
+        let (in_f32, in_f64) = gpu.misrounded()?;
+        for (name, found) in [("f32", Some(in_f32)), ("f64", in_f64)] {
+            let _ = found.map(|found| writeln!(text, "  rounding in {name}: {}", rounding(&found)));
+        }
     }
     if text.is_empty() { Err(Error::Internal("an adapter without a name".into())) } else { Ok(text) }
+}
+
+fn rounding(found: &Misrounded) -> String {
+    match found.none() {
+        true => "to the nearest".into(),
+        false => format!(
+            "{:.1} % of quotients and {:.1} % of square roots are not the nearest numbers",
+            100.0 * found.quotients,
+            100.0 * found.roots
+        ),
+    }
 }

@@ -6,6 +6,7 @@ pub mod adapter_name;
 pub mod compute;
 pub mod processors;
 pub mod profile;
+pub mod rounding;
 pub mod strict;
 
 pub use crate::gpu::adapter::{AdapterChoice, AdapterInfo, Gpu, Native, Ways, list_adapters};
