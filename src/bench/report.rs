@@ -7,7 +7,7 @@ use crate::bench::statistics::Summary;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, processors};
 use crate::result::png::bars::{Bar, Bars, Group, write_bars};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -49,11 +49,11 @@ pub struct BenchReport {
 }
 
 /// The measurements of the window in one state.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ViewerResult {
     /// `viewer_small`, `viewer_large`: a result is shown. `viewer_tracing`, `viewer_shared`: a trace runs, on a device
     /// of its own or on the device that draws.
-    pub name: &'static str,
+    pub name: String,
     /// Cells of the map along each side.
     pub cells: u32,
     /// Width and height of the window \[pixels\].

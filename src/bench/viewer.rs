@@ -94,7 +94,7 @@ fn measure_state(state: State, adapter: Option<&str>, num_frames: usize) -> Resu
         Summary::of(&seconds).ok_or_else(|| Error::Usage("at least one frame must be drawn".into()))
     };
     Ok(ViewerResult {
-        name: state.name(),
+        name: state.name().into(),
         cells: state.shown_cells(),
         window: [window.0 as u32, window.1 as u32],
         num_frames,

@@ -5,6 +5,8 @@ use crate::bench::accuracy::{self, AccuracyReport};
 use crate::bench::peers::optiland::Backend;
 use crate::bench::peers::{DrJit, Mitsuba, Optiland};
 use crate::bench::runner::measure;
+#[cfg(feature = "viewer")]
+use crate::bench::report::ViewerResult;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
 use crate::cli::console::say;
 use crate::count;
@@ -169,9 +171,9 @@ pub fn run(args: &Args) -> Result<String> {
     }
     #[cfg(feature = "viewer")]
     if failure.is_none() && (args.scenes.is_empty() || args.scenes.iter().any(|name| name == VIEWER)) {
-        const FRAMES_PER_RUN: usize = 12;
-        let frames = FRAMES_PER_RUN * session.num_runs;
-        report.viewer = crate::bench::viewer::measure(args.adapter.as_deref(), frames)?;
+        // Fragment shaders in vectors of 512 bits crash Mesa 22.3.
+        let is_apart = widest == Width::Wide && gpu.info.class.may_be_told_vector_width();
+        report.viewer = if is_apart { viewer_apart(&session)? } else { viewer(args, session.num_runs)? };
         for state in &report.viewer {
             let [host, frame] = [state.host_sec, state.frame_sec].map(|seconds| 1e3 * seconds.median);
             say(&format!("{}: {host:.1} ms a frame, {frame:.1} ms with its drawing", state.name));
@@ -220,23 +222,43 @@ fn widest(widths: &[Width]) -> Width {
     widths.iter().copied().max().unwrap_or(Width::Usual)
 }
 
+/// The viewer's frames.
+#[cfg(feature = "viewer")]
+fn viewer(args: &Args, num_runs: usize) -> Result<Vec<ViewerResult>> {
+    const FRAMES_PER_RUN: usize = 12;
+    crate::bench::viewer::measure(args.adapter.as_deref(), FRAMES_PER_RUN * num_runs)
+}
+
+/// The viewer's frames, drawn by a process of its own.
+#[cfg(feature = "viewer")]
+fn viewer_apart(session: &Session) -> Result<Vec<ViewerResult>> {
+    let report = report_of(VIEWER, session, Vec::new())?;
+    serde_json::from_value(report["viewer"].clone()).map_err(|error| Error::Internal(error.to_string()))
+}
+
 /// Measures a case in a process of its own, because the width of vectors belongs to a process.
 fn measure_apart(case: &Case, session: &Session, args: &Args) -> Result<CaseResult> {
+    let mut options = vec!["--max-rays".into(), case.num_rays.to_string()];
+    options.extend(["--peer-rays".into(), args.peer_rays.to_string()]);
+    options.extend(["--precision".into(), name_of(&args.precision.unwrap_or(PrecisionsArg::Both))]);
+    options.extend(["--python".into(), args.python.display().to_string()]);
+    options.extend(args.against.iter().flat_map(|peer| ["--against".to_string(), name_of(peer)]));
+    let report = report_of(&case.name, session, options)?;
+    serde_json::from_value(report["cases"][0].clone()).map_err(|error| Error::Internal(error.to_string()))
+}
+
+/// The report of this program about one case, measured in a process of its own.
+fn report_of(case: &str, session: &Session, options: Vec<String>) -> Result<Value> {
     let mut command = Command::new(&session.program);
     vector_width::leave_to(&mut command);
-    command.args(["bench", "--json", "--scenes", &case.name, "--runs", &session.num_runs.to_string()]);
-    command.args(["--max-rays", &case.num_rays.to_string(), "--peer-rays", &args.peer_rays.to_string()]);
-    command.args(["--precision", &name_of(&args.precision.unwrap_or(PrecisionsArg::Both))]);
-    command.args(["--adapter", &session.gpu.info.name]).arg("--python").arg(&args.python);
-    command.args(args.against.iter().flat_map(|peer| ["--against".to_string(), name_of(peer)]));
+    command.args(["bench", "--json", "--scenes", case, "--runs", &session.num_runs.to_string()]);
+    command.args(["--adapter", &session.gpu.info.name]).args(options);
     let output = command.output().map_err(|error| Error::Internal(format!("no command: {error}")))?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);
-        return Err(Error::Internal(format!("{} by itself: {}", case.name, said.trim())));
+        return Err(Error::Internal(format!("{case} by itself: {}", said.trim())));
     }
-    let report: Value =
-        serde_json::from_slice(&output.stdout).map_err(|error| Error::Internal(error.to_string()))?;
-    serde_json::from_value(report["cases"][0].clone()).map_err(|error| Error::Internal(error.to_string()))
+    serde_json::from_slice(&output.stdout).map_err(|error| Error::Internal(error.to_string()))
 }
 
 fn open(args: &Args) -> Result<Gpu> {
