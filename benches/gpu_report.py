@@ -21,7 +21,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# sha256 of every array of every scene, traced in strict f32 by lavapipe: what another adapter should give.
+# sha256 of every array of every scene, traced strictly by lavapipe in f32 and f64: what another adapter should give.
 STRICT_BITS = ROOT / "benches" / "strict_bits.json"
 STRICT_RAYS = 5000
 # In f64 counts are equal, totals agree to TOTAL_LIMIT of the launched flux, maps to MAP_LIMIT of their peak.
@@ -85,6 +85,20 @@ def scene_file(name):
     return ROOT / "scenes" / f"{name}.json"
 
 
+def uncapped(name, folder):
+    """The scene with ray databases that keep every row, as the committed results have them: its file."""
+    if "max_rays" not in scene_file(name).read_text():
+        return scene_file(name)
+    scene = json.loads(scene_file(name).read_text())
+    for detector in scene["detectors"]:
+        detector.pop("max_rays", None)
+    for extra in scene.get("nsq_gpu", {}).get("detectors", {}).values():
+        extra.pop("max_rays", None)
+    file = folder / f"{name}.json"
+    file.write_text(json.dumps(scene))
+    return file
+
+
 def map_deviation(folder, name, digest):
     """The largest deviation of a map's bins in units of its peak: of all, or of those that the digest holds; 0 for rows.
 
@@ -108,8 +122,8 @@ def parity(tracer, precision, quick):
     rows, wrong, differing, interactions = [], [], 0, 0.0
     for name, oracle in scenes(quick):
         with tempfile.TemporaryDirectory() as folder:
-            folder = Path(folder) / "results"
-            report = tracer.trace(scene_file(name), oracle["num_rays"], "--seed", oracle["seed"], "--max-depth", 16,
+            scene, folder = uncapped(name, Path(folder)), Path(folder) / "results"
+            report = tracer.trace(scene, oracle["num_rays"], "--seed", oracle["seed"], "--max-depth", 16,
                                   "--precision", precision, output=folder)
             maps = [map_deviation(folder, detector, digest) for detector, digest in oracle["detectors"].items()]
         counts = [abs(report[count] - oracle[count]) for count in COUNTS]
@@ -129,15 +143,15 @@ def parity(tracer, precision, quick):
     return rows, wrong
 
 
-def strict(tracer, quick):
-    """Which scenes give other bits in strict f32 than those committed, or are refused."""
-    known = json.loads(STRICT_BITS.read_text())
+def strict(tracer, precision, quick):
+    """How many scenes have committed bits, and which give others in strict arithmetic, or are refused."""
+    known = json.loads(STRICT_BITS.read_text())[precision]
     different = []
     for name in list(known)[:: 6 if quick else 1]:
         with tempfile.TemporaryDirectory() as folder:
             folder = Path(folder) / "results"
             try:
-                tracer.trace(scene_file(name), STRICT_RAYS, "--precision", "f32", "--strict", output=folder)
+                tracer.trace(scene_file(name), STRICT_RAYS, "--precision", precision, "--strict", output=folder)
             except RuntimeError as error:
                 different.append(str(error))
                 continue
@@ -148,13 +162,43 @@ def strict(tracer, quick):
 
 def write_strict_bits(tracer):
     """Writes the bits of every scene: for lavapipe, whose bits are the ones committed."""
-    known = {}
-    for file in sorted((ROOT / "scenes").glob("*.json")):
-        with tempfile.TemporaryDirectory() as folder:
-            folder = Path(folder) / "results"
-            tracer.trace(file, STRICT_RAYS, "--precision", "f32", "--strict", output=folder)
-            known[file.stem] = bits(folder)
+    known = {"f32": {}, "f64": {}}
+    for precision, of_scenes in known.items():
+        for file in sorted((ROOT / "scenes").glob("*.json")):
+            with tempfile.TemporaryDirectory() as folder:
+                folder = Path(folder) / "results"
+                tracer.trace(file, STRICT_RAYS, "--precision", precision, "--strict", output=folder)
+                of_scenes[file.stem] = bits(folder)
     STRICT_BITS.write_text(json.dumps(known, indent=1) + "\n")
+
+
+def forms(tracer, quick):
+    """Which scenes give other bits in strict f32 and f64 without native 64-bit integers."""
+    different = []
+    for name in [file.stem for file in sorted((ROOT / "scenes").glob("*.json"))][:: 12 if quick else 3]:
+        for precision in ["f32", "f64"]:
+            found = set()
+            for options in [(), ("--portable",)]:
+                with tempfile.TemporaryDirectory() as folder:
+                    folder = Path(folder) / "results"
+                    tracer.trace(scene_file(name), STRICT_RAYS, "--precision", precision, "--strict", *options, output=folder)
+                    found.add(bits(folder))
+            if len(found) > 1:
+                different.append(f"{name} in {precision}")
+    return different
+
+
+def cost_of_strictness(tracer, num_rays):
+    """The rates of the Cooke triplet and of a scattering telescope, strict and not, as a table."""
+    rows = []
+    for name in ["cooke_triplet", "scattering_telescope", "kaleidoscope"]:
+        for precision in ["f32", "f64"]:
+            def median(strict):
+                runs = [tracer.trace(scene_file(name), num_rays, "--precision", precision, f"--strict={strict}") for _ in range(4)]
+                return statistics.median(run["rays_per_sec"] for run in runs[1:]) / 1e6
+            strict, free = median("on"), median("off")
+            rows.append((name, precision, f"{strict:.1f}", f"{free:.1f}", f"{strict / free:.2f}"))
+    return table(["scene", "precision", "strict [M rays/s]", "not strict", "ratio"], rows)
 
 
 def determinism(tracer):
@@ -245,8 +289,15 @@ def main():
         section(f"Agreement with Optiland in {precision}", judged(precision, faults),
                 table(["scene", "counts that differ", "largest total", "largest bin", "imbalance [quanta]"],
                       [(n, c, f"{t:.1e}", f"{m:.1e}", i) for n, c, t, m, i in rows]))
-    num_known, different = strict(tracer, options.quick)
-    section("The bits of lavapipe in strict f32", judged("strict", different), f"{num_known} scenes are known.")
+    for precision in ["f64", "f32"]:
+        num_known, different = strict(tracer, precision, options.quick)
+        # Only where quotients and square roots are the nearest numbers can bits be those of another adapter.
+        is_nearest = f"rounding in {precision}: to the nearest" in adapters
+        found = (judged(f"strict {precision}", different) if is_nearest else
+                 f"{len(different)} scenes differ: this adapter does not round to the nearest (above).")
+        section(f"The bits of lavapipe in strict {precision}", found, f"{num_known} scenes are known.")
+    section("Strict arithmetic: the same bits in every form, and its cost", judged("forms", forms(tracer, options.quick)),
+            cost_of_strictness(tracer, 100_000 if options.quick else 10_000_000))
     section("The same bits in every run and batch", judged("bits", determinism(tracer)))
     rates = slowdowns(tracer, 100_000 if options.quick else 10_000_000)
     widest = rates["a beam over the whole map"]
