@@ -1,6 +1,6 @@
 """Writes tables of speeds from every bench.json in a folder of benches/results/: into docs/speed.md the newest of each
-case, into the README some of these, into benches/README.md how it stands with what was set out to be reached, into
-benches/results/README.md all of them.
+case on processors and of each on GPUs, into the README some of the former, into benches/README.md how these stand with
+what was set out to be reached, into benches/results/README.md all of them.
 
 usage, in python/: python -m tools.make_speed_table
 """
@@ -18,6 +18,7 @@ RESULTS = ROOT / "benches" / "results"
 ALL_TABLES = RESULTS / "README.md"
 BEGIN = "<!-- Written by python/tools/make_speed_table.py. -->\n"
 END = "<!-- End of the table of speeds. -->\n"
+BEGIN_GPUS = "<!-- GPUs, written by python/tools/make_speed_table.py. -->\n"
 PRECISIONS = ("f32", "f64")
 #: What the README shows: a lens in a short and a long trace, many events, many surfaces, a mesh, a whole command.
 HIGHLIGHTS = ("rays_1e5", "rays_1e7", "depth_16", "surfaces_200", "mesh_100k", "cooke_triplet")
@@ -194,11 +195,11 @@ def bars(reports: dict[str, dict]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def replaced(text: str, table_of: str) -> str:
+def replaced(text: str, table_of: str, begin: str = BEGIN) -> str:
     """A page with its table made anew."""
-    head, rest = text.split(BEGIN, 1)
+    head, rest = text.split(begin, 1)
     tail = rest.split(END, 1)[1]
-    return head + BEGIN + "\n" + table_of + "\n" + END + tail
+    return head + begin + "\n" + table_of + "\n" + END + tail
 
 
 def read_reports() -> dict[str, dict]:
@@ -207,9 +208,17 @@ def read_reports() -> dict[str, dict]:
     return dict(sorted(reports, key=lambda report: report[1]["date"], reverse=True))
 
 
+def is_of_gpu(report: dict) -> bool:
+    """Whether a report is of a GPU, not of a processor."""
+    return report["adapter"]["kind"] != "Cpu"
+
+
 if __name__ == "__main__":
     found = read_reports()
-    README.write_text(replaced(README.read_text(), summary(found, names=HIGHLIGHTS)))
-    SPEED.write_text(replaced(SPEED.read_text(), summary(found, "../benches/results")))
-    BENCHES.write_text(replaced(BENCHES.read_text(), bars(found)))
+    of_processors = {folder: report for folder, report in found.items() if not is_of_gpu(report)}
+    of_gpus = {folder: report for folder, report in found.items() if is_of_gpu(report)}
+    README.write_text(replaced(README.read_text(), summary(of_processors, names=HIGHLIGHTS)))
+    speed = replaced(SPEED.read_text(), summary(of_processors, "../benches/results"))
+    SPEED.write_text(replaced(speed, summary(of_gpus, "../benches/results"), BEGIN_GPUS))
+    BENCHES.write_text(replaced(BENCHES.read_text(), bars(of_processors)))
     ALL_TABLES.write_text(all_tables(found))
