@@ -1,32 +1,29 @@
 //! A scene as a module of WGSL, with the buffers that it reads.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::model::surface_optics::{coating_pass, reflectance};
 use crate::model::{Detector, SceneIr, SourceFunction, Surface};
-use crate::program::df64;
 use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
-use crate::program::layout::records::{StructLayout, put_real};
+use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
 use crate::program::layout::{bindings, bsdf, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
+use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::extension::{Extend, Extension, NoExtension};
 use glam::DVec3;
+use std::ops::Deref;
 use std::sync::Arc;
 
 /// A composed, validated shader module and the constant buffers it reads.
 #[derive(Debug)]
 pub struct Program {
-    /// The WGSL as it is composed.
-    pub wgsl: String,
-    /// In df64, the WGSL with pairs in place of f64.
-    pub rewritten: Option<String>,
-    /// The module that the device runs, for reflection.
-    pub module: naga::Module,
+    /// Its module, which programs of the same text share.
+    pub parsed: Arc<Parsed>,
     /// What the scene needs.
     pub features: Features,
     /// How it was specialised.
@@ -55,6 +52,14 @@ pub struct Program {
     first_step: [u32; 4],
 }
 
+impl Deref for Program {
+    type Target = Parsed;
+
+    fn deref(&self) -> &Parsed {
+        &self.parsed
+    }
+}
+
 impl Program {
     /// What its sums and tables take of a device \[bytes\].
     pub fn device_bytes(&self) -> u64 {
@@ -65,7 +70,7 @@ impl Program {
     /// Composes and packs a scene for a seed, in the plain way.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the precision cannot hold one of the scene's numbers.
+    /// [`crate::Error::Usage`] if the precision cannot hold one of the scene's numbers.
     pub fn new(ir: &SceneIr, options: ProgramOptions, seed: u64) -> Result<Self> {
         Self::extended(ir, options, &NoExtension, seed, |wgsl| wgsl)
     }
@@ -73,13 +78,28 @@ impl Program {
     /// As [`Program::new`], with an extension. `edit` changes the composed text: for tests that must notice a wrong shader.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the precision cannot hold one of the scene's numbers.
+    /// [`crate::Error::Usage`] if the precision cannot hold one of the scene's numbers.
     pub fn extended(
         ir: &SceneIr,
         options: ProgramOptions,
         extend: &dyn Extend,
         seed: u64,
         edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
+        Self::parsed_by(ir, options, extend, seed, |wgsl, precision| parse(edit(wgsl), precision))
+    }
+
+    /// As [`Program::extended`]. `parse` gives the module of a text.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the precision cannot hold one of the scene's numbers.
+    pub fn parsed_by(
+        ir: &SceneIr,
+        options: ProgramOptions,
+        extend: &dyn Extend,
+        seed: u64,
+        parse: impl FnOnce(String, Precision) -> Result<Arc<Parsed>>,
     ) -> Result<Self> {
         let scene = Prepared::of(ir, options)?;
         let extension = extend.extension(&scene);
@@ -91,18 +111,12 @@ impl Program {
             scene.options.native,
             scene.options.part_bytes,
         )?;
-        let wgsl = edit(Composition::of(&scene, &sums).compose(extension.as_ref())?);
-        let module = naga::front::wgsl::parse_str(&wgsl)
-            .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
-        let (module, rewritten) = match scene.options.precision {
-            Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,
-            Precision::F32 | Precision::F64 => (module, None),
-        };
+        let composition = Composition::of(&scene, &sums);
+        let parsed = parse(composition.compose(extension.as_ref())?, scene.options.precision)?;
+        let numbers = composition.numbers.bytes(&parsed.module)?;
         let Prepared { options, features, splitting, centre, cells, constant_weights, .. } = scene;
         let mut program = Program {
-            wgsl,
-            rewritten,
-            module,
+            parsed,
             max_events_per_ray: max_events_per_ray(ir, &features, &options),
             features,
             options,
@@ -120,6 +134,7 @@ impl Program {
         program.set_seed(seed);
         program.max_events_per_ray *= program.most_rays();
         program.buffers = program.pack(ir, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
+        program.buffers.extend(numbers.map(|bytes| (bindings::NUMBERS, bytes)));
         program.buffers.extend(program.trees(&scene.forest, &scene.triangles, scene.tree.as_ref())?);
         program.source_uniforms = program.pack_sources(ir)?;
         Ok(program)
@@ -156,16 +171,18 @@ impl Program {
         if self.features.reads_media() && !self.options.bakes_media(ir) {
             tables.push(tables::medium_records(ir));
         }
+        if !self.options.bakes_records() {
+            tables.push(tables::surface_records(ir, self.centre, &self.features));
+            tables.push(tables::detector_records(ir, self.centre, &self.cells));
+        }
         if !self.options.baked {
-            let surfaces = tables::surface_records(ir, self.centre, &self.features);
-            let detectors = tables::detector_records(ir, self.centre, &self.cells);
             let has_records = tree.is_some_and(|tree| tree.records.is_some());
             let num = self.options.num_in_table(ir);
-            let primitives = (!has_records).then(|| tables::primitive_records(ir, self.centre, num));
-            let contacts = contacts.any().then(|| tables::contact_records(ir, contacts, facets));
-            tables.extend([surfaces, detectors].into_iter().chain(primitives).chain(contacts));
+            tables.extend((!has_records).then(|| tables::primitive_records(ir, self.centre, num)));
+            tables.extend(contacts.any().then(|| tables::contact_records(ir, contacts, facets)));
         }
         for records in tables {
+            let records = records.with_live(self.options.live);
             let bytes = records.bytes(&self.module, self.options.precision)?;
             buffers.extend(bytes.map(|bytes| (records.binding, bytes)));
         }
@@ -208,11 +225,6 @@ impl Program {
         }
         let records = tables::source_records(ir, self.centre, &self.options.weights);
         records.bytes_by_row(&self.module, self.options.precision)
-    }
-
-    /// The WGSL that the device runs.
-    pub fn device_wgsl(&self) -> &str {
-        self.rewritten.as_deref().unwrap_or(&self.wgsl)
     }
 
     /// The entry point that follows new rays.

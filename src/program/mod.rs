@@ -8,6 +8,7 @@ pub mod features;
 pub mod geometry;
 pub mod layout;
 pub mod options;
+pub mod parsed;
 pub mod prepared;
 pub mod wgsl;
 

@@ -68,6 +68,8 @@ pub struct ProgramOptions {
     pub moments: SecondMoments,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
+    /// The numbers of the scene lie in a table, so that scenes of one shape have the same text.
+    pub live: bool,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.
@@ -131,11 +133,16 @@ impl ProgramOptions {
         (makes_reals && records.has_varying("shape") && self.are_texels(num_rows)).then_some(records)
     }
 
+    /// True if the records of surfaces and detectors are compiled in.
+    pub fn bakes_records(&self) -> bool {
+        self.baked && !self.live
+    }
+
     /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in
     /// which each lane has its own.
     pub fn bakes_media(&self, ir: &SceneIr) -> bool {
         const MOST_CHOSEN: usize = 16;
-        self.baked && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
+        self.bakes_records() && ir.media.len() * ir.wavelengths.len() <= MOST_CHOSEN
     }
 
     /// True if the loops of an invocation may make more rounds than some driver allows (shaders/software/rounds.many.wgsl): not if

@@ -7,7 +7,7 @@ use naga::{Module, Scalar, ScalarKind, TypeInner};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{SceneIr, Shape};
 use nsq_gpu::program::layout::bindings;
-use nsq_gpu::program::layout::records::StructLayout;
+use nsq_gpu::program::layout::reals::StructLayout;
 use nsq_gpu::program::{PathSampling, Precision, Program, RayRange, Sampler};
 
 /// A field of a struct of a module.
@@ -186,11 +186,12 @@ fn a_queued_ray_is_small() {
 #[test]
 fn both_shaders_have_the_same_queue_counts() {
     let advance = naga::front::wgsl::parse_str(&nsq_gpu::program::wgsl::compose::advance()).unwrap();
-    let trace = everything().program(tiers_in_tables()[0]).module;
-    assert_eq!(fields(&advance, "QueueCounts"), fields(&trace, "QueueCounts"));
+    let program = everything().program(tiers_in_tables()[0]);
+    let trace = &program.module;
+    assert_eq!(fields(&advance, "QueueCounts"), fields(trace, "QueueCounts"));
     // The host reads the number of rows from byte 8 on, whether loops were cut from byte 12 on.
-    assert_eq!(names(&trace, "QueueCounts"), ["incoming", "outgoing", "events", "cut"]);
-    assert_eq!(StructLayout::of(&trace, "QueueCounts").unwrap().stride, 16);
+    assert_eq!(names(trace, "QueueCounts"), ["incoming", "outgoing", "events", "cut"]);
+    assert_eq!(StructLayout::of(trace, "QueueCounts").unwrap().stride, 16);
 }
 
 /// A number of the bytes of a struct.

@@ -156,12 +156,12 @@ fn every_shader_file_is_composed_by_some_variant() {
     for tier in Tier::all() {
         let whole = [everything(), everything_split()].map(|variant| (String::new(), variant));
         for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {
-            texts.push(variant.program(tier).wgsl);
+            texts.push(variant.program(tier).wgsl.clone());
         }
         // Only drivers of processors get such shaders.
         for choice in [Choice::MainPathThroughDetector, Choice::MainPathThroughGlass] {
             let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
-            texts.push(together.program(tier).wgsl);
+            texts.push(together.program(tier).wgsl.clone());
         }
     }
     let dead: Vec<String> = snapshots::shader_files()

@@ -158,7 +158,7 @@ fn sources_have_the_codes_of_the_dispatch() {
         assert!(program.wgsl.contains(&call), "no `{call}`");
         let kind = crate::variants::source_of(name);
         let source = variant.ir.sources.iter().position(|source| source.kind == kind).unwrap();
-        let layout = nsq_gpu::program::layout::records::StructLayout::of(&program.module, "Source").unwrap();
+        let layout = nsq_gpu::program::layout::reals::StructLayout::of(&program.module, "Source").unwrap();
         let offset = layout.offset("kind").unwrap();
         let bytes = &program.source_uniforms[source];
         assert_eq!(bytes[offset..offset + 4], (name as u32).to_le_bytes(), "{name:?}");

@@ -494,6 +494,7 @@ impl Variant {
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             vector_lanes: 0,
             part_bytes: self.part_bytes,
+            live: false,
         };
         let wanted = Wanted {
             host_sums: self.host_sums,

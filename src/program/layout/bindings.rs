@@ -64,6 +64,8 @@ numbers! { "BINDING_", BINDINGS:
     FACETS = 21;
     /// The ids of rejected rays.
     REJECTED = 22;
+    /// The scene's numbers, where these are live.
+    NUMBERS = 23;
     /// The word that compilers must not know to be zero (shaders/math/df64.wgsl).
     DF64_ZERO = 30;
     /// The second of all parts of sums that are cut. It ends the list: the others follow it.

@@ -2,6 +2,8 @@
 
 pub mod bindings;
 pub mod bsdf;
+pub mod numbers;
+pub mod reals;
 pub mod records;
 pub mod rng;
 pub mod splitting;

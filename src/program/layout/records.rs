@@ -1,9 +1,10 @@
 //! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
 
-use crate::error::{Error, Result};
-use crate::program::df64;
+use crate::error::Result;
 use crate::program::features::Precision;
 use crate::program::layout::bindings;
+use crate::program::layout::numbers::Numbers;
+use crate::program::layout::reals::{StructLayout, put_real};
 use std::collections::HashMap;
 use std::fmt::Write;
 use std::sync::LazyLock;
@@ -17,6 +18,8 @@ pub struct Records {
     pub rows: &'static str,
     /// Binding, of those of the scene, where the table lies in a buffer.
     pub binding: u32,
+    /// Columns of reals lie in the buffer even where all rows share their value.
+    live: bool,
     columns: Vec<Column>,
 }
 
@@ -35,7 +38,12 @@ enum Values {
 impl Records {
     /// An empty table.
     pub fn new(name: &'static str, rows: &'static str, binding: u32) -> Self {
-        Records { name, rows, binding, columns: Vec::new() }
+        Records { name, rows, binding, live: false, columns: Vec::new() }
+    }
+
+    /// With all reals in the buffer, so that the text does not depend on them.
+    pub fn with_live(self, live: bool) -> Self {
+        Records { live, ..self }
     }
 
     /// Adds a column of reals.
@@ -50,9 +58,9 @@ impl Records {
 
     /// The struct, and the function that gives row `i` from constants: what all rows share is a constant, the rest is
     /// chosen by selects.
-    pub fn baked(&self, precision: Precision) -> Result<String> {
+    pub fn baked(&self, numbers: &Numbers) -> Result<String> {
         let mut text = declaration(self.name, self.columns.iter());
-        let fields: Result<Vec<String>> = self.columns.iter().map(|c| c.chosen(precision)).collect();
+        let fields: Result<Vec<String>> = self.columns.iter().map(|c| c.chosen(numbers)).collect();
         let _ = write!(
             text,
             "fn {}_of(i: u32) -> {} {{\n    return {}(\n        {},\n    );\n}}\n",
@@ -65,9 +73,9 @@ impl Records {
     }
 
     /// One row, as a value.
-    pub fn row(&self, precision: Precision, row: usize) -> Result<String> {
+    pub fn row(&self, numbers: &Numbers, row: usize) -> Result<String> {
         let value = |column: &Column| match &column.values {
-            Values::Real(values) => literal(values[row], precision),
+            Values::Real(values) => numbers.expression(values[row]),
             Values::Uint(values) => Ok(format!("{}u", values[row])),
         };
         let values: Result<Vec<String>> = self.columns.iter().map(value).collect();
@@ -76,8 +84,8 @@ impl Records {
 
     /// The struct, a buffer of what differs between rows, and the function that gives row `i` from it: what all rows
     /// share is a constant. A table of at most `uniform_bytes` lies in a uniform buffer.
-    pub fn table(&self, precision: Precision, uniform_bytes: u32) -> Result<String> {
-        let (name, rows) = (self.name, self.rows);
+    pub fn table(&self, numbers: &Numbers, uniform_bytes: u32) -> Result<String> {
+        let (name, rows, precision) = (self.name, self.rows, numbers.precision());
         let varying = self.varying();
         let mut text = declaration(name, self.columns.iter());
         let mut row = "";
@@ -98,7 +106,7 @@ impl Records {
             row = "let row = {rows}_table[i];\n    ";
         }
         let field = |column: &Column| -> Result<String> {
-            if column.varies() { Ok(format!("row.{}", column.name)) } else { column.chosen(precision) }
+            if self.is_varying(column) { Ok(format!("row.{}", column.name)) } else { column.chosen(numbers) }
         };
         let fields = self.columns.iter().map(field).collect::<Result<Vec<String>>>()?.join(",\n        ");
         let row = row.replace("{rows}", rows);
@@ -129,8 +137,8 @@ impl Records {
     /// The struct, and the function that gives the row whose texels begin with the one numbered `first` (`tree_row`):
     /// what differs between rows, in turn. What all rows share is a constant. In f32, and in f64 where the device has 64-bit
     /// integers.
-    pub fn texels(&self, precision: Precision) -> Result<String> {
-        let (name, rows) = (self.name, self.rows);
+    pub fn texels(&self, numbers: &Numbers) -> Result<String> {
+        let (name, rows, precision) = (self.name, self.rows, numbers.precision());
         let mut text = declaration(name, self.columns.iter());
         let _ = writeln!(text, "fn {rows}_at(first: u32) -> {name} {{");
         for texel in 0..self.num_texels(precision) {
@@ -138,8 +146,8 @@ impl Records {
         }
         let mut next = 0;
         let mut field = |column: &Column| -> Result<String> {
-            if !column.varies() {
-                return column.chosen(precision);
+            if !self.is_varying(column) {
+                return column.chosen(numbers);
             }
             let word = next;
             next += column.num_words(precision);
@@ -167,7 +175,11 @@ impl Records {
     }
 
     fn varying(&self) -> Vec<&Column> {
-        self.columns.iter().filter(|column| column.varies()).collect()
+        self.columns.iter().filter(|column| self.is_varying(column)).collect()
+    }
+
+    fn is_varying(&self, column: &Column) -> bool {
+        self.live && column.len() > 1 && matches!(column.values, Values::Real(_)) || column.varies()
     }
 
     /// The struct, and a uniform that holds one row.
@@ -301,9 +313,9 @@ impl Column {
         }
     }
 
-    fn chosen(&self, precision: Precision) -> Result<String> {
+    fn chosen(&self, numbers: &Numbers) -> Result<String> {
         let literals: Vec<String> = match &self.values {
-            Values::Real(values) => values.iter().map(|&v| literal(v, precision)).collect::<Result<_>>()?,
+            Values::Real(values) => values.iter().map(|&v| numbers.expression(v)).collect::<Result<_>>()?,
             Values::Uint(values) => values.iter().map(|v| format!("{v}u")).collect(),
         };
         Ok(choose(&literals))
@@ -324,69 +336,4 @@ fn choose(literals: &[String]) -> String {
         let conditions: Vec<String> = rows.iter().map(|row| format!("(i == {row}u)")).collect();
         format!("select({chosen}, {literal}, {})", conditions.join(" | "))
     })
-}
-
-/// A WGSL literal of a real. Refused where the precision cannot hold it.
-pub fn literal(value: f64, precision: Precision) -> Result<String> {
-    let rounded = round_to(value, precision)?;
-    // `real(...)` keeps selects of abstract literals in the tier's own type.
-    Ok(format!("real({rounded:?})"))
-}
-
-fn round_to(value: f64, precision: Precision) -> Result<f64> {
-    let rounded = precision.nearest(value);
-    if rounded.is_finite() {
-        Ok(rounded)
-    } else {
-        let advice = match precision {
-            Precision::F64 => "some number of the scene is too large or too small to compute with",
-            Precision::F32 | Precision::Df64 => "use --precision f64",
-        };
-        Err(Error::Usage(format!("{value:e} does not fit {}; {advice}", precision.name())))
-    }
-}
-
-/// Writes a real in the tier's precision.
-pub fn put_real(place: &mut [u8], value: f64, precision: Precision) -> Result<()> {
-    let rounded = round_to(value, precision)?;
-    match precision {
-        Precision::F32 => place[..4].copy_from_slice(&(rounded as f32).to_le_bytes()),
-        Precision::Df64 => place[..8].copy_from_slice(bytemuck::bytes_of(&df64::split(value))),
-        Precision::F64 => place[..8].copy_from_slice(&rounded.to_le_bytes()),
-    }
-    Ok(())
-}
-
-/// Where a struct's fields lie in memory, as naga lays them out.
-pub struct StructLayout {
-    /// Distance from one element of an array to the next \[bytes\].
-    pub stride: usize,
-    offsets: HashMap<String, usize>,
-    name: String,
-}
-
-impl StructLayout {
-    /// The layout of a struct of a composed module.
-    pub fn of(module: &naga::Module, name: &str) -> Result<Self> {
-        let mut layouter = naga::proc::Layouter::default();
-        layouter.update(module.to_ctx()).map_err(|e| Error::Internal(format!("layout of {name}: {e}")))?;
-        let (handle, kind) = module
-            .types
-            .iter()
-            .find(|(_, kind)| kind.name.as_deref() == Some(name))
-            .ok_or_else(|| Error::Internal(format!("the composed module has no struct {name}")))?;
-        let naga::TypeInner::Struct { members, .. } = &kind.inner else {
-            return Err(Error::Internal(format!("{name} is not a struct")));
-        };
-        let offsets =
-            members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
-        Ok(StructLayout { stride: layouter[handle].to_stride() as usize, offsets, name: name.into() })
-    }
-
-    /// Offset of a field \[bytes\].
-    pub fn offset(&self, field: &str) -> Result<usize> {
-        self.offsets.get(field).copied().ok_or_else(|| {
-            Error::Internal(format!("struct {} of the composed module has no field {field}", self.name))
-        })
-    }
 }

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::program::features::Precision;
-use crate::program::layout::records::literal;
+use crate::program::layout::numbers::Numbers;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::prepared::Prepared;
 use glam::DVec3;
@@ -13,6 +13,8 @@ pub struct Composition<'a> {
     scene: &'a Prepared<'a>,
     /// The buffers that the cells lie in.
     pub sums: &'a SumBuffers,
+    /// The numbers of the scene that the text has so far.
+    pub numbers: Numbers,
 }
 
 impl<'a> Deref for Composition<'a> {
@@ -26,7 +28,8 @@ impl<'a> Deref for Composition<'a> {
 impl<'a> Composition<'a> {
     /// The composition of a scene whose sums lie in these buffers.
     pub fn of(scene: &'a Prepared<'a>, sums: &'a SumBuffers) -> Self {
-        Composition { scene, sums }
+        let numbers = Numbers::new(scene.options.precision, scene.options.live);
+        Composition { scene, sums, numbers }
     }
 
     /// The precision of the physics.
@@ -34,12 +37,12 @@ impl<'a> Composition<'a> {
         self.options.precision
     }
 
-    /// A number as WGSL has it.
+    /// A number of the scene as WGSL has it.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the precision cannot hold it.
     pub fn real(&self, value: f64) -> Result<String> {
-        literal(value, self.precision())
+        self.numbers.expression(value)
     }
 
     /// A vector as WGSL has it.

@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::program::features::Precision;
 use crate::program::geometry::{mesh, tree};
+use crate::program::layout::reals::literal;
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::LEDGER_CELLS;
 use crate::program::options::{PathSampling, TEXELS_PER_LINE};
@@ -156,18 +157,33 @@ impl Composition<'_> {
     /// Lengths and weights on which decisions depend.
     fn tolerances(&self, constants: &mut Constants) -> Result<()> {
         let precision = self.precision();
-        if self.contacts.any() {
-            constants.declare("CONTACT_TOLERANCE", "real", self.real(self.contacts.tolerance)?);
-            constants.declare("BIRTH_TOLERANCE", "real", self.real(self.contacts.birth_tolerance)?);
-        }
-        if self.features.has_meshes() && precision == Precision::F32 {
-            constants.declare("EDGE_SLACK", "real", self.real(mesh::edge_slack(self.ir, self.centre))?);
+        for (name, value) in self.lengths() {
+            match self.numbers.are_live() {
+                true => {
+                    let _ = writeln!(constants.0, "var<private> {name}: real;");
+                }
+                false => constants.declare(name, "real", self.real(value)?),
+            }
         }
         if self.features.splits {
-            constants.declare("SIGNIFICANDS", "real", self.real(precision.significands())?);
+            constants.declare("SIGNIFICANDS", "real", literal(precision.significands(), precision)?);
         }
-        constants.declare("ROULETTE_THRESHOLD", "real", self.real(self.options.roulette_threshold)?);
+        let threshold = literal(self.options.roulette_threshold, precision)?;
+        constants.declare("ROULETTE_THRESHOLD", "real", threshold);
         Ok(())
+    }
+
+    /// Lengths on which decisions depend, by their names. Where numbers are live, an invocation begins by reading them.
+    pub(super) fn lengths(&self) -> Vec<(&'static str, f64)> {
+        let mut lengths = Vec::new();
+        if self.contacts.any() {
+            lengths.push(("CONTACT_TOLERANCE", self.contacts.tolerance));
+            lengths.push(("BIRTH_TOLERANCE", self.contacts.birth_tolerance));
+        }
+        if self.features.has_meshes() && self.precision() == Precision::F32 {
+            lengths.push(("EDGE_SLACK", mesh::edge_slack(self.ir, self.centre)));
+        }
+        lengths
     }
 
     /// True if weights must be cut before a split. A split weight must be whole steps, and a pair of f32 can hold more.

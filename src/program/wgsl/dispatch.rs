@@ -4,6 +4,7 @@ use crate::error::Result;
 use crate::model::shapes::Normal;
 use crate::model::shapes::plane::FLAT;
 use crate::model::{ReflectProb, ShapeKind};
+use crate::program::layout::reals::literal;
 use crate::program::wgsl::composition::Composition;
 use std::fmt::Write;
 
@@ -83,7 +84,7 @@ impl Composition<'_> {
         let probability = match self.ir.sampling.reflect_prob {
             ReflectProb::Fresnel => "reflectance".into(),
             ReflectProb::Auto => "clamp(reflectance, 0.25, 0.75)".into(),
-            ReflectProb::Constant(p) => self.real(p)?,
+            ReflectProb::Constant(p) => literal(p, self.precision())?,
         };
         Ok(format!("fn reflect_probability(reflectance: real) -> real {{\n    return {probability};\n}}\n"))
     }

@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::program::layout::records::Records;
 use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
+use std::fmt::Write;
 
 impl Composition<'_> {
     /// All records, each with the functions into its frame and out of it.
@@ -25,8 +26,8 @@ impl Composition<'_> {
         let rotated_surfaces = tables::any_rotated(self.ir.surfaces.iter().map(|s| &s.frame));
         let rotated_detectors = tables::any_rotated(self.ir.detectors.iter().map(|s| &s.frame));
         Ok([
-            self.rows_of(&surfaces, self.options.baked)?,
-            self.rows_of(&detectors, self.options.baked)?,
+            self.rows_of(&surfaces, self.options.bakes_records())?,
+            self.rows_of(&detectors, self.options.bakes_records())?,
             frame_functions("Surface", "surface", rotated_surfaces),
             frame_functions("Detector", "detector", rotated_detectors),
         ]
@@ -46,7 +47,7 @@ impl Composition<'_> {
         let sources = tables::source_records(self.ir, self.centre, &self.options.weights);
         let rotated = tables::any_rotated(self.ir.sources.iter().map(|e| &e.frame));
         let (row, of_dispatch, copy) = match self.ir.sources.len() {
-            1 => (sources.baked(self.precision())?, "source_of(0u)", ""),
+            1 => (sources.baked(&self.numbers)?, "source_of(0u)", ""),
             _ => (
                 format!("{}var<private> source_copy: Source;\n", sources.uniform()),
                 "source_copy",
@@ -54,7 +55,11 @@ impl Composition<'_> {
             ),
         };
         let functions = frame_functions("Source", "source", rotated);
-        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}}}\n");
+        let mut lengths = String::new();
+        for (name, value) in self.lengths().into_iter().filter(|_| self.numbers.are_live()) {
+            let _ = writeln!(lengths, "    {name} = {};", self.real(value)?);
+        }
+        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{lengths}}}\n");
         Ok(format!("{row}{functions}fn source() -> Source {{\n    return {of_dispatch};\n}}\n{begin}"))
     }
 
@@ -73,7 +78,7 @@ impl Composition<'_> {
     fn primitives(&self) -> Result<String> {
         match (self.options.baked, self.tree_records()) {
             (true, _) => Ok(String::new()),
-            (false, Some(records)) => records.texels(self.precision()),
+            (false, Some(records)) => records.texels(&self.numbers),
             (false, None) => {
                 let num = self.options.num_in_table(self.ir);
                 self.rows_of(&tables::primitive_records(self.ir, self.centre, num), false)
@@ -83,8 +88,10 @@ impl Composition<'_> {
 
     fn rows_of(&self, records: &Records, baked: bool) -> Result<String> {
         match baked {
-            true => records.baked(self.precision()),
-            false => records.table(self.precision(), self.options.uniform_bytes),
+            true => records.baked(&self.numbers),
+            false => {
+                records.clone().with_live(self.options.live).table(&self.numbers, self.options.uniform_bytes)
+            }
         }
     }
 }

@@ -95,7 +95,7 @@ impl Composition<'_> {
         }
         let (o, d) = self.in_frame(frame)?;
         if kind.is_searched() && self.searches_facets() {
-            let contact = self.contact_records().row(self.precision(), i)?;
+            let contact = self.contact_records().row(&self.numbers, i)?;
             let distance = format!("{function}({o}, {d}, {arguments}{leaving}, farthest_from(best))");
             return Ok(format!(
                 "    search_facets(ray, here, {contact});\n    \
@@ -118,7 +118,7 @@ impl Composition<'_> {
                 "    best = nearer(best, {function}({o}, {d}, {arguments}{leaving}{farthest}), {i}u);\n"
             ));
         }
-        let contact = self.contact_records().row(self.precision(), i)?;
+        let contact = self.contact_records().row(&self.numbers, i)?;
         let holds = kind.function("holds");
         let stands = format!("({leaving}) | stands_on(here, {contact})");
         let elsewhere = format!("{function}({o}, {d}, {arguments}{stands})");

@@ -209,7 +209,7 @@ impl Stages<'_> {
         let primitive = event.primitive;
         let surfaces =
             tables::surface_records(self.composition.ir, self.composition.centre, &self.composition.features);
-        let surface = surfaces.row(self.composition.precision(), primitive)?;
+        let surface = surfaces.row(&self.composition.numbers, primitive)?;
         let (does, how) = match event.crossing {
             Some(Crossing { entering_back, reflected }) => {
                 ("crosses", format!(", {entering_back}, {reflected}"))
