@@ -30,6 +30,8 @@ pub mod plan;
 pub mod prepare;
 pub mod rates;
 pub mod rows;
+pub mod shelf;
+pub mod stages;
 pub mod strategy;
 pub mod submit;
 pub mod sums;

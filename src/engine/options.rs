@@ -48,6 +48,11 @@ pub struct TraceOptions {
     pub events_per_dispatch: u32,
     /// Whether arithmetic is strict. With strict arithmetic, a scene gives the same bits compiled in and in tables.
     pub strict: Strict,
+    /// The numbers of the scene lie in a table, so that a compiled shader serves all scenes of one shape ([`Shelf`]).
+    /// With strict arithmetic no bit of a result changes.
+    ///
+    /// [`Shelf`]: crate::engine::shelf::Shelf
+    pub live: bool,
     /// Most bytes of a part in which sums are bound; `None`: as many as the adapter binds. No result changes.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
@@ -126,6 +131,7 @@ impl Default for TraceOptions {
             workgroup_size: Tuning::default().workgroup_size,
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
+            live: false,
             part_bytes: None,
         }
     }

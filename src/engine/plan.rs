@@ -4,19 +4,24 @@
 //! sample of the scene. A position counts the rays of all sources, from 0 to their number.
 
 use crate::engine::budget::{SourceRays, distribute, part};
-use crate::engine::device::{Additions, DeviceState};
+use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::intake::Counted;
 use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::{TraceOptions, check_options};
+use crate::engine::stages::Additions;
+use crate::engine::stages::Stages;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
+use crate::program::layout::numbers::lie_in_uniforms;
 use crate::program::layout::tables::ReachedMarks;
+use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::Extend;
 use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
+use std::sync::Arc;
 
 /// What is to be traced.
 pub(crate) struct Plan {
@@ -31,6 +36,12 @@ pub(crate) struct Plan {
     /// Most rays of a dispatch; buffers are made for this number.
     pub(crate) batch: u32,
 }
+
+/// The largest uniform buffer that WebGPU promises \[bytes\].
+const UNIFORM_BYTES: u32 = 1 << 16;
+
+/// Up to so many primitives are searched one after the other where numbers are live.
+const MOST_LIVE_IN_TURN: usize = 256;
 
 fn roulette_threshold(ir: &SceneIr, options: &TraceOptions) -> f64 {
     options.min_flux_fraction.max(ir.sampling.rr_start_flux)
@@ -56,18 +67,18 @@ impl Draft {
         Ok(Draft { options: options.clone(), rays, moments, program })
     }
 
-    /// Composes the program, with an extension. `edit` changes the composed text. `limits` sets how large dispatches
+    /// Composes the program, with an extension. `parse` gives the module of a text. `limits` sets how large dispatches
     /// should be.
     pub(crate) fn compose(
         self,
         gpu: &Gpu,
         ir: &SceneIr,
         extend: &dyn Extend,
-        edit: impl FnOnce(String) -> String,
+        parse: impl FnOnce(String, Precision) -> Result<Arc<Parsed>>,
         limits: impl FnOnce(&Program) -> DispatchLimits,
     ) -> Result<Plan> {
         let Draft { options, rays, moments, program } = self;
-        let program = Program::extended(ir, program, extend, options.seed, edit)?;
+        let program = Program::parsed_by(ir, program, extend, options.seed, parse)?;
         check_families(&program, &options)?;
         let limits = limits(&program);
         Ok(Plan {
@@ -100,8 +111,9 @@ fn plain(
         precision: options.precision,
         native: gpu.int64,
         baked: options.baked.unwrap_or(primitives <= program::MAX_BAKED_PRIMITIVES),
-        tree: options.tree.unwrap_or(true),
-        uniform_bytes: 0,
+        // The shape of a tree depends on the numbers of the scene.
+        tree: options.tree.unwrap_or(!options.live || primitives > MOST_LIVE_IN_TURN),
+        uniform_bytes: if options.live && lie_in_uniforms(options.precision) { UNIFORM_BYTES } else { 0 },
         texel_bytes: 0,
         max_depth: options.max_depth,
         roulette_threshold: roulette_threshold(ir, options),
@@ -114,14 +126,15 @@ fn plain(
         sampler: options.sampler,
         moments: moments.on_device(),
         part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
+        live: options.live,
     }
 }
 
 impl Plan {
-    /// The program on a device.
+    /// The program on a device, for which its stages are compiled.
     pub(crate) fn open(&self, gpu: &Gpu, additions: &Additions) -> Result<DeviceState> {
-        let is_strict = self.options.strict.holds(&gpu.info);
-        DeviceState::new(gpu, &self.program, self.batch, is_strict, additions)
+        let stages = Stages::new(gpu, &self.program, self.options.strict.holds(&gpu.info), additions)?;
+        DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), additions)
     }
 
     /// The size of dispatches, before any was timed.

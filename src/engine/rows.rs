@@ -4,7 +4,7 @@ use crate::engine::device::DeviceState;
 use crate::engine::plan::Plan;
 use crate::error::{Error, Result};
 use crate::model::ray_id;
-use crate::program::layout::records::StructLayout;
+use crate::program::layout::reals::StructLayout;
 use crate::program::{Precision, RayRange, Splitting, df64, events};
 use crate::result::{PathEvent, PathEventKind, RayRow, Recorded, Recording, Tally};
 

@@ -4,10 +4,11 @@
 //! is not overridden works in the plain way. No strategy changes a bit of a result.
 
 use crate::engine::Engine;
-use crate::engine::device::{Additions, DeviceState};
+use crate::engine::device::DeviceState;
 use crate::engine::limits::DispatchLimits;
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
+use crate::engine::stages::Additions;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;

@@ -51,7 +51,7 @@ fn stages<'d>(
     workgroups: [u32; 3],
 ) -> Result<Vec<Stage<'d>>> {
     let scene = &device.scenes[way.group];
-    let first = device.first_stage(&plan.program, way.added)?;
+    let first = device.stages.first(&plan.program, way.added)?;
     let mut stages = vec![Stage {
         name: first.name,
         pipeline: &first.pipeline,
@@ -59,17 +59,18 @@ fn stages<'d>(
         workgroups: Workgroups::Of(workgroups),
     }];
     // An added stage follows its rays to their end.
-    let Some(rounds) = device.rounds.as_ref().filter(|_| way.added.is_none()) else { return Ok(stages) };
+    let rounds = device.rounds.as_ref().zip(device.stages.rounds.as_ref());
+    let Some((rounds, compiled)) = rounds.filter(|_| way.added.is_none()) else { return Ok(stages) };
     for round in 1..plan.num_rounds() {
         stages.push(Stage {
             name: "advance",
-            pipeline: &rounds.advance,
+            pipeline: &compiled.advance,
             groups: [Some(&rounds.advancing), None],
             workgroups: Workgroups::Of([1, 1, 1]),
         });
         stages.push(Stage {
             name: "trace_queued",
-            pipeline: &rounds.trace_queued,
+            pipeline: &compiled.trace_queued,
             groups: [Some(scene), Some(&device.queues[round % 2])],
             workgroups: Workgroups::Counted(&rounds.workgroups),
         });
@@ -119,7 +120,7 @@ impl Engine<'_> {
         let per_submission = stages.len().div_ceil(self.size.submissions());
         self.num_submissions += stages.len().div_ceil(per_submission) as u64;
         let index = submit(&device.gpu, &stages, per_submission, self.profile.as_mut());
-        let is_first = !device.first_stage(&plan.program, way.added)?.has_begun.replace(true);
+        let is_first = device.stages.first(&plan.program, way.added)?.begin();
         self.is_compiling |= is_first;
         Ok(Submitted { index, is_first })
     }
@@ -128,7 +129,7 @@ impl Engine<'_> {
     /// stage has run before.
     pub(crate) fn prime(&self, other: Option<&DeviceState>, way: Route, range: &RayRange) -> Result<()> {
         let device = other.unwrap_or(&self.device);
-        if device.first_stage(&self.plan.program, way.added)?.has_begun.get() {
+        if device.stages.first(&self.plan.program, way.added)?.has_begun() {
             return Ok(());
         }
         write_range(device, &self.plan.program, &RayRange { first: 0, ..*range })?;

@@ -18,10 +18,11 @@ pub mod vector_width;
 pub use crate::software::choices::{Choices, When};
 
 use crate::engine::Engine;
-use crate::engine::device::{AddedStage, Additions, DeviceState};
+use crate::engine::device::DeviceState;
 use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
+use crate::engine::stages::{AddedStage, Additions};
 use crate::engine::strategy::Strategy;
 use crate::engine::submit::Route;
 use crate::error::Result;
@@ -190,6 +191,11 @@ fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
 }
 
 impl Strategy for Software {
+    /// Stages of paths have the scene's numbers compiled in.
+    fn takes(&self, _ir: &SceneIr, options: &TraceOptions) -> bool {
+        !options.live
+    }
+
     fn specialise(
         &mut self,
         gpu: &Gpu,
