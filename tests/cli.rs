@@ -962,6 +962,7 @@ fn compose(text: &str) -> Result<(), Error> {
             vector_lanes: 0,
             moments: SecondMoments::None,
             part_bytes: 1 << 27,
+            live: false,
         };
         let program = Program::new(&ir, options, 0)?;
         naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::FLOAT64)

@@ -14,7 +14,7 @@ use crate::model::detectors::grid::ArrivalError;
 use crate::model::shapes::Level;
 use crate::model::{Detector, Frame, Interaction, Sampling, SceneIr, Surface};
 use crate::program::{Precision, centre_of};
-use crate::result::{PathEvent, PathEventKind, RayRow};
+use crate::result::{PathEvent, PathEventKind, RayRow, Tally};
 use crate::trace::{RecordPaths, StandardError, TraceOptions, Tracer};
 use glam::{DMat3, DVec3};
 
@@ -91,11 +91,25 @@ pub struct Arrival {
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
 pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -> Result<Choice> {
+    choose_by(gpu, ir, options, wanted, |ir, options| Tracer::new(gpu, ir, options)?.trace(|_| true))
+}
+
+/// As [`choose`]. `trace` traces the pilot.
+///
+/// # Errors
+/// Those of `trace`.
+pub fn choose_by(
+    gpu: &Gpu,
+    ir: &SceneIr,
+    options: &TraceOptions,
+    wanted: Wanted,
+    trace: impl Fn(&SceneIr, &TraceOptions) -> Result<Tally>,
+) -> Result<Choice> {
     let plain = |precision, reason: &str| Ok(Choice { precision, reason: reason.into(), warning: None });
     match wanted {
         Wanted::Exactly(precision @ (Precision::Df64 | Precision::F64)) => plain(precision, "asked for"),
         Wanted::Exactly(Precision::F32) => {
-            let need = Need::of(ir, &predict(gpu, ir, options)?);
+            let need = Need::of(ir, &predict_by(ir, options, &trace)?);
             let reason = format!("asked for: {}", need.text(ir));
             Ok(Choice { precision: Precision::F32, reason, warning: need.warning(ir) })
         }
@@ -103,7 +117,7 @@ pub fn choose(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions, wanted: Wanted) -
             plain(Precision::F64, "a processor computes f64 about as fast as f32")
         }
         Wanted::Auto => {
-            let need = Need::of(ir, &predict(gpu, ir, options)?);
+            let need = Need::of(ir, &predict_by(ir, options, &trace)?);
             Ok(need.choice(ir, || finest(gpu)))
         }
     }
@@ -190,6 +204,14 @@ fn is_database(ir: &SceneIr, detector: usize) -> bool {
 /// # Errors
 /// [`crate::Error::Device`] if the device fails.
 pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<DetectorError>> {
+    predict_by(ir, options, |ir, options| Tracer::new(gpu, ir, options)?.trace(|_| true))
+}
+
+fn predict_by(
+    ir: &SceneIr,
+    options: &TraceOptions,
+    trace: impl Fn(&SceneIr, &TraceOptions) -> Result<Tally>,
+) -> Result<Vec<DetectorError>> {
     let pilot = TraceOptions {
         num_rays: options.num_rays.min(PILOT_RAYS),
         max_depth: options.max_depth.min(PILOT_DEPTH),
@@ -202,7 +224,7 @@ pub fn predict(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Vec<De
     // split.
     let sampling = Sampling { split_depth: 0, ..ir.sampling };
     let drawn = SceneIr { sampling, ..ir.with_single_cells() };
-    let tally = Tracer::new(gpu, &drawn, &pilot)?.trace(|_| true)?;
+    let tally = trace(&drawn, &pilot)?;
     let arrivals = arrivals(ir, &tally.paths);
     let of_detector =
         |detector| arrivals.iter().filter(|a| a.detector == detector).copied().collect::<Vec<_>>();

@@ -2,7 +2,7 @@
 //!
 //! [`Tracer`] picks a strategy that suits the adapter, or the plain way. All give the same bits.
 
-use crate::engine::prepare::prepare;
+use crate::engine::prepare::{prepare, prepare_on_shelf};
 use crate::engine::strategy::{Plain, Strategy};
 use crate::engine::undrained::empty_tally;
 use crate::engine::{Engine, wavefront};
@@ -21,6 +21,7 @@ pub mod checkpoint;
 pub mod stopping;
 
 pub use crate::engine::options::{RecordPaths, StandardError, Strict, TraceOptions};
+pub use crate::engine::shelf::Shelf;
 pub use crate::engine::wavefront::Progress;
 
 /// A scene ready to trace on a device.
@@ -50,6 +51,15 @@ impl<'a> Tracer<'a> {
         #[cfg(not(feature = "software"))]
         let strategy = Box::new(Plain);
         Self::with_strategy(gpu, ir, options, strategy, |wgsl| wgsl)
+    }
+
+    /// As [`Tracer::new`], in the plain way, with the shaders of a shelf: with [`TraceOptions::live`], scenes of one shape
+    /// share a compiled shader.
+    ///
+    /// # Errors
+    /// As [`Tracer::new`].
+    pub fn on_shelf(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions, shelf: &Shelf) -> Result<Self> {
+        Ok(Tracer { engine: prepare_on_shelf(gpu, ir, options, shelf)?, strategy: Box::new(Plain) })
     }
 
     fn with_strategy(
