@@ -16,10 +16,14 @@ use crate::error::{Error, Result};
 use crate::placing::step;
 use crate::result::rows::{self, Rows};
 
-/// An `.npz` file in the making.
-pub(crate) struct NpzFile {
-    path: PathBuf,
-    writer: NpzWriter<BufWriter<UntilFailure>>,
+/// Takes the arrays of a result: into an `.npz` file, or into memory.
+pub(crate) struct ArrayWriter(Destination);
+
+enum Destination {
+    /// An `.npz` file in the making.
+    File { path: PathBuf, writer: Box<NpzWriter<BufWriter<UntilFailure>>> },
+    /// Each array with its name, in the format `.npy`.
+    Memory(Vec<(String, Vec<u8>)>),
 }
 
 /// A file that takes nothing more once something could not be written, and only pretends to: the archive's writer goes on to
@@ -73,16 +77,47 @@ impl Seek for UntilFailure {
     }
 }
 
-impl NpzFile {
+impl ArrayWriter {
     pub(crate) fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).map_err(|error| Error::file(path, error))?;
-        Ok(NpzFile { path: path.into(), writer: NpzWriter::new(BufWriter::new(UntilFailure::new(file))) })
+        let writer = Box::new(NpzWriter::new(BufWriter::new(UntilFailure::new(file))));
+        Ok(ArrayWriter(Destination::File { path: path.into(), writer }))
+    }
+
+    pub(crate) fn in_memory() -> Self {
+        ArrayWriter(Destination::Memory(Vec::new()))
     }
 
     /// Adds an array.
     pub(crate) fn add(&mut self, name: &str, array: &(impl WriteNpyExt + ?Sized)) -> Result<()> {
-        step();
-        self.writer.add_array(name, array).map_err(|error| Error::file(&self.path, error))
+        self.add_with(
+            name,
+            array,
+            SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored),
+        )
+    }
+
+    fn add_with(
+        &mut self,
+        name: &str,
+        array: &(impl WriteNpyExt + ?Sized),
+        options: SimpleFileOptions,
+    ) -> Result<()> {
+        match &mut self.0 {
+            Destination::File { path, writer } => {
+                step();
+                let added = writer.add_array_with_options(name, array, options);
+                added.map_err(|error| Error::file(path.as_path(), error))
+            }
+            Destination::Memory(arrays) => {
+                let mut bytes = Vec::new();
+                array
+                    .write_npy(&mut bytes)
+                    .map_err(|error| Error::Internal(format!("array {name}: {error}")))?;
+                arrays.push((name.into(), bytes));
+                Ok(())
+            }
+        }
     }
 
     /// Adds a column of recorded rows, shape (n,), read as it is written.
@@ -92,9 +127,7 @@ impl NpzFile {
         column: &Column<'_, F>,
     ) -> Result<()> {
         let stored = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
-        let options = stored.large_file(column.num_bytes() >= LARGE);
-        let added = self.writer.add_array_with_options(name, column, options);
-        added.map_err(|error| Error::file(&self.path, error))
+        self.add_with(name, column, stored.large_file(column.num_bytes() >= LARGE))
     }
 
     /// Adds a column of strings, shape (n,): what `texts` has for the rows' words.
@@ -124,11 +157,16 @@ impl NpzFile {
         self.add(name, &Text(value))
     }
 
-    pub(crate) fn finish(self) -> Result<()> {
-        let path = self.path;
-        let buffer = self.writer.finish().map_err(|error| Error::file(&path, error))?;
+    /// Ends the file, or returns the arrays that were kept in memory.
+    pub(crate) fn finish(self) -> Result<Vec<(String, Vec<u8>)>> {
+        let (path, writer) = match self.0 {
+            Destination::Memory(arrays) => return Ok(arrays),
+            Destination::File { path, writer } => (path, writer),
+        };
+        let buffer = writer.finish().map_err(|error| Error::file(&path, error))?;
         let inner = buffer.into_inner().map_err(|error| Error::file(&path, error.error()))?;
-        inner.file.sync_all().map_err(|error| Error::file(&path, error))
+        inner.file.sync_all().map_err(|error| Error::file(&path, error))?;
+        Ok(Vec::new())
     }
 }
 

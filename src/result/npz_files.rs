@@ -6,7 +6,7 @@ use ndarray::arr0;
 use serde_json::json;
 
 use crate::error::Result;
-use crate::result::npz::NpzFile;
+use crate::result::npz::ArrayWriter;
 use crate::result::{Detector, RayPaths, TraceResult};
 
 /// Version of the layout of the files.
@@ -17,7 +17,22 @@ pub const SCHEMA: u32 = 1;
 /// # Errors
 /// [`crate::Error::File`] if the file cannot be written.
 pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) -> Result<()> {
-    let mut file = NpzFile::create(path)?;
+    add_detector(ArrayWriter::create(path)?, result, detector).map(|_| ())
+}
+
+/// The arrays of [`write_detector`]'s file, each in the format `.npy`.
+///
+/// # Errors
+/// [`crate::Error::File`] if rows that lie on disk cannot be read.
+pub fn detector_arrays(result: &TraceResult, detector: &Detector) -> Result<Vec<(String, Vec<u8>)>> {
+    add_detector(ArrayWriter::in_memory(), result, detector)
+}
+
+fn add_detector(
+    mut file: ArrayWriter,
+    result: &TraceResult,
+    detector: &Detector,
+) -> Result<Vec<(String, Vec<u8>)>> {
     let data = detector.data.result();
     data.write(&mut file)?;
     // Optiland's ray database has no sums of its own: they follow from its columns.
@@ -35,7 +50,22 @@ pub fn write_detector(path: &Path, result: &TraceResult, detector: &Detector) ->
 /// # Errors
 /// [`crate::Error::File`] if the file cannot be written.
 pub fn write_ray_paths(path: &Path, result: &TraceResult, paths: &RayPaths) -> Result<()> {
-    let mut file = NpzFile::create(path)?;
+    add_ray_paths(ArrayWriter::create(path)?, result, paths).map(|_| ())
+}
+
+/// The arrays of [`write_ray_paths`]'s file, each in the format `.npy`.
+///
+/// # Errors
+/// [`crate::Error::File`] if rows that lie on disk cannot be read.
+pub fn ray_path_arrays(result: &TraceResult, paths: &RayPaths) -> Result<Vec<(String, Vec<u8>)>> {
+    add_ray_paths(ArrayWriter::in_memory(), result, paths)
+}
+
+fn add_ray_paths(
+    mut file: ArrayWriter,
+    result: &TraceResult,
+    paths: &RayPaths,
+) -> Result<Vec<(String, Vec<u8>)>> {
     paths.write(&mut file)?;
     file.add_string("meta", &meta(result, "ray_paths", "ray_paths", RayPaths::UNITS))?;
     file.finish()

@@ -7,7 +7,7 @@ use ndarray::Array1;
 
 use crate::error::Result;
 use crate::model::SceneIr;
-use crate::result::npz::{Column, NpzFile};
+use crate::result::npz::{ArrayWriter, Column};
 use crate::result::rows::{self, Rows};
 use crate::result::{FluxUnit, PathEventKind};
 
@@ -87,7 +87,7 @@ impl RayPaths {
         })
     }
 
-    pub(crate) fn write(&self, file: &mut NpzFile) -> Result<()> {
+    pub(crate) fn write(&self, file: &mut ArrayWriter) -> Result<()> {
         let rows = &self.rows;
         let kinds = self.kinds()?;
         let id = |word: u64, bytes: &mut Vec<u8>| bytes.extend((word as i64).to_le_bytes());
@@ -119,7 +119,7 @@ impl RayPaths {
     /// Adds a column of words for what happened.
     fn add_text<'a>(
         &self,
-        file: &mut NpzFile,
+        file: &mut ArrayWriter,
         name: &str,
         kinds: &BTreeMap<u64, PathEventKind>,
         text_of: impl Fn(PathEventKind) -> &'a str,

@@ -15,6 +15,7 @@ pub mod materials;
 mod media;
 mod mesh_files;
 mod meshes;
+mod parameters;
 mod surfaces;
 mod text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
@@ -78,10 +79,33 @@ impl Scene {
         Self::read(text, Path::new(""))
     }
 
-    fn read(text: &str, folder: &Path) -> Result<Self> {
+    /// As [`Scene::from_json`], with some numbers set to other values, by their names such as `L1.r1`. Files that the
+    /// scene names are looked for from a folder.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with the place if it cannot be traced as written, [`Error::Usage`] for a name of nothing.
+    pub fn with_numbers(text: &str, folder: &Path, numbers: &[(String, f64)]) -> Result<Self> {
+        let mut tree = text::parse(text)?;
+        numbers.iter().try_for_each(|(name, value)| parameters::set(&mut tree, name, *value))?;
+        Self::of_tree(&tree, folder)
+    }
+
+    /// The numbers of these names in a scene's text.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the text is no JSON, [`Error::Usage`] for a name of nothing.
+    pub fn numbers(text: &str, names: &[String]) -> Result<Vec<f64>> {
         let tree = text::parse(text)?;
-        check_versions(&tree)?;
-        let file: SceneFile = de::typed(&tree)?;
+        names.iter().map(|name| parameters::get(&tree, name)).collect()
+    }
+
+    fn read(text: &str, folder: &Path) -> Result<Self> {
+        Self::of_tree(&text::parse(text)?, folder)
+    }
+
+    fn of_tree(tree: &tree::Value, folder: &Path) -> Result<Self> {
+        check_versions(tree)?;
+        let file: SceneFile = de::typed(tree)?;
         let mut warnings = Vec::new();
         validate::check(&file, &mut warnings)?;
         let wavelengths = distinct_wavelengths(&file);

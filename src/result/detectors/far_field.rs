@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::model::FarField;
 use crate::result::detectors::bins::{bin_centres, bin_edges, shaped};
 use crate::result::detectors::{CellMap, DetectorResult, Span, Sums};
-use crate::result::npz::NpzFile;
+use crate::result::npz::ArrayWriter;
 use crate::result::png::figures::{self, Drawn, Head};
 use crate::result::stored::Stored;
 use crate::result::tally::map_lit;
@@ -84,7 +84,7 @@ impl DetectorResult for FarFieldPattern {
         })
     }
 
-    fn write(&self, file: &mut NpzFile) -> Result<()> {
+    fn write(&self, file: &mut ArrayWriter) -> Result<()> {
         file.add("intensity", &self.intensity)?;
         file.add("theta", &self.theta)?;
         file.add("phi", &self.phi)?;

@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::model::PixelGrid;
 use crate::result::detectors::bins::{bin_centres, pixel_area, shaped};
 use crate::result::detectors::{CellMap, DetectorResult, Sums};
-use crate::result::npz::NpzFile;
+use crate::result::npz::ArrayWriter;
 use crate::result::png::figures::{self, Drawn, Head};
 use crate::result::stored::Stored;
 use crate::result::tally::map_lit;
@@ -79,7 +79,7 @@ impl DetectorResult for IrradianceMap {
         Some(CellMap::of_pixels(size, &self.irradiance, self.standard_error.as_ref(), &self.hits))
     }
 
-    fn write(&self, file: &mut NpzFile) -> Result<()> {
+    fn write(&self, file: &mut ArrayWriter) -> Result<()> {
         file.add("irradiance", &self.irradiance)?;
         file.add("x_coords", &self.x_coords)?;
         file.add("y_coords", &self.y_coords)?;

@@ -16,7 +16,7 @@ pub use crate::result::detectors::spectral::SpectralMap;
 
 use crate::error::Result;
 use crate::model::{self, DetectorFunction, DetectorKind};
-use crate::result::npz::NpzFile;
+use crate::result::npz::ArrayWriter;
 use crate::result::png::figures::{Drawn, Head};
 use crate::result::rows::Rows;
 use crate::result::stored::Stored;
@@ -100,7 +100,7 @@ pub(crate) trait DetectorResult {
     fn map(&self) -> Option<CellMap<'_>>;
 
     /// Adds its arrays to an `.npz` file.
-    fn write(&self, file: &mut NpzFile) -> Result<()>;
+    fn write(&self, file: &mut ArrayWriter) -> Result<()>;
 
     /// Units of the arrays in the file, of its totals as well.
     fn units(&self) -> &'static [(&'static str, &'static str)];

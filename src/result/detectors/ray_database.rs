@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::format::thousands;
 use crate::model::{self, Frame};
 use crate::result::detectors::{CellMap, DetectorResult, Sums};
-use crate::result::npz::{Column, NpzFile};
+use crate::result::npz::{ArrayWriter, Column};
 use crate::result::png::figures::{self, Drawn, Head};
 use crate::result::rows::{self, Rows};
 use crate::result::stored::Stored;
@@ -184,7 +184,7 @@ impl DetectorResult for RayDatabase {
 
     /// Writes the columns under Optiland's names. An empty database is written as Optiland writes one: no positions,
     /// one flux and one wavelength of 0.
-    fn write(&self, file: &mut NpzFile) -> Result<()> {
+    fn write(&self, file: &mut ArrayWriter) -> Result<()> {
         let rows = &self.rows;
         for (word, name) in (rows::POSITION..).zip(["x", "y", "z", "L", "M", "N"]) {
             file.add_column(name, &Column::real(rows, word, |x| x))?;

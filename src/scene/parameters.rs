@@ -1,0 +1,232 @@
+//! The numbers of a scene by their names, such as `L1.r1`, `L2.z`, `L1.front.reflectance`, `lamp.total_flux`,
+//! `screen.width` or `glass.n`.
+//!
+//! A name begins with that of a component, a surface, a source, a detector or a medium. It ends with a key of that
+//! entry, as the scene file has it. Names with dots are quoted: `"a.b".r1`.
+
+use crate::error::{Error, Result};
+use crate::model::place::{did_you_mean, quoted, ticked};
+use crate::scene::tree::{Array, Value};
+use indexmap::IndexMap;
+use serde_json::Number;
+
+/// The keys of a frame.
+const FRAME: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
+
+/// The lists of a scene whose entries have a name of their own.
+const LISTS: [&str; 3] = ["components", "sources", "detectors"];
+
+type Object = IndexMap<String, Value>;
+
+/// The number of this name, where the file has it; a frame's default is 0.
+///
+/// # Errors
+/// [`Error::Usage`] if the scene has no such number.
+pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
+    let Place { object, key } = find(tree, name)?;
+    match at(tree, &object).and_then(|object| object.get(&key)) {
+        Some(Value::Number(number)) if number.as_f64().is_some() => Ok(number.as_f64().unwrap_or_default()),
+        Some(_) => Err(no_single_number(name)),
+        None if FRAME.contains(&key.as_str()) => Ok(0.0),
+        None => {
+            Err(Error::Usage(format!("the scene does not give {}; write it into the file", ticked(name))))
+        }
+    }
+}
+
+/// Sets the number of this name. A key that its entry does not know is refused later, when the scene is read.
+///
+/// # Errors
+/// [`Error::Usage`] if nothing has that name, or the scene has something else than a number there.
+pub(super) fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
+    let number = Number::from_f64(value)
+        .ok_or_else(|| Error::Usage(format!("{} is {value}; give a finite number", ticked(name))))?;
+    let Place { object, key } = find(tree, name)?;
+    let Some(object) = at_mut(tree, &object) else { return Err(no_single_number(name)) };
+    // A radius may be the text "Infinity".
+    let is_infinite = |text: &str| text.trim_start_matches('-') == "Infinity";
+    match object.get(&key) {
+        None | Some(Value::Number(_) | Value::Null) => {}
+        Some(Value::String(text)) if is_infinite(text) => {}
+        Some(_) => return Err(no_single_number(name)),
+    }
+    object.insert(key, Value::Number(number));
+    Ok(())
+}
+
+fn no_single_number(name: &str) -> Error {
+    Error::Usage(format!("{} is no single number in the scene", ticked(name)))
+}
+
+/// A step into a tree.
+#[derive(Debug, Clone, PartialEq)]
+enum Step {
+    Key(String),
+    Item(usize),
+}
+
+/// Where a number stands: the way to its object, and its key there.
+struct Place {
+    object: Vec<Step>,
+    key: String,
+}
+
+fn key(name: &str) -> Step {
+    Step::Key(name.into())
+}
+
+/// The object at the end of a way.
+fn at<'t>(tree: &'t Value, way: &[Step]) -> Option<&'t Object> {
+    let end = way.iter().try_fold(tree, |value, step| match (step, value) {
+        (Step::Key(key), Value::Object(object)) => object.get(key),
+        (Step::Item(item), Value::Array(Array::Values(values))) => values.get(*item),
+        _ => None,
+    })?;
+    end.object()
+}
+
+fn at_mut<'t>(tree: &'t mut Value, way: &[Step]) -> Option<&'t mut Object> {
+    let end = way.iter().try_fold(tree, |value, step| match (step, value) {
+        (Step::Key(key), Value::Object(object)) => object.get_mut(key),
+        (Step::Item(item), Value::Array(Array::Values(values))) => values.get_mut(*item),
+        _ => None,
+    })?;
+    match end {
+        Value::Object(object) => Some(object.as_mut()),
+        _ => None,
+    }
+}
+
+/// All entries that have a name: the name, and the way to the entry.
+fn entries(tree: &Value) -> Vec<(String, Vec<Step>)> {
+    let block = || vec![key("nsq_gpu")];
+    let mut entries = Vec::new();
+    let lists = LISTS.iter().map(|list| vec![key(list)]).chain([[block(), vec![key("surfaces")]].concat()]);
+    for list in lists {
+        let (last, parent) = list.split_last().map_or((None, &[][..]), |(last, parent)| (Some(last), parent));
+        let Some(Step::Key(last)) = last else { continue };
+        let Some(Value::Array(Array::Values(values))) = at(tree, parent).and_then(|object| object.get(last))
+        else {
+            continue;
+        };
+        for (i, value) in values.iter().enumerate() {
+            if let Some(Value::String(name)) = value.object().and_then(|object| object.get("name")) {
+                entries.push((name.to_string(), [&list[..], &[Step::Item(i)]].concat()));
+            }
+        }
+    }
+    for table in ["media", "overrides"] {
+        let table = [block(), vec![key(table)]].concat();
+        let names = at(tree, &table).into_iter().flat_map(|object| object.keys());
+        entries.extend(names.map(|name| (name.clone(), [&table[..], &[key(name)]].concat())));
+    }
+    entries
+}
+
+fn find(tree: &Value, name: &str) -> Result<Place> {
+    let parts = parts(name)?;
+    let Some((last, entry)) = parts.split_last().filter(|(_, entry)| !entry.is_empty()) else {
+        return Err(Error::Usage(format!("{} names no number; write it as in `L1.r1`", ticked(name))));
+    };
+    let label = entry.join(".");
+    let entries = entries(tree);
+    if let Some((_, way)) = entries.iter().find(|(known, _)| *known == label) {
+        return Ok(Place { object: inner(tree, way, last), key: last.clone() });
+    }
+    let known = entries.iter().map(|(name, _)| name.as_str());
+    let advice = did_you_mean(&label, known);
+    Err(Error::Usage(format!(
+        "{}: nothing in the scene is called {}; {advice}",
+        ticked(name),
+        quoted(&label)
+    )))
+}
+
+/// The parts of a name, between dots that are not quoted.
+fn parts(name: &str) -> Result<Vec<String>> {
+    let mut parts = vec![String::new()];
+    let mut in_quotes = false;
+    for letter in name.chars() {
+        match letter {
+            '"' => in_quotes = !in_quotes,
+            '.' if !in_quotes => parts.push(String::new()),
+            letter => parts.last_mut().into_iter().for_each(|part| part.push(letter)),
+        }
+    }
+    if in_quotes || parts.iter().any(String::is_empty) {
+        return Err(Error::Usage(format!("{} is no name of a number; write it as in `L1.r1`", ticked(name))));
+    }
+    Ok(parts)
+}
+
+/// The way to the object of an entry that has a key: the entry's frame, its configuration, its shape, or the entry.
+fn inner(tree: &Value, entry: &[Step], wanted: &str) -> Vec<Step> {
+    let within = |name: &str| [entry, &[key(name)]].concat();
+    let has = |way: &[Step]| at(tree, way).is_some_and(|object| object.contains_key(wanted));
+    if FRAME.contains(&wanted) && at(tree, &within("cs")).is_some() {
+        return within("cs");
+    }
+    if let Some(way) = ["config", "shape", "interaction"].map(within).into_iter().find(|way| has(way)) {
+        return way;
+    }
+    // What no object has yet belongs to a component's configuration.
+    if !has(entry) && at(tree, &within("config")).is_some() { within("config") } else { entry.to_vec() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::text;
+
+    fn scene() -> Value {
+        text::parse(
+            r#"{"nsq_schema_version": 1,
+                "components": [{"type": "lens", "name": "L1", "cs": {"z": 3.0}, "config": {"r1": 50.0, "material": "N-BK7"}}],
+                "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}],
+                "detectors": [{"name": "a.b", "cs": {}, "width": 4.0}],
+                "nsq_gpu": {"media": {"glass": {"type": "constant", "n": 1.5}, "table": {"n": [1.5, 1.6]}},
+                            "overrides": {"L1.front": {"reflectance": 0.1}}}}"#,
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn numbers_are_found_by_their_names() {
+        let mut tree = scene();
+        for (name, before) in [
+            ("L1.r1", 50.0),
+            ("L1.z", 3.0),
+            ("L1.rx", 0.0),
+            ("lamp.total_flux", 1.0),
+            ("\"a.b\".width", 4.0),
+            ("glass.n", 1.5),
+            ("L1.front.reflectance", 0.1),
+        ] {
+            assert_eq!(get(&tree, name), Ok(before), "{name}");
+            set(&mut tree, name, before + 1.0).unwrap();
+            assert_eq!(get(&tree, name), Ok(before + 1.0), "{name}");
+        }
+        set(&mut tree, "L1.conic1", -1.0).unwrap();
+        assert_eq!(get(&tree, "L1.conic1"), Ok(-1.0));
+    }
+
+    #[test]
+    fn a_name_of_nothing_is_refused_with_the_nearest() {
+        let mut tree = scene();
+        for (name, said) in [
+            ("L2.r1", "did you mean"),
+            ("r1", "names no number"),
+            ("L1..r1", "no name of a number"),
+            ("\"a.b.width", "no name of a number"),
+            ("L1.material", "no single number"),
+            ("table.n", "no single number"),
+            ("L1.conic2", "does not give"),
+        ] {
+            let found =
+                if name == "L1.conic2" { get(&tree, name).map(|_| ()) } else { set(&mut tree, name, 1.0) };
+            let error = found.unwrap_err().to_string();
+            assert!(error.contains(said), "{name}: {error}");
+        }
+        assert!(set(&mut tree, "L1.r1", f64::NAN).is_err());
+    }
+}
