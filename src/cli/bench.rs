@@ -4,9 +4,9 @@ use crate::bench::accuracy::curves::Effort;
 use crate::bench::accuracy::{self, AccuracyReport};
 use crate::bench::peers::optiland::Backend;
 use crate::bench::peers::{DrJit, Mitsuba, Optiland};
-use crate::bench::runner::measure;
 #[cfg(feature = "viewer")]
 use crate::bench::report::ViewerResult;
+use crate::bench::runner::measure;
 use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
 use crate::cli::console::say;
 use crate::count;

@@ -14,8 +14,11 @@ mod merge;
 mod progress;
 mod quantity;
 mod schema;
+mod serve;
 mod shader;
+mod sweep;
 mod trace;
+mod trace_args;
 #[cfg(feature = "viewer")]
 mod view;
 
@@ -61,6 +64,10 @@ enum Command {
     Materials(materials::Args),
     /// Print the WGSL that a scene is traced by, with the file that each part of it comes from.
     Shader(shader::Args),
+    /// Trace a scene again and again, with some of its numbers changed: a sweep, or a Monte Carlo of tolerances.
+    Sweep(Box<sweep::Args>),
+    /// Keep a device and compiled shaders, and trace what is asked by messages on stdin and stdout.
+    Serve(serve::Args),
     /// Print the JSON Schema of scene files.
     Schema,
     /// Print a completion script for a shell.
@@ -86,6 +93,8 @@ pub fn main() -> ExitCode {
         Command::Bench(args) => bench::run(&args),
         Command::Materials(args) => materials::run(&args),
         Command::Shader(args) => shader::run(&args),
+        Command::Sweep(args) => sweep::run(&args),
+        Command::Serve(args) => serve::run(&args),
         Command::Schema => schema::run(),
         Command::Completions(args) => completions::run::<Cli>(&args),
     };

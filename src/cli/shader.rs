@@ -1,7 +1,7 @@
 //! `nsq-gpu shader`: prints the WGSL that traces a scene, with the file that each part comes from.
 
 use crate::cli::console::{choose_vectors, read_scene};
-use crate::cli::trace::{PrecisionArg, wanted};
+use crate::cli::trace_args::{PrecisionArg, wanted};
 use crate::error::Result;
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::program::Precision;

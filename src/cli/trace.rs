@@ -3,18 +3,19 @@
 use crate::cli::console::{read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
+use crate::cli::trace_args::{PrecisionArg, TraceArgs, wanted};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
-use crate::model::{ReflectProb, Sampling, SceneIr};
-use crate::program::{Precision, Sampler};
+use crate::model::SceneIr;
+use crate::program::Precision;
 use crate::result::StoppedBy;
 use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, report};
 use crate::scene::Scene;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
 use crate::trace::stopping::Stopping;
-use crate::trace::{self, RecordPaths, StandardError, Strict, TraceOptions, Tracer};
+use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,32 +27,8 @@ use std::time::{Duration, Instant};
 pub struct Args {
     /// The scene file: Optiland's NSQ JSON, with an optional "nsq_gpu" block.
     scene: PathBuf,
-    /// Rays to launch, at most where a target or a time limit is given: 250000, 1e7, 10M.
-    #[arg(
-        short = 'n',
-        long,
-        default_value = "1e6",
-        value_parser = count::parse,
-        value_name = "N",
-        allow_negative_numbers = true
-    )]
-    num_rays: u64,
-    /// Id of the first ray; 0 unless given. Results of disjoint rays can be merged. Rows of ray databases and paths
-    /// then stay in memory, to be written with the sums, as with --checkpoint.
-    #[arg(long, value_parser = count::parse, value_name = "N")]
-    first_ray: Option<u64>,
-    /// The rays are a part of a trace of N rays, which the sources share. Needed only to merge results bit for bit, for
-    /// a scene of several sources.
-    #[arg(long, value_parser = count::parse, value_name = "N")]
-    of_rays: Option<u64>,
-    /// Stop when every detector's relative error is at most X: 1%, 0.01. Both the error of its flux and that of its map
-    /// count. The latter is the sum of the pixels' standard errors over the sum of their values. Exit code 6 if the
-    /// rays or the time end before.
-    #[arg(long, value_name = "X", value_parser = quantity::parse_fraction)]
-    target_error: Option<f64>,
-    /// Stop after this time: 30s, 5m, 1.5h.
-    #[arg(long, value_name = "TIME", value_parser = quantity::parse_time)]
-    time_limit: Option<Duration>,
+    #[command(flatten)]
+    trace: TraceArgs,
     /// Write the sums so far to this file at intervals, and at the end.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
@@ -62,51 +39,15 @@ pub struct Args {
     /// unbroken trace.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little. With --sampler
-    /// sobol, on scrambles the points in 16 independent ways, and gives the errors between them; auto does not.
-    #[arg(long, value_enum, default_value_t = StandardErrorArg::Auto, value_name = "WHEN")]
-    standard_error: StandardErrorArg,
-    /// Seed of every random draw.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Largest number of events (surfaces and detectors) of a ray. By default twice the number of surfaces that do not
-    /// absorb, but at least 16, Optiland's default; with --resume, that of the file.
-    #[arg(long, value_name = "N")]
-    max_depth: Option<u32>,
-    /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
-    #[arg(long, default_value_t = 1e-6, value_name = "X")]
-    min_flux_fraction: f64,
-    /// Most rays per dispatch. The number changes memory and speed, but not the result.
-    #[arg(long, value_parser = count::parse, value_name = "N")]
-    batch_size: Option<u64>,
-    /// Precision: auto takes the least expensive that keeps positions to a hundredth of a pixel, predicted from the
-    /// scene.
-    #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
-    precision: PrecisionArg,
-    /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
-    #[arg(long, value_enum, default_value_t = SamplerArg::Pcg)]
-    sampler: SamplerArg,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Neither fuse nor reorder arithmetic, so that every form of the shaders gives the same bits; only on Vulkan.
-    #[arg(long, value_enum, default_value_t = StrictArg::Auto, default_missing_value = "on", num_args = 0..=1, require_equals = true)]
-    strict: StrictArg,
     /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
     #[arg(long)]
     portable: bool,
     /// Record the paths of about N rays, or of all, in ray_paths.npz.
     #[arg(long, value_name = "N|all", value_parser = parse_record_paths, requires = "output")]
     record_paths: Option<RecordPaths>,
-    /// Override the scene's rr_start_flux.
-    #[arg(long, value_name = "X")]
-    rr_start_flux: Option<f64>,
-    /// Override the scene's reflect_prob: fresnel, auto or a number in 0..=1.
-    #[arg(long, value_name = "P", value_parser = parse_reflect_prob)]
-    reflect_prob: Option<ReflectProb>,
-    /// Override the scene's split_depth: rays of fewer events are split at refractive surfaces; 0 splits none.
-    #[arg(long, value_name = "N")]
-    split_depth: Option<u32>,
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -129,65 +70,8 @@ pub struct Args {
     watch_stdin: bool,
 }
 
-/// The `--precision` argument.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum PrecisionArg {
-    /// f64 on a processor. On a GPU f32, unless the error predicted for the scene is too large; then f64, or df64 where
-    /// there is no f64.
-    Auto,
-    /// 32-bit floats.
-    F32,
-    /// Pairs of 32-bit floats: 48 bits, on adapters whose arithmetic passes a test.
-    Df64,
-    /// 64-bit floats.
-    F64,
-}
-
-/// The `--strict` argument.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum StrictArg {
-    /// On processors, where it costs nothing.
-    Auto,
-    /// Always.
-    On,
-    /// Never.
-    Off,
-}
-
-/// The `--sampler` argument.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum SamplerArg {
-    /// Optiland's keyed PCG32, bit for bit.
-    Pcg,
-    /// Owen-scrambled Sobol points, one point a ray.
-    Sobol,
-}
-
-/// The `--standard-error` argument.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum StandardErrorArg {
-    /// Where every detector ends a ray and takes it in one cell, and always with --target-error. Where surfaces scatter
-    /// by a table or a Harvey-Shack lobe, also in up to four cells.
-    Auto,
-    /// Always, even where rays are spread over pixels or pass detectors.
-    On,
-    /// Never.
-    Off,
-}
-
-fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
+pub(crate) fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
     if text == "all" { Ok(RecordPaths::All) } else { count::parse(text).map(RecordPaths::About) }
-}
-
-fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
-    match text {
-        "fresnel" => Ok(ReflectProb::Fresnel),
-        "auto" => Ok(ReflectProb::Auto),
-        number => match number.parse::<f64>() {
-            Ok(p) if (0.0..=1.0).contains(&p) => Ok(ReflectProb::Constant(p)),
-            _ => Err(format!("`{text}` is neither fresnel, auto nor a number in 0..=1")),
-        },
-    }
 }
 
 /// Traces, writes the files, and returns the text for stdout. An interrupted trace is written, then reported as
@@ -196,8 +80,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     // On lavapipe, `auto` means f64.
-    let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    crate::cli::console::choose_vectors(&ir, args.num_rays, in_f64);
+    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
+    crate::cli::console::choose_vectors(&ir, args.trace.num_rays, in_f64);
     if args.watch_stdin {
         std::thread::spawn(end_with_stdin);
         #[cfg(unix)]
@@ -206,7 +90,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             std::thread::spawn(move || end_with_parent(parent));
         }
     }
-    override_sampling(&mut ir, args)?;
+    args.trace.override_sampling(&mut ir)?;
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = args.record_paths.is_some();
@@ -218,10 +102,15 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
     let gpu = Gpu::open(&adapter_choice(args))?;
     let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
-    let max_depth = args.max_depth.or(of_resumed).unwrap_or_else(|| crate::model::depth::of_scene(&ir));
-    let options = TraceOptions { max_depth, ..options(args)? }.tuned(&gpu.info);
+    let max_depth = args.trace.max_depth.or(of_resumed).unwrap_or_else(|| crate::model::depth::of_scene(&ir));
+    let options = TraceOptions {
+        max_depth,
+        paths: args.record_paths.unwrap_or(RecordPaths::None),
+        ..args.trace.options()?
+    }
+    .tuned(&gpu.info);
     let (result, tally, identity, checkpointed) = std::thread::scope(|scope| {
-        let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.precision))?;
+        let choosing = Choosing::start(scope, &gpu, &ir, &options, wanted(args.trace.precision))?;
         let options = TraceOptions { precision: choosing.precision(), ..options.clone() };
         let identity = Identity::new(&ir, Some(args.scene.display().to_string()), &options, &gpu.info);
         let identity = if keeps_rows(args) { identity } else { identity.with_paths_apart() };
@@ -293,19 +182,25 @@ fn failure(result: &TraceResult) -> Option<Error> {
         return Some(Error::Interrupted);
     }
     let target = result.run.target_error?;
-    let percent = |fraction: f64| format!("{:.3} %", 100.0 * fraction);
     match result.relative_error {
         Some(error) if error <= target => None,
-        Some(error) => Some(Error::Tolerance(format!(
+        error => Some(Error::Tolerance(missed_target(error, target, result.num_rays_total))),
+    }
+}
+
+/// What to say where a target was missed, with the rays that would do.
+pub(crate) fn missed_target(error: Option<f64>, target: f64, num_rays: u64) -> String {
+    let percent = |fraction: f64| format!("{:.3} %", 100.0 * fraction);
+    match error {
+        Some(error) => format!(
             "the relative error is {}, above the target of {}; it falls as 1 / sqrt(rays), so give about -n {:.1e}",
             percent(error),
             percent(target),
-            result.num_rays_total as f64 * (error / target).powi(2)
-        ))),
-        None => Some(Error::Tolerance(format!(
-            "the relative error is not known, and so not below the target of {}",
-            percent(target)
-        ))),
+            num_rays as f64 * (error / target).powi(2)
+        ),
+        None => {
+            format!("the relative error is not known, and so not below the target of {}", percent(target))
+        }
     }
 }
 
@@ -366,74 +261,9 @@ pub fn deliver(
     }
 }
 
-fn override_sampling(ir: &mut SceneIr, args: &Args) -> Result<()> {
-    if let Some(reflect_prob) = args.reflect_prob {
-        ir.sampling.reflect_prob = reflect_prob;
-    }
-    if let Some(rr_start_flux) = args.rr_start_flux {
-        if !(0.0..=1e30).contains(&rr_start_flux) {
-            return Err(Error::Usage(format!("--rr-start-flux is {rr_start_flux}; it must lie in 0..=1e30")));
-        }
-        ir.sampling.rr_start_flux = rr_start_flux;
-    }
-    if let Some(split_depth) = args.split_depth {
-        if split_depth > Sampling::MAX_SPLIT_DEPTH {
-            let most = Sampling::MAX_SPLIT_DEPTH;
-            return Err(Error::Usage(format!("--split-depth is {split_depth}; it must lie in 0..={most}")));
-        }
-        ir.sampling.split_depth = split_depth;
-    }
-    Ok(())
-}
-
 fn adapter_choice(args: &Args) -> AdapterChoice {
     let native = if args.portable { Native::Off } else { Native::Allowed };
     AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() }
-}
-
-/// The precision that the argument asks for.
-pub fn wanted(precision: PrecisionArg) -> Wanted {
-    match precision {
-        PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
-        PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),
-        PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
-        PrecisionArg::Auto => Wanted::Auto,
-    }
-}
-
-/// The options, but without precision and largest number of events.
-fn options(args: &Args) -> Result<TraceOptions> {
-    let standard_error = match (args.standard_error, args.target_error) {
-        (StandardErrorArg::Off, Some(_)) => {
-            return Err(Error::Usage(
-                "--target-error needs standard errors; leave out --standard-error off".into(),
-            ));
-        }
-        (StandardErrorArg::On, _) | (_, Some(_)) => StandardError::On,
-        (StandardErrorArg::Auto, None) => StandardError::Auto,
-        (StandardErrorArg::Off, None) => StandardError::Off,
-    };
-    Ok(TraceOptions {
-        num_rays: args.num_rays,
-        seed: args.seed,
-        min_flux_fraction: args.min_flux_fraction,
-        batch_size: args.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
-        sampler: match args.sampler {
-            SamplerArg::Pcg => Sampler::Pcg,
-            SamplerArg::Sobol => Sampler::Sobol,
-        },
-        strict: match args.strict {
-            StrictArg::Auto => Strict::Auto,
-            StrictArg::On => Strict::On,
-            StrictArg::Off => Strict::Off,
-        },
-        paths: args.record_paths.unwrap_or(RecordPaths::None),
-        first_ray: args.first_ray.unwrap_or(0),
-        of_rays: args.of_rays,
-        standard_error,
-        may_end_early: args.target_error.is_some() || args.time_limit.is_some(),
-        ..Default::default()
-    })
 }
 
 /// A trace that is ready to start.
@@ -451,7 +281,7 @@ struct Run<'a> {
 /// True if the sums must hold the rows of ray databases and paths. Another trace then goes on from the sums, or adds to
 /// them.
 fn keeps_rows(args: &Args) -> bool {
-    let is_part = args.first_ray.is_some() || args.of_rays.is_some();
+    let is_part = args.trace.first_ray.is_some() || args.trace.of_rays.is_some();
     is_part || args.checkpoint.is_some() || args.resume.is_some()
 }
 
@@ -490,7 +320,7 @@ fn trace(
         identity,
         begun: num_rays_before,
         stop: stop_on_interrupt()?,
-        stopping: Stopping::new(ir, args.target_error, args.time_limit),
+        stopping: Stopping::new(ir, args.trace.target_error, args.trace.time_limit),
         progress: Progress::new(args.progress, tracer.num_rays()),
         last_checkpoint: Instant::now(),
         stopped_by: None,
@@ -518,7 +348,7 @@ fn trace(
         scene_warnings: scene.warnings.clone(),
         partial,
         stopped_by: session.stopped_by.filter(|_| partial),
-        target_error: args.target_error,
+        target_error: args.trace.target_error,
         // Processors are chosen only if there is nothing else.
         has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
@@ -557,9 +387,9 @@ impl Session<'_> {
             begun: self.begun,
             elapsed: progress.elapsed,
             relative_error: self.stopping.relative_error(),
-            target_error: self.args.target_error,
+            target_error: self.args.trace.target_error,
             rays_to_target: self.stopping.rays_to_target(),
-            time_limit: self.args.time_limit,
+            time_limit: self.args.trace.time_limit,
         });
         if let Some(path) = &self.args.checkpoint
             && self.last_checkpoint.elapsed() >= self.args.checkpoint_interval
@@ -593,7 +423,7 @@ fn end_with_stdin() {
 /// Waits until the process that started this one has ended, then ends this one. A fork of that process may also hold
 /// the other end of stdin, and live on.
 #[cfg(unix)]
-fn end_with_parent(parent: u32) {
+pub(crate) fn end_with_parent(parent: u32) {
     while std::os::unix::process::parent_id() == parent {
         std::thread::sleep(Duration::from_millis(100));
     }

@@ -1,0 +1,226 @@
+//! `nsq-gpu serve`: one process that keeps its device and its compiled shaders, and traces what is asked of it by
+//! messages on stdin and stdout. docs/reference/serve.md describes the messages.
+
+mod frames;
+pub(crate) mod requests;
+pub(crate) mod session;
+
+use crate::cli::serve::frames::Incoming;
+use crate::cli::serve::requests::{Request, TraceRequest};
+use crate::cli::serve::session::{Answer, Session, Status, missed_target};
+use crate::error::{Error, Result};
+use crate::gpu::{AdapterChoice, Native};
+use serde_json::{Value, json};
+use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::{Duration, Instant};
+
+/// Version of the messages. It grows when a message changes its meaning or goes away, not when one is added.
+pub const PROTOCOL: u32 = 1;
+
+/// Shortest time between two messages of progress.
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Arguments of `nsq-gpu serve`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Part of the adapter's name (see `nsq-gpu adapters`).
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Use no native 64-bit integers or atomics of the device: the same bits from plain WebGPU.
+    #[arg(long)]
+    portable: bool,
+}
+
+/// The traces that are asked for and not answered, each with the flag that cancels it.
+type Cancels = Arc<Mutex<HashMap<String, Arc<AtomicBool>>>>;
+
+/// A message for the thread that traces.
+enum Job {
+    Request {
+        id: Value,
+        header: Value,
+        cancelled: Arc<AtomicBool>,
+    },
+    Broken(String),
+    /// The stream of requests has ended; with an error if it cannot be read on.
+    End(Option<String>),
+}
+
+/// Answers requests until stdin closes or the parent ends.
+pub fn run(args: &Args) -> Result<String> {
+    #[cfg(unix)]
+    {
+        let parent = std::os::unix::process::parent_id();
+        std::thread::spawn(move || crate::cli::trace::end_with_parent(parent));
+    }
+    let native = if args.portable { Native::Off } else { Native::Allowed };
+    let choice = AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() };
+    let mut session = Session::new(choice);
+    let cancels = Cancels::default();
+    let (sender, jobs) = mpsc::channel();
+    let known = cancels.clone();
+    std::thread::spawn(move || listen(&sender, &known));
+    // Opened before the first request comes. An error is that request's answer.
+    let _ = session.open();
+    let mut output = Output(std::io::BufWriter::new(std::io::stdout()));
+    for job in jobs {
+        let problem = match job {
+            Job::Request { id, header, cancelled } => {
+                let answered = answer(&mut session, &mut output, &id, header, &cancelled);
+                cancels.lock().unwrap_or_else(PoisonError::into_inner).remove(&id.to_string());
+                answered
+            }
+            Job::Broken(problem) => output.fail(&Value::Null, &Error::Usage(problem)),
+            Job::End(None) => break,
+            Job::End(Some(problem)) => {
+                output.fail(&Value::Null, &Error::Usage(problem.clone()))?;
+                return Err(Error::Usage(problem));
+            }
+        };
+        problem?;
+    }
+    Ok(String::new())
+}
+
+/// Reads stdin to its end. Cancels take effect at once, also for requests that wait.
+fn listen(jobs: &mpsc::Sender<Job>, cancels: &Cancels) {
+    let mut input = std::io::BufReader::new(std::io::stdin());
+    loop {
+        let job = match frames::read(&mut input) {
+            Ok(None) => Job::End(None),
+            Err(error) => Job::End(Some(error.to_string())),
+            Ok(Some(Incoming::Broken(problem))) => Job::Broken(problem),
+            Ok(Some(Incoming::Header(header))) => {
+                let id = header.get("id").cloned().unwrap_or(Value::Null);
+                let mut cancels = cancels.lock().unwrap_or_else(PoisonError::into_inner);
+                if header.get("request").and_then(Value::as_str) == Some("cancel") {
+                    if let Some(flag) = cancels.get(&id.to_string()) {
+                        flag.store(true, Ordering::Relaxed);
+                    }
+                    continue;
+                }
+                let cancelled = Arc::new(AtomicBool::new(false));
+                cancels.insert(id.to_string(), cancelled.clone());
+                Job::Request { id, header, cancelled }
+            }
+        };
+        let is_end = matches!(job, Job::End(_));
+        if jobs.send(job).is_err() || is_end {
+            return;
+        }
+    }
+}
+
+/// Answers one request. Only a failure of stdout is an error.
+fn answer(
+    session: &mut Session,
+    output: &mut Output,
+    id: &Value,
+    header: Value,
+    cancelled: &AtomicBool,
+) -> Result<()> {
+    let request = match Request::of(header) {
+        Ok(request) => request,
+        Err(error) => return output.fail(id, &error),
+    };
+    match request {
+        Request::Hello => {
+            let num_shaders = session.num_shaders();
+            match session.open() {
+                Ok(gpu) => {
+                    let (adapter, driver) = (gpu.info.name.clone(), gpu.info.driver.clone());
+                    output.send(&json!({
+                        "id": id,
+                        "reply": "hello",
+                        "protocol": PROTOCOL,
+                        "program": env!("CARGO_PKG_NAME"),
+                        "version": env!("CARGO_PKG_VERSION"),
+                        "adapter": adapter,
+                        "driver": driver,
+                        "num_shaders": num_shaders,
+                    }))
+                }
+                Err(error) => output.fail(id, &error),
+            }
+        }
+        Request::Trace(request) => trace(session, output, id, &request, cancelled),
+    }
+}
+
+fn trace(
+    session: &mut Session,
+    output: &mut Output,
+    id: &Value,
+    request: &TraceRequest,
+    cancelled: &AtomicBool,
+) -> Result<()> {
+    let mut told = Instant::now();
+    let mut unsent = Ok(());
+    let traced = catch_unwind(AssertUnwindSafe(|| {
+        session.trace(request, |status| {
+            let is_last = status.rays >= status.num_rays;
+            if request.progress && (is_last || told.elapsed() >= PROGRESS_INTERVAL) {
+                told = Instant::now();
+                unsent = output.send(&progress(id, status));
+            }
+            unsent.is_ok() && !cancelled.load(Ordering::Relaxed)
+        })
+    }));
+    unsent?;
+    match traced {
+        Ok(Ok(answer)) => output.send_result(id, &answer),
+        Ok(Err(error)) => {
+            if matches!(error, Error::Device(_)) {
+                session.close();
+            }
+            output.fail(id, &error)
+        }
+        Err(_) => {
+            session.close();
+            output.fail(id, &Error::Internal("the trace ended by a panic".into()))
+        }
+    }
+}
+
+fn progress(id: &Value, status: &Status) -> Value {
+    let rate = status.rays as f64 / status.elapsed_sec.max(1e-9);
+    json!({
+        "id": id,
+        "reply": "progress",
+        "rays": status.rays,
+        "num_rays": status.num_rays,
+        "rays_per_sec": rate,
+        "eta_sec": (status.num_rays - status.rays) as f64 / rate.max(1e-9),
+        "relative_error": status.relative_error,
+    })
+}
+
+/// Where answers go.
+struct Output(std::io::BufWriter<std::io::Stdout>);
+
+impl Output {
+    fn send(&mut self, header: &Value) -> Result<()> {
+        frames::write(&mut self.0, header, std::iter::empty()).map_err(|error| Error::file("stdout", error))
+    }
+
+    fn fail(&mut self, id: &Value, error: &Error) -> Result<()> {
+        let exit_code = error.exit_code();
+        self.send(&json!({"id": id, "reply": "error", "exit_code": exit_code, "message": error.to_string()}))
+    }
+
+    fn send_result(&mut self, id: &Value, answer: &Answer) -> Result<()> {
+        let told = |(detector, name, bytes): &(Option<String>, String, Vec<u8>)| json!({"detector": detector, "name": name, "bytes": bytes.len()});
+        let header = json!({
+            "id": id,
+            "reply": "result",
+            "report": answer.report,
+            "missed_target": missed_target(&answer.report),
+            "arrays": answer.arrays.iter().map(told).collect::<Vec<_>>(),
+        });
+        let arrays = answer.arrays.iter().map(|(_, _, bytes)| &bytes[..]);
+        frames::write(&mut self.0, &header, arrays).map_err(|error| Error::file("stdout", error))
+    }
+}

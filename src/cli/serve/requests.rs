@@ -1,0 +1,137 @@
+//! The requests of a session, as their headers have them.
+
+use crate::cli::trace::parse_record_paths;
+use crate::cli::trace_args::TraceArgs;
+use crate::error::{Error, Result};
+use crate::trace::RecordPaths;
+use clap::Parser;
+use serde::Deserialize;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// A request, without its id.
+#[derive(Debug)]
+pub(crate) enum Request {
+    /// Asks for the version of the protocol, and the adapter.
+    Hello,
+    /// Asks for a trace.
+    Trace(Box<TraceRequest>),
+}
+
+/// A trace that is asked for.
+#[derive(Debug)]
+pub(crate) struct TraceRequest {
+    /// The text of the scene.
+    pub(crate) scene: String,
+    /// What messages call the scene.
+    pub(crate) name: Option<String>,
+    /// The folder from which files are looked for that the scene names.
+    pub(crate) folder: PathBuf,
+    /// Numbers of the scene to set, by their names.
+    pub(crate) set: Vec<(String, f64)>,
+    /// Options of the command.
+    pub(crate) args: TraceArgs,
+    /// Which paths are recorded.
+    pub(crate) record_paths: RecordPaths,
+    /// Whether the scene's numbers are live; by default in short traces.
+    pub(crate) live: Option<bool>,
+    /// True: the progress is sent.
+    pub(crate) progress: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TraceHeader {
+    #[allow(dead_code, reason = "read before")]
+    id: Value,
+    #[allow(dead_code, reason = "read before")]
+    request: String,
+    scene: Value,
+    name: Option<String>,
+    folder: Option<PathBuf>,
+    #[serde(default)]
+    options: Map<String, Value>,
+    #[serde(default)]
+    set: Map<String, Value>,
+    live: Option<bool>,
+    #[serde(default)]
+    progress: bool,
+}
+
+#[derive(Parser)]
+#[command(no_binary_name = true, disable_help_flag = true)]
+struct Options {
+    #[command(flatten)]
+    trace: TraceArgs,
+    #[arg(long, value_parser = parse_record_paths)]
+    record_paths: Option<RecordPaths>,
+}
+
+impl Request {
+    /// Reads a header.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if it asks for nothing that there is.
+    pub(crate) fn of(header: Value) -> Result<Self> {
+        match header.get("request").and_then(Value::as_str) {
+            Some("hello") => Ok(Request::Hello),
+            Some("trace") => TraceRequest::of(header).map(|request| Request::Trace(Box::new(request))),
+            Some(other) => {
+                Err(Error::Usage(format!("there is no request `{other}`; there are hello, trace and cancel")))
+            }
+            None => Err(Error::Usage("the header has no text `request`: hello, trace or cancel".into())),
+        }
+    }
+}
+
+impl TraceRequest {
+    fn of(header: Value) -> Result<Self> {
+        let header: TraceHeader =
+            serde_json::from_value(header).map_err(|error| Error::Usage(format!("the request: {error}")))?;
+        let scene = match header.scene {
+            Value::String(text) => text,
+            object => object.to_string(),
+        };
+        let Options { trace, record_paths } = options(&header.options)?;
+        Ok(TraceRequest {
+            scene,
+            name: header.name,
+            folder: header.folder.unwrap_or_default(),
+            set: numbers(&header.set)?,
+            args: trace,
+            record_paths: record_paths.unwrap_or(RecordPaths::None),
+            live: header.live,
+            progress: header.progress,
+        })
+    }
+}
+
+/// Numbers to set: `{"L1.r1": 51.0}`.
+fn numbers(given: &Map<String, Value>) -> Result<Vec<(String, f64)>> {
+    let number = |(name, value): (&String, &Value)| match value.as_f64() {
+        Some(number) => Ok((name.clone(), number)),
+        None => Err(Error::Usage(format!("set.{name} is {value}; give a number"))),
+    };
+    given.iter().map(number).collect()
+}
+
+/// Options as the command parses them: `{"num_rays": 10000}` is `--num-rays=10000`.
+fn options(given: &Map<String, Value>) -> Result<Options> {
+    let mut arguments = Vec::new();
+    for (name, value) in given {
+        let value = match value {
+            Value::Null => continue,
+            Value::String(text) => text.clone(),
+            Value::Number(number) => number.to_string(),
+            Value::Bool(_) | Value::Array(_) | Value::Object(_) => {
+                return Err(Error::Usage(format!("options.{name} is {value}; give a text or a number")));
+            }
+        };
+        arguments.push(format!("--{}={value}", name.replace('_', "-")));
+    }
+    Options::try_parse_from(arguments).map_err(|error| {
+        let text = error.to_string();
+        let first = text.split("\n\n").next().unwrap_or(&text);
+        Error::Usage(format!("options: {}", first.trim_start_matches("error: ").trim()))
+    })
+}

@@ -1,0 +1,197 @@
+//! What a session keeps from one request to the next: the device, and compiled shaders.
+
+use crate::cli::serve::requests::TraceRequest;
+use crate::error::{Error, Result};
+use crate::gpu::{AdapterChoice, Gpu};
+use crate::model::SceneIr;
+use crate::result::{Report, RunInfo, StoppedBy, TraceResult, npz_files, report};
+use crate::scene::Scene;
+use crate::trace::stopping::Stopping;
+use crate::trace::{Progress, Shelf, Strict, TraceOptions, Tracer, auto_precision};
+use std::time::Instant;
+
+/// Most rays of a trace whose numbers are live. In a longer one the rays take longer than compiling, and a shader with
+/// the numbers compiled in traces them faster.
+const MOST_LIVE_RAYS: u64 = 1_000_000;
+
+/// The device of a session, and its compiled shaders.
+pub(crate) struct Session {
+    choice: AdapterChoice,
+    opened: Option<Opened>,
+}
+
+struct Opened {
+    gpu: Gpu,
+    shelf: Shelf,
+}
+
+/// A report, with arrays: the detector that each is of (none: of recorded paths), its name, its bytes as `.npy`.
+pub(crate) struct Answer {
+    pub(crate) report: Report,
+    pub(crate) arrays: Vec<(Option<String>, String, Vec<u8>)>,
+}
+
+/// How far a trace has come.
+pub(crate) struct Status {
+    pub(crate) rays: u64,
+    pub(crate) num_rays: u64,
+    pub(crate) elapsed_sec: f64,
+    pub(crate) relative_error: Option<f64>,
+}
+
+impl Session {
+    /// A session on this adapter, which is opened when it is first needed.
+    pub(crate) fn new(choice: AdapterChoice) -> Self {
+        Session { choice, opened: None }
+    }
+
+    /// Opens the device, unless it is open.
+    pub(crate) fn open(&mut self) -> Result<&Gpu> {
+        if self.opened.is_none() {
+            self.opened = Some(Opened { gpu: Gpu::open(&self.choice)?, shelf: Shelf::new() });
+        }
+        self.opened.as_ref().map(|opened| &opened.gpu).ok_or_else(|| Error::Internal("no device".into()))
+    }
+
+    /// Closes the device, which may be lost. The next request opens another.
+    pub(crate) fn close(&mut self) {
+        self.opened = None;
+    }
+
+    /// The number of compiled shaders that are kept.
+    pub(crate) fn num_shaders(&self) -> usize {
+        self.opened.as_ref().map_or(0, |opened| opened.shelf.len())
+    }
+
+    /// Traces. `keep_going` gets the status after each pass; where it returns false, nothing is answered.
+    pub(crate) fn trace(
+        &mut self,
+        request: &TraceRequest,
+        keep_going: impl FnMut(&Status) -> bool,
+    ) -> Result<Answer> {
+        let start = Instant::now();
+        let scene = Scene::with_numbers(&request.scene, &request.folder, &request.set)
+            .map_err(|error| named(error, request.name.as_deref()))?;
+        let mut ir = scene.lower()?;
+        request.args.override_sampling(&mut ir)?;
+        self.open()?;
+        let Some(Opened { gpu, shelf }) = &self.opened else {
+            return Err(Error::Internal("no device".into()));
+        };
+        let job = Job { request, scene: &scene, ir: &ir, gpu, shelf, start };
+        job.trace(keep_going)
+    }
+}
+
+/// One trace.
+struct Job<'a> {
+    request: &'a TraceRequest,
+    scene: &'a Scene,
+    ir: &'a SceneIr,
+    gpu: &'a Gpu,
+    shelf: &'a Shelf,
+    start: Instant,
+}
+
+impl<'a> Job<'a> {
+    fn trace(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<Answer> {
+        let Job { request, ir, gpu, start, .. } = self;
+        let args = &request.args;
+        let options = self.options()?;
+        let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
+        let choice = auto_precision::choose_by(gpu, ir, &options, args.wanted(), pilot)?;
+        let options = TraceOptions { precision: choice.precision, ..options };
+        let mut tracer = self.tracer(ir, &options)?;
+        let begun = tracer.empty_tally();
+        let mut stopping = Stopping::new(ir, args.target_error, args.time_limit);
+        stopping.prepare(&mut tracer, &begun)?;
+        let mut stopped_by = None;
+        let trace_start = Instant::now();
+        let tally = tracer.go_on(begun, |progress: &mut Progress| {
+            stopped_by = stopping.after_pass(ir, progress)?;
+            let status = Status {
+                rays: progress.done,
+                num_rays: progress.num_rays,
+                elapsed_sec: progress.elapsed.as_secs_f64(),
+                relative_error: stopping.relative_error(),
+            };
+            if keep_going(&status) { Ok(stopped_by.is_none()) } else { Err(Error::Interrupted) }
+        })?;
+        let partial = tally.launched.count < tracer.num_rays();
+        let run = RunInfo {
+            num_rays: tracer.num_rays(),
+            precision_reason: choice.reason,
+            precision_warning: choice.warning,
+            trace_time_sec: trace_start.elapsed().as_secs_f64(),
+            first_rays_sec: tracer.first_end().map(|end| (end - *start).as_secs_f64()),
+            scene_warnings: self.scene.warnings.clone(),
+            partial,
+            stopped_by: stopped_by.filter(|_| partial),
+            target_error: args.target_error,
+            has_no_gpu: gpu.info.class.stands_in_for_gpu(),
+            ..options.run_info(&gpu.info)
+        };
+        answer(&TraceResult::new(ir, &run, &tally)?)
+    }
+
+    fn options(&self) -> Result<TraceOptions> {
+        let Job { request, ir, gpu, .. } = self;
+        let args = &request.args;
+        let options = args.options()?;
+        let strict = match options.strict {
+            // Only with strict arithmetic a shader with live numbers gives the bits of the command's.
+            Strict::Auto if gpu.info.strict => Strict::On,
+            asked => asked,
+        };
+        Ok(TraceOptions {
+            max_depth: args.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(ir)),
+            strict,
+            live: request.live.unwrap_or(options.num_rays <= MOST_LIVE_RAYS),
+            paths: request.record_paths,
+            ..options
+        }
+        .tuned(&gpu.info))
+    }
+
+    /// A tracer of a scene: with shaders of the shelf where numbers are live.
+    fn tracer<'s>(&'s self, ir: &'s SceneIr, options: &TraceOptions) -> Result<Tracer<'s>> {
+        match options.live {
+            true => Tracer::on_shelf(self.gpu, ir, options, self.shelf),
+            false => Tracer::new(self.gpu, ir, options),
+        }
+    }
+}
+
+/// An error about a scene, with the scene's name before the place.
+fn named(error: Error, name: Option<&str>) -> Error {
+    match (error, name) {
+        (Error::Scene { place, problem, remedy }, Some(name)) => {
+            Error::Scene { place: format!("{name}: {place}"), problem, remedy }
+        }
+        (other, _) => other,
+    }
+}
+
+fn answer(result: &TraceResult) -> Result<Answer> {
+    let mut arrays = Vec::new();
+    for detector in &result.detectors {
+        let own = npz_files::detector_arrays(result, detector)?;
+        arrays.extend(own.into_iter().map(|(name, bytes)| (Some(detector.name.clone()), name, bytes)));
+    }
+    if let Some(paths) = &result.ray_paths {
+        let own = npz_files::ray_path_arrays(result, paths)?;
+        arrays.extend(own.into_iter().map(|(name, bytes)| (None, name, bytes)));
+    }
+    Ok(Answer { report: Report::new(result, &report::Files::default()), arrays })
+}
+
+/// The sentence where a target was asked for and missed.
+pub(crate) fn missed_target(report: &Report) -> Option<String> {
+    let target = report.target_error?;
+    if report.relative_error.is_some_and(|error| error <= target)
+        || report.stopped_by == Some(StoppedBy::Interrupt)
+    {
+        return None;
+    }
+    Some(crate::cli::trace::missed_target(report.relative_error, target, report.num_rays_total))
+}

@@ -1,0 +1,210 @@
+//! The options of a trace that `nsq-gpu trace` and the requests of `nsq-gpu serve` share.
+
+use crate::cli::quantity;
+use crate::count;
+use crate::error::{Error, Result};
+use crate::model::{ReflectProb, Sampling, SceneIr};
+use crate::program::{Precision, Sampler};
+use crate::trace::auto_precision::Wanted;
+use crate::trace::{StandardError, Strict, TraceOptions};
+use std::time::Duration;
+
+/// What is traced, how precisely, and when the trace stops.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct TraceArgs {
+    /// Rays to launch, at most where a target or a time limit is given: 250000, 1e7, 10M.
+    #[arg(
+        short = 'n',
+        long,
+        default_value = "1e6",
+        value_parser = count::parse,
+        value_name = "N",
+        allow_negative_numbers = true
+    )]
+    pub(crate) num_rays: u64,
+    /// Id of the first ray; 0 unless given. Results of disjoint rays can be merged. Rows of ray databases and paths
+    /// then stay in memory, to be written with the sums, as with --checkpoint.
+    #[arg(long, value_parser = count::parse, value_name = "N")]
+    pub(crate) first_ray: Option<u64>,
+    /// The rays are a part of a trace of N rays, which the sources share. Needed only to merge results bit for bit, for
+    /// a scene of several sources.
+    #[arg(long, value_parser = count::parse, value_name = "N")]
+    pub(crate) of_rays: Option<u64>,
+    /// Stop when every detector's relative error is at most X: 1%, 0.01. Both the error of its flux and that of its map
+    /// count. The latter is the sum of the pixels' standard errors over the sum of their values. Exit code 6 if the
+    /// rays or the time end before.
+    #[arg(long, value_name = "X", value_parser = quantity::parse_fraction)]
+    pub(crate) target_error: Option<f64>,
+    /// Stop after this time: 30s, 5m, 1.5h.
+    #[arg(long, value_name = "TIME", value_parser = quantity::parse_time)]
+    pub(crate) time_limit: Option<Duration>,
+    /// Sum second moments, for standard errors of cells and totals: auto does where it costs little. With --sampler
+    /// sobol, on scrambles the points in 16 independent ways, and gives the errors between them; auto does not.
+    #[arg(long, value_enum, default_value_t = StandardErrorArg::Auto, value_name = "WHEN")]
+    pub(crate) standard_error: StandardErrorArg,
+    /// Seed of every random draw.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Largest number of events (surfaces and detectors) of a ray. By default twice the number of surfaces that do not
+    /// absorb, but at least 16, Optiland's default; with --resume, that of the file.
+    #[arg(long, value_name = "N")]
+    pub(crate) max_depth: Option<u32>,
+    /// Russian roulette starts below this fraction of a new ray's flux, or the scene's rr_start_flux if that is larger.
+    #[arg(long, default_value_t = 1e-6, value_name = "X")]
+    pub(crate) min_flux_fraction: f64,
+    /// Most rays per dispatch. The number changes memory and speed, but not the result.
+    #[arg(long, value_parser = count::parse, value_name = "N")]
+    pub(crate) batch_size: Option<u64>,
+    /// Precision: auto takes the least expensive that keeps positions to a hundredth of a pixel, predicted from the
+    /// scene.
+    #[arg(long, value_enum, default_value_t = PrecisionArg::Auto)]
+    pub(crate) precision: PrecisionArg,
+    /// Draws: Optiland's random numbers, or Sobol points, with which a map's error falls faster.
+    #[arg(long, value_enum, default_value_t = SamplerArg::Pcg)]
+    pub(crate) sampler: SamplerArg,
+    /// Neither fuse nor reorder arithmetic, so that every form of the shaders gives the same bits; only on Vulkan.
+    #[arg(long, value_enum, default_value_t = StrictArg::Auto, default_missing_value = "on", num_args = 0..=1, require_equals = true)]
+    pub(crate) strict: StrictArg,
+    /// Override the scene's rr_start_flux.
+    #[arg(long, value_name = "X")]
+    pub(crate) rr_start_flux: Option<f64>,
+    /// Override the scene's reflect_prob: fresnel, auto or a number in 0..=1.
+    #[arg(long, value_name = "P", value_parser = parse_reflect_prob)]
+    pub(crate) reflect_prob: Option<ReflectProb>,
+    /// Override the scene's split_depth: rays of fewer events are split at refractive surfaces; 0 splits none.
+    #[arg(long, value_name = "N")]
+    pub(crate) split_depth: Option<u32>,
+}
+
+/// The `--precision` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PrecisionArg {
+    /// f64 on a processor. On a GPU f32, unless the error predicted for the scene is too large; then f64, or df64 where
+    /// there is no f64.
+    Auto,
+    /// 32-bit floats.
+    F32,
+    /// Pairs of 32-bit floats: 48 bits, on adapters whose arithmetic passes a test.
+    Df64,
+    /// 64-bit floats.
+    F64,
+}
+
+/// The `--strict` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum StrictArg {
+    /// On processors, where it costs nothing.
+    Auto,
+    /// Always.
+    On,
+    /// Never.
+    Off,
+}
+
+/// The `--sampler` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SamplerArg {
+    /// Optiland's keyed PCG32, bit for bit.
+    Pcg,
+    /// Owen-scrambled Sobol points, one point a ray.
+    Sobol,
+}
+
+/// The `--standard-error` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum StandardErrorArg {
+    /// Where every detector ends a ray and takes it in one cell, and always with --target-error. Where surfaces scatter
+    /// by a table or a Harvey-Shack lobe, also in up to four cells.
+    Auto,
+    /// Always, even where rays are spread over pixels or pass detectors.
+    On,
+    /// Never.
+    Off,
+}
+
+fn parse_reflect_prob(text: &str) -> std::result::Result<ReflectProb, String> {
+    match text {
+        "fresnel" => Ok(ReflectProb::Fresnel),
+        "auto" => Ok(ReflectProb::Auto),
+        number => match number.parse::<f64>() {
+            Ok(p) if (0.0..=1.0).contains(&p) => Ok(ReflectProb::Constant(p)),
+            _ => Err(format!("`{text}` is neither fresnel, auto nor a number in 0..=1")),
+        },
+    }
+}
+
+/// The precision that the argument asks for.
+pub fn wanted(precision: PrecisionArg) -> Wanted {
+    match precision {
+        PrecisionArg::F32 => Wanted::Exactly(Precision::F32),
+        PrecisionArg::Df64 => Wanted::Exactly(Precision::Df64),
+        PrecisionArg::F64 => Wanted::Exactly(Precision::F64),
+        PrecisionArg::Auto => Wanted::Auto,
+    }
+}
+
+impl TraceArgs {
+    /// The precision that is asked for.
+    pub(crate) fn wanted(&self) -> Wanted {
+        wanted(self.precision)
+    }
+
+    /// The options, but without precision, largest number of events and recorded paths.
+    pub(crate) fn options(&self) -> Result<TraceOptions> {
+        let standard_error = match (self.standard_error, self.target_error) {
+            (StandardErrorArg::Off, Some(_)) => {
+                return Err(Error::Usage(
+                    "--target-error needs standard errors; leave out --standard-error off".into(),
+                ));
+            }
+            (StandardErrorArg::On, _) | (_, Some(_)) => StandardError::On,
+            (StandardErrorArg::Auto, None) => StandardError::Auto,
+            (StandardErrorArg::Off, None) => StandardError::Off,
+        };
+        Ok(TraceOptions {
+            num_rays: self.num_rays,
+            seed: self.seed,
+            min_flux_fraction: self.min_flux_fraction,
+            batch_size: self.batch_size.map(|n| n.min(u64::from(u32::MAX)) as u32),
+            sampler: match self.sampler {
+                SamplerArg::Pcg => Sampler::Pcg,
+                SamplerArg::Sobol => Sampler::Sobol,
+            },
+            strict: match self.strict {
+                StrictArg::Auto => Strict::Auto,
+                StrictArg::On => Strict::On,
+                StrictArg::Off => Strict::Off,
+            },
+            first_ray: self.first_ray.unwrap_or(0),
+            of_rays: self.of_rays,
+            standard_error,
+            may_end_early: self.target_error.is_some() || self.time_limit.is_some(),
+            ..Default::default()
+        })
+    }
+
+    /// Overrides the sampling of a scene.
+    pub(crate) fn override_sampling(&self, ir: &mut SceneIr) -> Result<()> {
+        if let Some(reflect_prob) = self.reflect_prob {
+            ir.sampling.reflect_prob = reflect_prob;
+        }
+        if let Some(rr_start_flux) = self.rr_start_flux {
+            if !(0.0..=1e30).contains(&rr_start_flux) {
+                return Err(Error::Usage(format!(
+                    "--rr-start-flux is {rr_start_flux}; it must lie in 0..=1e30"
+                )));
+            }
+            ir.sampling.rr_start_flux = rr_start_flux;
+        }
+        if let Some(split_depth) = self.split_depth {
+            if split_depth > Sampling::MAX_SPLIT_DEPTH {
+                let most = Sampling::MAX_SPLIT_DEPTH;
+                return Err(Error::Usage(format!(
+                    "--split-depth is {split_depth}; it must lie in 0..={most}"
+                )));
+            }
+            ir.sampling.split_depth = split_depth;
+        }
+        Ok(())
+    }
+}
