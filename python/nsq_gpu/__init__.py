@@ -47,6 +47,7 @@ folder where pip installs programs, PATH.
 
 from nsq_gpu.backend import NsqGpuBackend
 from nsq_gpu.binary import find_binary
+from nsq_gpu.default import use
 from nsq_gpu.errors import (
     AdapterError,
     BinaryNotFoundError,
@@ -62,6 +63,8 @@ from nsq_gpu.errors import (
 )
 from nsq_gpu.export import export_scene
 from nsq_gpu.loading import load_scene
+from nsq_gpu.session import Session
+from nsq_gpu.sweeps import Sweep
 
 __all__ = [
     "AdapterError",
@@ -72,6 +75,8 @@ __all__ = [
     "NsqGpuWarning",
     "ResultWarning",
     "SceneError",
+    "Session",
+    "Sweep",
     "ToleranceWarning",
     "TraceTimeoutError",
     "UnsupportedSceneError",
@@ -79,4 +84,5 @@ __all__ = [
     "export_scene",
     "find_binary",
     "load_scene",
+    "use",
 ]

@@ -27,11 +27,14 @@ from nsq_gpu.errors import (
 )
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.integrity import read_report
-from nsq_gpu.process import ProgressBar, ProgressCallback, run
-from nsq_gpu.results import fill_scene
+from nsq_gpu.process import ProgressBar, ProgressCallback, Update, run
+from nsq_gpu.results import fill_scene, in_folder
+from nsq_gpu.session import EXPORTED, shared_session, warn_of
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")
+#: Most rays of a trace in the process's session; a longer one has a process of its own, which writes its rows to disk.
+MOST_SESSION_RAYS = 1_000_000
 _SEEDS = 1 << 64
 #: ``stacklevel`` in NsqGpuBackend.trace of the line that calls ``scene.trace``, past Optiland's two frames and its own.
 _USERS_LINE = 4
@@ -115,6 +118,8 @@ class NsqGpuBackend(TracerBackend):
         if record_paths:
             _check_names(scene, exported.surface_labels)
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
+        if options["num_rays"] <= MOST_SESSION_RAYS:
+            return self._trace_in_session(binary, scene, exported, options)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
             not_met = self._run(binary, exported, options, folder)
@@ -127,41 +132,67 @@ class NsqGpuBackend(TracerBackend):
                 warnings.warn(warning, NsqGpuWarning, stacklevel=_USERS_LINE)
             for warning in self.report["diagnostics"]["grave"]:
                 warnings.warn(warning, ResultWarning, stacklevel=_USERS_LINE)
-            return fill_scene(scene, self.report, folder / "out", exported.surface_labels)
+            load = in_folder(folder / "out", self.report)
+            return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
 
     def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,
-                 record_paths: bool | int) -> list[str]:
+                 record_paths: bool | int) -> dict[str, Any]:
+        """Return options of the command, by their names."""
         seed = seed if seed is not None else self.seed
         max_depth = max_depth if self.max_depth is None else self.max_depth
         options = {
-            "--num-rays": _whole("num_rays", num_rays),
+            "num_rays": _whole("num_rays", num_rays),
             # Optiland keys its draws by the seed modulo 2^64.
-            "--seed": _whole("seed", seed or 0) % _SEEDS,
-            "--max-depth": _whole("max_depth", max_depth),
-            "--min-flux-fraction": float(min_flux_fraction),
-            "--precision": self.precision,
-            "--sampler": self.sampler,
+            "seed": _whole("seed", seed or 0) % _SEEDS,
+            "max_depth": _whole("max_depth", max_depth),
+            "min_flux_fraction": float(min_flux_fraction),
+            "precision": self.precision,
+            "sampler": self.sampler,
         }
         if self.target_error is not None:
             target = self.target_error
-            options["--target-error"] = target if isinstance(target, str) else float(target)
+            options["target_error"] = target if isinstance(target, str) else float(target)
         if self.standard_error is not None:
-            options["--standard-error"] = "on" if self.standard_error else "off"
+            options["standard_error"] = "on" if self.standard_error else "off"
         if self.time_limit is not None:
-            options["--time-limit"] = f"{float(self.time_limit)}s"
-        if self.adapter is not None:
-            options["--adapter"] = self.adapter
+            options["time_limit"] = f"{float(self.time_limit)}s"
         if record_paths:
-            options["--record-paths"] = "all" if record_paths is True else _whole("record_paths", record_paths)
-        return [f"{key}={value}" for key, value in options.items()]
+            options["record_paths"] = "all" if record_paths is True else _whole("record_paths", record_paths)
+        return options
 
-    def _run(self, binary: str, exported: ExportedScene, options: list[str], folder: Path) -> str | None:
+    def _trace_in_session(self, binary: str, scene: NSQScene, exported: ExportedScene,
+                          options: dict[str, Any]) -> SimulationResult:
+        """Trace in this process's session."""
+        bar = ProgressBar() if self.progress and not callable(self.progress) else None
+
+        def show(said: dict[str, Any]) -> None:
+            update = Update(said)
+            if bar is not None:
+                bar.show(update)
+            elif callable(self.progress):
+                self.progress(update.rays, update.num_rays, update.rays_per_sec)
+
+        session = shared_session(binary, self.adapter)
+        try:
+            answer = session.request(to_json(exported.document, indent=None), options, timeout=self.timeout,
+                                     progress=show if self.progress else None, name=EXPORTED)
+        finally:
+            if bar is not None:
+                bar.close()
+        self.report = answer.report
+        warn_of(answer, stacklevel=_USERS_LINE + 1)
+        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
+
+    def _run(self, binary: str, exported: ExportedScene, options: dict[str, Any], folder: Path) -> str | None:
         """Trace into ``folder / "out"``; return what is said where the target error was not met."""
         scene_file = folder / "scene.json"
         scene_file.write_text(to_json(exported.document, indent=None), encoding="utf-8")
         mode = "json" if self.progress else "never"
         # Nobody looks at pictures of a folder that is about to go; and the child ends when stdin closes with us.
-        command = [binary, "trace", str(scene_file), *options, f"--progress={mode}", f"--output={folder / 'out'}",
+        arguments = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
+        if self.adapter is not None:
+            arguments.append(f"--adapter={self.adapter}")
+        command = [binary, "trace", str(scene_file), *arguments, f"--progress={mode}", f"--output={folder / 'out'}",
                    "--no-pictures", "--watch-stdin"]
         bar = ProgressBar() if self.progress and not callable(self.progress) else None
         progress = self.progress if callable(self.progress) else bar

@@ -18,7 +18,7 @@ from nsq_gpu.errors import TraceTimeoutError, error_of
 ProgressCallback = Callable[[int, int, float], None]
 
 
-class _Update:
+class Update:
     """One line of progress."""
 
     def __init__(self, said: dict[str, Any]) -> None:
@@ -35,8 +35,8 @@ _TICK = 0.1
 
 
 def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | ProgressBar | None = None,
-        accepted: Sequence[int] = (0,)) -> tuple[int, str]:
-    """Run a command; what it writes to stderr goes to the exception if it fails.
+        accepted: Sequence[int] = (0,), folder: str | None = None) -> tuple[int, str]:
+    """Run a command, in ``folder`` if one is given; what it writes to stderr goes to the exception if it fails.
 
     Returns the exit code, one of those ``accepted``, and what was said. Whatever ends the call early, a timeout, Ctrl-C
     or an exception of the callback, ends the child first. And the child's stdin is a pipe that this process holds: what
@@ -50,7 +50,7 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Progress
     # thread starts it.
     starting: futures.Future[subprocess.Popen[str]] = futures.Future()
     try:
-        threading.Thread(target=_start, args=(command, starting), daemon=True).start()
+        threading.Thread(target=_start, args=(command, folder, starting), daemon=True).start()
         child = starting.result()
         said = _listen(child, timeout, progress)
         code = _end(child)
@@ -65,13 +65,13 @@ def run(command: Sequence[str], timeout: float | None = None, progress: Progress
     return code, text
 
 
-def _start(command: Sequence[str], starting: futures.Future[subprocess.Popen[str]]) -> None:
+def _start(command: Sequence[str], folder: str | None, starting: futures.Future[subprocess.Popen[str]]) -> None:
     if not starting.set_running_or_notify_cancel():
         return
     try:
         starting.set_result(subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-            encoding="utf-8", errors="replace",
+            encoding="utf-8", errors="replace", cwd=folder,
         ))
     except BaseException as error:
         starting.set_exception(error)
@@ -117,11 +117,11 @@ def _pump(stream: IO[str], lines: queue.SimpleQueue[str | None]) -> None:
     lines.put(None)
 
 
-def _update_in(line: str) -> _Update | None:
+def _update_in(line: str) -> Update | None:
     if not line.startswith("{"):
         return None
     try:
-        return _Update(json.loads(line))
+        return Update(json.loads(line))
     except (ValueError, KeyError, TypeError):
         return None
 
@@ -135,7 +135,7 @@ class ProgressBar:
         self._stream = stream or sys.stderr
         self._width = 0
 
-    def show(self, update: _Update) -> None:
+    def show(self, update: Update) -> None:
         """Draw the bar anew."""
         share = update.rays / max(update.num_rays, 1)
         bar = ("=" * round(share * self._CELLS)).ljust(self._CELLS)

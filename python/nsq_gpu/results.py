@@ -82,11 +82,21 @@ class LedgerDiagnostics(Diagnostics):
         return text
 
 
-def fill_scene(scene: NSQScene, report: Json, folder: Path, surface_labels: list[str]) -> SimulationResult:
+#: Gives the arrays of a detector by its name, or with None those of the recorded paths.
+Load = Callable[[str | None], dict[str, np.ndarray]]
+
+
+def in_folder(folder: Path, report: Json) -> Load:
+    """Return what loads the arrays of a report from the files beside it."""
+    return lambda name: load_arrays(folder, report["ray_paths"] if name is None else report["detectors"][name]["file"], report)
+
+
+def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[str],
+               records_paths: bool = False) -> SimulationResult:
     """Put a trace into the live scene, as a trace of Optiland's leaves it, and return its result."""
     _check_names(report, surface_labels, scene.detector_names)
     _fill_absorbers(scene, report)
-    arrays = {name: load_arrays(folder, report["detectors"][name]["file"], report) for name in scene.detector_names}
+    arrays = {name: load(name) for name in scene.detector_names}
     for name, live in zip(scene.detector_names, scene.detectors, strict=True):
         _fill_detector(live, report["detectors"][name], arrays[name])
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
@@ -95,7 +105,7 @@ def fill_scene(scene: NSQScene, report: Json, folder: Path, surface_labels: list
     return SimulationResult(
         **{key: report[key] for key in _SAME},
         detectors=detectors,
-        ray_paths=_ray_paths(scene, report, folder, surface_labels),
+        ray_paths=_ray_paths(scene, load(None), surface_labels) if records_paths else None,
         diagnostics=_diagnostics(scene, report, detectors),
     )
 
@@ -192,10 +202,7 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
     )
 
 
-def _ray_paths(scene: NSQScene, report: Json, folder: Path, surface_labels: list[str]) -> Json | None:
-    if report["ray_paths"] is None:
-        return None
-    columns = load_arrays(folder, report["ray_paths"], report)
+def _ray_paths(scene: NSQScene, columns: dict[str, np.ndarray], surface_labels: list[str]) -> Json:
     events = np.empty(len(columns["ray_id"]), dtype=_EVENT_DTYPE)
     for key in _EVENT_DTYPE.names or ():
         events[key] = columns[key]

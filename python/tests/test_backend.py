@@ -466,7 +466,7 @@ def test_an_exception_of_the_callback_ends_the_child(tmp_path: Path) -> None:
 
     said = """echo '{"rays": 1, "num_rays": 2, "rays_per_sec": 3.0, "eta_sec": 1.0}' >&2; exec sleep 60"""
     with pytest.raises(ValueError, match="enough"):
-        bench().trace(100, backend=backend(binary=script(tmp_path, said), progress=refuse))
+        bench().trace(10**7, backend=backend(binary=script(tmp_path, said), progress=refuse))
     assert_child_is_gone(tmp_path)
 
 

@@ -213,12 +213,19 @@ def is_of_gpu(report: dict) -> bool:
     return report["adapter"]["kind"] != "Cpu"
 
 
-if __name__ == "__main__":
-    found = read_reports()
-    of_processors = {folder: report for folder, report in found.items() if not is_of_gpu(report)}
-    of_gpus = {folder: report for folder, report in found.items() if is_of_gpu(report)}
-    README.write_text(replaced(README.read_text(), summary(of_processors, names=HIGHLIGHTS)))
+def pages(reports: dict[str, dict]) -> dict[Path, str]:
+    """The text of every page with a table, each made anew."""
+    of_processors = {folder: report for folder, report in reports.items() if not is_of_gpu(report)}
+    of_gpus = {folder: report for folder, report in reports.items() if is_of_gpu(report)}
     speed = replaced(SPEED.read_text(), summary(of_processors, "../benches/results"))
-    SPEED.write_text(replaced(speed, summary(of_gpus, "../benches/results"), BEGIN_GPUS))
-    BENCHES.write_text(replaced(BENCHES.read_text(), bars(of_processors)))
-    ALL_TABLES.write_text(all_tables(found))
+    return {
+        README: replaced(README.read_text(), summary(of_processors, names=HIGHLIGHTS)),
+        SPEED: replaced(speed, summary(of_gpus, "../benches/results"), BEGIN_GPUS),
+        BENCHES: replaced(BENCHES.read_text(), bars(of_processors)),
+        ALL_TABLES: all_tables(reports),
+    }
+
+
+if __name__ == "__main__":
+    for page, text in pages(read_reports()).items():
+        page.write_text(text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterable
 from importlib import metadata, resources
@@ -100,6 +101,16 @@ def _label(material: Any) -> str:
     return type(inner).__name__
 
 
+@functools.cache
+def _optilands_version() -> str:
+    return metadata.version("optiland")
+
+
+@functools.cache
+def _glasses() -> Path:
+    return Path(str(resources.files("optiland.database"))) / "data-nk" / "glass"
+
+
 def catalog_name(material: Any, written: Any) -> str | None:
     """Return the glass name that a config was written with, if the program is sure to take it for the same entry.
 
@@ -109,8 +120,7 @@ def catalog_name(material: Any, written: Any) -> str | None:
     inner = getattr(material, "optiland_material", None)
     if not isinstance(written, str) or type(inner) is not Material or inner.name != written:
         return None
-    if metadata.version("optiland") != CATALOG_VERSION:
+    if _optilands_version() != CATALOG_VERSION:
         return None
-    glasses = Path(str(resources.files("optiland.database"))) / "data-nk" / "glass"
     entry = Path(inner.filename)
-    return written if glasses in entry.parents and entry.stem.lower() == written.lower() else None
+    return written if _glasses() in entry.parents and entry.stem.lower() == written.lower() else None

@@ -1,0 +1,419 @@
+"""One process of ``nsq-gpu serve`` that stays: it keeps its device and its compiled shaders from trace to trace."""
+
+from __future__ import annotations
+
+import ast
+import atexit
+import itertools
+import json
+import os
+import queue
+import struct
+import subprocess
+import threading
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import IO, Any
+
+import numpy as np
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential.tracer import SimulationResult
+
+from nsq_gpu.binary import find_binary
+from nsq_gpu.errors import (
+    NsqGpuError,
+    NsqGpuWarning,
+    ResultWarning,
+    ToleranceWarning,
+    TraceTimeoutError,
+    UsageError,
+    error_of,
+)
+from nsq_gpu.export import export, to_json
+from nsq_gpu.results import fill_scene
+from nsq_gpu.sweeps import Sweep, run
+
+Json = dict[str, Any]
+Arrays = dict[str, np.ndarray]
+
+#: Version of the messages that this package speaks (docs/reference/serve.md).
+PROTOCOL = 1
+#: What errors call a scene that no file holds.
+EXPORTED = "the exported scene"
+#: Bytes of the header, and of all arrays.
+_FRAME = struct.Struct("<IQ")
+#: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
+_TICK = 0.1
+#: How long a trace that was cancelled may take to say so before its process is ended [s].
+_GRACE = 1.0
+
+
+class Answer:
+    """A trace as the program answered it: the report, and arrays by detector (None: of recorded paths)."""
+
+    def __init__(self, header: Json, body: bytearray) -> None:
+        self.report: Json = header["report"]
+        #: What is said where the target for the error was missed.
+        self.missed_target: str | None = header["missed_target"]
+        self._arrays: dict[str | None, Arrays] = {}
+        at = 0
+        for told in header["arrays"]:
+            view = memoryview(body)[at : at + told["bytes"]]
+            self._arrays.setdefault(told["detector"], {})[told["name"]] = _array(view)
+            at += told["bytes"]
+
+    def arrays(self, detector: str | None) -> Arrays:
+        """Return the arrays of a detector, or of the recorded paths."""
+        return self._arrays.get(detector, {})
+
+
+class Session:
+    """A process of the program that keeps its device and its compiled shaders, so that a trace takes milliseconds.
+
+    Scenes of one shape, which differ in their numbers alone, share a compiled shader. A session is safe to use from
+    several threads, whose traces take turns; after a fork each process has a process of the program of its own. An
+    interrupt cancels the trace, and the session goes on.
+
+    >>> with Session() as session:
+    ...     result = session.trace(scene, 10_000)
+
+    Args:
+        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        adapter: A part of the adapter's name.
+        binary: Path of the program.
+        strict: False lets the driver fuse and reorder arithmetic. The default does not, where the adapter allows: results
+            are then those of ``nsq-gpu trace --strict`` to the bit. The report's ``driver`` says ``strict`` where it holds.
+        live: True reads the scene's numbers from a table in every trace, False compiles them in. The default is True in
+            traces of at most a million rays: longer ones are faster with numbers compiled in. With strict arithmetic no
+            bit of a result depends on it.
+    """
+
+    def __init__(self, *, precision: str = "auto", adapter: str | None = None,
+                 binary: str | os.PathLike[str] | None = None, strict: bool = True, live: bool | None = None) -> None:
+        self._program = find_binary(binary)
+        self._adapter = adapter
+        self._precision = precision
+        self._strict = strict
+        self._live = live
+        self._child: _Child | None = None
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process. A later trace starts another one."""
+        with self._lock:
+            child, self._child = self._child, None
+        if child is not None and child.pid == os.getpid():
+            child.end()
+
+    def start(self) -> None:
+        """Start the process now, so that the first trace need not wait for it."""
+        self._running()
+
+    def trace(self, scene: NSQScene, num_rays: int, *, seed: int = 0, max_depth: int = 16, timeout: float | None = None,
+              **options: Any) -> SimulationResult:
+        """Trace a scene; return Optiland's result, and leave live detectors as its own backends do.
+
+        Args:
+            scene: The live scene.
+            num_rays: Rays to launch.
+            seed: Seed of the draws.
+            max_depth: Largest number of events of a ray.
+            timeout: Longest time of the trace [s].
+            options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
+                ``standard_error="on"``, ``record_paths="all"``.
+
+        Raises:
+            NsqGpuError: One of its subclasses, by what went wrong.
+        """
+        exported = export(scene)
+        answer = self.request(to_json(exported.document, indent=None),
+                              {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, **options}, timeout=timeout,
+                              name=EXPORTED)
+        warn_of(answer, stacklevel=3)
+        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
+
+    def sweep(self, scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, *, zip: bool = False,
+              common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16, **options: Any) -> Sweep:
+        """Trace a scene with every combination of some numbers' values; the live scene stays as it is.
+
+        >>> found = session.sweep(scene, {"L1.r1": np.linspace(50, 60, 11), "L1.z": [0, 1]}, 100_000)
+        >>> found.flux["image"].shape
+        (11, 2)
+
+        Args:
+            scene: The live scene.
+            numbers: Values by the names of numbers, such as ``L1.r1``, ``L1.z``, ``lamp.total_flux``, ``screen.width``
+                or ``glass.n``: the name of a component, source, detector or medium, and a key of its entry in scene
+                files. Names with dots are quoted.
+            num_rays: Rays of each point.
+            zip: True takes the first value of each number together, then the second, and so on.
+            common_draws: True draws the same random numbers at all points, so that differences between points have less
+                noise; False gives point i the seed plus i.
+            maps: True keeps the detectors' maps.
+            seed: Seed of the draws.
+            max_depth: Largest number of events of a ray.
+            options: Further options of ``nsq-gpu trace`` by their names.
+        """
+        text = to_json(export(scene).document, indent=None)
+
+        def trace(values: Mapping[str, float], index: int) -> Answer:
+            named = {"num_rays": num_rays, "seed": seed + index, "max_depth": max_depth, **options}
+            return self.request(text, named, name=EXPORTED, numbers=values)
+
+        return run(trace, numbers, zip, common_draws, maps)
+
+    def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
+                progress: Callable[[Json], None] | None = None, name: str | None = None,
+                numbers: Mapping[str, float] | None = None) -> Answer:
+        """Trace a scene file's text, with options of ``nsq-gpu trace`` by their names; errors call the scene ``name``.
+
+        ``numbers`` of the scene are set first, by their names.
+
+        Raises:
+            NsqGpuError: One of its subclasses, by what went wrong.
+            TraceTimeoutError: The trace took longer than ``timeout`` [s], and was cancelled.
+        """
+        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **options}
+        header = {"request": "trace", "scene": scene, "name": name, "options": named, "set": dict(numbers or {}),
+                  "progress": progress is not None}
+        if self._live is not None:
+            header["live"] = self._live
+        child = self._running()
+        header, body = child.ask(header, timeout, progress)
+        return Answer(header, body)
+
+    def hello(self) -> Json:
+        """Return what the process says of itself: its version, its adapter, how many shaders it keeps."""
+        return self._running().ask({"request": "hello"}, None, None)[0]
+
+    def _running(self) -> _Child:
+        with self._lock:
+            if self._child is None or self._child.pid != os.getpid() or not self._child.is_alive():
+                arguments = [] if self._adapter is None else [f"--adapter={self._adapter}"]
+                self._child = _Child([self._program, "serve", *arguments])
+            return self._child
+
+
+def warn_of(answer: Answer, stacklevel: int) -> None:
+    """Give the warnings of an answer, as those of the line that many frames up."""
+    if answer.missed_target is not None:
+        warnings.warn(f"nsq-gpu: {answer.missed_target}", ToleranceWarning, stacklevel=stacklevel + 1)
+    for warning in answer.report["scene_warnings"]:
+        warnings.warn(warning, NsqGpuWarning, stacklevel=stacklevel + 1)
+    for warning in answer.report["diagnostics"]["grave"]:
+        warnings.warn(warning, ResultWarning, stacklevel=stacklevel + 1)
+
+
+_shared: dict[tuple[int, str, str | None], Session] = {}
+_shared_lock = threading.Lock()
+
+
+def shared_session(binary: str, adapter: str | None) -> Session:
+    """Return the session of this process on that program and adapter."""
+    with _shared_lock:
+        key = (os.getpid(), binary, adapter)
+        if key not in _shared:
+            _shared[key] = Session(adapter=adapter, binary=binary)
+        return _shared[key]
+
+
+@atexit.register
+def _close_shared() -> None:
+    for (pid, _, _), session in list(_shared.items()):
+        if pid == os.getpid():
+            session.close()
+
+
+class _Ended(Exception):
+    """The process ended before it answered."""
+
+
+class _Child:
+    """The process, and the thread that reads what it answers."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self.pid = os.getpid()
+        self._command = command
+        self._ids = itertools.count(1)
+        self._sending = threading.Lock()
+        self._waiting: dict[int, queue.SimpleQueue[tuple[Json, bytearray] | None]] = {}
+        self._said: list[str] = []
+        # Ctrl-C interrupts the main thread wherever it is. Were that inside Popen, nobody would hold the child: another
+        # thread starts it. And a terminal's Ctrl-C is for this process, which cancels; the child has a group of its own.
+        starter = threading.Thread(target=self._start, daemon=True)
+        self._started = threading.Event()
+        self._failure: BaseException | None = None
+        starter.start()
+        try:
+            self._started.wait()
+        except BaseException:
+            self._started.wait()
+            if self._failure is None:
+                self.end()
+            raise
+        if self._failure is not None:
+            raise self._failure
+
+    def _start(self) -> None:
+        try:
+            apart = {"start_new_session": True} if os.name != "nt" else {}
+            self._process = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                             stderr=subprocess.PIPE, **apart)
+            self._reader = threading.Thread(target=self._read, daemon=True)
+            self._reader.start()
+            self._listener = threading.Thread(target=self._listen, daemon=True)
+            self._listener.start()
+        except BaseException as error:
+            self._failure = error
+        finally:
+            self._started.set()
+
+    def is_alive(self) -> bool:
+        """Tell whether the process still answers."""
+        return self._reader.is_alive()
+
+    def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None) -> tuple[Json, bytearray]:
+        """Send a request; return the answer. Whatever ends the call early cancels the request."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        with self._sending:
+            number = next(self._ids)
+            answers: queue.SimpleQueue[tuple[Json, bytearray] | None] = queue.SimpleQueue()
+            self._waiting[number] = answers
+        try:
+            self._send({"id": number, **request})
+            while True:
+                if deadline is not None and time.monotonic() > deadline:
+                    raise TraceTimeoutError(f"the trace took longer than timeout = {timeout:g} s and was ended")
+                try:
+                    answer = answers.get(timeout=_TICK)
+                except queue.Empty:
+                    # The process may have ended before the request was known to the reader.
+                    if self.is_alive() or not answers.empty():
+                        continue
+                    answer = None
+                if answer is None:
+                    raise self._end_of_process()
+                header, body = answer
+                if header["reply"] == "progress":
+                    if progress is not None:
+                        progress(header)
+                elif header["reply"] == "error":
+                    raise error_of(header["exit_code"], header["message"])
+                else:
+                    return header, body
+        except NsqGpuError as error:
+            if isinstance(error, TraceTimeoutError):
+                self._cancel(number, answers)
+            raise
+        except BaseException:
+            self._cancel(number, answers)
+            raise
+        finally:
+            self._waiting.pop(number, None)
+
+    def end(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if stream is not None:
+                try:
+                    stream.close()
+                except OSError:
+                    pass
+
+    def _send(self, header: Json) -> None:
+        data = json.dumps(header, allow_nan=False).encode()
+        stream = self._process.stdin
+        assert stream is not None
+        try:
+            with self._sending:
+                stream.write(_FRAME.pack(len(data), 0) + data)
+                stream.flush()
+        except OSError:
+            # The reader sees the end of the process as well.
+            pass
+
+    def _cancel(self, number: int, answers: queue.SimpleQueue[tuple[Json, bytearray] | None]) -> None:
+        """Cancel a request; end the process where it does not say so soon."""
+        self._send({"id": number, "request": "cancel"})
+        deadline = time.monotonic() + _GRACE
+        while time.monotonic() < deadline:
+            try:
+                answer = answers.get(timeout=0.05)
+            except queue.Empty:
+                continue
+            if answer is None or answer[0]["reply"] != "progress":
+                return
+        self.end()
+
+    def _end_of_process(self) -> NsqGpuError:
+        code = self._process.wait()
+        self._listener.join(timeout=5.0)
+        said = "\n".join(self._said)
+        if code == 0:
+            return NsqGpuError(f"{self._command[0]} ended without an error, and without a result: is it nsq-gpu?")
+        return error_of(code, said)
+
+    def _read(self) -> None:
+        stream = self._process.stdout
+        assert stream is not None
+        try:
+            while True:
+                header_bytes, array_bytes = _FRAME.unpack(_exactly(stream, _FRAME.size))
+                header = json.loads(bytes(_exactly(stream, header_bytes)))
+                body = _exactly(stream, array_bytes)
+                answers = self._waiting.get(header.get("id"))
+                if answers is not None:
+                    answers.put((header, body))
+        except (_Ended, OSError, ValueError, struct.error):
+            pass
+        finally:
+            for answers in list(self._waiting.values()):
+                answers.put(None)
+
+    def _listen(self) -> None:
+        stream = self._process.stderr
+        assert stream is not None
+        try:
+            for line in stream:
+                self._said.append(line.decode(errors="replace").rstrip("\n"))
+                del self._said[:-100]
+        except (OSError, ValueError):
+            pass
+
+
+def _exactly(stream: IO[bytes], count: int) -> bytearray:
+    data = bytearray(count)
+    view, at = memoryview(data), 0
+    while at < count:
+        read = stream.readinto(view[at:])  # type: ignore[attr-defined]
+        if not read:
+            raise _Ended
+        at += read
+    return data
+
+
+_known_headers: dict[bytes, tuple[np.dtype, tuple[int, ...]]] = {}
+
+
+def _array(view: memoryview) -> np.ndarray:
+    """Return an array of the format ``.npy`` 1.0, which shares the memory that it lies in."""
+    length = 10 + int.from_bytes(view[8:10], "little")
+    header = bytes(view[:length])
+    if header not in _known_headers:
+        if not header.startswith(b"\x93NUMPY\x01"):
+            raise NsqGpuError("an array of the answer is not in the format .npy 1.0")
+        described = ast.literal_eval(header[10:].decode())
+        if len(_known_headers) > 1000:
+            _known_headers.clear()
+        _known_headers[header] = np.dtype(described["descr"]), tuple(described["shape"])
+    dtype, shape = _known_headers[header]
+    return np.frombuffer(view[length:], dtype=dtype).reshape(shape)
