@@ -10,6 +10,7 @@
 mod files;
 
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::Path;
 
 use files::{json_files, repository};
@@ -145,7 +146,10 @@ fn scenes_of_one_shape_share_a_shader_and_each_has_its_own_numbers() {
         // And the first scene has its own numbers again.
         assert_eq!(hash(&live(&model(&original.to_string()).unwrap()).1), hash(&tally), "{name}");
     }
-    println!("{num_changed} numbers were changed, in {num_scenes} scenes to another result");
+    let _ = writeln!(
+        std::io::stderr(),
+        "{num_changed} numbers were changed, in {num_scenes} scenes to another result"
+    );
     assert!(num_changed > 1000 && num_scenes > 30, "{num_changed} {num_scenes}");
 }
 
@@ -178,7 +182,7 @@ fn every_number_of_every_scene_reaches_the_device() {
             assert!(after != before, "{name}: {place}");
         }
     }
-    println!("{num_numbers} numbers");
+    let _ = writeln!(std::io::stderr(), "{num_numbers} numbers");
     assert!(num_numbers > 1000, "{num_numbers}");
 }
 

@@ -36,7 +36,7 @@ impl Session {
 
     fn send(&mut self, header: &Value) {
         let text = header.to_string();
-        let mut stdin = self.child.stdin.as_ref().unwrap();
+        let stdin = self.child.stdin.as_mut().unwrap();
         let frame = [&(text.len() as u32).to_le_bytes()[..], &0_u64.to_le_bytes(), text.as_bytes()].concat();
         stdin.write_all(&frame).unwrap();
         stdin.flush().unwrap();
@@ -44,7 +44,7 @@ impl Session {
 
     /// The header of the next answer.
     fn answer(&mut self) -> Value {
-        let mut stdout = self.child.stdout.as_ref().unwrap();
+        let stdout = self.child.stdout.as_mut().unwrap();
         let mut frame = [0; 12];
         stdout.read_exact(&mut frame).unwrap();
         let header = u32::from_le_bytes(frame[..4].try_into().unwrap());
@@ -119,7 +119,8 @@ fn soak(time: Duration) {
             0 => {
                 let cut = draw(texts[scene].len() / 2);
                 let text: String = texts[scene].chars().take(cut).collect();
-                let id = session.ask(json!({"request": "trace", "scene": text, "options": options(10, "f64")}));
+                let id =
+                    session.ask(json!({"request": "trace", "scene": text, "options": options(10, "f64")}));
                 let answer = session.answer();
                 assert_eq!((&answer["id"], &answer["reply"]), (&id, &json!("error")), "{answer}");
                 assert_eq!(answer["exit_code"], 3, "{answer}");
@@ -149,8 +150,18 @@ fn soak(time: Duration) {
                 });
                 let id = session.ask(request);
                 let answer = session.answer();
-                assert_eq!((&answer["id"], &answer["reply"]), (&id, &json!("result")), "{}: {answer}", scenes[scene]);
-                assert_eq!(&fingerprint(&answer["report"]), wanted, "{} {num_rays} {precision}", scenes[scene]);
+                assert_eq!(
+                    (&answer["id"], &answer["reply"]),
+                    (&id, &json!("result")),
+                    "{}: {answer}",
+                    scenes[scene]
+                );
+                assert_eq!(
+                    &fingerprint(&answer["report"]),
+                    wanted,
+                    "{} {num_rays} {precision}",
+                    scenes[scene]
+                );
                 counts[2] += 1;
             }
         }
@@ -159,7 +170,13 @@ fn soak(time: Duration) {
         }
     }
     let grown = session.memory().saturating_sub(memory_then) >> 20;
-    println!("{} broken, {} cancelled, {} traced; memory grew by {grown} MiB", counts[0], counts[1], counts[2]);
+    let _ = writeln!(
+        std::io::stderr(),
+        "{} broken, {} cancelled, {} traced; memory grew by {grown} MiB",
+        counts[0],
+        counts[1],
+        counts[2]
+    );
     assert!(grown < 200, "memory grew by {grown} MiB in the second half");
 }
 

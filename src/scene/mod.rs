@@ -15,6 +15,7 @@ pub mod materials;
 mod media;
 mod mesh_files;
 mod meshes;
+#[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod parameters;
 mod surfaces;
 mod text;
