@@ -14,6 +14,11 @@ The result is Optiland's own: ``SimulationResult`` with ``IrradianceMap``, ``Spe
 The draws are Optiland's too, so in f64 a result equals NumpyBackend's ray by ray, to rounding, unless Sobol points are
 asked for.
 
+Traces of at most a million rays share one process of the program, which stays; scenes of one shape, which differ in
+their numbers alone, share a compiled shader there, so that a trace takes milliseconds. ``Session`` is such a process of
+your own, with sweeps: ``session.sweep(scene, {"L1.r1": [50, 55, 60]}, 100_000)``. ``nsq_gpu.use()`` makes the backend the
+default of ``scene.trace``, and ``nsq_gpu.cluster`` spreads a trace over a Dask cluster.
+
 Each detector's result also has ``standard_error``, an array of the shape and in the unit of its map (None for a ray
 database), and ``total_flux_standard_error`` [W]; both are None where they were not asked for by
 ``NsqGpuBackend(standard_error=True)`` and would have cost something, unless hits say nothing of the error. Only the
