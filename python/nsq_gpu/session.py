@@ -13,6 +13,7 @@ import subprocess
 import threading
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any
 
@@ -98,6 +99,7 @@ class Session:
         self._live = live
         self._child: _Child | None = None
         self._lock = threading.Lock()
+        _sessions.add(self)
 
     def __enter__(self) -> Session:
         return self
@@ -109,7 +111,7 @@ class Session:
         """End the process. A later trace starts another one."""
         with self._lock:
             child, self._child = self._child, None
-        if child is not None and child.pid == os.getpid():
+        if child is not None:
             child.end()
 
     def start(self) -> None:
@@ -195,7 +197,7 @@ class Session:
 
     def _running(self) -> _Child:
         with self._lock:
-            if self._child is None or self._child.pid != os.getpid() or not self._child.is_alive():
+            if self._child is None or not self._child.is_alive():
                 arguments = [] if self._adapter is None else [f"--adapter={self._adapter}"]
                 self._child = _Child([self._program, "serve", *arguments])
             return self._child
@@ -211,24 +213,37 @@ def warn_of(answer: Answer, stacklevel: int) -> None:
         warnings.warn(warning, ResultWarning, stacklevel=stacklevel + 1)
 
 
-_shared: dict[tuple[int, str, str | None], Session] = {}
+_sessions: weakref.WeakSet[Session] = weakref.WeakSet()
+_shared: dict[tuple[str, str | None], Session] = {}
 _shared_lock = threading.Lock()
 
 
 def shared_session(binary: str, adapter: str | None) -> Session:
     """Return the session of this process on that program and adapter."""
     with _shared_lock:
-        key = (os.getpid(), binary, adapter)
+        key = (binary, adapter)
         if key not in _shared:
             _shared[key] = Session(adapter=adapter, binary=binary)
         return _shared[key]
 
 
 @atexit.register
-def _close_shared() -> None:
-    for (pid, _, _), session in list(_shared.items()):
-        if pid == os.getpid():
-            session.close()
+def _close_all() -> None:
+    for session in list(_sessions):
+        session.close()
+
+
+def _after_fork() -> None:
+    """Forget what belongs to the parent: its processes, and locks that its other threads may have held."""
+    global _shared_lock
+    _shared_lock = threading.Lock()
+    for session in list(_sessions):
+        session._lock = threading.Lock()
+        session._child = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 class _Ended(Exception):
@@ -239,7 +254,6 @@ class _Child:
     """The process, and the thread that reads what it answers."""
 
     def __init__(self, command: Sequence[str]) -> None:
-        self.pid = os.getpid()
         self._command = command
         self._ids = itertools.count(1)
         self._sending = threading.Lock()
