@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,14 @@ from nsq_gpu.errors import (
     ResultWarning,
     SceneError,
     ToleranceWarning,
-    UnsupportedSceneError,
     UsageError,
     error_of,
+    warn,
 )
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressBar, ProgressCallback, Update, run
-from nsq_gpu.results import fill_scene, in_folder
+from nsq_gpu.results import check_paths, fill_scene, in_folder
 from nsq_gpu.session import EXPORTED, shared_session, warn_of
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
@@ -36,8 +35,6 @@ SAMPLERS = ("pcg", "sobol")
 #: Most rays of a trace in the process's session; a longer one has a process of its own, which writes its rows to disk.
 MOST_SESSION_RAYS = 1_000_000
 _SEEDS = 1 << 64
-#: ``stacklevel`` in NsqGpuBackend.trace of the line that calls ``scene.trace``, past Optiland's two frames and its own.
-_USERS_LINE = 4
 
 
 class NsqGpuBackend(TracerBackend):
@@ -116,7 +113,7 @@ class NsqGpuBackend(TracerBackend):
         binary = find_binary(self.binary)
         exported = export(scene)
         if record_paths:
-            _check_names(scene, exported.surface_labels)
+            check_paths(scene, exported.surface_labels)
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
         if options["num_rays"] <= MOST_SESSION_RAYS:
             return self._trace_in_session(binary, scene, exported, options)
@@ -124,14 +121,14 @@ class NsqGpuBackend(TracerBackend):
             folder = Path(name)
             not_met = self._run(binary, exported, options, folder)
             if not_met is not None:
-                warnings.warn(not_met, ToleranceWarning, stacklevel=_USERS_LINE)
+                warn(not_met, ToleranceWarning)
             if not (folder / "out" / "report.json").exists():
                 raise NsqGpuError(f"{binary} ended without an error, and without a result: is it nsq-gpu?")
             self.report = read_report(folder / "out")
             for warning in self.report["scene_warnings"]:
-                warnings.warn(warning, NsqGpuWarning, stacklevel=_USERS_LINE)
+                warn(warning, NsqGpuWarning)
             for warning in self.report["diagnostics"]["grave"]:
-                warnings.warn(warning, ResultWarning, stacklevel=_USERS_LINE)
+                warn(warning, ResultWarning)
             load = in_folder(folder / "out", self.report)
             return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
 
@@ -180,7 +177,7 @@ class NsqGpuBackend(TracerBackend):
             if bar is not None:
                 bar.close()
         self.report = answer.report
-        warn_of(answer, stacklevel=_USERS_LINE + 1)
+        warn_of(answer)
         return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
 
     def _run(self, binary: str, exported: ExportedScene, options: dict[str, Any], folder: Path) -> str | None:
@@ -216,11 +213,3 @@ def _whole(name: str, number: float) -> int:
     if whole is None or whole != number:
         raise UsageError(f"{name} is {number!r}; give a whole number")
     return whole
-
-
-def _check_names(scene: NSQScene, surface_labels: list[str]) -> None:
-    """Refuse paths that could not tell a detector from a surface, since an event knows both by name alone."""
-    for name in scene.detector_names:
-        if name in surface_labels:
-            raise UnsupportedSceneError(f"a detector and a surface are both called {name!r}, so recorded paths could "
-                                        "not tell them apart; rename one, or trace without record_paths")

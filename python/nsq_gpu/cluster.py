@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -19,11 +18,11 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, UsageError
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import run
-from nsq_gpu.results import fill_scene, in_folder
+from nsq_gpu.results import check_paths, fill_scene, in_folder
 
 #: Tallies that a task of the tree adds up.
 _ARITY = 8
@@ -32,8 +31,8 @@ _TALLY = "tally.bin"
 
 
 def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None = None, *, seed: int = 0,
-          max_depth: int = 16, precision: str = "auto", binary: str | None = None, any_driver: bool = False,
-          **options: Any) -> SimulationResult:
+          max_depth: int = 16, precision: str = "auto", adapter: str | None = None, binary: str | None = None,
+          any_driver: bool = False, **options: Any) -> SimulationResult:
     """Trace a scene on a Dask cluster; return Optiland's result, and leave live detectors as its own backends do.
 
     The bits are those of ``nsq-gpu trace -n NUM_RAYS`` with ``--strict``, where the adapters allow strict arithmetic.
@@ -46,6 +45,7 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         seed: Seed of the draws.
         max_depth: Largest number of events of a ray.
         precision: As that of :class:`nsq_gpu.NsqGpuBackend`; this process decides it, for all workers.
+        adapter: A part of the adapter's name, here and on the workers.
         binary: Path of the program on this machine and on the workers.
         any_driver: True takes workers whose drivers differ from each other; the last bits may then depend on who traced
             which rays.
@@ -61,14 +61,18 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     exported = export(scene)
     text = to_json(exported.document, indent=None)
     program = find_binary(binary)
+    if options.get("record_paths") is not None:
+        check_paths(scene, exported.surface_labels)
+    if adapter is not None:
+        options["adapter"] = adapter
     with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as folder:
-        decided = _decide(program, text, Path(folder), precision)
+        decided = _decide(program, text, Path(folder), precision, adapter)
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
                      {"seed": seed, "max_depth": max_depth, "of_rays": num_rays, **decided, **options}.items()]
         # One worker with threads of its own: workers in processes would share the adapter as well, and start slowly.
         cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1) if client is None else nullcontext()
         with cluster, (distributed.Client(cluster) if client is None else nullcontext(client)) as used:
-            _check_drivers(used, binary, any_driver)
+            _check_drivers(used, binary, adapter, any_driver)
             tally = _spread(used, text, num_rays, parts or 4 * max(len(used.scheduler_info()["workers"]), 1), arguments, binary)
         return _read(scene, exported, program, tally, Path(folder))
 
@@ -81,29 +85,29 @@ def _distributed() -> Any:
     return distributed
 
 
-def _decide(program: str, text: str, folder: Path, precision: str) -> dict[str, str]:
+def _decide(program: str, text: str, folder: Path, precision: str, adapter: str | None) -> dict[str, str]:
     """Return what all workers are told alike: the precision, and whether arithmetic is strict."""
     scene = folder / "scene.json"
     scene.write_text(text, encoding="utf-8")
     _run(folder, [program, "trace", scene.name, "--num-rays=1", f"--precision={precision}", "--progress=never",
-                  "--output=pilot", "--no-pictures"])
+                  "--output=pilot", "--no-pictures", *([] if adapter is None else [f"--adapter={adapter}"])])
     report = read_report(folder / "pilot")
     return {"precision": report["precision"], "strict": "on" if report["driver"].endswith(", strict") else "off"}
 
 
-def _check_drivers(client: Any, binary: str | None, any_driver: bool) -> None:
+def _check_drivers(client: Any, binary: str | None, adapter: str | None, any_driver: bool) -> None:
     """Refuse workers of different drivers, since last bits may depend on them."""
-    drivers = client.run(_driver, binary)
+    drivers = client.run(_driver, binary, adapter)
     if len(set(drivers.values())) > 1 and not any_driver:
         told = "; ".join(f"{worker}: {driver}" for worker, driver in sorted(drivers.items()))
         raise UsageError(f"the workers have different adapters or drivers ({told}); any_driver=True takes them all the same")
 
 
-def _driver(binary: str | None) -> str:
+def _driver(binary: str | None, adapter: str | None) -> str:
     """Return the adapter and the driver of a worker."""
     from nsq_gpu.session import Session
 
-    with Session(binary=binary) as session:
+    with Session(binary=binary, adapter=adapter) as session:
         said = session.hello()
     return f"{said['adapter']}, {said['driver']}, version {said['version']}"
 
@@ -163,8 +167,8 @@ def _read(scene: NSQScene, exported: Any, program: str, tally: bytes, folder: Pa
     _run(folder, [program, "merge", "sum.bin", "--scene=scene.json", "--output=sum", "--no-pictures"])
     report = read_report(folder / "sum")
     for warning in report["scene_warnings"]:
-        warnings.warn(warning, NsqGpuWarning, stacklevel=3)
+        warn(warning, NsqGpuWarning)
     for warning in report["diagnostics"]["grave"]:
-        warnings.warn(warning, ResultWarning, stacklevel=3)
+        warn(warning, ResultWarning)
     load = in_folder(folder / "sum", report)
     return fill_scene(scene, report, load, exported.surface_labels, report["ray_paths"] is not None)

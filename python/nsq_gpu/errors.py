@@ -5,7 +5,12 @@ The classes follow the exit codes of the command; ``exit_code`` is ``None`` wher
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+import warnings
+
+import optiland
 
 
 class NsqGpuError(RuntimeError):
@@ -83,3 +88,15 @@ def error_of(exit_code: int, stderr: str) -> NsqGpuError:
     if exit_code < 0:
         message = f"ended by signal {-exit_code}: {message}"
     return _BY_EXIT_CODE.get(exit_code, NsqGpuError)(f"nsq-gpu: {message}", exit_code, stderr)
+
+
+#: Folders whose frames are none of the user's.
+_OURS = tuple(os.path.dirname(os.path.abspath(file)) + os.sep for file in (__file__, optiland.__file__ or __file__))
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Give a warning as that of the user's line, which called this package or Optiland."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and os.path.abspath(frame.f_code.co_filename).startswith(_OURS):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)

@@ -20,7 +20,7 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
-from nsq_gpu.errors import NsqGpuError
+from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError
 from nsq_gpu.integrity import load_arrays
 
 Json = dict[str, Any]
@@ -108,6 +108,14 @@ def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[s
         ray_paths=_ray_paths(scene, load(None), surface_labels) if records_paths else None,
         diagnostics=_diagnostics(scene, report, detectors),
     )
+
+
+def check_paths(scene: NSQScene, surface_labels: list[str]) -> None:
+    """Refuse paths that could not tell a detector from a surface, since an event knows both by name alone."""
+    for name in scene.detector_names:
+        if name in surface_labels:
+            raise UnsupportedSceneError(f"a detector and a surface are both called {name!r}, so recorded paths could "
+                                        "not tell them apart; rename one, or trace without record_paths")
 
 
 def _check_names(report: Json, surface_labels: list[str], detector_names: list[str]) -> None:

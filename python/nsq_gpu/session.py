@@ -12,7 +12,6 @@ import struct
 import subprocess
 import threading
 import time
-import warnings
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any
@@ -30,9 +29,10 @@ from nsq_gpu.errors import (
     TraceTimeoutError,
     UsageError,
     error_of,
+    warn,
 )
 from nsq_gpu.export import export, to_json
-from nsq_gpu.results import fill_scene
+from nsq_gpu.results import check_paths, fill_scene
 from nsq_gpu.sweeps import Sweep, run
 
 Json = dict[str, Any]
@@ -47,7 +47,7 @@ _FRAME = struct.Struct("<IQ")
 #: Longest time between two looks at the clock, and so at Ctrl-C on systems where a wait hides it [s].
 _TICK = 0.1
 #: How long a trace that was cancelled may take to say so before its process is ended [s].
-_GRACE = 1.0
+_GRACE = 3.0
 
 
 class Answer:
@@ -99,6 +99,9 @@ class Session:
         self._live = live
         self._child: _Child | None = None
         self._lock = threading.Lock()
+        # A session that is dropped ends its process: threads hold the child, and so it would live on.
+        self._children: list[_Child] = []
+        weakref.finalize(self, _end_all, self._children)
         _sessions.add(self)
 
     def __enter__(self) -> Session:
@@ -135,11 +138,14 @@ class Session:
             NsqGpuError: One of its subclasses, by what went wrong.
         """
         exported = export(scene)
+        records_paths = options.get("record_paths") is not None
+        if records_paths:
+            check_paths(scene, exported.surface_labels)
         answer = self.request(to_json(exported.document, indent=None),
                               {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, **options}, timeout=timeout,
                               name=EXPORTED)
-        warn_of(answer, stacklevel=3)
-        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
+        warn_of(answer)
+        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths)
 
     def sweep(self, scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, *, zip: bool = False,
               common_draws: bool = True, maps: bool = False, seed: int = 0, max_depth: int = 16, **options: Any) -> Sweep:
@@ -165,9 +171,13 @@ class Session:
         """
         text = to_json(export(scene).document, indent=None)
 
+        known: set[str] = set()
+
         def trace(values: Mapping[str, float], index: int) -> Answer:
             named = {"num_rays": num_rays, "seed": seed + index, "max_depth": max_depth, **options}
-            return self.request(text, named, name=EXPORTED, numbers=values)
+            answer = self.request(text, named, name=EXPORTED, numbers=values)
+            warn_of(answer, known)
+            return answer
 
         return run(trace, numbers, zip, common_draws, maps)
 
@@ -200,17 +210,22 @@ class Session:
             if self._child is None or not self._child.is_alive():
                 arguments = [] if self._adapter is None else [f"--adapter={self._adapter}"]
                 self._child = _Child([self._program, "serve", *arguments])
+                self._children[:] = [self._child]
             return self._child
 
 
-def warn_of(answer: Answer, stacklevel: int) -> None:
-    """Give the warnings of an answer, as those of the line that many frames up."""
+def warn_of(answer: Answer, known: set[str] | None = None) -> None:
+    """Give the warnings of an answer, but for those that are ``known``, to which they are added."""
+    told: list[tuple[str, type[Warning]]] = []
     if answer.missed_target is not None:
-        warnings.warn(f"nsq-gpu: {answer.missed_target}", ToleranceWarning, stacklevel=stacklevel + 1)
-    for warning in answer.report["scene_warnings"]:
-        warnings.warn(warning, NsqGpuWarning, stacklevel=stacklevel + 1)
-    for warning in answer.report["diagnostics"]["grave"]:
-        warnings.warn(warning, ResultWarning, stacklevel=stacklevel + 1)
+        told.append((f"nsq-gpu: {answer.missed_target}", ToleranceWarning))
+    told += [(warning, NsqGpuWarning) for warning in answer.report["scene_warnings"]]
+    told += [(warning, ResultWarning) for warning in answer.report["diagnostics"]["grave"]]
+    for message, category in told:
+        if known is None or message not in known:
+            warn(message, category)
+        if known is not None:
+            known.add(message)
 
 
 _sessions: weakref.WeakSet[Session] = weakref.WeakSet()
@@ -233,6 +248,11 @@ def _close_all() -> None:
         session.close()
 
 
+def _end_all(children: list[_Child]) -> None:
+    for child in children:
+        child.end()
+
+
 def _after_fork() -> None:
     """Forget what belongs to the parent: its processes, and locks that its other threads may have held."""
     global _shared_lock
@@ -240,6 +260,7 @@ def _after_fork() -> None:
     for session in list(_sessions):
         session._lock = threading.Lock()
         session._child = None
+        session._children.clear()
 
 
 if hasattr(os, "register_at_fork"):
@@ -256,6 +277,8 @@ class _Child:
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
         self._ids = itertools.count(1)
+        self._owner = os.getpid()
+        self._turn = threading.Lock()
         self._sending = threading.Lock()
         self._waiting: dict[int, queue.SimpleQueue[tuple[Json, bytearray] | None]] = {}
         self._said: list[str] = []
@@ -295,13 +318,19 @@ class _Child:
 
     def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None) -> tuple[Json, bytearray]:
         """Send a request; return the answer. Whatever ends the call early cancels the request."""
+        number = next(self._ids)
+        data = _encoded({"id": number, **request})
+        # One request at a time: a cancel of this one would else wait for those before it.
+        with self._turn:
+            return self._ask(number, data, timeout, progress)
+
+    def _ask(self, number: int, data: bytes, timeout: float | None,
+             progress: Callable[[Json], None] | None) -> tuple[Json, bytearray]:
         deadline = None if timeout is None else time.monotonic() + timeout
-        with self._sending:
-            number = next(self._ids)
-            answers: queue.SimpleQueue[tuple[Json, bytearray] | None] = queue.SimpleQueue()
-            self._waiting[number] = answers
+        answers: queue.SimpleQueue[tuple[Json, bytearray] | None] = queue.SimpleQueue()
+        self._waiting[number] = answers
         try:
-            self._send({"id": number, **request})
+            self._send(data)
             while True:
                 if deadline is not None and time.monotonic() > deadline:
                     raise TraceTimeoutError(f"the trace took longer than timeout = {timeout:g} s and was ended")
@@ -333,7 +362,9 @@ class _Child:
             self._waiting.pop(number, None)
 
     def end(self) -> None:
-        """End the process."""
+        """End the process; a fork does not end its parent's."""
+        if self._owner != os.getpid():
+            return
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -343,21 +374,20 @@ class _Child:
                 except OSError:
                     pass
 
-    def _send(self, header: Json) -> None:
-        data = json.dumps(header, allow_nan=False).encode()
+    def _send(self, data: bytes) -> None:
         stream = self._process.stdin
         assert stream is not None
         try:
             with self._sending:
                 stream.write(_FRAME.pack(len(data), 0) + data)
                 stream.flush()
-        except OSError:
-            # The reader sees the end of the process as well.
+        except (OSError, ValueError):
+            # The reader sees the end of the process as well, or that its streams were closed.
             pass
 
     def _cancel(self, number: int, answers: queue.SimpleQueue[tuple[Json, bytearray] | None]) -> None:
         """Cancel a request; end the process where it does not say so soon."""
-        self._send({"id": number, "request": "cancel"})
+        self._send(_encoded({"id": number, "request": "cancel"}))
         deadline = time.monotonic() + _GRACE
         while time.monotonic() < deadline:
             try:
@@ -369,7 +399,12 @@ class _Child:
         self.end()
 
     def _end_of_process(self) -> NsqGpuError:
-        code = self._process.wait()
+        try:
+            code = self._process.wait(timeout=_GRACE)
+        except subprocess.TimeoutExpired:
+            # It runs on, but what it writes makes no sense.
+            self._process.kill()
+            code = self._process.wait()
         self._listener.join(timeout=5.0)
         said = "\n".join(self._said)
         if code == 0:
@@ -402,6 +437,23 @@ class _Child:
                 del self._said[:-100]
         except (OSError, ValueError):
             pass
+
+
+def _encoded(header: Json) -> bytes:
+    """Return a header as it is sent.
+
+    Raises:
+        UsageError: It holds what JSON cannot, such as a NaN.
+    """
+    def plain(value: Any) -> Any:
+        if isinstance(value, (np.generic, np.ndarray)):
+            return value.tolist()
+        raise UsageError(f"{value!r} is no number and no text")
+
+    try:
+        return json.dumps(header, allow_nan=False, default=plain).encode()
+    except ValueError as error:
+        raise UsageError(f"a number of the request is not finite: {error}") from None
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytearray:

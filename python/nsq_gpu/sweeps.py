@@ -140,5 +140,6 @@ def run(trace: Callable[[Mapping[str, float], int], Any], numbers: Mapping[str, 
             if keep_maps and entry["kind"] in MAPS:
                 put(maps, name, place, answer.arrays(name)[MAPS[entry["kind"]]])
         for name, key in TOTALS.items():
-            put(flux, name, place, report[key])
+            # A detector may have the name of a total.
+            put(flux, f"{name} (total)" if name in report["detectors"] else name, place, report[key])
     return Sweep(values, zipped, flux, errors, maps, num_rays)

@@ -55,7 +55,7 @@ def test_ranges_add_up_in_any_order() -> None:
 
 
 def test_workers_of_different_drivers_are_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "_driver", lambda binary, dask_worker=None: str(dask_worker.name))
+    monkeypatch.setattr(cluster, "_driver", lambda binary, adapter, dask_worker=None: str(dask_worker.name))
     with pytest.raises(cluster.UsageError, match="different adapters or drivers .*any_driver"):
         cluster.trace(singlet(), NUM_RAYS, client, precision="f64", binary=live.binary())
 

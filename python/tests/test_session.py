@@ -314,3 +314,45 @@ def test_use_makes_the_backend_the_default_until_it_is_told_otherwise() -> None:
         nsq_gpu.use(None)
     scene.trace(NUM_RAYS, seed=0)
     assert which.report is None
+
+
+def test_warnings_are_those_of_the_users_line() -> None:
+    scene = singlet()
+    with session() as one, pytest.warns(nsq_gpu.ResultWarning, match="undersampled") as caught:
+        one.trace(scene, 50)
+    assert {warning.filename for warning in caught} == {__file__}
+    nsq_gpu.use(live.backend())
+    try:
+        with pytest.warns(nsq_gpu.ResultWarning, match="undersampled") as caught:
+            scene.trace(50)
+    finally:
+        nsq_gpu.use(None)
+    assert {warning.filename for warning in caught} == {__file__}
+
+
+def test_what_no_json_holds_is_refused_and_the_session_goes_on() -> None:
+    with session() as one:
+        process = one._running()
+        with pytest.raises(nsq_gpu.UsageError, match="not finite"):
+            one.sweep(singlet(), {"L.r1": [np.nan]}, 10)
+        assert one.trace(singlet(), np.int64(100)).num_rays_total == 100  # type: ignore[arg-type]
+        assert one._running() is process
+
+
+def test_a_timeout_of_one_thread_leaves_the_traces_of_others() -> None:
+    with session() as one:
+        process = one._running()
+        with ThreadPoolExecutor(2) as pool:
+            long = pool.submit(one.trace, singlet(), 10**8, time_limit="3s")
+            time.sleep(0.3)
+            short = pool.submit(one.trace, singlet(), NUM_RAYS, timeout=2.0)
+            assert short.result().num_rays_total == NUM_RAYS and long.result().num_rays_total > NUM_RAYS
+        assert one._running() is process
+
+
+def test_a_session_that_is_dropped_ends_its_process() -> None:
+    one = session()
+    one.start()
+    process = one._running()._process
+    del one
+    assert process.poll() is not None

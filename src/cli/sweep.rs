@@ -3,7 +3,7 @@
 
 use crate::cli::console::{choose_vectors, say};
 use crate::cli::serve::requests::TraceRequest;
-use crate::cli::serve::session::Session;
+use crate::cli::serve::session::{Session, missed_target};
 use crate::cli::trace_args::{PrecisionArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Native};
@@ -11,6 +11,7 @@ use crate::result::Report;
 use crate::scene::Scene;
 use crate::trace::RecordPaths;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -154,7 +155,7 @@ pub fn run(args: &Args) -> Result<String> {
     };
     let choice = AdapterChoice { name: args.adapter.clone(), native: Native::Allowed, ..Default::default() };
     let mut session = Session::new(choice);
-    let mut found = Vec::new();
+    let (mut found, mut told, mut failure) = (Vec::new(), BTreeSet::new(), None);
     for (i, numbers) in (0..).zip(points) {
         let mut trace = args.trace.clone();
         if args.draws == Draws::Own {
@@ -170,11 +171,27 @@ pub fn run(args: &Args) -> Result<String> {
             live: None,
             progress: false,
         };
-        let report = session.trace(&request, |_| true)?.report;
-        if i == 0 {
-            report.scene_warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
+        match session.trace(&request, |_| true) {
+            Ok(answer) => {
+                let warnings = answer.report.scene_warnings.iter().chain(&answer.report.diagnostics.grave);
+                warnings
+                    .filter(|warning| told.insert((*warning).clone()))
+                    .for_each(|text| say(&format!("warning: {text}")));
+                failure = failure.or_else(|| missed_target(&answer.report).map(Error::Tolerance));
+                found.push(Point { numbers, report: answer.report });
+            }
+            // The points before it took their time, and are kept.
+            Err(error) => {
+                let set: Vec<String> =
+                    numbers.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+                say(&format!("where {}:", set.join(", ")));
+                failure = Some(error);
+                break;
+            }
         }
-        found.push(Point { numbers, report });
+    }
+    if let (Some(_), true) = (&failure, found.is_empty()) {
+        return Err(failure.unwrap_or(Error::Interrupted));
     }
     let (nominal, found) = match args.tolerance.is_empty() {
         true => (None, found),
@@ -190,11 +207,14 @@ pub fn run(args: &Args) -> Result<String> {
         std::fs::write(path, contents).map_err(|error| Error::file(path, error))?;
         say(&format!("written: {}", path.display()));
     }
-    Ok(match (args.json, &nominal) {
+    let printed = match (args.json, &nominal) {
         (true, _) => pretty(&document),
         (false, None) => table(&found),
         (false, Some(nominal)) => quantile_table(nominal, &found),
-    })
+    };
+    let Some(failure) = failure else { return Ok(printed) };
+    crate::cli::console::print(&printed)?;
+    Err(failure)
 }
 
 /// Every combination of the values, the last name's changing fastest; or the values of one place in each list.
@@ -272,7 +292,19 @@ fn fluxes(report: &Report) -> Vec<(String, f64, Option<f64>)> {
         ("escaped", report.total_flux_escaped),
         ("lost", report.total_flux_lost),
     ];
-    detectors.chain(totals.map(|(name, flux)| (name.into(), flux, None))).collect()
+    // A detector may have the name of a total.
+    let told = |name: &str| match report.detectors.contains_key(name) {
+        true => format!("{name} (total)"),
+        false => name.into(),
+    };
+    detectors.chain(totals.map(|(name, flux)| (told(name), flux, None))).collect()
+}
+
+/// The places of the fluxes of which some point has a standard error.
+fn with_errors(points: &[Point]) -> BTreeSet<usize> {
+    let of_point = |point: &Point| fluxes(&point.report).into_iter().enumerate().collect::<Vec<_>>();
+    let all = points.iter().flat_map(of_point);
+    all.filter(|(_, (_, _, error))| error.is_some()).map(|(place, _)| place).collect()
 }
 
 fn pretty(document: &Value) -> String {
@@ -310,16 +342,20 @@ fn csv(points: &[Point]) -> String {
         if needs { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
     };
     let mut columns: Vec<String> = first.numbers.iter().map(|(name, _)| quoted(name)).collect();
-    for (name, _, error) in fluxes(&first.report) {
+    let with_errors = with_errors(points);
+    for (i, (name, _, _)) in fluxes(&first.report).into_iter().enumerate() {
         columns.push(quoted(&format!("{name} [W]")));
-        columns.extend(error.map(|_| quoted(&format!("{name} standard error [W]"))));
+        columns.extend(with_errors.contains(&i).then(|| quoted(&format!("{name} standard error [W]"))));
     }
     let mut text = columns.join(",") + "\n";
     for point in points {
         let mut cells: Vec<String> = point.numbers.iter().map(|(_, value)| format!("{value:?}")).collect();
-        for (_, flux, error) in fluxes(&point.report) {
+        for (i, (_, flux, error)) in fluxes(&point.report).into_iter().enumerate() {
             cells.push(format!("{flux:?}"));
-            cells.extend(error.map(|error| format!("{error:?}")));
+            // An error that is not known is an empty cell.
+            cells.extend(
+                with_errors.contains(&i).then(|| error.map_or(String::new(), |error| format!("{error:?}"))),
+            );
         }
         text += &(cells.join(",") + "\n");
     }
@@ -332,9 +368,10 @@ fn table(points: &[Point]) -> String {
     first.numbers.iter().for_each(|(name, _)| {
         let _ = write!(text, "{name:>14}");
     });
-    for (name, _, error) in fluxes(&first.report) {
+    let with_errors = with_errors(points);
+    for (i, (name, _, _)) in fluxes(&first.report).into_iter().enumerate() {
         let _ = write!(text, "{:>16}", format!("{name} [W]"));
-        if error.is_some() {
+        if with_errors.contains(&i) {
             let _ = write!(text, "{:>12}", "error");
         }
     }
@@ -343,10 +380,11 @@ fn table(points: &[Point]) -> String {
         point.numbers.iter().for_each(|(_, value)| {
             let _ = write!(text, "{value:>14.7}");
         });
-        for (_, flux, error) in fluxes(&point.report) {
+        for (i, (_, flux, error)) in fluxes(&point.report).into_iter().enumerate() {
             let _ = write!(text, "{flux:>16.7}");
-            if let Some(error) = error {
-                let _ = write!(text, "{error:>12.1e}");
+            if with_errors.contains(&i) {
+                let error = error.map_or("-".into(), |error| format!("{error:.1e}"));
+                let _ = write!(text, "{error:>12}");
             }
         }
         text.push('\n');

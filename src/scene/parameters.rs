@@ -130,7 +130,15 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
     };
     let label = entry.join(".");
     let entries = entries(tree);
-    if let Some((_, way)) = entries.iter().find(|(known, _)| *known == label) {
+    let mut named = entries.iter().filter(|(known, _)| *known == label);
+    if let Some((_, way)) = named.next() {
+        if named.next().is_some() {
+            return Err(Error::Usage(format!(
+                "{}: several entries are called {}; rename one",
+                ticked(name),
+                quoted(&label)
+            )));
+        }
         return Ok(Place { object: inner(tree, way, last), key: last.clone() });
     }
     let known = entries.iter().map(|(name, _)| name.as_str());

@@ -159,6 +159,9 @@ fn trace(
 ) -> Result<()> {
     let mut told = Instant::now();
     let mut unsent = Ok(());
+    if cancelled.load(Ordering::Relaxed) {
+        return output.fail(id, &Error::Interrupted);
+    }
     let traced = catch_unwind(AssertUnwindSafe(|| {
         session.trace(request, |status| {
             let is_last = status.rays >= status.num_rays;
