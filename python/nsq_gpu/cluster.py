@@ -56,8 +56,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         UsageError: The workers' drivers differ.
     """
     distributed = _distributed()
-    if num_rays < 1 or parts is not None and parts < 1:
-        raise UsageError(f"num_rays is {num_rays} and parts {parts}; give at least 1 of each")
+    if num_rays < 2 or parts is not None and parts < 1:
+        raise UsageError(f"num_rays is {num_rays} and parts {parts}; give at least 2 rays and 1 part")
     exported = export(scene)
     text = to_json(exported.document, indent=None)
     program = find_binary(binary)
@@ -73,8 +73,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1) if client is None else nullcontext()
         with cluster, (distributed.Client(cluster) if client is None else nullcontext(client)) as used:
             _check_drivers(used, binary, adapter, any_driver)
-            tally = _spread(used, text, num_rays, parts or 4 * max(len(used.scheduler_info()["workers"]), 1), arguments, binary)
-        return _read(scene, exported, program, tally, Path(folder))
+            tallies = _spread(used, text, num_rays, parts or 4 * max(len(used.scheduler_info()["workers"]), 1), arguments, binary)
+        return _read(scene, exported, program, text, tallies, Path(folder))
 
 
 def _distributed() -> Any:
@@ -112,18 +112,19 @@ def _driver(binary: str | None, adapter: str | None) -> str:
     return f"{said['adapter']}, {said['driver']}, version {said['version']}"
 
 
-def _spread(client: Any, text: str, num_rays: int, parts: int, arguments: list[str], binary: str | None) -> bytes:
-    """Submit a task a range and a tree of sums; return the sum."""
-    parts = min(parts, num_rays)
+def _spread(client: Any, text: str, num_rays: int, parts: int, arguments: list[str],
+            binary: str | None) -> list[bytes]:
+    """Submit a task a range and a tree of sums; return the last sums, two or more."""
+    parts = max(2, min(parts, num_rays))
     ends = [num_rays * index // parts for index in range(parts + 1)]
     [scene] = client.scatter([text], broadcast=True)
     level = [client.submit(trace_range, scene, first, end - first, arguments, binary, retries=3)
              for first, end in zip(ends, ends[1:], strict=False)]
-    while len(level) > 1:
+    while len(level) > _ARITY:
         groups = [level[index : index + _ARITY] for index in range(0, len(level), _ARITY)]
         level = [client.submit(add, group, scene, binary, retries=3) if len(group) > 1 else group[0] for group in groups]
     try:
-        return level[0].result()
+        return client.gather(level)
     except BaseException:
         client.cancel(level)
         raise
@@ -161,14 +162,13 @@ def _run(folder: Path, command: Sequence[str]) -> None:
     run([*command, "--watch-stdin"] if command[1] == "trace" else command, folder=str(folder))
 
 
-def _read(scene: NSQScene, exported: Any, program: str, tally: bytes, folder: Path) -> SimulationResult:
-    """Read a tally out as files, and those into the live scene."""
-    (folder / "sum.bin").write_bytes(tally)
-    _run(folder, [program, "merge", "sum.bin", "--scene=scene.json", "--output=sum", "--no-pictures"])
-    report = read_report(folder / "sum")
+def _read(scene: NSQScene, exported: Any, program: str, text: str, tallies: Sequence[bytes], folder: Path) -> SimulationResult:
+    """Add up tallies, read the sum out as files, and those into the live scene."""
+    _merge(program, tallies, text, folder)
+    report = read_report(folder / "out")
     for warning in report["scene_warnings"]:
         warn(warning, NsqGpuWarning)
     for warning in report["diagnostics"]["grave"]:
         warn(warning, ResultWarning)
-    load = in_folder(folder / "sum", report)
+    load = in_folder(folder / "out", report)
     return fill_scene(scene, report, load, exported.surface_labels, report["ray_paths"] is not None)

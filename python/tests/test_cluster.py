@@ -30,7 +30,7 @@ def client() -> Iterator[Any]:
         yield found
 
 
-@pytest.mark.parametrize("parts", [1, 2, 3, 7])
+@pytest.mark.parametrize("parts", [1, 2, 3, 7, 20])
 def test_the_bits_are_those_of_one_trace(client: Any, expected: bytes, parts: int) -> None:
     result = cluster.trace(singlet(), NUM_RAYS, client, parts, precision="f64", binary=live.binary())
     assert result.detectors["image"].irradiance.tobytes() == expected

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 pub struct Args {
     /// Folders that `trace -o` wrote, or files of `--checkpoint`.
-    #[arg(required = true, num_args = 1.., value_name = "RESULT")]
+    #[arg(required = true, num_args = 2.., value_name = "RESULT")]
     results: Vec<PathBuf>,
     /// Write the result of all rays into this folder.
     #[arg(short, long, value_name = "DIR")]
