@@ -74,6 +74,14 @@ def bits(folder):
     return hasher.hexdigest()
 
 
+def traced_bits(tracer, scene, num_rays, *options):
+    """One hash of all arrays of a trace."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder) / "results"
+        tracer.trace(scene, num_rays, *options, output=folder)
+        return bits(folder)
+
+
 def scenes(quick):
     """The scenes of the collection whose results no rounding decides, with Optiland's results of them."""
     oracles = {file.stem: json.loads(file.read_text()) for file in sorted((ROOT / "tests/oracle").glob("*.json"))}
@@ -148,15 +156,13 @@ def strict(tracer, precision, quick):
     known = json.loads(STRICT_BITS.read_text())[precision]
     different = []
     for name in list(known)[:: 6 if quick else 1]:
-        with tempfile.TemporaryDirectory() as folder:
-            folder = Path(folder) / "results"
-            try:
-                tracer.trace(scene_file(name), STRICT_RAYS, "--precision", precision, "--strict", output=folder)
-            except RuntimeError as error:
-                different.append(str(error))
-                continue
-            if bits(folder) != known[name]:
-                different.append(name)
+        try:
+            found = traced_bits(tracer, scene_file(name), STRICT_RAYS, "--precision", precision, "--strict")
+        except RuntimeError as error:
+            different.append(str(error))
+            continue
+        if found != known[name]:
+            different.append(name)
     return len(known), different
 
 
@@ -165,10 +171,7 @@ def write_strict_bits(tracer):
     known = {"f32": {}, "f64": {}}
     for precision, of_scenes in known.items():
         for file in sorted((ROOT / "scenes").glob("*.json")):
-            with tempfile.TemporaryDirectory() as folder:
-                folder = Path(folder) / "results"
-                tracer.trace(file, STRICT_RAYS, "--precision", precision, "--strict", output=folder)
-                of_scenes[file.stem] = bits(folder)
+            of_scenes[file.stem] = traced_bits(tracer, file, STRICT_RAYS, "--precision", precision, "--strict")
     STRICT_BITS.write_text(json.dumps(known, indent=1) + "\n")
 
 
@@ -177,12 +180,8 @@ def forms(tracer, quick):
     different = []
     for name in [file.stem for file in sorted((ROOT / "scenes").glob("*.json"))][:: 12 if quick else 3]:
         for precision in ["f32", "f64"]:
-            found = set()
-            for options in [(), ("--portable",)]:
-                with tempfile.TemporaryDirectory() as folder:
-                    folder = Path(folder) / "results"
-                    tracer.trace(scene_file(name), STRICT_RAYS, "--precision", precision, "--strict", *options, output=folder)
-                    found.add(bits(folder))
+            found = {traced_bits(tracer, scene_file(name), STRICT_RAYS, "--precision", precision, "--strict", *options)
+                     for options in [(), ("--portable",)]}
             if len(found) > 1:
                 different.append(f"{name} in {precision}")
     return different
@@ -205,12 +204,8 @@ def determinism(tracer):
     """Scenes whose bits depend on the run or on the size of batches."""
     unequal = []
     for name in ["cooke_triplet", "kaleidoscope", "scattering_telescope", "mesh_lens"]:
-        found = set()
-        for options in [(), (), ("--batch-size", 4096)]:
-            with tempfile.TemporaryDirectory() as folder:
-                folder = Path(folder) / "results"
-                tracer.trace(scene_file(name), 100_000, "--precision", "f32", *options, output=folder)
-                found.add(bits(folder))
+        found = {traced_bits(tracer, scene_file(name), 100_000, "--precision", "f32", *options)
+                 for options in [(), (), ("--batch-size", 4096)]}
         if len(found) > 1:
             unequal.append(name)
     return unequal

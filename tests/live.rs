@@ -6,43 +6,31 @@
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
+#[path = "zoo/bits.rs"]
+#[allow(dead_code, reason = "plain.rs alone writes them")]
+mod bits;
 #[path = "zoo/files.rs"]
 mod files;
 
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
+use bits::{hash, precision};
 use files::{json_files, repository};
 use nsq_gpu::gpu::{AdapterChoice, Gpu};
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Tally;
-use nsq_gpu::trace::{Shelf, Strict};
+use nsq_gpu::trace::Shelf;
 use nsq_gpu::{Scene, TraceOptions, Tracer};
 use serde_json::Value;
-use sha2::{Digest, Sha256};
-
-const NUM_RAYS: u64 = 3000;
 
 fn gpu() -> Gpu {
     Gpu::open(&AdapterChoice::default()).unwrap()
 }
 
 fn options(precision: Precision, live: bool) -> TraceOptions {
-    TraceOptions {
-        num_rays: NUM_RAYS,
-        seed: 11,
-        precision,
-        strict: Strict::On,
-        live,
-        ..TraceOptions::default()
-    }
-}
-
-/// f32 and f64 by turns, as tests/data/bits.json has them.
-fn precision(number: usize) -> Precision {
-    if number.is_multiple_of(2) { Precision::F32 } else { Precision::F64 }
+    TraceOptions { live, ..bits::options(precision) }
 }
 
 fn text(name: &str) -> String {
@@ -51,11 +39,6 @@ fn text(name: &str) -> String {
 
 fn model(text: &str) -> nsq_gpu::Result<SceneIr> {
     Scene::with_numbers(text, &repository("scenes"), &[])?.lower()
-}
-
-fn hash(tally: &Tally) -> String {
-    let bytes = postcard::to_allocvec(tally).unwrap();
-    Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The places of all numbers that have digits behind the point, or are 0, below a place.
@@ -93,8 +76,7 @@ fn document(name: &str) -> Value {
 #[test]
 fn every_scene_gives_the_committed_bits() {
     let (gpu, shelf) = (gpu(), Shelf::new());
-    let committed = std::fs::read_to_string(repository("tests/data/bits.json")).unwrap();
-    let committed: BTreeMap<String, String> = serde_json::from_str(&committed).unwrap();
+    let committed = bits::committed();
     let mut differ = Vec::new();
     for (i, name) in json_files("scenes").into_iter().enumerate() {
         let ir = model(&text(&name)).unwrap();

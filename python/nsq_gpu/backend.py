@@ -16,19 +16,15 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import (
     TOLERANCE_NOT_MET,
     NsqGpuError,
-    NsqGpuWarning,
-    ResultWarning,
     SceneError,
-    ToleranceWarning,
     UsageError,
     error_of,
-    warn,
 )
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressBar, ProgressCallback, Update, run
-from nsq_gpu.results import check_paths, fill_scene, in_folder
-from nsq_gpu.session import EXPORTED, shared_session, warn_of
+from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
+from nsq_gpu.session import EXPORTED, shared_session
 
 PRECISIONS = ("auto", "f32", "f64", "df64")
 SAMPLERS = ("pcg", "sobol")
@@ -120,15 +116,10 @@ class NsqGpuBackend(TracerBackend):
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
             folder = Path(name)
             not_met = self._run(binary, exported, options, folder)
-            if not_met is not None:
-                warn(not_met, ToleranceWarning)
             if not (folder / "out" / "report.json").exists():
                 raise NsqGpuError(f"{binary} ended without an error, and without a result: is it nsq-gpu?")
             self.report = read_report(folder / "out")
-            for warning in self.report["scene_warnings"]:
-                warn(warning, NsqGpuWarning)
-            for warning in self.report["diagnostics"]["grave"]:
-                warn(warning, ResultWarning)
+            warn_of(self.report, not_met)
             load = in_folder(folder / "out", self.report)
             return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
 
@@ -177,7 +168,7 @@ class NsqGpuBackend(TracerBackend):
             if bar is not None:
                 bar.close()
         self.report = answer.report
-        warn_of(answer)
+        warn_of(answer.report, answer.missed_target)
         return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
 
     def _run(self, binary: str, exported: ExportedScene, options: dict[str, Any], folder: Path) -> str | None:

@@ -18,11 +18,11 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, UsageError, warn
+from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import run
-from nsq_gpu.results import check_paths, fill_scene, in_folder
+from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
 
 #: Tallies that a task of the tree adds up.
 _ARITY = 8
@@ -166,9 +166,6 @@ def _read(scene: NSQScene, exported: Any, program: str, text: str, tallies: Sequ
     """Add up tallies, read the sum out as files, and those into the live scene."""
     _merge(program, tallies, text, folder)
     report = read_report(folder / "out")
-    for warning in report["scene_warnings"]:
-        warn(warning, NsqGpuWarning)
-    for warning in report["diagnostics"]["grave"]:
-        warn(warning, ResultWarning)
+    warn_of(report, None)
     load = in_folder(folder / "out", report)
     return fill_scene(scene, report, load, exported.surface_labels, report["ray_paths"] is not None)

@@ -20,7 +20,7 @@ from optiland.nonsequential.diagnostics import Diagnostics, build_diagnostics
 from optiland.nonsequential.path_recording import _EVENT_DTYPE
 from optiland.nonsequential.tracer import SimulationResult
 
-from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError
+from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, ToleranceWarning, UnsupportedSceneError, warn
 from nsq_gpu.integrity import load_arrays
 
 Json = dict[str, Any]
@@ -108,6 +108,18 @@ def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[s
         ray_paths=_ray_paths(scene, load(None), surface_labels) if records_paths else None,
         diagnostics=_diagnostics(scene, report, detectors),
     )
+
+
+def warn_of(report: Json, missed_target: str | None, known: set[str] | None = None) -> None:
+    """Give the warnings of a trace as those of the user's line, but for those ``known``, to which they are added."""
+    told: list[tuple[str, type[Warning]]] = [] if missed_target is None else [(missed_target, ToleranceWarning)]
+    told += [(warning, NsqGpuWarning) for warning in report["scene_warnings"]]
+    told += [(warning, ResultWarning) for warning in report["diagnostics"]["grave"]]
+    for message, category in told:
+        if known is None or message not in known:
+            warn(message, category)
+        if known is not None:
+            known.add(message)
 
 
 def check_paths(scene: NSQScene, surface_labels: list[str]) -> None:

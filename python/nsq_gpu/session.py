@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ast
-import atexit
+import io
 import itertools
 import json
 import os
@@ -21,18 +20,9 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import (
-    NsqGpuError,
-    NsqGpuWarning,
-    ResultWarning,
-    ToleranceWarning,
-    TraceTimeoutError,
-    UsageError,
-    error_of,
-    warn,
-)
+from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, UsageError, error_of
 from nsq_gpu.export import export, to_json
-from nsq_gpu.results import check_paths, fill_scene
+from nsq_gpu.results import check_paths, fill_scene, warn_of
 from nsq_gpu.sweeps import Sweep, run
 
 Json = dict[str, Any]
@@ -56,7 +46,8 @@ class Answer:
     def __init__(self, header: Json, body: bytearray) -> None:
         self.report: Json = header["report"]
         #: What is said where the target for the error was missed.
-        self.missed_target: str | None = header["missed_target"]
+        missed = header["missed_target"]
+        self.missed_target: str | None = None if missed is None else f"nsq-gpu: {missed}"
         self._arrays: dict[str | None, Arrays] = {}
         at = 0
         for told in header["arrays"]:
@@ -97,9 +88,8 @@ class Session:
         self._precision = precision
         self._strict = strict
         self._live = live
-        self._child: _Child | None = None
         self._lock = threading.Lock()
-        # A session that is dropped ends its process: threads hold the child, and so it would live on.
+        #: The process, if one was started. A session that is dropped, and the end of Python, end it: threads hold it.
         self._children: list[_Child] = []
         weakref.finalize(self, _end_all, self._children)
         _sessions.add(self)
@@ -113,9 +103,9 @@ class Session:
     def close(self) -> None:
         """End the process. A later trace starts another one."""
         with self._lock:
-            child, self._child = self._child, None
-        if child is not None:
-            child.end()
+            children = self._children[:]
+            self._children.clear()
+        _end_all(children)
 
     def start(self) -> None:
         """Start the process now, so that the first trace need not wait for it."""
@@ -144,7 +134,7 @@ class Session:
         answer = self.request(to_json(exported.document, indent=None),
                               {"num_rays": num_rays, "seed": seed, "max_depth": max_depth, **options}, timeout=timeout,
                               name=EXPORTED)
-        warn_of(answer)
+        warn_of(answer.report, answer.missed_target)
         return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, records_paths)
 
     def sweep(self, scene: NSQScene, numbers: Mapping[str, Sequence[float]], num_rays: int, *, zip: bool = False,
@@ -176,7 +166,7 @@ class Session:
         def trace(values: Mapping[str, float], index: int) -> Answer:
             named = {"num_rays": num_rays, "seed": seed + index, "max_depth": max_depth, **options}
             answer = self.request(text, named, name=EXPORTED, numbers=values)
-            warn_of(answer, known)
+            warn_of(answer.report, answer.missed_target, known)
             return answer
 
         return run(trace, numbers, zip, common_draws, maps)
@@ -207,25 +197,10 @@ class Session:
 
     def _running(self) -> _Child:
         with self._lock:
-            if self._child is None or not self._child.is_alive():
+            if not self._children or not self._children[0].is_alive():
                 arguments = [] if self._adapter is None else [f"--adapter={self._adapter}"]
-                self._child = _Child([self._program, "serve", *arguments])
-                self._children[:] = [self._child]
-            return self._child
-
-
-def warn_of(answer: Answer, known: set[str] | None = None) -> None:
-    """Give the warnings of an answer, but for those that are ``known``, to which they are added."""
-    told: list[tuple[str, type[Warning]]] = []
-    if answer.missed_target is not None:
-        told.append((f"nsq-gpu: {answer.missed_target}", ToleranceWarning))
-    told += [(warning, NsqGpuWarning) for warning in answer.report["scene_warnings"]]
-    told += [(warning, ResultWarning) for warning in answer.report["diagnostics"]["grave"]]
-    for message, category in told:
-        if known is None or message not in known:
-            warn(message, category)
-        if known is not None:
-            known.add(message)
+                self._children[:] = [_Child([self._program, "serve", *arguments])]
+            return self._children[0]
 
 
 _sessions: weakref.WeakSet[Session] = weakref.WeakSet()
@@ -242,12 +217,6 @@ def shared_session(binary: str, adapter: str | None) -> Session:
         return _shared[key]
 
 
-@atexit.register
-def _close_all() -> None:
-    for session in list(_sessions):
-        session.close()
-
-
 def _end_all(children: list[_Child]) -> None:
     for child in children:
         child.end()
@@ -259,7 +228,6 @@ def _after_fork() -> None:
     _shared_lock = threading.Lock()
     for session in list(_sessions):
         session._lock = threading.Lock()
-        session._child = None
         session._children.clear()
 
 
@@ -279,7 +247,6 @@ class _Child:
         self._ids = itertools.count(1)
         self._owner = os.getpid()
         self._turn = threading.Lock()
-        self._sending = threading.Lock()
         self._waiting: dict[int, queue.SimpleQueue[tuple[Json, bytearray] | None]] = {}
         self._said: list[str] = []
         # Ctrl-C interrupts the main thread wherever it is. Were that inside Popen, nobody would hold the child: another
@@ -378,9 +345,8 @@ class _Child:
         stream = self._process.stdin
         assert stream is not None
         try:
-            with self._sending:
-                stream.write(_FRAME.pack(len(data), 0) + data)
-                stream.flush()
+            stream.write(_FRAME.pack(len(data), 0) + data)
+            stream.flush()
         except (OSError, ValueError):
             # The reader sees the end of the process as well, or that its streams were closed.
             pass
@@ -475,11 +441,14 @@ def _array(view: memoryview) -> np.ndarray:
     length = 10 + int.from_bytes(view[8:10], "little")
     header = bytes(view[:length])
     if header not in _known_headers:
-        if not header.startswith(b"\x93NUMPY\x01"):
-            raise NsqGpuError("an array of the answer is not in the format .npy 1.0")
-        described = ast.literal_eval(header[10:].decode())
         if len(_known_headers) > 1000:
             _known_headers.clear()
-        _known_headers[header] = np.dtype(described["descr"]), tuple(described["shape"])
+        stream = io.BytesIO(header)
+        try:
+            np.lib.format.read_magic(stream)
+            shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        except ValueError as error:
+            raise NsqGpuError(f"an array of the answer is not in the format .npy 1.0: {error}") from None
+        _known_headers[header] = dtype, shape
     dtype, shape = _known_headers[header]
     return np.frombuffer(view[length:], dtype=dtype).reshape(shape)

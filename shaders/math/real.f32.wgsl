@@ -29,9 +29,3 @@ fn is_depositable(w: real) -> bool {
 fn quanta_words(w: real) -> vec3<u32> {
     return quanta_of_f32(w);
 }
-
-// The scalar product, in place of WGSL's own: SPIR-V leaves the order of that one's sums to the driver, so that strict
-// arithmetic would give other bits on other adapters.
-fn dot(a: vec3<real>, b: vec3<real>) -> real {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}

@@ -30,9 +30,3 @@ fn quanta_words(w: real) -> vec3<u32> {
     let lo = floor((upper - hi) * 4294967296.0);
     return vec3<u32>(u32(lo), u32(hi), u32(top));
 }
-
-// The scalar product, in place of WGSL's own: SPIR-V leaves the order of that one's sums to the driver, so that strict
-// arithmetic would give other bits on other adapters.
-fn dot(a: vec3<real>, b: vec3<real>) -> real {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}

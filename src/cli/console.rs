@@ -10,12 +10,17 @@ use std::path::Path;
 
 /// Reads a scene. An error about its contents begins with the file's name, because a script may trace many files.
 pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
-    Scene::from_path(path).map_err(|error| match error {
+    Scene::from_path(path).map_err(|error| named(error, &path.display().to_string()))
+}
+
+/// An error about a scene's contents, with the scene's name before the place.
+pub(crate) fn named(error: Error, name: &str) -> Error {
+    match error {
         Error::Scene { place, problem, remedy } => {
-            Error::Scene { place: format!("{}: {place}", path.display()), problem, remedy }
+            Error::Scene { place: format!("{name}: {place}"), problem, remedy }
         }
         other => other,
-    })
+    }
 }
 
 /// Prints the result. A closed pipe (`nsq-gpu ... | head`) is no error.

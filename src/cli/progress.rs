@@ -2,6 +2,7 @@
 
 use crate::cli::console::say;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
 /// How progress is shown.
@@ -63,15 +64,15 @@ impl Status {
         format!("{rate} rays/s, {left:#} left{error}")
     }
 
-    fn json(&self) -> String {
-        serde_json::json!({
+    /// What programs read.
+    pub(crate) fn json(&self) -> Value {
+        json!({
             "rays": self.rays,
             "num_rays": self.num_rays,
             "rays_per_sec": self.rate(),
             "eta_sec": self.eta_sec(),
             "relative_error": self.relative_error,
         })
-        .to_string()
     }
 }
 
@@ -121,7 +122,7 @@ impl Progress {
         self.bar.set_message(status.text());
         self.bar.set_position(status.rays);
         if self.mode == Mode::Json {
-            say(&status.json());
+            say(&status.json().to_string());
         }
     }
 

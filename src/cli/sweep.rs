@@ -1,13 +1,14 @@
 //! `nsq-gpu sweep`: traces a scene again and again, with some of its numbers changed. A compiled shader serves all
 //! points.
 
-use crate::cli::console::{choose_vectors, say};
+use crate::cli::console::{choose_vectors, named, say};
 use crate::cli::serve::requests::TraceRequest;
-use crate::cli::serve::session::{Session, missed_target};
+use crate::cli::serve::session::Session;
+use crate::cli::trace::missed_target;
 use crate::cli::trace_args::{PrecisionArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Native};
-use crate::result::Report;
+use crate::result::TraceResult;
 use crate::scene::Scene;
 use crate::trace::RecordPaths;
 use serde_json::{Map, Value, json};
@@ -134,7 +135,47 @@ fn parse_tolerance(text: &str) -> std::result::Result<Tolerance, String> {
 /// What is set, and what was found.
 struct Point {
     numbers: Vec<(String, f64)>,
-    report: Report,
+    seed: u64,
+    num_rays: u64,
+    fluxes: Vec<Flux>,
+}
+
+/// A flux of a point.
+struct Flux {
+    /// That of a detector, or of a total.
+    name: String,
+    /// \[W\]
+    flux: f64,
+    /// Its standard error \[W\], where that is known.
+    error: Option<f64>,
+}
+
+impl Point {
+    fn of(numbers: Vec<(String, f64)>, result: &TraceResult) -> Self {
+        let detectors = result.detectors.iter().map(|detector| Flux {
+            name: detector.name.clone(),
+            flux: detector.total_flux,
+            error: detector.total_flux_standard_error,
+        });
+        let totals = [
+            ("absorbed", result.total_flux_absorbed),
+            ("bulk absorbed", result.total_flux_bulk_absorbed),
+            ("escaped", result.total_flux_escaped),
+            ("lost", result.total_flux_lost),
+        ];
+        // A detector may have the name of a total.
+        let told = |name: &str| match result.detector(name) {
+            Some(_) => format!("{name} (total)"),
+            None => name.into(),
+        };
+        let totals = totals.map(|(name, flux)| Flux { name: told(name), flux, error: None });
+        Point {
+            numbers,
+            seed: result.run.seed,
+            num_rays: result.num_rays_total,
+            fluxes: detectors.chain(totals).collect(),
+        }
+    }
 }
 
 /// Traces every point, writes the file, and returns the text for stdout.
@@ -146,7 +187,8 @@ pub fn run(args: &Args) -> Result<String> {
     }
     let text = std::fs::read_to_string(&args.scene).map_err(|error| Error::file(&args.scene, error))?;
     let folder = args.scene.parent().unwrap_or(Path::new("")).to_owned();
-    let ir = crate::cli::console::read_scene(&args.scene)?.lower()?;
+    let name = args.scene.display().to_string();
+    let ir = Scene::with_numbers(&text, &folder, &[]).map_err(|error| named(error, &name))?.lower()?;
     let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
     choose_vectors(&ir, args.trace.num_rays, in_f64);
     let points = match args.tolerance.is_empty() {
@@ -163,7 +205,7 @@ pub fn run(args: &Args) -> Result<String> {
         }
         let request = TraceRequest {
             scene: text.clone(),
-            name: Some(args.scene.display().to_string()),
+            name: Some(name.clone()),
             folder: folder.clone(),
             set: numbers.clone(),
             args: trace,
@@ -172,26 +214,26 @@ pub fn run(args: &Args) -> Result<String> {
             progress: false,
         };
         match session.trace(&request, |_| true) {
-            Ok(answer) => {
-                let warnings = answer.report.scene_warnings.iter().chain(&answer.report.diagnostics.grave);
+            Ok(result) => {
+                let warnings = result.run.scene_warnings.iter().chain(&result.diagnostics.grave);
                 warnings
                     .filter(|warning| told.insert((*warning).clone()))
                     .for_each(|text| say(&format!("warning: {text}")));
-                failure = failure.or_else(|| missed_target(&answer.report).map(Error::Tolerance));
-                found.push(Point { numbers, report: answer.report });
+                failure = failure.or_else(|| missed_target(&result).map(Error::Tolerance));
+                found.push(Point::of(numbers, &result));
             }
             // The points before it took their time, and are kept.
             Err(error) => {
                 let set: Vec<String> =
                     numbers.iter().map(|(name, value)| format!("{name} = {value}")).collect();
                 say(&format!("where {}:", set.join(", ")));
+                if found.is_empty() {
+                    return Err(error);
+                }
                 failure = Some(error);
                 break;
             }
         }
-    }
-    if let (Some(_), true) = (&failure, found.is_empty()) {
-        return Err(failure.unwrap_or(Error::Interrupted));
     }
     let (nominal, found) = match args.tolerance.is_empty() {
         true => (None, found),
@@ -280,33 +322,6 @@ impl Draw {
     }
 }
 
-/// The fluxes of a point: a name, the flux \[W\], and its standard error where that is known.
-fn fluxes(report: &Report) -> Vec<(String, f64, Option<f64>)> {
-    let of = |entry: &Value, key: &str| entry[key].as_f64();
-    let detectors = report.detectors.iter().map(|(name, entry)| {
-        (name.clone(), of(entry, "total_flux").unwrap_or_default(), of(entry, "total_flux_standard_error"))
-    });
-    let totals = [
-        ("absorbed", report.total_flux_absorbed),
-        ("bulk absorbed", report.total_flux_bulk_absorbed),
-        ("escaped", report.total_flux_escaped),
-        ("lost", report.total_flux_lost),
-    ];
-    // A detector may have the name of a total.
-    let told = |name: &str| match report.detectors.contains_key(name) {
-        true => format!("{name} (total)"),
-        false => name.into(),
-    };
-    detectors.chain(totals.map(|(name, flux)| (told(name), flux, None))).collect()
-}
-
-/// The places of the fluxes of which some point has a standard error.
-fn with_errors(points: &[Point]) -> BTreeSet<usize> {
-    let of_point = |point: &Point| fluxes(&point.report).into_iter().enumerate().collect::<Vec<_>>();
-    let all = points.iter().flat_map(of_point);
-    all.filter(|(_, (_, _, error))| error.is_some()).map(|(place, _)| place).collect()
-}
-
 fn pretty(document: &Value) -> String {
     serde_json::to_string_pretty(document).unwrap_or_default() + "\n"
 }
@@ -314,11 +329,9 @@ fn pretty(document: &Value) -> String {
 fn entry(point: &Point) -> Value {
     let numbers: Map<String, Value> =
         point.numbers.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
-    let fluxes: Map<String, Value> = fluxes(&point.report)
-        .into_iter()
-        .map(|(name, flux, error)| (name, json!({"flux": flux, "standard_error": error})))
-        .collect();
-    json!({"set": numbers, "seed": point.report.seed, "num_rays": point.report.num_rays_total, "fluxes": fluxes})
+    let flux = |flux: &Flux| (flux.name.clone(), json!({"flux": flux.flux, "standard_error": flux.error}));
+    let fluxes: Map<String, Value> = point.fluxes.iter().map(flux).collect();
+    json!({"set": numbers, "seed": point.seed, "num_rays": point.num_rays, "fluxes": fluxes})
 }
 
 /// All points; of tolerances also the scene as it is, and quantiles of each flux. Fluxes are in W.
@@ -335,59 +348,76 @@ fn document(nominal: Option<&Point>, points: &[Point]) -> Value {
     document
 }
 
-fn csv(points: &[Point]) -> String {
-    let Some(first) = points.first() else { return String::new() };
-    let quoted = |text: &str| {
-        let needs = text.contains([',', '"', '\n']);
-        if needs { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
+/// A column of the points: a number, a flux, or a flux's standard error where some point has one.
+struct Column {
+    kind: ColumnKind,
+    name: String,
+    values: Vec<Option<f64>>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum ColumnKind {
+    Number,
+    Flux,
+    Error,
+}
+
+fn columns(points: &[Point]) -> Vec<Column> {
+    let Some(first) = points.first() else { return Vec::new() };
+    let column = |kind, name: &str, value: &dyn Fn(&Point) -> Option<f64>| Column {
+        kind,
+        name: name.into(),
+        values: points.iter().map(value).collect(),
     };
-    let mut columns: Vec<String> = first.numbers.iter().map(|(name, _)| quoted(name)).collect();
-    let with_errors = with_errors(points);
-    for (i, (name, _, _)) in fluxes(&first.report).into_iter().enumerate() {
-        columns.push(quoted(&format!("{name} [W]")));
-        columns.extend(with_errors.contains(&i).then(|| quoted(&format!("{name} standard error [W]"))));
+    let numbers = (0..).zip(&first.numbers);
+    let mut columns: Vec<Column> = numbers
+        .map(|(i, (name, _)): (usize, _)| column(ColumnKind::Number, name, &|point| Some(point.numbers[i].1)))
+        .collect();
+    for (i, Flux { name, .. }) in first.fluxes.iter().enumerate() {
+        columns.push(column(ColumnKind::Flux, name, &|point| Some(point.fluxes[i].flux)));
+        let errors = column(ColumnKind::Error, name, &|point| point.fluxes[i].error);
+        columns.extend(errors.values.iter().any(Option::is_some).then_some(errors));
     }
-    let mut text = columns.join(",") + "\n";
-    for point in points {
-        let mut cells: Vec<String> = point.numbers.iter().map(|(_, value)| format!("{value:?}")).collect();
-        for (i, (_, flux, error)) in fluxes(&point.report).into_iter().enumerate() {
-            cells.push(format!("{flux:?}"));
-            // An error that is not known is an empty cell.
-            cells.extend(
-                with_errors.contains(&i).then(|| error.map_or(String::new(), |error| format!("{error:?}"))),
-            );
-        }
-        text += &(cells.join(",") + "\n");
+    columns
+}
+
+/// A line of a title each, then a line a point. An error that is not known is an empty cell.
+fn csv(points: &[Point]) -> String {
+    let columns = columns(points);
+    let title = |Column { kind, name, .. }: &Column| match kind {
+        ColumnKind::Number => name.clone(),
+        ColumnKind::Flux => format!("{name} [W]"),
+        ColumnKind::Error => format!("{name} standard error [W]"),
+    };
+    let quoted = |text: String| {
+        let needs = text.contains([',', '"', '\n']);
+        if needs { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+    };
+    let line = |cells: Vec<String>| cells.join(",") + "\n";
+    let mut text = line(columns.iter().map(|column| quoted(title(column))).collect());
+    for i in 0..points.len() {
+        let cell = |column: &Column| column.values[i].map_or(String::new(), |value| format!("{value:?}"));
+        text += &line(columns.iter().map(cell).collect());
     }
     text
 }
 
 fn table(points: &[Point]) -> String {
-    let Some(first) = points.first() else { return String::new() };
-    let mut text = String::new();
-    first.numbers.iter().for_each(|(name, _)| {
-        let _ = write!(text, "{name:>14}");
-    });
-    let with_errors = with_errors(points);
-    for (i, (name, _, _)) in fluxes(&first.report).into_iter().enumerate() {
-        let _ = write!(text, "{:>16}", format!("{name} [W]"));
-        if with_errors.contains(&i) {
-            let _ = write!(text, "{:>12}", "error");
-        }
-    }
-    text.push('\n');
-    for point in points {
-        point.numbers.iter().for_each(|(_, value)| {
-            let _ = write!(text, "{value:>14.7}");
-        });
-        for (i, (_, flux, error)) in fluxes(&point.report).into_iter().enumerate() {
-            let _ = write!(text, "{flux:>16.7}");
-            if with_errors.contains(&i) {
-                let error = error.map_or("-".into(), |error| format!("{error:.1e}"));
-                let _ = write!(text, "{error:>12}");
-            }
-        }
-        text.push('\n');
+    let columns = columns(points);
+    let title = |Column { kind, name, .. }: &Column| match kind {
+        ColumnKind::Number => format!("{name:>14}"),
+        ColumnKind::Flux => format!("{:>18}", format!("{name} [W]")),
+        ColumnKind::Error => format!("{:>12}", "error"),
+    };
+    let mut text = columns.iter().map(title).collect::<String>() + "\n";
+    for i in 0..points.len() {
+        let cell = |column: &Column| match (column.kind, column.values[i]) {
+            (ColumnKind::Number, Some(value)) => format!("{value:>14.7}"),
+            (ColumnKind::Flux, Some(value)) => format!("{value:>18.7}"),
+            (ColumnKind::Error, Some(value)) => format!("{:>12}", format!("{value:.1e}")),
+            (_, None) => format!("{:>12}", "-"),
+        };
+        text += &(columns.iter().map(cell).collect::<String>() + "\n");
     }
     text
 }
@@ -401,8 +431,8 @@ struct Quantiles {
 }
 
 fn quantiles(nominal: &Point, points: &[Point]) -> Vec<Quantiles> {
-    let rows = fluxes(&nominal.report).into_iter().enumerate().map(|(i, (name, flux, _))| {
-        let mut values: Vec<f64> = points.iter().map(|point| fluxes(&point.report)[i].1).collect();
+    let rows = nominal.fluxes.iter().enumerate().map(|(i, Flux { name, flux, .. })| {
+        let mut values: Vec<f64> = points.iter().map(|point| point.fluxes[i].flux).collect();
         values.sort_by(f64::total_cmp);
         // Between two samples the quantile is interpolated (Hyndman and Fan 1996, definition 7).
         let quantile = |share: f64| {
@@ -410,10 +440,10 @@ fn quantiles(nominal: &Point, points: &[Point]) -> Vec<Quantiles> {
             let (low, high) = (place.floor() as usize, place.ceil() as usize);
             match (values.get(low), values.get(high)) {
                 (Some(a), Some(b)) => a + (b - a) * place.fract(),
-                _ => flux,
+                _ => *flux,
             }
         };
-        Quantiles { name, nominal: flux, quantiles: [0.0, 0.05, 0.5, 0.95, 1.0].map(quantile) }
+        Quantiles { name: name.clone(), nominal: *flux, quantiles: [0.0, 0.05, 0.5, 0.95, 1.0].map(quantile) }
     });
     rows.collect()
 }

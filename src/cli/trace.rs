@@ -181,26 +181,25 @@ fn failure(result: &TraceResult) -> Option<Error> {
     if result.run.stopped_by == Some(StoppedBy::Interrupt) {
         return Some(Error::Interrupted);
     }
-    let target = result.run.target_error?;
-    match result.relative_error {
-        Some(error) if error <= target => None,
-        error => Some(Error::Tolerance(missed_target(error, target, result.num_rays_total))),
-    }
+    missed_target(result).map(Error::Tolerance)
 }
 
-/// What to say where a target was missed, with the rays that would do.
-pub(crate) fn missed_target(error: Option<f64>, target: f64, num_rays: u64) -> String {
+/// What to say where a target was asked for and missed, with the rays that would do.
+pub(crate) fn missed_target(result: &TraceResult) -> Option<String> {
+    let target = result.run.target_error?;
     let percent = |fraction: f64| format!("{:.3} %", 100.0 * fraction);
-    match error {
-        Some(error) => format!(
+    match result.relative_error {
+        Some(error) if error <= target => None,
+        Some(error) => Some(format!(
             "the relative error is {}, above the target of {}; it falls as 1 / sqrt(rays), so give about -n {:.1e}",
             percent(error),
             percent(target),
-            num_rays as f64 * (error / target).powi(2)
-        ),
-        None => {
-            format!("the relative error is not known, and so not below the target of {}", percent(target))
-        }
+            result.num_rays_total as f64 * (error / target).powi(2)
+        )),
+        None => Some(format!(
+            "the relative error is not known, and so not below the target of {}",
+            percent(target)
+        )),
     }
 }
 

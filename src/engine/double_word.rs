@@ -143,14 +143,7 @@ impl Gpu {
         let zero = self.constant_buffer("df64", &[0; 16]);
         let group =
             self.bind_group("df64", &layout, [(0, &numbers), (1, &results), (df64::ZERO, &zero)], &[]);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(NUM_PAIRS / WORKGROUP, 1, 1);
-        }
-        self.queue.submit([encoder.finish()]);
+        self.dispatch(&pipeline, &group, NUM_PAIRS / WORKGROUP);
         Ok(bytemuck::pod_collect_to_vec(&self.read(&results, size)?))
     }
 }

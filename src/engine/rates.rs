@@ -68,15 +68,8 @@ impl Gpu {
             [(0, &buffer)].into_iter().chain((precision == Precision::Df64).then_some((df64::ZERO, &zero)));
         let group = self.bind_group("rates", &layout, buffers, &[]);
         let run = || -> Result<f64> {
-            let mut encoder = self.device.create_command_encoder(&Default::default());
-            {
-                let mut pass = encoder.begin_compute_pass(&Default::default());
-                pass.set_pipeline(&pipeline);
-                pass.set_bind_group(0, &group, &[]);
-                pass.dispatch_workgroups(INVOCATIONS / 64, 1, 1);
-            }
             let start = Instant::now();
-            self.queue.submit([encoder.finish()]);
+            self.dispatch(&pipeline, &group, INVOCATIONS / 64);
             self.wait()?;
             Ok(start.elapsed().as_secs_f64())
         };

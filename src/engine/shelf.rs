@@ -1,8 +1,7 @@
 //! Compiled shaders of earlier traces. Scenes whose shaders have the same text share one: with live numbers, all scenes
 //! of one shape do ([`crate::program::layout::numbers`]).
 
-use crate::engine::stages::Additions;
-use crate::engine::stages::Stages;
+use crate::engine::stages::{Additions, Stages};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::program::parsed::Parsed;

@@ -164,6 +164,18 @@ impl Gpu {
         })
     }
 
+    /// Submits one dispatch of a pipeline by itself.
+    pub fn dispatch(&self, pipeline: &wgpu::ComputePipeline, group: &wgpu::BindGroup, workgroups: u32) {
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, group, &[]);
+            pass.dispatch_workgroups(workgroups, 1, 1);
+        }
+        self.queue.submit([encoder.finish()]);
+    }
+
     /// A zeroed storage buffer that can be copied from and to.
     ///
     /// # Errors

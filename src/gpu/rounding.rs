@@ -96,14 +96,7 @@ impl Gpu {
         let size = size_of_val(&pairs[..]) as u64;
         let results = self.buffer("rounding", size)?;
         let group = self.bind_group("rounding", &layout, [(0, &numbers), (1, &results)], &[]);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(NUM_PAIRS / WORKGROUP, 1, 1);
-        }
-        self.queue.submit([encoder.finish()]);
+        self.dispatch(&pipeline, &group, NUM_PAIRS / WORKGROUP);
         let found: Vec<[T; 2]> = bytemuck::pod_collect_to_vec(&self.read(&results, size)?);
         let wrong = |which: usize| {
             let differs = |(pair, found): (&[T; 2], &[T; 2])| T::results(*pair)[which] != found[which];

@@ -5,11 +5,14 @@ mod frames;
 pub(crate) mod requests;
 pub(crate) mod session;
 
+use crate::cli::progress::Status;
 use crate::cli::serve::frames::Incoming;
 use crate::cli::serve::requests::{Request, TraceRequest};
-use crate::cli::serve::session::{Answer, Session, Status, missed_target};
+use crate::cli::serve::session::Session;
+use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Native};
+use crate::result::{Report, TraceResult, npz_files, report};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -174,7 +177,7 @@ fn trace(
     }));
     unsent?;
     match traced {
-        Ok(Ok(answer)) => output.send_result(id, &answer),
+        Ok(Ok(result)) => output.send_result(id, &result),
         Ok(Err(error)) => {
             if matches!(error, Error::Device(_)) {
                 session.close();
@@ -189,16 +192,10 @@ fn trace(
 }
 
 fn progress(id: &Value, status: &Status) -> Value {
-    let rate = status.rays as f64 / status.elapsed_sec.max(1e-9);
-    json!({
-        "id": id,
-        "reply": "progress",
-        "rays": status.rays,
-        "num_rays": status.num_rays,
-        "rays_per_sec": rate,
-        "eta_sec": (status.num_rays - status.rays) as f64 / rate.max(1e-9),
-        "relative_error": status.relative_error,
-    })
+    let mut message = json!({"id": id, "reply": "progress"});
+    let fields = status.json().as_object().cloned().unwrap_or_default();
+    fields.into_iter().for_each(|(key, value)| message[key] = value);
+    message
 }
 
 /// Where answers go.
@@ -214,16 +211,42 @@ impl Output {
         self.send(&json!({"id": id, "reply": "error", "exit_code": exit_code, "message": error.to_string()}))
     }
 
-    fn send_result(&mut self, id: &Value, answer: &Answer) -> Result<()> {
-        let told = |(detector, name, bytes): &(Option<String>, String, Vec<u8>)| json!({"detector": detector, "name": name, "bytes": bytes.len()});
+    fn send_result(&mut self, id: &Value, result: &TraceResult) -> Result<()> {
+        let arrays = arrays(result)?;
+        let told = arrays.iter().map(|DetectorArray { detector, name, bytes }| {
+            json!({"detector": detector, "name": name, "bytes": bytes.len()})
+        });
         let header = json!({
             "id": id,
             "reply": "result",
-            "report": answer.report,
-            "missed_target": missed_target(&answer.report),
-            "arrays": answer.arrays.iter().map(told).collect::<Vec<_>>(),
+            "report": Report::new(result, &report::Files::default()),
+            "missed_target": missed_target(result),
+            "arrays": told.collect::<Vec<_>>(),
         });
-        let arrays = answer.arrays.iter().map(|(_, _, bytes)| &bytes[..]);
+        let arrays = arrays.iter().map(|array| &array.bytes[..]);
         frames::write(&mut self.0, &header, arrays).map_err(|error| Error::file("stdout", error))
     }
+}
+
+/// An array of a result.
+struct DetectorArray<'a> {
+    /// The detector that it is of; of recorded paths none.
+    detector: Option<&'a str>,
+    name: String,
+    /// The array in the format `.npy`.
+    bytes: Vec<u8>,
+}
+
+fn arrays(result: &TraceResult) -> Result<Vec<DetectorArray<'_>>> {
+    let mut arrays = Vec::new();
+    for detector in &result.detectors {
+        let own = npz_files::detector_arrays(result, detector)?;
+        let of_detector = |(name, bytes)| DetectorArray { detector: Some(&detector.name), name, bytes };
+        arrays.extend(own.into_iter().map(of_detector));
+    }
+    if let Some(paths) = &result.ray_paths {
+        let own = npz_files::ray_path_arrays(result, paths)?;
+        arrays.extend(own.into_iter().map(|(name, bytes)| DetectorArray { detector: None, name, bytes }));
+    }
+    Ok(arrays)
 }

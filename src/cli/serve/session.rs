@@ -1,10 +1,12 @@
 //! What a session keeps from one request to the next: the device, and compiled shaders.
 
+use crate::cli::console::named;
+use crate::cli::progress::Status;
 use crate::cli::serve::requests::TraceRequest;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
-use crate::result::{Report, RunInfo, StoppedBy, TraceResult, npz_files, report};
+use crate::result::{RunInfo, TraceResult};
 use crate::scene::Scene;
 use crate::trace::stopping::Stopping;
 use crate::trace::{Progress, Shelf, Strict, TraceOptions, Tracer, auto_precision};
@@ -23,20 +25,6 @@ pub(crate) struct Session {
 struct Opened {
     gpu: Gpu,
     shelf: Shelf,
-}
-
-/// A report, with arrays: the detector that each is of (none: of recorded paths), its name, its bytes as `.npy`.
-pub(crate) struct Answer {
-    pub(crate) report: Report,
-    pub(crate) arrays: Vec<(Option<String>, String, Vec<u8>)>,
-}
-
-/// How far a trace has come.
-pub(crate) struct Status {
-    pub(crate) rays: u64,
-    pub(crate) num_rays: u64,
-    pub(crate) elapsed_sec: f64,
-    pub(crate) relative_error: Option<f64>,
 }
 
 impl Session {
@@ -68,10 +56,15 @@ impl Session {
         &mut self,
         request: &TraceRequest,
         keep_going: impl FnMut(&Status) -> bool,
-    ) -> Result<Answer> {
+    ) -> Result<TraceResult> {
         let start = Instant::now();
-        let scene = Scene::with_numbers(&request.scene, &request.folder, &request.set)
-            .map_err(|error| named(error, request.name.as_deref()))?;
+        let scene =
+            Scene::with_numbers(&request.scene, &request.folder, &request.set).map_err(
+                |error| match &request.name {
+                    Some(name) => named(error, name),
+                    None => error,
+                },
+            )?;
         let mut ir = scene.lower()?;
         request.args.override_sampling(&mut ir)?;
         self.open()?;
@@ -94,7 +87,7 @@ struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    fn trace(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<Answer> {
+    fn trace(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
         let Job { request, ir, gpu, start, .. } = self;
         let args = &request.args;
         let options = self.options()?;
@@ -112,8 +105,12 @@ impl<'a> Job<'a> {
             let status = Status {
                 rays: progress.done,
                 num_rays: progress.num_rays,
-                elapsed_sec: progress.elapsed.as_secs_f64(),
+                begun: 0,
+                elapsed: progress.elapsed,
                 relative_error: stopping.relative_error(),
+                target_error: args.target_error,
+                rays_to_target: stopping.rays_to_target(),
+                time_limit: args.time_limit,
             };
             if keep_going(&status) { Ok(stopped_by.is_none()) } else { Err(Error::Interrupted) }
         })?;
@@ -131,7 +128,7 @@ impl<'a> Job<'a> {
             has_no_gpu: gpu.info.class.stands_in_for_gpu(),
             ..options.run_info(&gpu.info)
         };
-        answer(&TraceResult::new(ir, &run, &tally)?)
+        TraceResult::new(ir, &run, &tally)
     }
 
     fn options(&self) -> Result<TraceOptions> {
@@ -160,38 +157,4 @@ impl<'a> Job<'a> {
             false => Tracer::new(self.gpu, ir, options),
         }
     }
-}
-
-/// An error about a scene, with the scene's name before the place.
-fn named(error: Error, name: Option<&str>) -> Error {
-    match (error, name) {
-        (Error::Scene { place, problem, remedy }, Some(name)) => {
-            Error::Scene { place: format!("{name}: {place}"), problem, remedy }
-        }
-        (other, _) => other,
-    }
-}
-
-fn answer(result: &TraceResult) -> Result<Answer> {
-    let mut arrays = Vec::new();
-    for detector in &result.detectors {
-        let own = npz_files::detector_arrays(result, detector)?;
-        arrays.extend(own.into_iter().map(|(name, bytes)| (Some(detector.name.clone()), name, bytes)));
-    }
-    if let Some(paths) = &result.ray_paths {
-        let own = npz_files::ray_path_arrays(result, paths)?;
-        arrays.extend(own.into_iter().map(|(name, bytes)| (None, name, bytes)));
-    }
-    Ok(Answer { report: Report::new(result, &report::Files::default()), arrays })
-}
-
-/// The sentence where a target was asked for and missed.
-pub(crate) fn missed_target(report: &Report) -> Option<String> {
-    let target = report.target_error?;
-    if report.relative_error.is_some_and(|error| error <= target)
-        || report.stopped_by == Some(StoppedBy::Interrupt)
-    {
-        return None;
-    }
-    Some(crate::cli::trace::missed_target(report.relative_error, target, report.num_rays_total))
 }

@@ -27,6 +27,7 @@ pub enum Integers {
 
 const F32: &[ShaderFile] = &[
     shader!("math/real.f32.wgsl"),
+    shader!("math/dot.wgsl"),
     shader!("math/math.f32.wgsl"),
     shader!("math/polynomials.f32.wgsl"),
     shader!("sums/quanta_f32.wgsl"),
@@ -43,6 +44,7 @@ const DF64: &[ShaderFile] = &[
 
 const F64: &[ShaderFile] = &[
     shader!("math/real.f64.wgsl"),
+    shader!("math/dot.wgsl"),
     shader!("math/math.f64.wgsl"),
     shader!("math/reduction_f64.wgsl"),
     shader!("math/polynomials.f64.wgsl"),
