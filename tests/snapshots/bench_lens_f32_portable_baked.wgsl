@@ -11,6 +11,7 @@ const BINDING_QUEUE_COUNTS: u32 = 0u;
 alias real = f32;
 
 // <- shaders/math/real.f32.wgsl
+// <- shaders/math/dot.wgsl
 // <- shaders/math/math.f32.wgsl
 // <- shaders/math/polynomials.f32.wgsl
 // <- shaders/sums/quanta_f32.wgsl

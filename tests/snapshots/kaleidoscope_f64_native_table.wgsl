@@ -15,6 +15,7 @@ const BINDING_QUEUE_COUNTS: u32 = 0u;
 alias real = f64;
 
 // <- shaders/math/real.f64.wgsl
+// <- shaders/math/dot.wgsl
 // <- shaders/math/math.f64.wgsl
 // <- shaders/math/reduction_f64.wgsl
 // <- shaders/math/polynomials.f64.wgsl
