@@ -1,6 +1,7 @@
 # make demo        traces a Cooke triplet into demo-out/
 # make test        formatting, lints, the tests in Rust, and the comparison with Optiland's NumPy backend
 # make bench       measures how fast this machine traces, against Optiland, into bench-out/ (BENCH_ARGS for more)
+# make bench-live  times traces that stay in one process, beside NumPy, and Torch and Dr.Jit where they are installed
 # make accuracy    draws error against time for every tier, sampler and setting, and beside Optiland, into accuracy-out/
 # make test-long   the tests that take long, which `make test` leaves out (LONG_ARGS: some of them)
 # make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
@@ -42,7 +43,7 @@ BINARY = $(abspath $(TARGET_FOLDER)/debug/nsq-gpu)
 BUILD_ARGS =
 FAST_BINARY = $(abspath $(TARGET_FOLDER)/release/nsq-gpu)
 
-.PHONY: demo docs bench accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain gpu-report build adapter display rust-components clean
+.PHONY: demo docs bench bench-live accuracy fast-binary test test-rust test-python test-random test-torch test-drivers test-long test-plain gpu-report build adapter display rust-components clean
 
 demo: adapter
 	@$(BINARY) trace $(DEMO_SCENE) -n $(DEMO_RAYS) --standard-error on -o demo-out
@@ -52,6 +53,9 @@ fast-binary:
 
 bench: fast-binary .venv/installed
 	@$(FAST_BINARY) bench --against optiland --python .venv/bin/python -o bench-out $(BENCH_ARGS)
+
+bench-live: fast-binary .venv/installed
+	@$(PEER_PYTHON) benches/live.py --binary $(FAST_BINARY) $(LIVE_ARGS)
 
 accuracy: fast-binary .venv/installed
 	@$(FAST_BINARY) bench --accuracy --against optiland --python $(PEER_PYTHON) -o accuracy-out $(ACCURACY_ARGS)

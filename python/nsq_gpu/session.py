@@ -12,7 +12,7 @@ import subprocess
 import threading
 import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import IO, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, TraceTimeoutError, UsageError, error_of
 from nsq_gpu.export import export, to_json
 from nsq_gpu.results import check_paths, fill_scene, warn_of
-from nsq_gpu.sweeps import Sweep, run
+from nsq_gpu.sweeps import Point, Sweep, run
 
 Json = dict[str, Any]
 Arrays = dict[str, np.ndarray]
@@ -163,13 +163,14 @@ class Session:
 
         known: set[str] = set()
 
-        def trace(values: Mapping[str, float], index: int) -> Answer:
-            named = {"num_rays": num_rays, "seed": seed + index, "max_depth": max_depth, **options}
-            answer = self.request(text, named, name=EXPORTED, numbers=values)
-            warn_of(answer.report, answer.missed_target, known)
-            return answer
+        def trace_all(points: list[Point]) -> Iterator[Answer]:
+            for values, index in points:
+                named = {"num_rays": num_rays, "seed": seed + index, "max_depth": max_depth, **options}
+                answer = self.request(text, named, name=EXPORTED, numbers=values)
+                warn_of(answer.report, answer.missed_target, known)
+                yield answer
 
-        return run(trace, numbers, zip, common_draws, maps)
+        return run(trace_all, numbers, zip, common_draws, maps)
 
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
                 progress: Callable[[Json], None] | None = None, name: str | None = None,

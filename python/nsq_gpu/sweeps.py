@@ -6,7 +6,7 @@ import csv
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import numpy as np
 from nsq_gpu.errors import NsqGpuError, UsageError
 
 Json = dict[str, Any]
+#: Numbers by their names, and what is added to the seed.
+Point = tuple[dict[str, float], int]
 
 #: Fluxes of a report beside those of detectors, by the names that a sweep has for them.
 TOTALS = {"absorbed": "total_flux_absorbed", "bulk absorbed": "total_flux_bulk_absorbed",
@@ -107,9 +109,9 @@ class Sweep:
         return xarray.Dataset(variables, coordinates)
 
 
-def run(trace: Callable[[Mapping[str, float], int], Any], numbers: Mapping[str, Sequence[float]], zipped: bool,
+def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str, Sequence[float]], zipped: bool,
         common_draws: bool, keep_maps: bool) -> Sweep:
-    """Trace every point by ``trace(numbers, index of the seed)``, which returns an answer of a session."""
+    """Trace all points by a function that yields an answer of a session for each, in their order."""
     values = {name: np.atleast_1d(np.asarray(given, dtype=float)) for name, given in numbers.items()}
     if not values:
         raise UsageError("a sweep needs a number that changes, such as {'L1.r1': [50, 55, 60]}")
@@ -129,8 +131,9 @@ def run(trace: Callable[[Mapping[str, float], int], Any], numbers: Mapping[str, 
             arrays[name] = np.full((*shape, *value.shape), np.nan)
         arrays[name][place] = value
 
-    for index, (place, point) in enumerate(zip(np.ndindex(*shape), combinations, strict=True)):
-        answer = trace(dict(zip(values, map(float, point), strict=True)), 0 if common_draws else index)
+    points = [(dict(zip(values, map(float, point), strict=True)), 0 if common_draws else index)
+              for index, point in enumerate(combinations)]
+    for place, answer in zip(np.ndindex(*shape), trace_all(points), strict=True):
         report = answer.report
         num_rays[place] = report["num_rays_total"]
         for name, entry in report["detectors"].items():
