@@ -1,7 +1,7 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package: ``nsq-gpu bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source of its own: ``nsq-gpu bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -195,7 +195,7 @@ def scene_from_dict(document: Json, folder: Path | None = None) -> NSQScene:
     scene = NSQScene()
     _add_components(scene, document, block, materials, folder)
     for spec in document.get("sources", []):
-        scene.add_source(spec["name"], _frame(spec["cs"]), _source_config(spec, materials))
+        _add_source(scene, spec, materials)
     for spec in document.get("detectors", []):
         extra = block.get("detectors", {}).get(spec["name"], {})
         scene.add_detector(spec["name"], _frame(spec["cs"]), _detector_config(spec, extra))
@@ -340,6 +340,20 @@ def _mesh(spec: Json, folder: Path) -> MeshGeometry:
     if spec.get("path") is not None:
         return MeshGeometry(trimesh.load_mesh(folder / spec["path"], process=False))
     return MeshGeometry(trimesh.Trimesh(spec["vertices"], spec["faces"], process=False))
+
+
+def _add_source(scene: NSQScene, spec: Json, materials: Materials) -> None:
+    frame = _frame(spec["cs"])
+    if spec["type"] != "pupil":
+        scene.add_source(spec["name"], frame, _source_config(spec, materials))
+        return
+    from nsq_gpu.sources import PupilSource
+
+    medium = spec.get("medium")
+    numbers = {key: spec[key] for key in ("total_flux", "beam_radii", "chief", "pupil_radii") if key in spec}
+    source = PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers,
+                         medium=None if medium is None else materials.shared(medium))
+    scene.source_registry.add(spec["name"], source)
 
 
 def _source_config(spec: Json, materials: Materials) -> Any:

@@ -193,6 +193,36 @@ fn a_truncated_gaussian_beam_has_its_encircled_energy() {
 }
 
 #[test]
+fn a_pupil_is_filled_uniformly_and_its_rays_go_through_it() {
+    for tier in tiers("pupil") {
+        // At z = 10 mm a ray is at (1 + 5 p.x, 2 + 5 p.y), with p uniform in the unit disk.
+        let source = json!({ "beam_radii": [3.0, 1.0], "chief": [1.0, 2.0, 10.0], "pupil_radii": [2.0, 4.0] });
+        let mut bench = Bench::new().source("pupil", at(0.0, 0.0, 0.0), source);
+        let edges: Vec<f64> = (0..=8).map(|ring| 5.0 * (f64::from(ring) / 8.0).sqrt()).collect();
+        let quadrants = json!({
+            "width": 14.0, "height": 18.0, "num_pixels_x": 2, "num_pixels_y": 2, "splat": "hard", "absorb": false,
+        });
+        // At z = 5 mm it is at (0.5 + 4 p.x, 1 + 3 p.y).
+        bench = bench.detector("irradiance", "quadrants", at(0.5, 1.0, 5.0), quadrants);
+        for ring in 0..8 {
+            let inner = edges[ring];
+            let shape = match ring {
+                0 => disk(edges[1]),
+                _ => json!({ "type": "annulus", "inner_radius": inner, "outer_radius": edges[ring + 1] }),
+            };
+            bench = bench.absorber(&format!("{ring}"), at(1.0, 2.0, 10.0), shape);
+        }
+        let result = bench.trace(&tier, MILLION);
+        let counts: Vec<u64> = (0..8).map(|ring| absorbed(&result, &format!("{ring}"))).collect();
+        chi_square(&tier.name("rings of a pupil"), &counts, &[0.125; 8], MILLION).accepted();
+        let quadrants: Vec<u64> = irradiance(&result, "quadrants").hits.iter().copied().collect();
+        chi_square(&tier.name("quadrants of a pupil"), &quadrants, &[0.25; 4], MILLION).accepted();
+        chi_square("planted: 1 % more in one ring", &counts, &[0.126, 0.124, 0.125, 0.125, 0.125, 0.125, 0.125, 0.125], MILLION)
+            .rejected();
+    }
+}
+
+#[test]
 fn wavelengths_are_drawn_by_weight_and_land_in_their_bins() {
     for tier in tiers("spectrum") {
         // 0.3 and 0.9 lie outside of the detector's band, and count in its end bins.

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
     Bsdf, BsdfTable, Coating, Collimated, Detector, DetectorKind, Extended, FarField, Frame, Interaction,
-    Medium, Mesh, MeshId, Outline, PixelGrid, Point, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
+    Medium, Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
     Shape, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::layout::rng;
@@ -27,6 +27,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "cap" => cap,
         "lambertian" => lambertian,
         "extended cap" => extended_cap,
+        "pupil" => pupil,
         "ties" => ties,
         "many faces" => many_faces,
         "points over an area" => points_over_an_area,
@@ -233,6 +234,28 @@ fn lambertian(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 1.0, height: 2.0 };
     let half_angle = std::f64::consts::FRAC_PI_2;
     compare_shares(bench, SourceKind::Extended(Extended { area, half_angle }), |angle| angle.sin().powi(2))
+}
+
+/// Rays through a pupil: at z = 10 mm all are in the disk of 5 mm about (1, 2), and their directions are unit vectors.
+fn pupil(bench: &Bench) -> Outcome {
+    let kind = SourceKind::Pupil(Pupil {
+        beam_radii: [3.0, 1.0],
+        chief: [1.0, 2.0, 10.0],
+        pupil_radii: [2.0, 4.0],
+    });
+    let mut film = pixels("film", 10.0);
+    film.kind = DetectorKind::RayDatabase(RayDatabase { width: 1e3, height: 1e3, max_rays: None });
+    let tally = bench.tally(&scene(kind, vec![], vec![film]), &Setting::default());
+    let mut widest = 0.0f64;
+    for row in &tally.detectors[0].rows {
+        let ([x, y, _], [l, m, n]) = (row.position, row.direction);
+        widest = widest.max((x - 1.0).hypot(y - 2.0));
+        let length = l.hypot(m).hypot(n);
+        if (length - 1.0).abs() > 1e-5 {
+            return Err(format!("a direction of length {length}"));
+        }
+    }
+    if (4.9..5.0001).contains(&widest) { Ok(()) } else { Err(format!("a disk of {widest} mm")) }
 }
 
 /// Of two surfaces at one place the first in the list takes every ray, and a surface takes it before a detector.

@@ -63,6 +63,7 @@ pub fn of_source(source: &Source) -> &'static str {
         SourceKind::Extended(Extended { area: Outline::Disk { .. } | Outline::Infinite, .. }) => {
             "extended disk"
         }
+        SourceKind::Pupil(_) => "pupil",
     }
 }
 

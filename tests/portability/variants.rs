@@ -5,7 +5,7 @@ use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
     Annulus, Bsdf, BsdfKind, BsdfTable, Coating, Collimated, Conic, Detector, DetectorKind, Extended,
     FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid,
-    Point, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral,
+    Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral,
     Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::{
@@ -120,7 +120,8 @@ fn source_after(name: SourceFunction) -> Option<SourceFunction> {
         SourceFunction::CollimatedTophat => Some(SourceFunction::CollimatedGaussian),
         SourceFunction::CollimatedGaussian => Some(SourceFunction::ExtendedRectangle),
         SourceFunction::ExtendedRectangle => Some(SourceFunction::ExtendedDisk),
-        SourceFunction::ExtendedDisk => None,
+        SourceFunction::ExtendedDisk => Some(SourceFunction::Pupil),
+        SourceFunction::Pupil => None,
     }
 }
 
@@ -573,6 +574,11 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
         SourceFunction::ExtendedDisk => {
             SourceKind::Extended(Extended { area: Outline::Disk { radius: 2.0 }, half_angle: 2.0 })
         }
+        SourceFunction::Pupil => SourceKind::Pupil(Pupil {
+            beam_radii: [1.0, 2.0],
+            chief: [0.1, 0.2, 1.0],
+            pupil_radii: [0.3, 0.1],
+        }),
     };
     assert_eq!(SourceFunction::of(&kind), name);
     kind

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from optiland.nonsequential.scene import NSQScene
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.collimated import CollimatedSource
@@ -13,6 +14,7 @@ from optiland.nonsequential.sources.point import PointSource
 
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_type
+from nsq_gpu.sources import PupilSource
 
 
 def spectra(scene: NSQScene) -> list[Json]:
@@ -38,7 +40,7 @@ def _source(name: str, source: Any, spectrum: Json, media: Media) -> Json:
     place = f"source {name!r}"
     kind = _KINDS.get(type(source))
     if kind is None:
-        raise refuse_type(place, "it", source, "a PointSource, CollimatedSource or ExtendedSource")
+        raise refuse_type(place, "it", source, "a PointSource, CollimatedSource, ExtendedSource or PupilSource")
     return {
         "type": kind[0],
         "name": name,
@@ -72,8 +74,13 @@ def _extended(source: Any, place: str) -> Json:
     }
 
 
+def _pupil(source: Any, place: str) -> Json:
+    return {key: numbers(np.asarray(getattr(source, key)), f"{place}: {key}") for key in ("beam_radii", "chief", "pupil_radii")}
+
+
 _KINDS: dict[type, tuple[str, Callable[[Any, str], Json]]] = {
     PointSource: ("point", _point),
     CollimatedSource: ("collimated", _collimated),
     ExtendedSource: ("extended", _extended),
+    PupilSource: ("pupil", _pupil),
 }

@@ -7,10 +7,12 @@
 pub mod collimated;
 pub mod extended;
 pub mod point;
+pub mod pupil;
 
 pub use crate::model::sources::collimated::Collimated;
 pub use crate::model::sources::extended::Extended;
 pub use crate::model::sources::point::Point;
+pub use crate::model::sources::pupil::Pupil;
 
 use crate::Result;
 use crate::model::Outline;
@@ -30,6 +32,8 @@ kinds! {
     Collimated(collimated::Collimated) by CollimatedTophat = TOPHAT, CollimatedGaussian = GAUSSIAN;
     /// An emitting area.
     Extended(extended::Extended) by ExtendedRectangle = RECTANGLE, ExtendedDisk = DISK;
+    /// The light of one field of a lens.
+    Pupil(pupil::Pupil) by Pupil = PUPIL;
 }
 
 /// Makes what scene files have of a source: the keys of all sources around its own.

@@ -1,0 +1,122 @@
+"""Prescriptions of lenses -> scenes.
+
+>>> import nsq_gpu
+>>> from optiland.samples.objectives import CookeTriplet
+>>> scene = nsq_gpu.from_optic(CookeTriplet())
+>>> print(scene.conversion_report.summary())
+>>> scene.trace(1_000_000, backend=nsq_gpu.NsqGpuBackend())
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optiland.backend as be
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential.bsdf.base import BaseBSDF
+from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
+
+from nsq_gpu.convert import prescription
+from nsq_gpu.convert.elements import build
+from nsq_gpu.convert.fields import add_sources
+from nsq_gpu.convert.report import LensReport
+from nsq_gpu.errors import UsageError
+
+#: Readers of Optiland, by the end of a file's name.
+READERS = {".zmx": "load_zemax_file", ".seq": "load_codev_file", ".len": "load_oslo_file", ".json": "load_optiland_file"}
+#: What is free around the light of all fields on the detector, as a share of its extent.
+_FREE = 0.1
+
+
+def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
+               detector_size: tuple[float, float] | None = None, edges: str | BaseBSDF = "absorbing",
+               margin: float = 1.03) -> NSQScene:
+    """Return a prescription as a scene: ``source_0`` and on, one a field; its lenses, mirrors and stops; and ``image``.
+
+    Rays of the sequential engine go the same way in the scene. Faces without a stated aperture are as large as the rays of
+    all fields need, times the margin. Light beside a stop, an aperture or a lens is absorbed, by its mount.
+
+    Args:
+        optic: Optiland's ``Optic``.
+        detector_pixels: Pixels of the image along x and y.
+        detector_size: Width and height of the image [mm]; what the light of all fields needs if None.
+        edges: What the edges of lenses do: ``"absorbing"``, ``"polished"``, or a BSDF.
+        margin: Radius of a face over that of its rays, where no aperture is stated.
+
+    Returns:
+        The scene; ``scene.conversion_report`` is a :class:`LensReport`.
+
+    Raises:
+        UnsupportedSceneError: A surface, an aperture, a coating or a field cannot be carried, by its name.
+        UsageError: An argument makes no sense.
+    """
+    if edges not in ("absorbing", "polished") and not isinstance(edges, BaseBSDF):
+        raise UsageError(f"edges is {edges!r}; give 'absorbing', 'polished' or a BSDF")
+    if not 1.0 <= margin < float("inf"):
+        raise UsageError(f"margin is {margin!r}; give a number of 1 or more")
+    scene, report = NSQScene(), LensReport()
+    faces, rays = prescription.read(optic)
+    faces = _before_image(optic, faces, report)
+    build(scene, faces, rays, edges, margin, report)
+    add_sources(scene, optic, faces[0].before if faces else None)
+    _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
+    scene.conversion_report = report
+    return scene
+
+
+def from_file(path: str | os.PathLike[str], **options: Any) -> NSQScene:
+    """Return a lens of a file of Zemax (.zmx), CODE V (.seq), OSLO (.len) or Optiland (.json) as a scene.
+
+    Optiland's readers read the file; ``options`` are those of :func:`from_optic`, which says what is raised.
+
+    Raises:
+        UsageError: The file's name ends otherwise, or the file cannot be read.
+    """
+    return from_optic(read_optic(path), **options)
+
+
+def read_optic(path: str | os.PathLike[str]) -> Any:
+    """Return the Optic of a file, by the end of its name."""
+    import optiland.fileio as fileio
+
+    reader = READERS.get(Path(path).suffix.lower())
+    if reader is None:
+        raise UsageError(f"{path}: a lens is read from a file whose name ends with {', '.join(READERS)}")
+    if not Path(path).is_file():
+        raise UsageError(f"{path}: there is no such file")
+    try:
+        return getattr(fileio, reader)(str(path))
+    except Exception as error:
+        raise UsageError(f"{path}: Optiland's reader {reader} cannot read it: {type(error).__name__}: {error}") from error
+
+
+def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport) -> list[prescription.Face]:
+    """Leave out refracting surfaces in the image itself, behind which there is nothing."""
+    image = be.to_numpy(optic.image_surface.geometry.cs.get_effective_transform()[0]).astype(float).ravel()
+    while faces and not faces[-1].is_mirror and np.abs(faces[-1].position - image).max() <= 1e-9:
+        report.components[faces[-1].index] = ()
+        report.remarks.append(f"{faces[-1].place} lies in the image: the detector is in its place")
+        faces = faces[:-1]
+    return faces
+
+
+def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: tuple[int, int],
+                  size: tuple[float, float] | None, report: LensReport) -> None:
+    surface = optic.image_surface
+    position, rotation = (be.to_numpy(part).astype(float) for part in surface.geometry.cs.get_effective_transform())
+    local = (rays.places[-1][rays.arrive] - position.ravel()) @ rotation
+    directions = rays.directions[-2][rays.arrive] @ rotation
+    on_plane = local - directions * (local[:, 2] / directions[:, 2])[:, None]
+    if size is None:
+        # Its middle is on the axis, as that of a film.
+        extents = np.maximum(np.abs(on_plane[:, :2]).max(axis=0) * 2.0 * (1.0 + _FREE), 1e-3)
+        # Light of fields in one line is as wide as their light is.
+        size = (float(extents.max()), float(extents.max()))
+    curved = np.abs(local[:, 2]).max()
+    if curved > 1e-9:
+        report.remarks.append(f"the image is curved: its light is up to {curved:.3g} mm off the detector, a plane in its vertex")
+    scene.add_detector("image", prescription.frame(position.ravel(), rotation),
+                       IrradianceDetectorConfig(*size, *pixels))

@@ -1,0 +1,281 @@
+"""Makes surfaces of a scene from the faces of a prescription: lenses with edges, mounts, mirrors, stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from optiland.nonsequential import NSQMaterial, NSQScene
+from optiland.nonsequential.bsdf.base import BaseBSDF
+from optiland.nonsequential.components.absorbing import AbsorbingComponent
+from optiland.nonsequential.components.base import BaseComponent
+from optiland.nonsequential.components.geometry.analytic.annulus import AnnularPlaneGeometry
+from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry
+from optiland.nonsequential.components.geometry.analytic.frustum import CylindricalFrustumGeometry
+from optiland.nonsequential.components.geometry.analytic.plane import FinitePlaneGeometry
+from optiland.nonsequential.components.reflective import ReflectiveComponent
+from optiland.nonsequential.components.refractive import RefractiveComponent
+from optiland.nonsequential.materials.nsq_material import VACUUM
+
+from nsq_gpu.convert.prescription import Face, Rays
+from nsq_gpu.convert.report import LensReport
+
+#: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
+_ROOM = 1e-3
+#: Outer radius of a mount or a stop, over the largest radius of all faces.
+_MOUNT = 1.5
+#: Faces nearer than that are one face that light meets twice [mm].
+_SAME = 1e-9
+
+
+@dataclass
+class Part:
+    """A face as the scene has it; light may meet it several times."""
+
+    face: Face
+    radius: float
+    #: Media on the sides of -z and of +z of its frame.
+    front: NSQMaterial | None
+    back: NSQMaterial | None
+    is_estimated: bool
+    indices: list[int] = field(default_factory=list)
+    name: str = ""
+
+
+@dataclass
+class Gap:
+    """Glass between two faces that follow each other."""
+
+    first: Part
+    second: Part
+    medium: NSQMaterial
+
+
+def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF, margin: float, report: LensReport) -> None:
+    """Add all surfaces of a lens to a scene, and tell the report."""
+    parts, gaps, stops = _arranged(faces, margin)
+    crossing = _shrink(parts, gaps)
+    elements = _elements(parts, gaps)
+    outer = _MOUNT * max(part.radius for part in parts) if parts else 0.0
+    outer = max([outer, *(_MOUNT * (face.stated_radius or face.ray_radius) for face in stops)])
+    for part in parts:
+        scene.add_component(part.name, _component(part, report))
+    for element in elements:
+        _add_edges(scene, element, rays, edges, outer, report)
+    for number, face in enumerate(stops):
+        _add_stop(scene, face, "stop" if number == 0 else f"stop_{number + 1}", gaps, outer, report)
+    report.remarks += [f"{first.name} and {second.name} cross {height:.4g} mm off the axis, where light goes: light beyond meets "
+                       "them in the other order" for first, second, height in crossing]
+    by_index = {index: part.name for part in parts for index in part.indices}
+    for face in faces:
+        names = report.components.get(face.index, ())
+        report.components[face.index] = ((by_index[face.index],) if face.index in by_index else ()) + names
+    report.components = dict(sorted(report.components.items()))
+    report.max_depth = sum(not face.does_nothing for face in faces) + 1
+
+
+def _opening(face: Face) -> float:
+    """Return the radius of a stop [mm]."""
+    return face.stated_radius if face.stated_radius is not None else face.ray_radius * (1.0 + _ROOM)
+
+
+def _arranged(faces: list[Face], margin: float) -> tuple[list[Part], list[Gap], list[Face]]:
+    """Return the faces of the scene, the glass between them, and what clips light where nothing else is."""
+    parts: list[Part] = []
+    gaps: list[Gap] = []
+    stops: list[Face] = []
+    last: Part | None = None
+    for face in faces:
+        if face.does_nothing:
+            if face.is_stop or face.stated_radius is not None:
+                stops.append(face)
+            continue
+        part = _part(face, parts, margin)
+        if last is not None and face.before is not None and part is not last:
+            pair = {id(last), id(part)}
+            if all({id(gap.first), id(gap.second)} != pair for gap in gaps):
+                gaps.append(Gap(last, part, face.before))
+        last = part
+    return parts, gaps, stops
+
+
+def _part(face: Face, parts: list[Part], margin: float) -> Part:
+    """Return the face as the scene has it: a new one, or one that light met before."""
+    clips = face.is_stop or face.stated_radius is not None
+    radius = _opening(face) if clips else min(face.ray_radius * margin, face.largest_radius())
+    sides = (face.before, face.behind) if face.is_forward else (face.behind, face.before)
+    for part in parts:
+        if _is_same(part.face, face):
+            part.radius = max(part.radius, radius)
+            part.indices.append(face.index)
+            return part
+    parts.append(Part(face, radius, *sides, is_estimated=not clips, indices=[face.index]))
+    return parts[-1]
+
+
+def _is_same(one: Face, other: Face) -> bool:
+    """Tell whether two surfaces of the prescription are one that light meets twice."""
+    turned = one.rotation.T @ other.rotation
+    same_place = np.abs(one.position - other.position).max() <= _SAME
+    same_curve = (one.radius == other.radius or math.isinf(one.radius) and math.isinf(other.radius)) and one.conic == other.conic
+    return bool(same_place and same_curve and one.is_mirror == other.is_mirror and np.abs(turned - np.eye(3)).max() < 1e-12)
+
+
+def _along(first: Part, second: Part) -> float | None:
+    """Return where the second vertex lies on the axis of the first [mm]; None where they have no common axis."""
+    turned = first.face.rotation.T @ second.face.rotation
+    x, y, z = first.face.rotation.T @ (second.face.position - first.face.position)
+    has_axis = abs(turned[2, 2] - 1.0) < 1e-12 and max(abs(x), abs(y)) <= _SAME * (1.0 + abs(z))
+    return float(z) if has_axis else None
+
+
+def _shrink(parts: list[Part], gaps: list[Gap]) -> list[tuple[Part, Part, float]]:
+    """Make faces that would cross within their margin as small as the rays allow, or as their crossing is.
+
+    Return faces that cross where light goes, and how far from the axis [mm].
+    """
+    found = []
+    pairs = [(gap.first, gap.second) for gap in gaps]
+    pairs += [pair for pair in zip(parts, parts[1:], strict=False) if pair not in pairs]
+    for first, second in pairs:
+        z = _along(first, second)
+        if z is None or z == 0.0:
+            continue
+
+        def apart(height: float, first: Part = first, second: Part = second, z: float = z) -> float:
+            return math.copysign(1.0, z) * (z + second.face.sag(height) - first.face.sag(height))
+
+        common = min(first.radius, second.radius)
+        if apart(common) > 0.0:
+            continue
+        # Bisection for where they meet; NaN counts as met.
+        low, high = 0.0, common
+        for _ in range(100):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if apart(middle) > 0.0 else (low, middle)
+        for part in (first, second):
+            if part.is_estimated and part.radius > low:
+                part.radius = max(low, min(part.radius, part.face.ray_radius * (1.0 + _ROOM)))
+        if min(first.radius, second.radius) > low * (1.0 + _ROOM):
+            found.append((first, second, low))
+    return found
+
+
+def _elements(parts: list[Part], gaps: list[Gap]) -> list[list[Gap]]:
+    """Name the faces; return the gaps of each lens, in their order."""
+    groups: list[list[Gap]] = []
+    for gap in gaps:
+        joined = [group for group in groups
+                  if any(part in (gap.first, gap.second) for known in group for part in (known.first, known.second))]
+        for group in joined:
+            groups.remove(group)
+        groups.append([known for group in joined for known in group] + [gap])
+    order = {id(part): place for place, part in enumerate(parts)}
+    groups.sort(key=lambda group: min(order[id(gap.first)] for gap in group))
+    for number, group in enumerate(groups, start=1):
+        own = sorted({id(part): part for gap in group for part in (gap.first, gap.second)}.values(), key=lambda part: order[id(part)])
+        names = {2: ["front", "back"], 3: ["front", "cemented", "back"]}.get(len(own), [f"face_{i + 1}" for i in range(len(own))])
+        for part, name in zip(own, names, strict=True):
+            part.name = f"L{number}.{name}"
+    free = [part for part in parts if not part.name]
+    mirrors = [part for part in free if part.face.is_mirror]
+    for number, part in enumerate(mirrors, start=1):
+        part.name = f"M{number}"
+    for part in free:
+        part.name = part.name or f"face_{part.face.index}"
+    return groups
+
+
+def _component(part: Part, report: LensReport) -> BaseComponent:
+    face = part.face
+    if part.radius >= face.largest_radius():
+        part.radius = face.largest_radius() * (1.0 - 1e-9)
+    curved = math.isfinite(face.radius)
+    shape = ConicGeometry(face.radius, face.conic, part.radius) if curved else FinitePlaneGeometry(aperture_radius=part.radius)
+    (report.estimated_apertures if part.is_estimated else report.stated_apertures).append(part.name)
+    front, back = (VACUUM if medium is None else medium for medium in (part.front, part.back))
+    if face.is_mirror:
+        if face.coating is None:
+            report.mirror_reflectance_defaulted.append(part.name)
+        reflectance = 1.0 if face.coating is None else float(face.coating.reflectance)
+        return ReflectiveComponent(face.frame(), shape, reflectance, material_front=front, name=part.name)
+    (report.uncoated_surfaces if face.coating is None else report.coated_surfaces).append(part.name)
+    return RefractiveComponent(face.frame(), shape, front, back, name=part.name, coating=face.coating)
+
+
+def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBSDF, outer: float, report: LensReport) -> None:
+    """Close the glass of a lens from rim to rim, and mount it, so that no light slips past."""
+    lens = gaps[0].first.name.split(".")[0]
+    widest: tuple[float, Gap, float] | None = None
+    for number, gap in enumerate(gaps, start=1):
+        name = f"{lens}.edge" if len(gaps) == 1 else f"{lens}.edge_{number}"
+        shape, reason = _edge(gap, rays)
+        if shape is None:
+            report.without_edge[name] = reason
+            continue
+        scene.add_component(name, _edge_component(gap, shape, edges, name))
+        if widest is None or max(gap.first.radius, gap.second.radius) > widest[0]:
+            middle = 0.5 * (shape.z_front + shape.z_back)
+            widest = (max(gap.first.radius, gap.second.radius), gap, float(middle))
+    if widest is None:
+        report.remarks.append(f"{lens} has no mount: light may pass beside it")
+        return
+    _, gap, z = widest
+    inner = 0.5 * (gap.first.radius + gap.second.radius)
+    crossing = _largest_crossing(gap.first.face, z, rays, beyond=inner)
+    if crossing is not None:
+        inner = crossing * (1.0 + _ROOM)
+        report.remarks.append(f"{lens}.mount: its opening of {inner:.6g} mm leaves a gap, since rays of a field cross it")
+    if inner < outer:
+        geometry = AnnularPlaneGeometry(inner_radius=inner, outer_radius=outer, z_offset=z)
+        scene.add_component(f"{lens}.mount", AbsorbingComponent(gap.first.face.frame(), geometry, name=f"{lens}.mount"))
+
+
+def _edge(gap: Gap, rays: Rays) -> tuple[CylindricalFrustumGeometry | None, str]:
+    """Return the edge of a piece of glass in the frame of its first face; None and the reason where it has none."""
+    z = _along(gap.first, gap.second)
+    if z is None:
+        return None, "its faces have no common axis"
+    first = gap.first.face.sag(gap.first.radius)
+    second = z + gap.second.face.sag(gap.second.radius)
+    if (second - first) * z <= 0.0 or not math.isfinite(second - first):
+        return None, "its faces cross at their rims"
+    ends = [(first, gap.first.radius), (second, gap.second.radius)]
+    (z_front, r_front), (z_back, r_back) = ends if first < second else ends[::-1]
+    return CylindricalFrustumGeometry(r_front=r_front, r_back=r_back, z_front=z_front, z_back=z_back), ""
+
+
+def _edge_component(gap: Gap, shape: Any, edges: str | BaseBSDF, name: str) -> BaseComponent:
+    cs = gap.first.face.frame()
+    if edges == "absorbing":
+        return AbsorbingComponent(cs, shape, gap.medium, name=name)
+    # Its normal points outward: glass in front of it, what is around the lens behind.
+    bsdf = None if edges == "polished" else edges
+    return RefractiveComponent(cs, shape, gap.medium, VACUUM, bsdf=bsdf, name=name)
+
+
+def _largest_crossing(face: Face, z: float, rays: Rays, beyond: float) -> float | None:
+    """Return how far from the axis rays cross a plane z of a face's frame, where that is beyond a radius [mm]."""
+    local = (rays.places[:, rays.arrive] - face.position) @ face.rotation
+    before, after = local[:-1], local[1:]
+    crosses = (before[..., 2] - z) * (after[..., 2] - z) < 0.0
+    share = np.divide(z - before[..., 2], after[..., 2] - before[..., 2], out=np.zeros(crosses.shape), where=crosses)
+    place = before + share[..., None] * (after - before)
+    heights = np.hypot(place[..., 0], place[..., 1])[crosses]
+    heights = heights[heights > beyond]
+    return float(heights.max()) if len(heights) else None
+
+
+def _add_stop(scene: NSQScene, face: Face, name: str, gaps: list[Gap], outer: float, report: LensReport) -> None:
+    """Add an absorbing plate with the opening of a stop."""
+    opening = _opening(face)
+    medium = VACUUM if face.before is None else face.before
+    if face.before is not None:
+        outer = min([outer, *(min(gap.first.radius, gap.second.radius) for gap in gaps if gap.medium is face.before)])
+    report.components[face.index] = (name,)
+    (report.estimated_apertures if face.stated_radius is None else report.stated_apertures).append(name)
+    if opening < outer:
+        shape = AnnularPlaneGeometry(inner_radius=opening, outer_radius=outer, z_offset=face.sag(min(opening, 0.999 * face.largest_radius())))
+        scene.add_component(name, AbsorbingComponent(face.frame(), shape, medium, name=name))

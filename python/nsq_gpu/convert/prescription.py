@@ -1,0 +1,255 @@
+"""Reads an Optic: what is at each surface, where rays of all fields meet it, and whether it can be carried at all."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import optiland.backend as be
+from optiland.coatings import FresnelCoating, SimpleCoating
+from optiland.coordinate_system import CoordinateSystem
+from optiland.geometries import EvenAsphere, OddAsphere, Plane, StandardGeometry
+from optiland.interactions.refractive_reflective_model import RefractiveReflectiveModel
+from optiland.nonsequential import NSQMaterial
+from optiland.physical_apertures import RadialAperture
+
+from nsq_gpu.errors import UnsupportedSceneError
+
+#: Directions in the pupil along which its outermost ray is looked for, and shares of that ray's place that are traced.
+_TURNS = 64
+_SHARES = (1.0, 0.9, 0.75, 0.5)
+#: Halvings of the search for the outermost ray that reaches the image, where the rim's does not.
+_HALVINGS = 20
+#: Indices of refraction closer to 1 than that are those of a vacuum.
+_VACUUM = 1e-12
+
+
+@dataclass
+class Face:
+    """A surface of the prescription, in its own frame, whose vertex is the origin and whose z is the axis. Lengths in mm."""
+
+    index: int
+    #: What errors call it.
+    place: str
+    position: np.ndarray
+    rotation: np.ndarray
+    #: Radius of curvature at the vertex; infinite for a plane.
+    radius: float
+    conic: float
+    is_stop: bool
+    is_mirror: bool
+    #: True if light runs towards +z of the frame before the surface.
+    is_forward: bool
+    #: Media before and behind it along the light; None is vacuum.
+    before: NSQMaterial | None
+    behind: NSQMaterial | None
+    #: Of a mirror, the share that is reflected; of a lens' face, Optiland's coating.
+    coating: SimpleCoating | None
+    #: The stated radius, beyond which light is absorbed.
+    stated_radius: float | None
+    #: The largest distance from the axis of any ray that reaches the image.
+    ray_radius: float
+
+    @property
+    def does_nothing(self) -> bool:
+        """Tell whether light passes it as if it were not there: media are the same, and no aperture clips."""
+        return not self.is_mirror and self.before is self.behind
+
+    def sag(self, height: float) -> float:
+        """Return z at a distance from the axis [mm]; NaN where the surface does not reach so far."""
+        if math.isinf(self.radius):
+            return 0.0
+        root = 1.0 - (1.0 + self.conic) * (height / self.radius) ** 2
+        return math.nan if root < 0.0 else height**2 / (self.radius * (1.0 + math.sqrt(root)))
+
+    def largest_radius(self) -> float:
+        """Return how far from the axis the surface reaches [mm]."""
+        curved = math.isfinite(self.radius) and self.conic > -1.0
+        return abs(self.radius) / math.sqrt(1.0 + self.conic) if curved else math.inf
+
+    def frame(self) -> CoordinateSystem:
+        """Return its frame for Optiland."""
+        return frame(self.position, self.rotation)
+
+
+@dataclass
+class Rays:
+    """Rays of all fields and wavelengths, at every surface: global places [mm], shape (surfaces, rays, 3)."""
+
+    places: np.ndarray
+    directions: np.ndarray
+    #: True of rays that reach the image.
+    arrive: np.ndarray
+
+
+def frame(position: np.ndarray, rotation: np.ndarray) -> CoordinateSystem:
+    """Return a frame with this origin [mm] and these axes, the columns of a rotation."""
+    # Optiland's rotation is Rz Ry Rx.
+    ry = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
+    if abs(rotation[2, 0]) < 1.0 - 1e-14:
+        rx, rz = math.atan2(rotation[2, 1], rotation[2, 2]), math.atan2(rotation[1, 0], rotation[0, 0])
+    else:
+        rx, rz = math.atan2(-rotation[1, 2], rotation[1, 1]), 0.0
+    return CoordinateSystem(*(float(part) for part in position), rx, ry, rz)
+
+
+def read(optic: Any) -> tuple[list[Face], Rays]:
+    """Return all surfaces between object and image, and the rays that were traced.
+
+    Raises:
+        UnsupportedSceneError: A surface, a field or a setting has no place in a scene, by name.
+    """
+    surfaces = optic.surfaces.surfaces
+    _check(optic)
+    rays = _rays(optic)
+    media = _Media(optic)
+    faces = []
+    for index in range(1, len(surfaces) - 1):
+        faces.append(_face(surfaces, index, rays, media))
+    return faces, rays
+
+
+def _check(optic: Any) -> None:
+    if optic.apodization:
+        raise UnsupportedSceneError(f"the pupil's apodisation ({type(optic.apodization).__name__}): a source of a scene "
+                                    "fills the pupil uniformly; set optic.apodization to None")
+    for index, surface in enumerate(optic.surfaces.surfaces[1:-1], start=1):
+        place = name_of(surface, index)
+        _check_shape(surface.geometry, place)
+        model = surface.interaction_model
+        if type(model) is not RefractiveReflectiveModel:
+            raise UnsupportedSceneError(f"{place}: a {type(model).__name__} has no place in a scene; only refracting and "
+                                        "reflecting surfaces have")
+        if model.bsdf is not None:
+            raise UnsupportedSceneError(f"{place}: its BSDF ({type(model.bsdf).__name__}) cannot be carried; give one to "
+                                        "the scene's component")
+        if type(model.coating) not in (type(None), SimpleCoating, FresnelCoating):
+            raise UnsupportedSceneError(f"{place}: a {type(model.coating).__name__} cannot be carried; a SimpleCoating can, "
+                                        "and bare glass reflects by Fresnel's law")
+        aperture = surface.aperture
+        if aperture is not None and (type(aperture) is not RadialAperture or aperture.r_min > 0):
+            raise UnsupportedSceneError(f"{place}: its aperture ({type(aperture).__name__}) cannot be carried; a centred "
+                                        "disk can")
+
+
+def _check_shape(geometry: Any, place: str) -> None:
+    if type(geometry) in (Plane, StandardGeometry):
+        return
+    if type(geometry) in (EvenAsphere, OddAsphere) and not np.any(np.asarray(geometry.coefficients, dtype=float)):
+        return
+    raise UnsupportedSceneError(f"{place}: its shape ({type(geometry).__name__}) cannot be carried; planes and conics can")
+
+
+def name_of(surface: Any, index: int) -> str:
+    """Return what errors and reports call a surface."""
+    return f"surface {index}" + (f" ({surface.comment})" if surface.comment else "")
+
+
+def _rays(optic: Any) -> Rays:
+    """Trace rays all over the part of the pupil from which light reaches the image, of all fields and wavelengths."""
+    turn = 2.0 * math.pi * np.arange(_TURNS) / _TURNS
+    across = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    traced: list[Rays] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for hx, hy in optic.fields.get_field_coords():
+            for line in optic.wavelengths.wavelengths:
+
+                def at(pupil: np.ndarray, hx: float = hx, hy: float = hy, line: Any = line) -> Rays:
+                    generator = optic.ray_tracer.ray_generator
+                    return trace(optic, generator.generate_rays(hx, hy, pupil[:, 0], pupil[:, 1], float(line.value)))
+
+                outermost = _outermost(at, across)
+                traced += [at(share * outermost) for share in _SHARES]
+                traced.append(at(np.zeros((1, 2))))
+    found = Rays(np.concatenate([rays.places for rays in traced], axis=1),
+                 np.concatenate([rays.directions for rays in traced], axis=1),
+                 np.concatenate([rays.arrive for rays in traced]))
+    if not found.arrive.any():
+        raise UnsupportedSceneError("no ray of any field reaches the image, so nothing says how large the surfaces are")
+    return found
+
+
+def _outermost(at: Callable[[np.ndarray], Rays], across: np.ndarray) -> np.ndarray:
+    """Return the outermost points of the pupil, along each direction, whose rays reach the image."""
+    known, missing = np.zeros((len(across), 1)), np.ones((len(across), 1))
+    arrive = at(across).arrive[:, None]
+    known = np.where(arrive, 1.0, known)
+    for _ in range(_HALVINGS):
+        if arrive.all():
+            break
+        middle = np.where(arrive, 1.0, 0.5 * (known + missing))
+        reach = at(middle * across).arrive[:, None]
+        known, missing = np.where(reach, middle, known), np.where(reach, missing, middle)
+    return known * across
+
+
+def trace(optic: Any, rays: Any) -> Rays:
+    """Trace Optiland's rays through a prescription by its sequential engine."""
+    surfaces = optic.surfaces.surfaces
+    optic.surfaces.trace(rays)
+    count = len(be.to_numpy(surfaces[-1].x))
+
+    def all_of(names: str) -> np.ndarray:
+        # The surface of the object may have recorded one ray for all.
+        columns = [[np.broadcast_to(be.to_numpy(getattr(surface, name)), count) for name in names] for surface in surfaces]
+        return np.moveaxis(np.array(columns, dtype=float), 1, -1)
+
+    places = all_of("xyz")
+    arrive = (be.to_numpy(surfaces[-1].intensity) > 0.0) & np.isfinite(places[1:]).all(axis=(0, 2))
+    return Rays(places, all_of("LMN"), arrive)
+
+
+def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
+    surface = surfaces[index]
+    position, rotation = (be.to_numpy(part).astype(float) for part in surface.geometry.cs.get_effective_transform())
+    local = (rays.places[index][rays.arrive] - position.ravel()) @ rotation
+    # Directions are those behind a surface: those before it stand at the one before.
+    came = rays.directions[index - 1][rays.arrive] @ rotation
+    mirror = bool(surface.interaction_model.is_reflective)
+    before = media.of(surfaces[index - 1].material_post)
+    coating = surface.interaction_model.coating
+    return Face(
+        index=index,
+        place=name_of(surface, index),
+        position=position.ravel(),
+        rotation=rotation,
+        radius=_number(surface.geometry.radius),
+        conic=_number(getattr(surface.geometry, "k", 0.0)),
+        is_stop=bool(surface.is_stop),
+        is_mirror=mirror,
+        is_forward=float(np.median(came[:, 2])) > 0.0,
+        before=before,
+        behind=before if mirror else media.of(surface.material_post),
+        coating=coating if type(coating) is SimpleCoating else None,
+        stated_radius=None if surface.aperture is None else _number(surface.aperture.r_max),
+        ray_radius=float(np.hypot(local[:, 0], local[:, 1]).max()),
+    )
+
+
+def _number(value: Any) -> float:
+    return float(np.squeeze(be.to_numpy(value)))
+
+
+class _Media:
+    """One medium of the scene for each material of the prescription that is one."""
+
+    def __init__(self, optic: Any) -> None:
+        self._wavelengths = np.array([float(line.value) for line in optic.wavelengths.wavelengths])
+        self._known: list[tuple[Any, np.ndarray, NSQMaterial | None]] = []
+
+    def of(self, material: Any) -> NSQMaterial | None:
+        n, k = (np.broadcast_to(be.to_numpy(part).astype(float).ravel(), self._wavelengths.shape)
+                for part in (material.n(self._wavelengths), material.k(self._wavelengths)))
+        numbers = np.stack([n, k])
+        for known, its, medium in self._known:
+            if known is material or (type(known) is type(material) and np.array_equal(its, numbers)):
+                return medium
+        is_vacuum = bool((np.abs(n - 1.0) < _VACUUM).all() and (k == 0.0).all())
+        medium = None if is_vacuum else NSQMaterial(optiland_material=material)
+        self._known.append((material, numbers, medium))
+        return medium

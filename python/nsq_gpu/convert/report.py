@@ -1,0 +1,38 @@
+"""What a conversion carried, and what it had to estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from optiland.nonsequential.convert import ConversionReport
+
+
+@dataclass
+class LensReport(ConversionReport):
+    """Optiland's report, and what the conversion of this package adds to it.
+
+    >>> scene = nsq_gpu.from_optic(optic)
+    >>> print(scene.conversion_report.summary())
+    >>> scene.trace(100_000, max_depth=scene.conversion_report.max_depth)
+    """
+
+    #: The components of each surface of the prescription, by its index: its face, or its stop; () of one that does nothing.
+    components: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    #: Events that light needs from the source to the detector; what a ghost needs comes on top.
+    max_depth: int = 0
+    #: Surfaces whose aperture the prescription states, and which absorb what it clips.
+    stated_apertures: list[str] = field(default_factory=list)
+    #: Elements without an edge, and why.
+    without_edge: dict[str, str] = field(default_factory=dict)
+    #: What the user should know beside all this.
+    remarks: list[str] = field(default_factory=list)
+
+    def summary(self) -> str:
+        """Return the report as text."""
+        lines = [f"{len(self.components)} surfaces; light needs {self.max_depth} events"]
+        lines += [f"surface {index}: {', '.join(names) or 'does nothing to light'}" for index, names in self.components.items()]
+        lines += [super().summary()]
+        if self.stated_apertures:
+            lines.append(f"Apertures as stated: {', '.join(self.stated_apertures)}")
+        lines += [f"No edge on {name}: {reason}" for name, reason in self.without_edge.items()]
+        return "\n".join(lines + self.remarks)

@@ -1,0 +1,173 @@
+"""Converts prescriptions, traces them here and by Optiland's sequential engine, and writes the table of how they compare.
+
+    python -m tools.prescriptions                  # Optiland's samples
+    python -m tools.prescriptions FOLDER_OR_FILE.. # and files of lenses, such as those of Optiland's own tests
+
+Rays of all fields and wavelengths are traced by ``nsq-gpu`` in f64 without reflections, and from the same starts by the
+sequential engine. A row has the largest distance between the two on any surface, among rays that reach both images.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import inspect
+import pkgutil
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optiland.samples
+from optiland.nonsequential import NSQScene
+from optiland.nonsequential.ir.scene_ir import SamplingPolicy
+from optiland.optic import Optic
+from optiland.rays import RealRays
+
+import nsq_gpu
+from nsq_gpu.convert import READERS, from_optic, read_optic
+from nsq_gpu.convert.prescription import trace
+
+RAYS_PER_FIELD = 200
+
+
+@dataclass
+class Row:
+    """How a prescription fared."""
+
+    name: str
+    #: Why it is not carried, or "".
+    refused: str = ""
+    num_surfaces: int = 0
+    num_fields: int = 0
+    num_rays: int = 0
+    #: Rays that reach the image in the sequential engine, and of those the ones that do not reach the detector.
+    num_sequential: int = 0
+    num_lost: int = 0
+    #: Rays that reach the detector, and are lost in the sequential engine: outside of an aperture, or without a crossing.
+    num_gained: int = 0
+    #: Largest distance on any surface [mm], and largest difference of a direction.
+    distance: float = 0.0
+    direction: float = 0.0
+    seconds: float = 0.0
+    #: What the report remarks.
+    remarks: str = ""
+
+
+def samples() -> Iterator[tuple[str, type[Optic]]]:
+    """Yield Optiland's samples by name."""
+    for module in pkgutil.iter_modules(optiland.samples.__path__):
+        found = importlib.import_module(f"optiland.samples.{module.name}")
+        for name, kind in vars(found).items():
+            if inspect.isclass(kind) and issubclass(kind, Optic) and kind is not Optic and kind.__module__ == found.__name__:
+                yield name, kind
+
+
+def transmitted(scene: NSQScene, num_rays: int, **options: Any) -> Any:
+    """Trace a scene without reflections, in f64, and record all paths."""
+    scene.sampling_policy = SamplingPolicy(reflect_prob=0.0, rr_start_flux=0.0)
+    backend = nsq_gpu.NsqGpuBackend(precision="f64", **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return scene.trace(num_rays, max_depth=scene.conversion_report.max_depth + 2, min_flux_fraction=0.0, backend=backend,
+                           record_paths=True)
+
+
+def compare(name: str, optic: Any, **options: Any) -> Row:
+    """Convert a prescription and compare the rays of both engines."""
+    start = time.perf_counter()
+    row = Row(name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            scene = from_optic(optic)
+    except nsq_gpu.NsqGpuError as error:
+        row.refused = str(error)
+        return row
+    row.seconds = time.perf_counter() - start
+    report = scene.conversion_report
+    row.remarks = "; ".join([f"no edge on {name}: {reason}" for name, reason in report.without_edge.items()] + report.remarks)
+    row.num_surfaces, row.num_fields = len(report.components), len(scene.sources)
+    events = transmitted(scene, RAYS_PER_FIELD * row.num_fields, **options).ray_paths["events"]
+    births = events[events["event_type"] == "birth"]
+    births = births[np.argsort(births["ray_id"])]
+    row.num_rays = len(births)
+    places, directions, arrive = sequential(optic, births)
+    hits = events[events["event_type"] == "hit"]
+    index_of = {int(ray): place for place, ray in enumerate(births["ray_id"])}
+    ended = np.zeros(row.num_rays, dtype=bool)
+    ours = np.full((len(optic.surfaces.surfaces), row.num_rays, 6), np.nan)
+    expected = [index for index, names in report.components.items() if names and not names[0].startswith("stop")]
+    names = {index: report.components[index][0] for index in expected}
+    sequence = [names[index] for index in expected] + ["image"]
+    places_of = [*expected, len(optic.surfaces.surfaces) - 1]
+    for ray in np.unique(hits["ray_id"]):
+        own = hits[hits["ray_id"] == ray]
+        own = own[np.argsort(own["bounce"], kind="stable")]
+        # Optiland names no detector.
+        path = [name or "image" for name in own["component_name"]]
+        if path == sequence:
+            place = index_of[int(ray)]
+            ended[place] = True
+            for surface, event in zip(places_of, own, strict=True):
+                ours[surface, place] = [event[key] for key in ("x", "y", "z", "L", "M", "N")]
+    if any("the image is curved" in remark for remark in report.remarks):
+        places_of = places_of[:-1]
+    both = arrive & ended
+    row.num_sequential, row.num_lost = int(arrive.sum()), int((arrive & ~ended).sum())
+    row.num_gained = int((ended & ~arrive).sum())
+    if both.any():
+        distance = np.linalg.norm(ours[places_of][:, both, :3] - places[places_of][:, both], axis=-1)
+        row.distance = float(distance.max())
+        # An event has the direction before it, the sequential engine the one behind a surface.
+        before = [surface - 1 for surface in places_of]
+        row.direction = float(np.abs(ours[places_of][:, both, 3:] - directions[before][:, both]).max())
+    return row
+
+
+def sequential(optic: Any, births: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Trace rays from their births; return places [mm] and directions, shape (surfaces, rays, 3), and who arrives."""
+    places = np.full((len(optic.surfaces.surfaces), len(births), 3), np.nan)
+    directions = np.full_like(places, np.nan)
+    arrive = np.zeros(len(births), dtype=bool)
+    for wavelength in np.unique(births["wavelength"]):
+        chosen = births["wavelength"] == wavelength
+        own = births[chosen]
+        rays = RealRays(*(own[key].copy() for key in ("x", "y", "z", "L", "M", "N")), np.ones(len(own)),
+                        np.full(len(own), wavelength))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = trace(optic, rays)
+        places[:, chosen], directions[:, chosen], arrive[chosen] = found.places, found.directions, found.arrive
+    return places, directions, arrive
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", type=Path, nargs="*", help="files of lenses, or folders of them")
+    parser.add_argument("--binary", help="the built command")
+    given = parser.parse_args()
+    found = [(name, lambda kind=kind: kind()) for name, kind in samples()]
+    for path in given.files:
+        files = sorted(file for file in path.rglob("*") if file.suffix.lower() in READERS) if path.is_dir() else [path]
+        found += [(file.name, lambda file=file: read_optic(file)) for file in files]
+    print("| lens | surfaces | fields | rays | lost | gained | largest distance [mm] | largest difference of directions | time [s] | |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for name, make in found:
+        try:
+            row = compare(name, make(), binary=given.binary)
+        except Exception as error:  # a reader's own
+            row = Row(name, refused=f"{type(error).__name__}: {error}")
+        if row.refused:
+            print(f"| {name} | | | | | | | | | {row.refused} |", flush=True)
+        else:
+            print(f"| {name} | {row.num_surfaces} | {row.num_fields} | {row.num_sequential} of {row.num_rays} | {row.num_lost} | "
+                  f"{row.num_gained} | {row.distance:.1e} | {row.direction:.1e} | {row.seconds:.2f} | {row.remarks} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
