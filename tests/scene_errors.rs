@@ -568,3 +568,16 @@ fn coatings_that_give_more_than_they_get_are_refused() {
     let place = r#"nsq_gpu.overrides["L1.front"].coating"#;
     refused(r#""L1.front": {"#, mirror, place, &["both a reflectance and a coating"]);
 }
+
+/// Whoever brings a lens is told how it becomes a scene.
+#[test]
+fn a_lens_file_names_the_command_that_converts_it() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in [("lens.zmx", &b"\xff\xfeV\x00"[..]), ("lens.SEQ", b"LEN NEW"), ("lens.len", b"LEN NEW")] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let said = Scene::from_path(&path).unwrap_err().to_string();
+        let command = format!("python -m nsq_gpu.convert {} -o scene.json", path.display());
+        assert!(said.contains(&command), "{said}");
+    }
+}

@@ -52,6 +52,7 @@ folder where pip installs programs, PATH.
 
 from nsq_gpu.backend import NsqGpuBackend
 from nsq_gpu.binary import find_binary
+from nsq_gpu.convert import from_file, from_optic
 from nsq_gpu.default import use
 from nsq_gpu.errors import (
     AdapterError,
@@ -88,6 +89,8 @@ __all__ = [
     "UsageError",
     "export_scene",
     "find_binary",
+    "from_file",
+    "from_optic",
     "load_scene",
     "use",
 ]

@@ -1,7 +1,7 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package, but where a scene has a source of its own: ``nsq-gpu bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source or a shape of its own: ``nsq-gpu bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -324,6 +324,10 @@ def _shape(spec: Json, folder: Path) -> Any:
         return FinitePlaneGeometry(**parameters) if parameters else PlaneGeometry()
     if spec["type"] == "mesh":
         return _mesh(spec, folder)
+    if spec["type"] == "clipped_conic":
+        from nsq_gpu.shapes import Aperture, ClippedConic
+
+        return ClippedConic(spec["radius"], spec.get("conic", 0.0), spec["aperture_radius"], Aperture(**spec["aperture"]))
     shapes: dict[str, Any] = {
         "conic": ConicGeometry,
         "annulus": AnnularPlaneGeometry,

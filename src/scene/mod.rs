@@ -58,6 +58,9 @@ pub struct Scene {
     pub(crate) media: MediaTable,
 }
 
+/// Ends of the names of lens files: of Zemax, CODE V and OSLO.
+const PRESCRIPTIONS: [&str; 3] = ["zmx", "seq", "len"];
+
 impl Scene {
     /// Reads a scene file. Files that it names are looked for from its folder.
     ///
@@ -65,6 +68,12 @@ impl Scene {
     /// [`Error::File`] if it cannot be read, [`Error::Scene`] with the place if it cannot be traced as written.
     pub fn from_path(path: &Path) -> Result<Self> {
         let bytes = read_limited(path).map_err(|err| Error::file(path, err))?;
+        if path.extension().and_then(|end| end.to_str()).is_some_and(|end| {
+            PRESCRIPTIONS.iter().any(|prescription| prescription.eq_ignore_ascii_case(end))
+        }) {
+            let command = format!("python -m nsq_gpu.convert {} -o scene.json", path.display());
+            return Err(Error::file(path, format!("it is a lens, no scene; `{command}` makes a scene of it")));
+        }
         let text = String::from_utf8(bytes).map_err(|err| {
             let at = err.utf8_error().valid_up_to();
             Error::scene(format!("byte {at}"), "the scene file is not UTF-8 text", "save it as UTF-8")

@@ -6,6 +6,7 @@ use crate::bench::{
 use crate::deviation::{binomial, exact};
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::f64::consts::PI;
 
 const MILLION: u64 = 1_000_000;
 
@@ -26,6 +27,57 @@ fn an_annulus_takes_the_share_of_its_area() {
         assert_eq!(result.num_rays_absorbed, MILLION - hits(&result, "rest"));
         let flux = result.total_flux_absorbed + result.total_flux_detected;
         exact(&tier.name("flux of absorbers and detector"), [(flux, 1.0)], 1e-15).accepted();
+    }
+}
+
+/// Absorbing parts of one curved face, each with what it leaves out: both take the shares of their areas.
+#[test]
+fn clipped_conics_take_the_shares_of_their_areas_and_what_they_leave_out_takes_the_rest() {
+    let area = 100.0 * PI;
+    let cases = [
+        ("circle off the axis", "ellipse", [3.0, 3.0], [4.0, -5.0], 0.0, 9.0 * PI / area),
+        ("ellipse with a hole", "ellipse", [7.0, 4.0], [0.5, 1.0], 2.0, (28.0 - 4.0) * PI / area),
+        ("rectangle", "rectangle", [6.0, 2.0], [-1.0, 3.0], 0.0, 48.0 / area),
+        ("rectangle with a hole", "rectangle", [5.0, 5.0], [0.0, 0.0], 3.0, (100.0 - 9.0 * PI) / area),
+    ];
+    for tier in tiers("clipped conics") {
+        for (form, outline, [a, b], [x, y], hole, share) in cases {
+            let shape = |inverted: bool| {
+                json!({
+                    "type": "clipped_conic", "radius": 40.0, "conic": -0.5, "aperture_radius": 10.0,
+                    "aperture": {"outline": outline, "semi_axis_x": a, "semi_axis_y": b, "x": x, "y": y,
+                        "hole_radius": hole, "inverted": inverted},
+                })
+            };
+            let bench = Bench::new()
+                .beam(DVec3::new(0.0, 0.0, -5.0), DVec3::Z, 10.0)
+                .absorber("part", at(0.0, 0.0, 0.0), shape(false))
+                .absorber("rest", at(0.0, 0.0, 0.0), shape(true));
+            let result = bench.trace(&tier, MILLION);
+            binomial(&tier.name(form), absorbed(&result, "part"), MILLION, share).accepted();
+            binomial("planted: an area 5 % larger", absorbed(&result, "part"), MILLION, 1.05 * share)
+                .rejected();
+            assert_eq!(absorbed(&result, "part") + absorbed(&result, "rest"), MILLION, "{form}");
+        }
+    }
+}
+
+/// The far side of a face is met where the near side is cut away.
+#[test]
+fn the_far_crossing_of_a_clipped_conic_is_met_where_the_near_one_is_cut_away() {
+    // Across a bowl z = x^2 / 20 at z = 5: it is crossed at x = -10 and at x = 10, and only the second is left.
+    for tier in tiers("far crossing") {
+        let shape = json!({
+            "type": "clipped_conic", "radius": 10.0, "conic": -1.0, "aperture_radius": 20.0,
+            "aperture": {"outline": "rectangle", "semi_axis_x": 5.0, "semi_axis_y": 5.0, "x": 12.0},
+        });
+        let bench = Bench::new()
+            .pencil(DVec3::new(-50.0, 0.0, 5.0), DVec3::X, json!({}))
+            .absorber("bowl", at(0.0, 0.0, 0.0), shape)
+            .record_paths();
+        let paths = bench.trace(&tier, 1).ray_paths.unwrap();
+        let (position, _) = path_events(&paths, "hit", "bowl")[0];
+        exact(&tier.name("far crossing"), [(position.x, 10.0)], tier.pick(1e-12, 1e-5)).accepted();
     }
 }
 

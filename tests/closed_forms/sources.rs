@@ -196,7 +196,8 @@ fn a_truncated_gaussian_beam_has_its_encircled_energy() {
 fn a_pupil_is_filled_uniformly_and_its_rays_go_through_it() {
     for tier in tiers("pupil") {
         // At z = 10 mm a ray is at (1 + 5 p.x, 2 + 5 p.y), with p uniform in the unit disk.
-        let source = json!({ "beam_radii": [3.0, 1.0], "chief": [1.0, 2.0, 10.0], "pupil_radii": [2.0, 4.0] });
+        let source =
+            json!({ "beam_radii": [3.0, 1.0], "chief": [1.0, 2.0, 10.0], "pupil_radii": [2.0, 4.0] });
         let mut bench = Bench::new().source("pupil", at(0.0, 0.0, 0.0), source);
         let edges: Vec<f64> = (0..=8).map(|ring| 5.0 * (f64::from(ring) / 8.0).sqrt()).collect();
         let quadrants = json!({
@@ -217,8 +218,13 @@ fn a_pupil_is_filled_uniformly_and_its_rays_go_through_it() {
         chi_square(&tier.name("rings of a pupil"), &counts, &[0.125; 8], MILLION).accepted();
         let quadrants: Vec<u64> = irradiance(&result, "quadrants").hits.iter().copied().collect();
         chi_square(&tier.name("quadrants of a pupil"), &quadrants, &[0.25; 4], MILLION).accepted();
-        chi_square("planted: 1 % more in one ring", &counts, &[0.126, 0.124, 0.125, 0.125, 0.125, 0.125, 0.125, 0.125], MILLION)
-            .rejected();
+        chi_square(
+            "planted: 2 % more in one ring",
+            &counts,
+            &[0.1275, 0.1225, 0.125, 0.125, 0.125, 0.125, 0.125, 0.125],
+            MILLION,
+        )
+        .rejected();
     }
 }
 

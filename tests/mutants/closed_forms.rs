@@ -2,16 +2,18 @@
 
 use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
-    Bsdf, BsdfTable, Coating, Collimated, Detector, DetectorKind, Extended, FarField, Frame, Interaction,
-    Medium, Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
-    Shape, Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated,
+    Aperture, ApertureOutline, Bsdf, BsdfTable, ClippedConic, Coating, Collimated, Conic, Detector,
+    DetectorKind, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
+    Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral,
+    Spectrum, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
+use nsq_gpu::trace::RecordPaths;
 use nsq_gpu::{StandardError, TraceResult};
 
 /// The closed form of this name.
@@ -27,6 +29,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "cap" => cap,
         "lambertian" => lambertian,
         "extended cap" => extended_cap,
+        "clipped" => clipped,
         "pupil" => pupil,
         "ties" => ties,
         "many faces" => many_faces,
@@ -236,13 +239,50 @@ fn lambertian(bench: &Bench) -> Outcome {
     compare_shares(bench, SourceKind::Extended(Extended { area, half_angle }), |angle| angle.sin().powi(2))
 }
 
+/// Parts of spheres take the rays that their apertures say, of a beam of 8 mm, and none elsewhere.
+fn clipped(bench: &Bench) -> Outcome {
+    let part = |outline, middle, semi_axes, hole, inverted| {
+        let conic = Conic { curvature: -1.0 / 9.0, conic: 0.0, aperture_radius: 6.0 };
+        let shape = ClippedConic { conic, aperture: Aperture { outline, middle, semi_axes, hole, inverted } };
+        Surface { shape: Shape::ClippedConic(shape), ..plane("part", 20.0, Interaction::Absorbing, 0, 0) }
+    };
+    let lamp = SourceKind::Collimated(Collimated { aperture_radius: 8.0, sigma: None });
+    for (outline, [x, y], [a, b], hole, inverted) in [
+        (ApertureOutline::Ellipse, [1.0, -2.0], [3.0, 1.5], 1.0, false),
+        (ApertureOutline::Rectangle, [-1.0, 1.0], [4.0, 2.0], 0.5, false),
+        (ApertureOutline::Rectangle, [2.0, 0.0], [1.0, 3.0], 0.0, true),
+    ] {
+        let surface = part(outline, DVec2::new(x, y), DVec2::new(a, b), hole, inverted);
+        let ir = scene(lamp, vec![surface], vec![pixels("behind", 60.0)]);
+        let mut setting = Setting::default();
+        setting.options.paths = RecordPaths::All;
+        let tally = bench.tally(&ir, &setting);
+        for event in &tally.paths {
+            let [px, py, z] = event.ray.position;
+            let (u, v) = ((px - x) / a, (py - y) / b);
+            let inside = match outline {
+                ApertureOutline::Ellipse => u * u + v * v <= 1.0,
+                ApertureOutline::Rectangle => u.abs().max(v.abs()) <= 1.0,
+            } && (px - x).hypot(py - y) >= hole;
+            let on_part = (inside != inverted) & (px.hypot(py) <= 6.0);
+            if z > 50.0 && on_part {
+                return Err(format!("a ray at ({px}, {py}) passes"));
+            }
+            if (5.0..50.0).contains(&z) && !on_part {
+                return Err(format!("a ray at ({px}, {py}) is taken"));
+            }
+            if (5.0..50.0).contains(&z) && z < 13.0 {
+                return Err(format!("a ray meets the far sheet at z = {z}"));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Rays through a pupil: at z = 10 mm all are in the disk of 5 mm about (1, 2), and their directions are unit vectors.
 fn pupil(bench: &Bench) -> Outcome {
-    let kind = SourceKind::Pupil(Pupil {
-        beam_radii: [3.0, 1.0],
-        chief: [1.0, 2.0, 10.0],
-        pupil_radii: [2.0, 4.0],
-    });
+    let kind =
+        SourceKind::Pupil(Pupil { beam_radii: [3.0, 1.0], chief: [1.0, 2.0, 10.0], pupil_radii: [2.0, 4.0] });
     let mut film = pixels("film", 10.0);
     film.kind = DetectorKind::RayDatabase(RayDatabase { width: 1e3, height: 1e3, max_rays: None });
     let tally = bench.tally(&scene(kind, vec![], vec![film]), &Setting::default());

@@ -80,6 +80,7 @@ pub fn of_shape(shape: &Shape) -> &'static str {
         Shape::Sphere(Sphere { aperture_radius: None, .. }) => "sphere",
         Shape::Sphere(Sphere { aperture_radius: Some(_), .. }) => "sphere with an aperture",
         Shape::Mesh(_) => "mesh",
+        Shape::ClippedConic(_) => "clipped conic",
     }
 }
 

@@ -1,12 +1,12 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Annulus, Bsdf, BsdfKind, BsdfTable, Coating, Collimated, Conic, Detector, DetectorKind, Extended,
-    FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid,
-    Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral,
-    Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
+    Annulus, Aperture, ApertureOutline, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, Collimated, Conic,
+    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr,
+    Shape, Source, SourceKind, Spectral, Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
@@ -110,7 +110,8 @@ fn shape_after(kind: ShapeKind) -> Option<ShapeKind> {
         ShapeKind::Annulus => Some(ShapeKind::Frustum),
         ShapeKind::Frustum => Some(ShapeKind::Sphere),
         ShapeKind::Sphere => Some(ShapeKind::Mesh),
-        ShapeKind::Mesh => None,
+        ShapeKind::Mesh => Some(ShapeKind::ClippedConic),
+        ShapeKind::ClippedConic => None,
     }
 }
 
@@ -547,6 +548,16 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         }
         ShapeKind::Sphere => Shape::Sphere(Sphere { radius: 8.0, aperture_radius: Some(6.0) }),
         ShapeKind::Mesh => Shape::Mesh(MeshId(0)),
+        ShapeKind::ClippedConic => Shape::ClippedConic(ClippedConic {
+            conic: Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 },
+            aperture: Aperture {
+                outline: ApertureOutline::Rectangle,
+                middle: DVec2::new(1.0, 2.0),
+                semi_axes: DVec2::new(5.0, 6.0),
+                hole: 1.0,
+                inverted: true,
+            },
+        }),
     };
     assert_eq!(ShapeKind::of(&shape), kind);
     shape

@@ -23,7 +23,7 @@ from nsq_gpu.convert import prescription
 from nsq_gpu.convert.elements import build
 from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
-from nsq_gpu.errors import UsageError
+from nsq_gpu.errors import UnsupportedSceneError, UsageError
 
 #: Readers of Optiland, by the end of a file's name.
 READERS = {".zmx": "load_zemax_file", ".seq": "load_codev_file", ".len": "load_oslo_file", ".json": "load_optiland_file"}
@@ -60,8 +60,9 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
     scene, report = NSQScene(), LensReport()
     faces, rays = prescription.read(optic)
     faces = _before_image(optic, faces, report)
+    _refuse_virtual(optic, faces, rays)
     build(scene, faces, rays, edges, margin, report)
-    add_sources(scene, optic, faces[0].before if faces else None)
+    add_sources(scene, optic, faces[0].before if faces else None, report)
     _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
     scene.conversion_report = report
     return scene
@@ -101,6 +102,19 @@ def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport
         report.remarks.append(f"{faces[-1].place} lies in the image: the detector is in its place")
         faces = faces[:-1]
     return faces
+
+
+def _refuse_virtual(optic: Any, faces: list[prescription.Face], rays: prescription.Rays) -> None:
+    """Refuse a prescription whose light would have to run back: to a virtual image, or through a face behind the next one."""
+    acting = [face.index for face in faces if not face.does_nothing] + [len(optic.surfaces.surfaces) - 1]
+    for one, other in zip(acting, acting[1:], strict=False):
+        step = rays.places[other][rays.arrive] - rays.places[one][rays.arrive]
+        ahead = (step * rays.directions[one][rays.arrive]).sum(axis=1)
+        if np.median(ahead) < -1e-9:
+            surfaces = optic.surfaces.surfaces
+            names = [prescription.name_of(surfaces[index], index) for index in (one, other)]
+            raise UnsupportedSceneError(f"{names[1]}: light that leaves {names[0]} would run back {-np.median(ahead):.4g} mm to it; "
+                                        "a virtual image has no place in a scene, nor a surface that light meets out of order")
 
 
 def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: tuple[int, int],

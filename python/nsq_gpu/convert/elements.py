@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,9 @@ from optiland.nonsequential.components.reflective import ReflectiveComponent
 from optiland.nonsequential.components.refractive import RefractiveComponent
 from optiland.nonsequential.materials.nsq_material import VACUUM
 
-from nsq_gpu.convert.prescription import Face, Rays
+from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
 from nsq_gpu.convert.report import LensReport
+from nsq_gpu.shapes import Aperture, ClippedConic
 
 #: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
 _ROOM = 1e-3
@@ -59,9 +60,15 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
     crossing = _shrink(parts, gaps)
     elements = _elements(parts, gaps)
     outer = _MOUNT * max(part.radius for part in parts) if parts else 0.0
-    outer = max([outer, *(_MOUNT * (face.stated_radius or face.ray_radius) for face in stops)])
+    outer = max([outer, *(_MOUNT * _opening(face) for face in stops)])
     for part in parts:
         scene.add_component(part.name, _component(part, report))
+        if isinstance(part.face.stated, Aperture) and not part.face.is_mirror:
+            # What the aperture leaves out of the face absorbs.
+            shape = ClippedConic(*_conic(part), replace(part.face.stated, inverted=True))
+            scene.add_component(f"{part.name}.mask", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.mask"))
+        elif isinstance(part.face.stated, Aperture):
+            report.remarks.append(f"{part.name}: light beside its aperture, and through a hole of it, goes on")
     for element in elements:
         _add_edges(scene, element, rays, edges, outer, report)
     for number, face in enumerate(stops):
@@ -77,8 +84,10 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
 
 
 def _opening(face: Face) -> float:
-    """Return the radius of a stop [mm]."""
-    return face.stated_radius if face.stated_radius is not None else face.ray_radius * (1.0 + _ROOM)
+    """Return how far from the axis the opening of a stop reaches [mm]."""
+    if isinstance(face.stated, Aperture):
+        return face.stated.reach() if face.stated.reach() < ENDLESS else face.ray_radius * (1.0 + _ROOM)
+    return face.ray_radius * (1.0 + _ROOM) if face.stated is None else face.stated
 
 
 def _arranged(faces: list[Face], margin: float) -> tuple[list[Part], list[Gap], list[Face]]:
@@ -89,7 +98,7 @@ def _arranged(faces: list[Face], margin: float) -> tuple[list[Part], list[Gap], 
     last: Part | None = None
     for face in faces:
         if face.does_nothing:
-            if face.is_stop or face.stated_radius is not None:
+            if face.clips:
                 stops.append(face)
             continue
         part = _part(face, parts, margin)
@@ -103,15 +112,14 @@ def _arranged(faces: list[Face], margin: float) -> tuple[list[Part], list[Gap], 
 
 def _part(face: Face, parts: list[Part], margin: float) -> Part:
     """Return the face as the scene has it: a new one, or one that light met before."""
-    clips = face.is_stop or face.stated_radius is not None
-    radius = _opening(face) if clips else min(face.ray_radius * margin, face.largest_radius())
+    radius = min(_opening(face) if face.clips else face.ray_radius * margin, face.largest_radius())
     sides = (face.before, face.behind) if face.is_forward else (face.behind, face.before)
     for part in parts:
         if _is_same(part.face, face):
             part.radius = max(part.radius, radius)
             part.indices.append(face.index)
             return part
-    parts.append(Part(face, radius, *sides, is_estimated=not clips, indices=[face.index]))
+    parts.append(Part(face, radius, *sides, is_estimated=not face.clips, indices=[face.index]))
     return parts[-1]
 
 
@@ -188,12 +196,20 @@ def _elements(parts: list[Part], gaps: list[Gap]) -> list[list[Gap]]:
     return groups
 
 
+def _conic(part: Part) -> tuple[float, float, float]:
+    return part.face.radius, part.face.conic, part.radius
+
+
 def _component(part: Part, report: LensReport) -> BaseComponent:
     face = part.face
     if part.radius >= face.largest_radius():
         part.radius = face.largest_radius() * (1.0 - 1e-9)
-    curved = math.isfinite(face.radius)
-    shape = ConicGeometry(face.radius, face.conic, part.radius) if curved else FinitePlaneGeometry(aperture_radius=part.radius)
+    if isinstance(face.stated, Aperture):
+        shape: Any = ClippedConic(*_conic(part), face.stated)
+    elif math.isfinite(face.radius):
+        shape = ConicGeometry(*_conic(part))
+    else:
+        shape = FinitePlaneGeometry(aperture_radius=part.radius)
     (report.estimated_apertures if part.is_estimated else report.stated_apertures).append(part.name)
     front, back = (VACUUM if medium is None else medium for medium in (part.front, part.back))
     if face.is_mirror:
@@ -275,7 +291,10 @@ def _add_stop(scene: NSQScene, face: Face, name: str, gaps: list[Gap], outer: fl
     if face.before is not None:
         outer = min([outer, *(min(gap.first.radius, gap.second.radius) for gap in gaps if gap.medium is face.before)])
     report.components[face.index] = (name,)
-    (report.estimated_apertures if face.stated_radius is None else report.stated_apertures).append(name)
-    if opening < outer:
+    (report.estimated_apertures if face.stated is None else report.stated_apertures).append(name)
+    if isinstance(face.stated, Aperture):
+        shape = ClippedConic(face.radius, face.conic, min(outer, 0.999 * face.largest_radius()), replace(face.stated, inverted=True))
+        scene.add_component(name, AbsorbingComponent(face.frame(), shape, medium, name=name))
+    elif opening < outer:
         shape = AnnularPlaneGeometry(inner_radius=opening, outer_radius=outer, z_offset=face.sag(min(opening, 0.999 * face.largest_radius())))
         scene.add_component(name, AbsorbingComponent(face.frame(), shape, medium, name=name))

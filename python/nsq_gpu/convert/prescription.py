@@ -15,9 +15,14 @@ from optiland.coordinate_system import CoordinateSystem
 from optiland.geometries import EvenAsphere, OddAsphere, Plane, StandardGeometry
 from optiland.interactions.refractive_reflective_model import RefractiveReflectiveModel
 from optiland.nonsequential import NSQMaterial
-from optiland.physical_apertures import RadialAperture
+from optiland.physical_apertures import EllipticalAperture, OffsetRadialAperture, RadialAperture, RectangularAperture
 
 from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.shapes import Aperture
+
+_APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture)
+#: An aperture of that size has no end [mm].
+ENDLESS = 1e6
 
 #: Directions in the pupil along which its outermost ray is looked for, and shares of that ray's place that are traced.
 _TURNS = 64
@@ -49,8 +54,8 @@ class Face:
     behind: NSQMaterial | None
     #: Of a mirror, the share that is reflected; of a lens' face, Optiland's coating.
     coating: SimpleCoating | None
-    #: The stated radius, beyond which light is absorbed.
-    stated_radius: float | None
+    #: The stated aperture, beyond which light is absorbed: a disk's radius, or what is no disk about the axis.
+    stated: float | Aperture | None
     #: The largest distance from the axis of any ray that reaches the image.
     ray_radius: float
 
@@ -70,6 +75,11 @@ class Face:
         """Return how far from the axis the surface reaches [mm]."""
         curved = math.isfinite(self.radius) and self.conic > -1.0
         return abs(self.radius) / math.sqrt(1.0 + self.conic) if curved else math.inf
+
+    @property
+    def clips(self) -> bool:
+        """Tell whether it absorbs the light beside its opening."""
+        return self.is_stop or self.stated is not None
 
     def frame(self) -> CoordinateSystem:
         """Return its frame for Optiland."""
@@ -130,10 +140,9 @@ def _check(optic: Any) -> None:
         if type(model.coating) not in (type(None), SimpleCoating, FresnelCoating):
             raise UnsupportedSceneError(f"{place}: a {type(model.coating).__name__} cannot be carried; a SimpleCoating can, "
                                         "and bare glass reflects by Fresnel's law")
-        aperture = surface.aperture
-        if aperture is not None and (type(aperture) is not RadialAperture or aperture.r_min > 0):
-            raise UnsupportedSceneError(f"{place}: its aperture ({type(aperture).__name__}) cannot be carried; a centred "
-                                        "disk can")
+        if type(surface.aperture) not in (type(None), *_APERTURES):
+            raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried; disks, "
+                                        "rings, ellipses and rectangles can")
 
 
 def _check_shape(geometry: Any, place: str) -> None:
@@ -226,9 +235,22 @@ def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
         before=before,
         behind=before if mirror else media.of(surface.material_post),
         coating=coating if type(coating) is SimpleCoating else None,
-        stated_radius=None if surface.aperture is None else _number(surface.aperture.r_max),
+        stated=None if surface.aperture is None else _stated(surface.aperture),
         ray_radius=float(np.hypot(local[:, 0], local[:, 1]).max()),
     )
+
+
+def _stated(aperture: Any) -> float | Aperture | None:
+    if type(aperture) is RectangularAperture:
+        x, y = ((_number(getattr(aperture, f"{axis}_min")), _number(getattr(aperture, f"{axis}_max"))) for axis in "xy")
+        return Aperture("rectangle", 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0]), 0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]))
+    middle = [_number(getattr(aperture, f"offset_{axis}", 0.0)) for axis in "xy"]
+    if type(aperture) is EllipticalAperture:
+        return Aperture("ellipse", _number(aperture.a), _number(aperture.b), *middle)
+    radius, hole = _number(aperture.r_max), _number(aperture.r_min)
+    if hole <= 0.0 and middle == [0.0, 0.0]:
+        return radius if radius < ENDLESS else None
+    return Aperture("ellipse", min(radius, ENDLESS), min(radius, ENDLESS), *middle, max(hole, 0.0))
 
 
 def _number(value: Any) -> float:

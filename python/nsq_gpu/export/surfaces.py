@@ -21,6 +21,7 @@ from optiland.nonsequential.components.refractive import RefractiveComponent
 
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type
+from nsq_gpu.shapes import Aperture, ClippedConic
 
 INTERACTIONS: dict[type, str] = {
     RefractiveComponent: "refractive",
@@ -67,6 +68,15 @@ def _conic(geometry: Any, place: str) -> Json:
             "aperture_radius": number(geometry.aperture_radius, f"{place}: aperture_radius")}
 
 
+def _clipped_conic(geometry: Any, place: str) -> Json:
+    aperture = geometry.aperture
+    if type(aperture) is not Aperture:
+        raise refuse_type(place, "its aperture", aperture, "nsq_gpu.shapes.Aperture")
+    keys = ("semi_axis_x", "semi_axis_y", "x", "y", "hole_radius")
+    written = {"outline": aperture.outline, **_numbers_of(aperture, keys, f"{place}: aperture"), "inverted": aperture.inverted}
+    return {**_conic(geometry, place), "type": "clipped_conic", "aperture": written}
+
+
 def _unlimited_plane(geometry: Any, place: str) -> Json:
     return {"type": "plane"}
 
@@ -105,6 +115,7 @@ def _numbers_of(geometry: Any, keys: tuple[str, ...], place: str) -> Json:
 SHAPES: dict[type, Callable[[Any, str], Json]] = {
     ConicGeometry: _conic,
     ParaboloidGeometry: _conic,
+    ClippedConic: _clipped_conic,
     PlaneGeometry: _unlimited_plane,
     FinitePlaneGeometry: _plane,
     AnnularPlaneGeometry: _annulus,
@@ -119,7 +130,7 @@ def shape(geometry: Any, place: str) -> Json:
     write = SHAPES.get(type(geometry))
     if write is None:
         raise refuse_type(place, "its shape", geometry,
-                          "a conic, plane, annulus, frustum, sphere or mesh of Optiland")
+                          "a conic, plane, annulus, frustum, sphere or mesh of Optiland, or a ClippedConic")
     return write(geometry, place)
 
 

@@ -4,6 +4,7 @@
 //! tells how to add one. Everything is said in the shape's own frame, whose axis is z: lengths in mm.
 
 pub mod annulus;
+pub mod clipped_conic;
 pub mod conic;
 mod extent;
 pub mod frustum;
@@ -15,6 +16,7 @@ mod roof;
 pub mod sphere;
 
 pub use crate::model::shapes::annulus::Annulus;
+pub use crate::model::shapes::clipped_conic::{Aperture, ApertureOutline, ClippedConic};
 pub use crate::model::shapes::conic::Conic;
 pub use crate::model::shapes::extent::{Across, Extent};
 pub use crate::model::shapes::frustum::Frustum;
@@ -49,6 +51,8 @@ kinds! {
     Sphere(sphere::Sphere) by Sphere = SPHERE;
     /// A triangle mesh: from a file, or vertices and faces.
     Mesh(mesh::MeshId) by Mesh = MESH;
+    /// A conic within an aperture that need be neither round nor on the axis.
+    ClippedConic(clipped_conic::ClippedConic) by ClippedConic = CLIPPED_CONIC;
     /// A roof: the example of docs/adding-a-kind.md, which is no quadric.
     #[cfg(test)]
     Roof(roof::Roof) by #[cfg(test)] Roof = ROOF;

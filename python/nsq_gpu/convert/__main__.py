@@ -1,0 +1,44 @@
+"""``python -m nsq_gpu.convert LENS -o scene.json``: writes a lens of a file as a scene that ``nsq-gpu`` traces."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+
+from nsq_gpu.convert import READERS, from_file
+from nsq_gpu.errors import NsqGpuError
+from nsq_gpu.export import export_scene
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Convert a file; return the exit code, that of ``nsq-gpu`` for what went wrong."""
+    parser = argparse.ArgumentParser(
+        prog="python -m nsq_gpu.convert",
+        description="Writes a lens as a scene that nsq-gpu traces, and prints what was carried and what was estimated.",
+        epilog="Example: python -m nsq_gpu.convert lens.zmx -o scene.json && nsq-gpu trace scene.json -n 1e6 -o out")
+    parser.add_argument("lens", help=f"a file whose name ends with {', '.join(READERS)}")
+    parser.add_argument("-o", "--output", metavar="SCENE", help="the scene's file; without it the report alone is printed")
+    parser.add_argument("--pixels", type=int, default=256, metavar="N", help="pixels of the image along x and along y [256]")
+    parser.add_argument("--edges", choices=["absorbing", "polished"], default="absorbing", help="what edges of lenses do")
+    parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over that of their rays [1.03]")
+    given = parser.parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin)
+        if given.output is not None:
+            export_scene(scene, given.output)
+    except NsqGpuError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code or 1
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(scene.conversion_report.summary())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
