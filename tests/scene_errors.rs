@@ -573,7 +573,9 @@ fn coatings_that_give_more_than_they_get_are_refused() {
 #[test]
 fn a_lens_file_names_the_command_that_converts_it() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, bytes) in [("lens.zmx", &b"\xff\xfeV\x00"[..]), ("lens.SEQ", b"LEN NEW"), ("lens.len", b"LEN NEW")] {
+    for (name, bytes) in
+        [("lens.zmx", &b"\xff\xfeV\x00"[..]), ("lens.SEQ", b"LEN NEW"), ("lens.len", b"LEN NEW")]
+    {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         let said = Scene::from_path(&path).unwrap_err().to_string();

@@ -72,7 +72,10 @@ impl Scene {
             PRESCRIPTIONS.iter().any(|prescription| prescription.eq_ignore_ascii_case(end))
         }) {
             let command = format!("python -m nsq_gpu.convert {} -o scene.json", path.display());
-            return Err(Error::file(path, format!("it is a lens, no scene; `{command}` makes a scene of it")));
+            return Err(Error::file(
+                path,
+                format!("it is a lens, no scene; `{command}` makes a scene of it"),
+            ));
         }
         let text = String::from_utf8(bytes).map_err(|err| {
             let at = err.utf8_error().valid_up_to();
