@@ -2,6 +2,7 @@
 
 pub use crate::model::Precision;
 use crate::model::primitives::primitives;
+use crate::model::shapes::Normal;
 use crate::model::surface_optics::{least_share, splits};
 use crate::model::{
     BsdfKind, DetectorFunction, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
@@ -148,6 +149,11 @@ impl Features {
     /// True if some shape has a function for its normal.
     pub fn has_own_normals(&self) -> bool {
         self.shapes.iter().any(|kind| kind.has_own_normal())
+    }
+
+    /// True if crossings of some shape are searched along the ray.
+    pub fn has_sags(&self) -> bool {
+        self.shapes.iter().any(|kind| matches!(kind.wgsl().normal, Normal::Sag))
     }
 
     /// True if every shape is a part of a quadric.

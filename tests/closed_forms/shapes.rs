@@ -276,3 +276,38 @@ fn rays_of_a_distant_database_are_where_they_are() {
         assert_eq!(position, DVec3::new(1e8 + 0.25, 0.5, 4.0));
     }
 }
+
+/// A sphere is the conic part of an asphere with any K whose coefficients are the differences of both series. Here a paraboloid
+/// is written as the sphere of its vertex, less what the sphere's series has beyond r^2.
+#[test]
+fn a_paraboloid_written_as_a_series_is_met_where_the_paraboloid_is() {
+    const RADIUS: f64 = 40.0;
+    // z = sum of a_i r^(2i) of the sphere: a_1 = 1 / (2 R), a_(i+1) = a_i (2 i - 1) / ((2 i + 2) R^2).
+    let mut series = vec![1.0 / (2.0 * RADIUS)];
+    for i in 1..10 {
+        let factor = f64::from(2 * i - 1) / f64::from(2 * i + 2);
+        series.push(series[i as usize - 1] * factor / (RADIUS * RADIUS));
+    }
+    let even: Vec<f64> = series.iter().enumerate().map(|(i, a)| if i == 0 { 0.0 } else { -a }).collect();
+    let odd: Vec<f64> = (0..10).map(|i| if i % 2 == 1 { even[i / 2] } else { 0.0 }).collect();
+    for tier in tiers("series of a paraboloid") {
+        for (kind, coefficients) in [("even_asphere", even.clone()), ("odd_asphere", odd.clone())] {
+            let asphere = json!({
+                "type": kind, "radius": RADIUS, "conic": 0.0, "aperture_radius": 5.0, "coefficients": coefficients,
+            });
+            for from_z in [-30.0, 30.0] {
+                let heights = [0.0, 0.7, 2.5, -4.9];
+                let met = meetings(&tier, asphere.clone(), &heights, from_z);
+                assert_eq!(met.len(), 4);
+                // Ten powers of r leave out the term of r^12, which is 9.5e-12 mm at 4.9 mm.
+                let tolerance = if kind == "even_asphere" { 4e-15 } else { 1.1e-11 };
+                let pairs = met.iter().map(|p| (p.z, p.x * p.x / (2.0 * RADIUS)));
+                exact(&tier.name(kind), pairs, tier.pick(tolerance, 1e-6)).accepted();
+            }
+            assert!(
+                meetings(&tier, asphere, &[5.01, -5.1], -30.0).is_empty(),
+                "beyond the aperture there is nothing"
+            );
+        }
+    }
+}

@@ -81,6 +81,8 @@ pub fn of_shape(shape: &Shape) -> &'static str {
         Shape::Sphere(Sphere { aperture_radius: Some(_), .. }) => "sphere with an aperture",
         Shape::Mesh(_) => "mesh",
         Shape::ClippedConic(_) => "clipped conic",
+        Shape::EvenAsphere(_) => "even asphere",
+        Shape::OddAsphere(_) => "odd asphere",
     }
 }
 

@@ -6,10 +6,13 @@
 pub mod annulus;
 pub mod clipped_conic;
 pub mod conic;
+pub mod even_asphere;
 mod extent;
 pub mod frustum;
 pub mod mesh;
+pub mod odd_asphere;
 pub mod plane;
+pub mod profile;
 mod quadric;
 #[cfg(test)]
 mod roof;
@@ -18,10 +21,13 @@ pub mod sphere;
 pub use crate::model::shapes::annulus::Annulus;
 pub use crate::model::shapes::clipped_conic::{Aperture, ApertureOutline, ClippedConic};
 pub use crate::model::shapes::conic::Conic;
+pub use crate::model::shapes::even_asphere::EvenAsphere;
 pub use crate::model::shapes::extent::{Across, Extent};
 pub use crate::model::shapes::frustum::Frustum;
 pub use crate::model::shapes::mesh::MeshId;
+pub use crate::model::shapes::odd_asphere::OddAsphere;
 pub use crate::model::shapes::plane::Outline;
+pub use crate::model::shapes::profile::Profile;
 pub use crate::model::shapes::quadric::{Level, Quadric};
 pub use crate::model::shapes::sphere::Sphere;
 
@@ -53,6 +59,10 @@ kinds! {
     Mesh(mesh::MeshId) by Mesh = MESH;
     /// A conic within an aperture that need be neither round nor on the axis.
     ClippedConic(clipped_conic::ClippedConic) by ClippedConic = CLIPPED_CONIC;
+    /// A conic and even powers of the distance from the axis.
+    EvenAsphere(even_asphere::EvenAsphere) by EvenAsphere = EVEN_ASPHERE;
+    /// A conic and all powers of the distance from the axis.
+    OddAsphere(odd_asphere::OddAsphere) by OddAsphere = ODD_ASPHERE;
     /// A roof: the example of docs/adding-a-kind.md, which is no quadric.
     #[cfg(test)]
     Roof(roof::Roof) by #[cfg(test)] Roof = ROOF;
@@ -83,6 +93,8 @@ pub enum Normal {
     /// From the shape's own `<name>_normal(p, arguments) -> vec3<real>`, the unit normal at a point of the shape, and
     /// `<name>_height(p, arguments) -> real`, the signed distance of a point from the shape to first order \[mm\].
     Own,
+    /// As of [`Normal::Own`], for a shape whose distance function finds its crossings by shaders/geometry/sag.search.wgsl.
+    Sag,
 }
 
 /// What the program, the checks of scenes and the viewer ask of a shape.
@@ -260,7 +272,7 @@ impl ShapeKind {
 
     /// True if the shape has a function for its normal.
     pub fn has_own_normal(self) -> bool {
-        matches!(self.wgsl().normal, Normal::Own)
+        matches!(self.wgsl().normal, Normal::Own | Normal::Sag)
     }
 }
 

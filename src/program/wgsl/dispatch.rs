@@ -96,7 +96,7 @@ pub(super) fn quadric_of(kind: ShapeKind, o: &str, arguments: &str) -> String {
     match kind.wgsl().normal {
         Normal::Quadric(quadric) => quadric(&arguments.split(", ").collect::<Vec<_>>()),
         Normal::Facet => FLAT.into(),
-        Normal::Own => {
+        Normal::Own | Normal::Sag => {
             let height = kind.function("height");
             format!("Quadric(0.0, 0.0, 1.0, 2.0 * ({height}({o}, {arguments}) - ({o}).z))")
         }

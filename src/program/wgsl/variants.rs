@@ -99,6 +99,12 @@ const SLOTS: &[Slot] = slots! { c;
     "geometry/mesh"             [none]                                !c.has_meshes() => none;
     "geometry/mesh_rows"        [f32, f64]                            c.has_meshes() => either(c.is_f32(), f32, f64);
     "geometry/edges"            [f32, exact]                          c.has_meshes() => either(c.is_f32(), f32, exact);
+    "geometry/sag"              [search]                              c.f.has_sags() => search;
+    "geometry/sag_rounding"     [f32, df64, f64]                      c.f.has_sags() => match c.o.precision {
+        Precision::F32 => f32,
+        Precision::Df64 => df64,
+        Precision::F64 => f64,
+    };
     "geometry/facets"           [touching, apart]                     c.has_meshes() => either(c.touch_facets(), touching, apart);
     "geometry/facet_contacts"   [none]                                c.has_contacts() && !c.touch_facets() => none;
     "geometry/split_triangle"   [mesh, none]                          c.f.splits => either(c.has_meshes(), mesh, none);

@@ -1,0 +1,226 @@
+// The first crossing of a ray with a surface z = sag(x, y), proven to be the first.
+//
+// Along the ray, F(t) = z(t) - sag(x(t), y(t)). Two bounds hold over the whole aperture: of the sag's slope, and of its
+// bend, which is the largest second derivative along any line. So |F'| is at most `speed`, and |F''| at most `bend`.
+//
+// The search looks at intervals of the ray, the nearest first, each through its middle:
+//
+// - without a crossing, if |F| in the middle is more than `speed` times half the length: on to the next interval;
+// - with at most one, if |F'| in the middle is more than `bend` times half the length: one end then tells whether there is
+//   one, and Newton's method finds it within that half;
+// - undecided: the interval is halved. Where halving reaches what rounding hides, the signs at both ends decide.
+//
+// The ray starts with what lies within the aperture's cylinder and between the sag's lowest and highest place. A ray that
+// leaves the surface has F = 0 at its start. Its other crossings are those of F(t) / t, whose derivative is at most bend / 2.
+//
+// A caller gives the sag at `place`, step by step, until `phase` is SAG_DONE; `distance` then is the result or MISS.
+
+const SAG_DONE: u32 = 0u;
+// The sag is wanted where the ray starts that leaves the surface; in the middle of an interval; at one of its ends; at both,
+// one after the other; and at a point that Newton's method gives.
+const SAG_START: u32 = 1u;
+const SAG_MIDDLE: u32 = 2u;
+const SAG_END: u32 = 3u;
+const SAG_FIRST_END: u32 = 4u;
+const SAG_LAST_END: u32 = 5u;
+const SAG_NEWTON: u32 = 6u;
+
+// Halvings of the first interval, and steps of Newton's method, that no crossing takes in practice.
+const SAG_MOST_HALVINGS: u32 = 30u;
+const SAG_MOST_STEPS: u32 = 60u;
+
+struct SagSearch {
+    phase: u32,
+    // Where the sag is wanted: the point, and its distance from `base`.
+    place: vec3<real>,
+    t: real,
+    distance: real,
+    // The ray: a point of it, the direction, how far the ray's origin lies before the point.
+    base: vec3<real>,
+    direction: vec3<real>,
+    shift: real,
+    leaving: bool,
+    // F at the start of a ray that leaves.
+    start: real,
+    limit: real,
+    speed: real,
+    bend: real,
+    // Half the length of an interval that rounding hides.
+    hidden: real,
+    // The interval: its near end, half its length, how often it was halved, and its number among those of its length.
+    near: real,
+    half: real,
+    halvings: u32,
+    index: u32,
+    // F in the middle, or at the near end of the bracket.
+    value: real,
+    // The bracket of Newton's method, the last two places, and the number of steps.
+    low: real,
+    high: real,
+    last: real,
+    steps: u32,
+}
+
+fn sag_search(
+    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, leaving: bool,
+) -> SagSearch {
+    let shift = select(-dot(o, d), 0.0, leaving);
+    let base = o + shift * d;
+    let square = d.x * d.x + d.y * d.y;
+    // A little wider than the aperture: rounding may not lose a crossing at the rim.
+    let room = limit * 1.000002;
+    let b = base.x * d.x + base.y * d.y;
+    let c = base.x * base.x + base.y * base.y - room;
+    let discriminant = b * b - square * c;
+    let root = sqrt(abs(discriminant));
+    let q = -(b + select(root, -root, b < 0.0));
+    let is_along = square == 0.0;
+    let one = q / select(square, 1.0, is_along);
+    let other = select(c / select(q, 1.0, q == 0.0), one, q == 0.0);
+    var near = select(min(one, other), -MISS, is_along);
+    var far = select(max(one, other), MISS, is_along);
+    var is_missed = select((discriminant < 0.0), (c > 0.0), is_along);
+    let is_across = d.z == 0.0;
+    let to_low = (lowest - base.z) / select(d.z, 1.0, is_across);
+    let to_high = (highest - base.z) / select(d.z, 1.0, is_across);
+    near = max(near, select(min(to_low, to_high), -MISS, is_across));
+    far = min(far, select(max(to_low, to_high), MISS, is_across));
+    is_missed = is_missed | (is_across & ((base.z < lowest) | (base.z > highest)));
+    near = max(near, -shift);
+    is_missed = is_missed | !(near <= far);
+    let speed = abs(d.z) + slope * sqrt(square);
+    let largest = abs(base.x) + abs(base.y) + abs(base.z) + max(abs(near), abs(far)) + max(abs(lowest), abs(highest));
+    // Where the slope alone keeps F monotone, a ray that leaves meets the surface no more.
+    let is_gone = leaving & (abs(d.z) > slope * sqrt(square));
+    var s: SagSearch;
+    s.phase = select(select(SAG_MIDDLE, SAG_START, leaving), SAG_DONE, is_missed | is_gone);
+    s.distance = MISS;
+    s.base = base;
+    s.direction = d;
+    s.shift = shift;
+    s.leaving = leaving;
+    s.start = 0.0;
+    s.limit = limit;
+    s.speed = speed;
+    s.bend = bend * square;
+    s.hidden = largest * SAG_ROUNDING / speed;
+    s.near = near;
+    s.half = 0.5 * (far - near);
+    s.halvings = 0u;
+    s.index = 0u;
+    s.value = 0.0;
+    s.low = 0.0;
+    s.high = 0.0;
+    s.last = 0.0;
+    s.steps = 0u;
+    return sag_at(s, select(near + s.half, 0.0, leaving));
+}
+
+// The search with another point where the sag is wanted.
+fn sag_at(search: SagSearch, t: real) -> SagSearch {
+    var s = search;
+    s.t = t;
+    s.place = s.base + t * s.direction;
+    return s;
+}
+
+// The search one step on, with the sag and its two derivatives at `place`.
+fn sag_next(search: SagSearch, sag: vec3<real>) -> SagSearch {
+    var s = search;
+    let f = s.place.z - sag.x - s.start;
+    let rate = s.direction.z - (sag.y * s.direction.x + sag.z * s.direction.y);
+    if s.phase == SAG_NEWTON {
+        return sag_newton(s, f, rate);
+    }
+    if s.phase == SAG_START {
+        s.start = f;
+        s.phase = SAG_MIDDLE;
+        return sag_at(s, s.near + s.half);
+    }
+    if s.phase == SAG_MIDDLE {
+        return sag_middle(s, f, rate);
+    }
+    // An end of the interval: a crossing lies between it and the middle if F changes its sign there.
+    let is_crossed = (f < 0.0) != (s.value < 0.0);
+    if is_crossed {
+        let middle = s.near + s.half;
+        s.low = min(s.t, middle);
+        s.high = max(s.t, middle);
+        // F at the near end of the bracket.
+        s.value = select(s.value, f, s.t < middle);
+        s.last = MISS;
+        s.steps = 0u;
+        s.phase = SAG_NEWTON;
+        return sag_at(s, 0.5 * (s.low + s.high));
+    }
+    if s.phase == SAG_FIRST_END {
+        s.phase = SAG_LAST_END;
+        return sag_at(s, s.near + 2.0 * s.half);
+    }
+    return sag_advance(s);
+}
+
+fn sag_middle(search: SagSearch, f: real, rate: real) -> SagSearch {
+    var s = search;
+    s.value = f;
+    let is_first = s.leaving & (s.index == 0u);
+    let is_hidden = (s.half <= s.hidden) | (s.halvings >= SAG_MOST_HALVINGS);
+    // Of the interval at the start of a ray that leaves, F(t) / t is looked at.
+    let deflated = abs(f) > 0.5 * s.bend * s.half * s.t;
+    if select(abs(f) > s.speed * s.half, deflated | is_hidden, is_first) {
+        return sag_advance(s);
+    }
+    if !is_first & (abs(rate) > s.bend * s.half) {
+        // One crossing at most: before the middle, if F grows and is positive there, or falls and is negative.
+        let is_before = (rate > 0.0) == (f >= 0.0);
+        s.phase = SAG_END;
+        return sag_at(s, select(s.near + 2.0 * s.half, s.near, is_before));
+    }
+    if is_hidden {
+        s.phase = SAG_FIRST_END;
+        return sag_at(s, s.near);
+    }
+    s.half = 0.5 * s.half;
+    s.halvings += 1u;
+    s.index = 2u * s.index;
+    return sag_at(s, s.near + s.half);
+}
+
+// The search in the next interval, as long as the ray allows.
+fn sag_advance(search: SagSearch) -> SagSearch {
+    var s = search;
+    s.near += 2.0 * s.half;
+    s.index += 1u;
+    while ((s.index & 1u) == 0u) & (s.halvings > 0u) {
+        s.index >>= 1u;
+        s.halvings -= 1u;
+        s.half = 2.0 * s.half;
+    }
+    s.phase = select(SAG_MIDDLE, SAG_DONE, (s.halvings == 0u) & (s.index >= 1u));
+    return sag_at(s, s.near + s.half);
+}
+
+// A step of Newton's method within a bracket, or its end where the places repeat themselves.
+fn sag_newton(search: SagSearch, f: real, rate: real) -> SagSearch {
+    var s = search;
+    if (f < 0.0) == (s.value < 0.0) {
+        s.low = s.t;
+    } else {
+        s.high = s.t;
+    }
+    let wanted = s.t - f / select(rate, 1.0, rate == 0.0);
+    let is_within = (rate != 0.0) & (wanted >= s.low) & (wanted <= s.high);
+    let next = select(0.5 * (s.low + s.high), wanted, is_within);
+    s.steps += 1u;
+    if (next == s.t) | (next == s.last) | (s.steps >= SAG_MOST_STEPS) {
+        let distance = s.t + s.shift;
+        if (s.place.x * s.place.x + s.place.y * s.place.y <= s.limit) & (distance > 0.0) {
+            s.distance = distance;
+            s.phase = SAG_DONE;
+            return s;
+        }
+        return sag_advance(s);
+    }
+    s.last = s.t;
+    return sag_at(s, next);
+}
