@@ -328,6 +328,10 @@ def _shape(spec: Json, folder: Path) -> Any:
         from nsq_gpu.shapes import Aperture, ClippedConic
 
         return ClippedConic(spec["radius"], spec.get("conic", 0.0), spec["aperture_radius"], Aperture(**spec["aperture"]))
+    if spec["type"] in ("even_asphere", "odd_asphere"):
+        from nsq_gpu.shapes import EvenAsphere, OddAsphere
+
+        return {"even_asphere": EvenAsphere, "odd_asphere": OddAsphere}[spec["type"]](**{"conic": 0.0, **parameters})
     shapes: dict[str, Any] = {
         "conic": ConicGeometry,
         "annulus": AnnularPlaneGeometry,

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+import optiland.backend as be
 from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry
 
 
@@ -60,3 +63,133 @@ class ClippedConic(ConicGeometry):
     def _root_valid(self, *arguments: Any) -> tuple[Any, Any, Any]:
         valid, x, y = super()._root_valid(*arguments)
         return valid & self.aperture.holds(x, y), x, y
+
+
+class _Sag(ConicGeometry):
+    """A surface z = sag(x, y) within a semi-diameter, whose crossings are found along the ray."""
+
+    #: Pieces of a ray that are looked at for a crossing, and halvings of the first piece that has one.
+    _PIECES = 256
+    _HALVINGS = 40
+    #: Rays at a time: the pieces of all are held at once.
+    _CHUNK = 8192
+
+    def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        raise NotImplementedError
+
+    def _sag(self, x: Any, y: Any) -> Any:
+        return self._sag_and_gradient(x, y)[0]
+
+    def ray_intersect(self, origins: Any, directions: Any) -> tuple[Any, Any, Any, Any]:
+        """Return distances, normals against the rays, which rays hit, and normals towards +z: Optiland's own contract."""
+        rays = be.to_numpy(origins).astype(float), be.to_numpy(directions).astype(float)
+        parts = [self._first(rays[0][at : at + self._CHUNK], rays[1][at : at + self._CHUNK])
+                 for at in range(0, len(rays[0]), self._CHUNK)]
+        found = np.concatenate(parts) if parts else np.zeros(0)
+        hit = np.isfinite(found)
+        # One step of Newton's method has the derivatives of the crossing, with a backend that keeps them.
+        t = be.array(np.where(hit, found, 0.0))
+        place = [origins[:, axis] + t * directions[:, axis] for axis in range(3)]
+        sag, along_x, along_y = self._sag_and_gradient(place[0], place[1])
+        rate = directions[:, 2] - along_x * directions[:, 0] - along_y * directions[:, 1]
+        t = t - be.where(be.array(hit), (place[2] - sag) / be.where(rate == 0.0, be.ones_like(rate), rate), be.zeros_like(rate))
+        length = (1.0 + along_x * along_x + along_y * along_y) ** 0.5
+        outward = be.stack([-along_x / length, -along_y / length, 1.0 / length], axis=1)
+        against = be.where((directions * outward).sum(axis=1, keepdims=True) > 0, -outward, outward)
+        return be.where(be.array(hit), t, be.ones_like(t) * be.inf), against, hit, outward
+
+    def _heights(self) -> tuple[float, float]:
+        """Return heights between which the surface lies [mm]."""
+        radius = float(be.to_numpy(self.aperture_radius))
+        x, y = np.meshgrid(*[np.linspace(-radius, radius, 201)] * 2)
+        inside = x * x + y * y <= radius * radius
+        sag = be.to_numpy(self._sag(be.array(x[inside]), be.array(y[inside])))
+        room = 0.05 * (sag.max() - sag.min()) + 1e-3 * radius
+        return float(sag.min() - room), float(sag.max() + room)
+
+    def _first(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Return the distances of the first crossings ahead; infinity where there is none."""
+        eps, limit = 1e-9, float(be.to_numpy(self.aperture_radius)) ** 2
+        low, high = self._heights()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            square = (directions[:, :2] ** 2).sum(axis=1)
+            middle = (origins[:, :2] * directions[:, :2]).sum(axis=1)
+            beside = (origins[:, :2] ** 2).sum(axis=1) - limit * (1.0 + 1e-9)
+            root = np.sqrt(middle**2 - square * beside)
+            ends = np.where(square > 0.0, [(-middle - root) / square, (-middle + root) / square],
+                            np.where(beside <= 0.0, [[-np.inf], [np.inf]], [[np.nan], [np.nan]]))
+            planes = np.sort([(low - origins[:, 2]) / directions[:, 2], (high - origins[:, 2]) / directions[:, 2]], axis=0)
+            level = directions[:, 2] == 0.0
+            within = (origins[:, 2] >= low) & (origins[:, 2] <= high)
+            planes = np.where(level, np.where(within, [[-np.inf], [np.inf]], [[np.nan], [np.nan]]), planes)
+            near, far = np.maximum(np.maximum(ends[0], planes[0]), eps), np.minimum(ends[1], planes[1])
+            crosses = np.isfinite(near) & (near < far)
+        near, far = np.where(crosses, near, 0.0), np.where(crosses, far, 1.0)
+        share = np.linspace(0.0, 1.0, self._PIECES + 1)
+        values = self._value(origins, directions, near[:, None] + share * (far - near)[:, None])
+        changes = (values[:, 1:] < 0.0) != (values[:, :-1] < 0.0)
+        first = changes.argmax(axis=1)
+        low_t, high_t = (near + share[first + end] * (far - near) for end in (0, 1))
+        is_low = values[np.arange(len(first)), first] < 0.0
+        for _ in range(self._HALVINGS):
+            half = 0.5 * (low_t + high_t)
+            is_before = (self._value(origins, directions, half[:, None])[:, 0] < 0.0) == is_low
+            low_t, high_t = np.where(is_before, half, low_t), np.where(is_before, high_t, half)
+        return np.where(crosses & changes.any(axis=1), 0.5 * (low_t + high_t), np.inf)
+
+    def _value(self, origins: np.ndarray, directions: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Return z less the sag at distances along rays, shape (rays, distances)."""
+        x, y, z = (origins[:, axis, None] + t * directions[:, axis, None] for axis in range(3))
+        return z - be.to_numpy(self._sag(be.array(x), be.array(y)))
+
+
+class _Asphere(_Sag):
+    """A conic and powers of the distance from the axis."""
+
+    #: The step from power to power.
+    _STEP = 2
+
+    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[float] = ()) -> None:
+        super().__init__(radius, conic, aperture_radius)
+        self.coefficients = list(coefficients)
+
+    def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        square = x * x + y * y
+        curvature = self._curvature()
+        root = be.abs(1.0 - (1.0 + self.conic) * curvature**2 * square) ** 0.5
+        sag, slope = curvature * square / (1.0 + root), curvature / root
+        # The distance from the axis, but for the axis itself, where a tip has no slope.
+        r = be.where(square > 0.0, square, be.ones_like(square)) ** 0.5
+        for index, coefficient in enumerate(self.coefficients):
+            power = self._STEP * (index + 1)
+            if power % 2 == 0:
+                sag = sag + coefficient * square ** (power // 2)
+                slope = slope + power * coefficient * square ** (power // 2 - 1)
+            else:
+                sag = sag + be.where(square > 0.0, coefficient * r**power, be.zeros_like(square))
+                slope = slope + be.where(square > 0.0, power * coefficient * r ** (power - 2), be.zeros_like(square))
+        return sag, slope * x, slope * y
+
+
+class EvenAsphere(_Asphere):
+    """A conic and even powers of the distance from the axis.
+
+    Args:
+        radius: Radius of curvature of the conic part at the vertex [mm]; infinite for a plane.
+        conic: Conic constant.
+        aperture_radius: Semi-diameter [mm].
+        coefficients: Of r^2, r^4, r^6 and so on, up to ten; lengths are in mm.
+    """
+
+
+class OddAsphere(_Asphere):
+    """A conic and all powers of the distance from the axis.
+
+    Args:
+        radius: Radius of curvature of the conic part at the vertex [mm]; infinite for a plane.
+        conic: Conic constant.
+        aperture_radius: Semi-diameter [mm].
+        coefficients: Of r, r^2, r^3 and so on, up to ten; lengths are in mm.
+    """
+
+    _STEP = 1

@@ -21,7 +21,7 @@ from optiland.nonsequential.materials.nsq_material import VACUUM
 
 from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
 from nsq_gpu.convert.report import LensReport
-from nsq_gpu.shapes import Aperture, ClippedConic
+from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
 
 #: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
 _ROOM = 1e-3
@@ -128,6 +128,7 @@ def _is_same(one: Face, other: Face) -> bool:
     turned = one.rotation.T @ other.rotation
     same_place = np.abs(one.position - other.position).max() <= _SAME
     same_curve = (one.radius == other.radius or math.isinf(one.radius) and math.isinf(other.radius)) and one.conic == other.conic
+    same_curve = same_curve and one.coefficients == other.coefficients and one.has_odd_powers == other.has_odd_powers
     return bool(same_place and same_curve and one.is_mirror == other.is_mirror and np.abs(turned - np.eye(3)).max() < 1e-12)
 
 
@@ -203,9 +204,12 @@ def _conic(part: Part) -> tuple[float, float, float]:
 def _component(part: Part, report: LensReport) -> BaseComponent:
     face = part.face
     if part.radius >= face.largest_radius():
-        part.radius = face.largest_radius() * (1.0 - 1e-9)
-    if isinstance(face.stated, Aperture):
-        shape: Any = ClippedConic(*_conic(part), face.stated)
+        # An asphere needs its slope at the rim.
+        part.radius = face.largest_radius() * (1.0 - (1e-3 if face.coefficients else 1e-9))
+    if face.coefficients:
+        shape: Any = (OddAsphere if face.has_odd_powers else EvenAsphere)(*_conic(part), face.coefficients)
+    elif isinstance(face.stated, Aperture):
+        shape = ClippedConic(*_conic(part), face.stated)
     elif math.isfinite(face.radius):
         shape = ConicGeometry(*_conic(part))
     else:

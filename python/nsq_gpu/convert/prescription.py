@@ -21,6 +21,8 @@ from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.shapes import Aperture
 
 _APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture)
+#: Coefficients of an asphere that a scene has place for.
+MOST_COEFFICIENTS = 10
 #: An aperture of that size has no end [mm].
 ENDLESS = 1e6
 
@@ -45,6 +47,9 @@ class Face:
     #: Radius of curvature at the vertex; infinite for a plane.
     radius: float
     conic: float
+    #: Coefficients of an asphere: of even powers of the distance from the axis, or of all; none of a conic.
+    coefficients: tuple[float, ...]
+    has_odd_powers: bool
     is_stop: bool
     is_mirror: bool
     #: True if light runs towards +z of the frame before the surface.
@@ -66,10 +71,12 @@ class Face:
 
     def sag(self, height: float) -> float:
         """Return z at a distance from the axis [mm]; NaN where the surface does not reach so far."""
+        step = 1 if self.has_odd_powers else 2
+        terms = sum(value * height ** (step * (i + 1)) for i, value in enumerate(self.coefficients))
         if math.isinf(self.radius):
-            return 0.0
+            return terms
         root = 1.0 - (1.0 + self.conic) * (height / self.radius) ** 2
-        return math.nan if root < 0.0 else height**2 / (self.radius * (1.0 + math.sqrt(root)))
+        return math.nan if root < 0.0 else height**2 / (self.radius * (1.0 + math.sqrt(root))) + terms
 
     def largest_radius(self) -> float:
         """Return how far from the axis the surface reaches [mm]."""
@@ -140,17 +147,30 @@ def _check(optic: Any) -> None:
         if type(model.coating) not in (type(None), SimpleCoating, FresnelCoating):
             raise UnsupportedSceneError(f"{place}: a {type(model.coating).__name__} cannot be carried; a SimpleCoating can, "
                                         "and bare glass reflects by Fresnel's law")
+        if isinstance(_stated_or_none(surface), Aperture) and _coefficients(surface.geometry):
+            raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried on an "
+                                        "asphere; a disk about the axis can")
         if type(surface.aperture) not in (type(None), *_APERTURES):
             raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried; disks, "
                                         "rings, ellipses and rectangles can")
 
 
 def _check_shape(geometry: Any, place: str) -> None:
-    if type(geometry) in (Plane, StandardGeometry):
-        return
-    if type(geometry) in (EvenAsphere, OddAsphere) and not np.any(np.asarray(geometry.coefficients, dtype=float)):
-        return
-    raise UnsupportedSceneError(f"{place}: its shape ({type(geometry).__name__}) cannot be carried; planes and conics can")
+    if type(geometry) not in (Plane, StandardGeometry, EvenAsphere, OddAsphere):
+        raise UnsupportedSceneError(f"{place}: its shape ({type(geometry).__name__}) cannot be carried; planes, conics, even and "
+                                    "odd aspheres can")
+    count = len(_coefficients(geometry))
+    if count > MOST_COEFFICIENTS:
+        raise UnsupportedSceneError(f"{place}: its shape ({type(geometry).__name__}) has {count} coefficients; "
+                                    f"{MOST_COEFFICIENTS} can be carried")
+
+
+def _coefficients(geometry: Any) -> tuple[float, ...]:
+    """Return the coefficients of an asphere, without zeros at their end."""
+    found = [_number(value) for value in getattr(geometry, "coefficients", ())]
+    while found and found[-1] == 0.0:
+        found.pop()
+    return tuple(found)
 
 
 def name_of(surface: Any, index: int) -> str:
@@ -229,15 +249,21 @@ def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
         rotation=rotation,
         radius=_number(surface.geometry.radius),
         conic=_number(getattr(surface.geometry, "k", 0.0)),
+        coefficients=_coefficients(surface.geometry),
+        has_odd_powers=type(surface.geometry) is OddAsphere,
         is_stop=bool(surface.is_stop),
         is_mirror=mirror,
         is_forward=float(np.median(came[:, 2])) > 0.0,
         before=before,
         behind=before if mirror else media.of(surface.material_post),
         coating=coating if type(coating) is SimpleCoating else None,
-        stated=None if surface.aperture is None else _stated(surface.aperture),
+        stated=_stated_or_none(surface),
         ray_radius=float(np.hypot(local[:, 0], local[:, 1]).max()),
     )
+
+
+def _stated_or_none(surface: Any) -> float | Aperture | None:
+    return _stated(surface.aperture) if type(surface.aperture) in _APERTURES else None
 
 
 def _stated(aperture: Any) -> float | Aperture | None:

@@ -21,7 +21,7 @@ from optiland.nonsequential.components.refractive import RefractiveComponent
 
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type
-from nsq_gpu.shapes import Aperture, ClippedConic
+from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
 
 INTERACTIONS: dict[type, str] = {
     RefractiveComponent: "refractive",
@@ -77,6 +77,15 @@ def _clipped_conic(geometry: Any, place: str) -> Json:
     return {**_conic(geometry, place), "type": "clipped_conic", "aperture": written}
 
 
+def _even_asphere(geometry: Any, place: str) -> Json:
+    coefficients = [number(value, f"{place}: coefficients[{i}]") for i, value in enumerate(geometry.coefficients)]
+    return {**_conic(geometry, place), "type": "even_asphere", "coefficients": coefficients}
+
+
+def _odd_asphere(geometry: Any, place: str) -> Json:
+    return {**_even_asphere(geometry, place), "type": "odd_asphere"}
+
+
 def _unlimited_plane(geometry: Any, place: str) -> Json:
     return {"type": "plane"}
 
@@ -116,6 +125,8 @@ SHAPES: dict[type, Callable[[Any, str], Json]] = {
     ConicGeometry: _conic,
     ParaboloidGeometry: _conic,
     ClippedConic: _clipped_conic,
+    EvenAsphere: _even_asphere,
+    OddAsphere: _odd_asphere,
     PlaneGeometry: _unlimited_plane,
     FinitePlaneGeometry: _plane,
     AnnularPlaneGeometry: _annulus,
@@ -130,7 +141,7 @@ def shape(geometry: Any, place: str) -> Json:
     write = SHAPES.get(type(geometry))
     if write is None:
         raise refuse_type(place, "its shape", geometry,
-                          "a conic, plane, annulus, frustum, sphere or mesh of Optiland, or a ClippedConic")
+                          "a conic, plane, annulus, frustum, sphere or mesh of Optiland, or a shape of nsq_gpu.shapes")
     return write(geometry, place)
 
 
