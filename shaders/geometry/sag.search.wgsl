@@ -6,7 +6,8 @@
 // The search looks at intervals of the ray, the nearest first, each through its middle:
 //
 // - without a crossing, if |F| in the middle is more than `speed` times half the length: on to the next interval;
-// - with at most one, if |F'| in the middle is more than `bend` times half the length: one end then tells whether there is
+// - with at most one, if |F'| in the middle is more than `bend` times half the length, or the slope alone is too small for
+//   the ray to meet the surface twice: one end then tells whether there is
 //   one, and Newton's method finds it within that half;
 // - undecided: the interval is halved. Where halving reaches what rounding hides, the signs at both ends decide.
 //
@@ -40,13 +41,16 @@ struct SagSearch {
     direction: vec3<real>,
     shift: real,
     leaving: bool,
+    // The slope alone keeps F growing or falling.
+    is_monotone: bool,
     // F at the start of a ray that leaves.
     start: real,
     limit: real,
     speed: real,
     bend: real,
-    // Half the length of an interval that rounding hides.
+    // Half the length of an interval that rounding hides; of the one at the start of a ray that leaves.
     hidden: real,
+    hidden_at_start: real,
     // The interval: its near end, half its length, how often it was halved, and its number among those of its length.
     near: real,
     half: real,
@@ -90,20 +94,21 @@ fn sag_search(
     is_missed = is_missed | !(near <= far);
     let speed = abs(d.z) + slope * sqrt(square);
     let largest = abs(base.x) + abs(base.y) + abs(base.z) + max(abs(near), abs(far)) + max(abs(lowest), abs(highest));
-    // Where the slope alone keeps F monotone, a ray that leaves meets the surface no more.
-    let is_gone = leaving & (abs(d.z) > slope * sqrt(square));
+    let is_monotone = abs(d.z) > slope * sqrt(square);
     var s: SagSearch;
-    s.phase = select(select(SAG_MIDDLE, SAG_START, leaving), SAG_DONE, is_missed | is_gone);
+    s.phase = select(select(SAG_MIDDLE, SAG_START, leaving), SAG_DONE, is_missed | (leaving & is_monotone));
     s.distance = MISS;
     s.base = base;
     s.direction = d;
     s.shift = shift;
     s.leaving = leaving;
+    s.is_monotone = is_monotone;
     s.start = 0.0;
     s.limit = limit;
     s.speed = speed;
     s.bend = bend * square;
     s.hidden = largest * SAG_ROUNDING / speed;
+    s.hidden_at_start = s.hidden;
     s.near = near;
     s.half = 0.5 * (far - near);
     s.halvings = 0u;
@@ -134,6 +139,8 @@ fn sag_next(search: SagSearch, sag: vec3<real>) -> SagSearch {
     }
     if s.phase == SAG_START {
         s.start = f;
+        // Nearer than that, F grows by less than rounding hides.
+        s.hidden_at_start = s.hidden * s.speed / max(abs(rate), 1e-30);
         s.phase = SAG_MIDDLE;
         return sag_at(s, s.near + s.half);
     }
@@ -164,13 +171,14 @@ fn sag_middle(search: SagSearch, f: real, rate: real) -> SagSearch {
     var s = search;
     s.value = f;
     let is_first = s.leaving & (s.index == 0u);
-    let is_hidden = (s.half <= s.hidden) | (s.halvings >= SAG_MOST_HALVINGS);
+    let is_hidden = (s.half <= select(s.hidden, s.hidden_at_start, is_first)) | (s.halvings >= SAG_MOST_HALVINGS);
     // Of the interval at the start of a ray that leaves, F(t) / t is looked at.
-    let deflated = abs(f) > 0.5 * s.bend * s.half * s.t;
-    if select(abs(f) > s.speed * s.half, deflated | is_hidden, is_first) {
+    let rounding = s.speed * s.hidden;
+    let deflated = abs(f) > 0.5 * s.bend * s.half * s.t + rounding;
+    if select((abs(f) > s.speed * s.half + rounding), deflated | is_hidden, is_first) {
         return sag_advance(s);
     }
-    if !is_first & (abs(rate) > s.bend * s.half) {
+    if !is_first & (s.is_monotone | (abs(rate) > s.bend * s.half)) {
         // One crossing at most: before the middle, if F grows and is positive there, or falls and is negative.
         let is_before = (rate > 0.0) == (f >= 0.0);
         s.phase = SAG_END;
