@@ -368,8 +368,8 @@ def pupil_scene() -> NSQScene:
     scene.add_component("bowl", ReflectiveComponent(CoordinateSystem(z=30.0, ry=0.1), bowl, 0.8, name="bowl"))
     cone = OddAsphere(float("inf"), 0.0, 12.0, [0.1, 0.0, -1e-4])
     scene.add_component("cone", ReflectiveComponent(CoordinateSystem(z=-25.0, rx=0.1), cone, 0.7, name="cone"))
-    scene.add_detector("back", CoordinateSystem(z=-30.0), IrradianceDetectorConfig(60.0, 60.0, 32, 32))
-    scene.add_detector("front", CoordinateSystem(z=28.5), IrradianceDetectorConfig(60.0, 60.0, 32, 32))
+    scene.add_detector("back", CoordinateSystem(z=-21.0), IrradianceDetectorConfig(60.0, 60.0, 32, 32, absorb=False))
+    scene.add_detector("front", CoordinateSystem(z=28.5), IrradianceDetectorConfig(60.0, 60.0, 32, 32, absorb=False))
     return scene
 
 
