@@ -156,6 +156,15 @@ def test_the_example_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> N
     assert names["result"].detectors["image"].total_flux > 0.3
 
 
+def test_the_readme_shows_a_lens_and_its_ghosts(capsys: pytest.CaptureFixture[str]) -> None:
+    example = (live.ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[2].split("```")[0]
+    names: dict[str, Any] = {}
+    with mock.patch.dict(os.environ, {"NSQ_GPU_BINARY": live.binary()}), live.quiet():
+        exec(compile(example.replace("10_000_000", "20_000"), "README.md", "exec"), names)
+    assert "surface 6: L3.back" in capsys.readouterr().out
+    assert names["result"].detectors["image"].total_flux > 2.0
+
+
 def test_to_photometric() -> None:
     scene = all_detectors()
     result, _ = traced(scene, NUM_RAYS, backend())

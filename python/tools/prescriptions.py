@@ -2,6 +2,7 @@
 
     python -m tools.prescriptions                  # Optiland's samples
     python -m tools.prescriptions FOLDER_OR_FILE.. # and files of lenses, such as those of Optiland's own tests
+    python -m tools.prescriptions --page ../docs/how-to/lenses.md optiland-0.6.3/tests/zemax_files optiland-0.6.3/tests/test_fileio
 
 Rays of all fields and wavelengths are traced by ``nsq-gpu`` in f64 without reflections, and from the same starts by the
 sequential engine. A row has the largest distance between the two on any surface, among rays that reach both images. Newton's
@@ -33,6 +34,11 @@ from nsq_gpu.convert import READERS, from_optic, read_optic
 from nsq_gpu.convert.prescription import trace
 
 RAYS_PER_FIELD = 200
+#: Where a page has the table.
+BEGIN, END = "<!-- Written by python/tools/prescriptions.py. -->", "<!-- End of the table of prescriptions. -->"
+#: What the table says of a report's remarks.
+REMARKS = {"rays are aimed": "aimed at the stop", "image is curved": "curved image", "where light goes": "faces cross in the light",
+           "no edge": "faces without an edge", "light beside its aperture": "a mirror with an aperture"}
 
 
 @dataclass
@@ -150,28 +156,40 @@ def sequential(optic: Any, births: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return places, directions, arrive
 
 
+def line(row: Row) -> str:
+    """Return a row of the table."""
+    if row.refused:
+        return f"| `{row.name}` {'| ' * 9}{row.refused} |"
+    said = ", ".join(short for long, short in REMARKS.items() if long in row.remarks)
+    return (f"| `{row.name}` | {row.num_surfaces} | {row.num_fields} | {row.num_sequential} of {row.num_rays} | {row.num_lost} | "
+            f"{row.num_gained} | {row.distance:.1e} | {row.direction:.1e} | {row.seconds:.2f} | {said} |")
+
+
 def main() -> None:
     """Write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", type=Path, nargs="*", help="files of lenses, or folders of them")
     parser.add_argument("--binary", help="the built command")
+    parser.add_argument("--page", type=Path, help="a page whose table is written anew")
     given = parser.parse_args()
     found = [(name, lambda kind=kind: kind()) for name, kind in samples()]
     for path in given.files:
         files = sorted(file for file in path.rglob("*") if file.suffix.lower() in READERS) if path.is_dir() else [path]
         found += [(file.name, lambda file=file: read_optic(file)) for file in files]
-    print("| lens | surfaces | fields | rays | lost | gained | largest distance [mm] | largest difference of directions | time [s] | |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    rows = ["| lens | surfaces | fields | rays | lost | gained | distance [mm] | direction | time [s] | |", f"|{'---|' * 10}"]
     for name, make in found:
         try:
             row = compare(name, make(), binary=given.binary)
-        except Exception as error:  # a reader's own
-            row = Row(name, refused=f"{type(error).__name__}: {error}")
-        if row.refused:
-            print(f"| {name} | | | | | | | | | {row.refused} |", flush=True)
-        else:
-            print(f"| {name} | {row.num_surfaces} | {row.num_fields} | {row.num_sequential} of {row.num_rays} | {row.num_lost} | "
-                  f"{row.num_gained} | {row.distance:.1e} | {row.direction:.1e} | {row.seconds:.2f} | {row.remarks} |", flush=True)
+        except nsq_gpu.UsageError as error:
+            row = Row(name, refused=str(error).split(f"{name}: ")[-1])
+        rows.append(line(row))
+        print(rows[-1], flush=True)
+    if given.page is not None:
+        text = given.page.read_text(encoding="utf-8")
+        head, rest = text.split(BEGIN)
+        tail = rest.split(END)[1]
+        given.page.write_text(f"{head}{BEGIN}\n\n" + "\n".join(rows).replace("[mm]", "\\[mm\\]").replace("[s]", "\\[s\\]")
+                              + f"\n\n{END}{tail}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -40,7 +40,8 @@ class Part:
     #: Media on the sides of -z and of +z of its frame.
     front: NSQMaterial | None
     back: NSQMaterial | None
-    is_estimated: bool
+    #: Its radius may be made smaller.
+    is_free: bool
     indices: list[int] = field(default_factory=list)
     name: str = ""
 
@@ -119,7 +120,7 @@ def _part(face: Face, parts: list[Part], margin: float) -> Part:
             part.radius = max(part.radius, radius)
             part.indices.append(face.index)
             return part
-    parts.append(Part(face, radius, *sides, is_estimated=not face.clips, indices=[face.index]))
+    parts.append(Part(face, radius, *sides, is_free=not face.clips, indices=[face.index]))
     return parts[-1]
 
 
@@ -165,7 +166,7 @@ def _shrink(parts: list[Part], gaps: list[Gap]) -> list[tuple[Part, Part, float]
             middle = 0.5 * (low + high)
             low, high = (middle, high) if apart(middle) > 0.0 else (low, middle)
         for part in (first, second):
-            if part.is_estimated and part.radius > low:
+            if part.is_free and part.radius > low:
                 part.radius = max(low, min(part.radius, part.face.ray_radius * (1.0 + _ROOM)))
         if min(first.radius, second.radius) > low * (1.0 + _ROOM):
             found.append((first, second, low))
@@ -214,7 +215,7 @@ def _component(part: Part, report: LensReport) -> BaseComponent:
         shape = ConicGeometry(*_conic(part))
     else:
         shape = FinitePlaneGeometry(aperture_radius=part.radius)
-    (report.estimated_apertures if part.is_estimated else report.stated_apertures).append(part.name)
+    (report.estimated_apertures if face.stated is None else report.stated_apertures).append(part.name)
     front, back = (VACUUM if medium is None else medium for medium in (part.front, part.back))
     if face.is_mirror:
         if face.coating is None:
