@@ -166,7 +166,9 @@ fn check(real: Real, step: u32) -> Option<(usize, f64)> {
         let mut crossings: Vec<f64> = profile.crossings(*origin, *direction);
         crossings.sort_by(f64::total_cmp);
         let is_doubtful = crossings.windows(2).any(|pair| pair[1] - pair[0] < 1e-3 * size)
-            || crossings.iter().any(|&t| rate(t).abs() < 1e-2 || (t.abs() < 2.0 * near && t.abs() > 0.5 * near))
+            || crossings
+                .iter()
+                .any(|&t| rate(t).abs() < 1e-2 || (t.abs() < 2.0 * near && t.abs() > 0.5 * near))
             || *leaving && rate(0.0).abs() < 1e-2;
         let first = crossings.iter().copied().find(|&t| t > near);
         let at_rim = |t: f64| {
@@ -180,14 +182,22 @@ fn check(real: Real, step: u32) -> Option<(usize, f64)> {
             None => assert!(found > MISS, "{real:?} {step} case {i}: met at {found}, where there is nothing"),
             Some(t) => {
                 let r = (*origin + t * *direction).truncate().length() / profile.aperture_radius;
-                assert!(found < MISS, "{real:?} {step} case {i}: missed, crossed at {t} of {crossings:?}, {r} of the aperture, rate {}, bounds {:?} {origin:?} {direction:?}", rate(t), profile.bounds());
+                assert!(
+                    found < MISS,
+                    "{real:?} {step} case {i}: missed, crossed at {t} of {crossings:?}, {r} of the aperture, rate {}, bounds {:?} {origin:?} {direction:?}",
+                    rate(t),
+                    profile.bounds()
+                );
                 num_met += 1;
                 let place = *origin + found * *direction;
                 // A distance beside the surface, over the incidence's cosine, in units of the largest coordinate's last place.
                 let size = if real == Real::F64 { place.abs().max_element() + (found * unit) } else { size };
                 let off = level(found).value.abs() / level(found).gradient.length();
                 largest = largest.max(off / (2.0 * unit * size.max(found.abs())));
-                assert!((found - t).abs() < 1e-4 * size.max(1.0), "{real:?} {step} case {i}: {found}, not {t}");
+                assert!(
+                    (found - t).abs() < 1e-4 * size.max(1.0),
+                    "{real:?} {step} case {i}: {found}, not {t}"
+                );
             }
         }
     }
@@ -197,7 +207,9 @@ fn check(real: Real, step: u32) -> Option<(usize, f64)> {
 fn check_all(real: Real) {
     for step in [2, 1] {
         let Some((num_met, largest)) = check(real, step) else { continue };
-        println!("{real:?}, powers in steps of {step}: {num_met} rays met, {largest:.2} units in the last place");
+        println!(
+            "{real:?}, powers in steps of {step}: {num_met} rays met, {largest:.2} units in the last place"
+        );
         assert!(num_met > 1000, "{num_met}");
         assert!(largest < 8.0, "{real:?}, step {step}: {largest} units in the last place");
     }

@@ -6,13 +6,13 @@ use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::{
     Aperture, ApertureOutline, Bsdf, BsdfTable, ClippedConic, Coating, Collimated, Conic, Detector,
-    DetectorKind, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
-    Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral,
-    Spectrum, Splat, Surface, Tabulated,
+    DetectorKind, EvenAsphere, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, OddAsphere,
+    Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape,
+    Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
-use nsq_gpu::result::{DetectorData, Ledger, RayRow, Tally};
+use nsq_gpu::result::{DetectorData, Ledger, PathEvent, PathEventKind, RayRow, Tally};
 use nsq_gpu::trace::RecordPaths;
 use nsq_gpu::{StandardError, TraceResult};
 
@@ -29,6 +29,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "cap" => cap,
         "lambertian" => lambertian,
         "extended cap" => extended_cap,
+        "aspheres" => aspheres,
         "clipped" => clipped,
         "pupil" => pupil,
         "ties" => ties,
@@ -237,6 +238,116 @@ fn lambertian(bench: &Bench) -> Outcome {
     let area = Outline::Rectangle { width: 1.0, height: 2.0 };
     let half_angle = std::f64::consts::FRAC_PI_2;
     compare_shares(bench, SourceKind::Extended(Extended { area, half_angle }), |angle| angle.sin().powi(2))
+}
+
+/// Rays among mirrors that are aspheres, from a lamp between them and from beams along and across the axis: each meets the
+/// first crossing that a dense search in f64 finds, within the aperture, and goes off as the normal there says.
+fn aspheres(bench: &Bench) -> Outcome {
+    let bowl = Profile::new(12.0, -1.6, 6.0, 2, &[1e-3, -4e-5, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]);
+    let wave = Profile::new(-30.0, 0.3, 6.0, 1, &[-0.15, 0.0, 0.012, -1.2e-3]);
+    let mirror = |shape, z| Surface {
+        shape,
+        ..plane("mirror", z, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0)
+    };
+    let shapes = [
+        (bowl, Shape::EvenAsphere(EvenAsphere(bowl)), 10.0),
+        (wave, Shape::OddAsphere(OddAsphere(wave)), 18.0),
+    ];
+    let across = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
+    let lamp = |kind, origin, rotation| (kind, Frame { origin, rotation });
+    let wide = SourceKind::Point(Point { half_angle: 3.0 });
+    let thick = SourceKind::Collimated(Collimated { aperture_radius: 5.0, sigma: None });
+    for (kind, frame) in [
+        lamp(wide, DVec3::new(1.0, 2.0, 14.0), DMat3::IDENTITY),
+        lamp(thick, DVec3::new(0.0, 0.0, 16.5), DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))),
+        lamp(thick, DVec3::new(-9.0, 0.0, 11.0), across),
+    ] {
+        let surfaces = shapes.iter().map(|(_, shape, z)| mirror(shape.clone(), *z)).collect();
+        let mut ir = scene(kind, surfaces, vec![pixels("end", 99.0)]);
+        ir.sources[0].frame = frame;
+        let mut setting = Setting::default();
+        setting.options.num_rays = 120;
+        setting.options.max_depth = 6;
+        setting.options.paths = RecordPaths::All;
+        let events = bench.tally(&ir, &setting).paths;
+        let mut paths: std::collections::BTreeMap<u64, Vec<&PathEvent>> = std::collections::BTreeMap::new();
+        for event in &events {
+            paths.entry(event.ray.ray_id).or_default().push(event);
+        }
+        for path in paths.values_mut() {
+            path.sort_by_key(|event| (!matches!(event.kind, PathEventKind::Birth(_)), event.ray.bounce));
+            check_path(path, &shapes)?;
+        }
+    }
+    Ok(())
+}
+
+/// Checks a path among the mirrors of [`aspheres`].
+fn check_path(path: &[&PathEvent], shapes: &[(Profile, Shape, f64); 2]) -> Outcome {
+    let mut place = DVec3::from_array(path[0].ray.position);
+    let mut direction = DVec3::from_array(path[0].ray.direction);
+    let mut left: Option<usize> = None;
+    for event in &path[1..] {
+        if !matches!(event.kind, PathEventKind::Surface(_) | PathEventKind::Escaped) {
+            return Ok(());
+        }
+        let first = (0..2).flat_map(|i| {
+            let (profile, _, z) = shapes[i];
+            let start = place - DVec3::new(0.0, 0.0, z);
+            let nearest = if left == Some(i) { 1e-3 } else { 1e-9 };
+            let ahead = profile.crossings(start, direction).into_iter().filter(move |&t| t > nearest);
+            ahead.map(move |t| (t, i))
+        });
+        let first = first.min_by(|a, b| a.0.total_cmp(&b.0));
+        let PathEventKind::Surface(i) = event.kind else {
+            let is_lost = first.is_some_and(|(t, i)| {
+                let (profile, _, z) = shapes[i];
+                let p = place + t * direction - DVec3::new(0.0, 0.0, z);
+                let level = profile.level(p);
+                p.truncate().length() < 0.999 * profile.aperture_radius
+                    && level.gradient.normalize().dot(direction).abs() > 1e-2
+                    && t > 1e-2
+            });
+            return if is_lost {
+                Err(format!("a ray from {place} along {direction} meets nothing"))
+            } else {
+                Ok(())
+            };
+        };
+        let (profile, _, z) = shapes[i];
+        let met = DVec3::from_array(event.ray.position);
+        let p = met - DVec3::new(0.0, 0.0, z);
+        let level = profile.level(p);
+        if level.value.abs() > 1e-9 || p.truncate().length() > profile.aperture_radius * (1.0 + 1e-9) {
+            return Err(format!("a ray from {place} along {direction} meets {met}, which is on no mirror"));
+        }
+        let t = (met - place).length();
+        let Some((expected, _)) = first else {
+            return Err(format!("a ray from {place} along {direction} meets {met}, where nothing is"));
+        };
+        let grazes = level.gradient.normalize().dot(direction).abs() < 1e-2;
+        if (t - expected).abs() > 1e-6 {
+            // Two crossings of a ray that grazes are one to a dense search.
+            return if grazes || t < 1e-2 {
+                Ok(())
+            } else {
+                Err(format!("met after {t} mm, not {expected}, from {place} along {direction}"))
+            };
+        }
+        let normal = level.gradient.normalize();
+        direction -= 2.0 * direction.dot(normal) * normal;
+        let (next, l) = (path.iter().find(|next| next.ray.bounce == event.ray.bounce + 1), left);
+        left = Some(i);
+        if let Some(next) = next {
+            let found = DVec3::from_array(next.ray.direction);
+            if (found - direction).length() > 1e-9 {
+                return Err(format!("goes off along {found}, not {direction} (after {l:?})"));
+            }
+            direction = found;
+        }
+        place = met;
+    }
+    Ok(())
 }
 
 /// Parts of spheres take the rays that their apertures say, of a beam of 8 mm, and none elsewhere.
