@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 
 const NUM_ASPHERES: u64 = 120;
 const RAYS_PER_ASPHERE: u64 = 48;
-const NUM_ARGUMENTS: usize = 17;
+const NUM_ARGUMENTS: usize = 19;
 /// Numbers of a ray: the arguments, a point, a direction, and whether the ray leaves the surface there.
 const NUM_NUMBERS: usize = NUM_ARGUMENTS + 7;
 const MISS: f64 = 1e37;
@@ -219,6 +219,45 @@ fn check_all(real: Real) {
 fn the_first_crossing_of_random_aspheres_is_found() {
     check_all(Real::F64);
     check_all(Real::F32);
+}
+
+/// A ray along a surface that is flat but for its rim, and one that leaves a bowl's vertex along its tangent: both end, the
+/// first within some hundred looks, at the first crossing that rounding does not hide.
+#[test]
+fn rays_along_a_surface_end_at_its_next_crossing() {
+    let Some(gpu) = Gpu::open("lib_sag", Real::F64, Integers::Portable) else { return };
+    let flat =
+        Profile::new(f64::INFINITY, 0.0, 10.0, 2, &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2e-20]);
+    let ripple = Profile::new(f64::INFINITY, 0.0, 15.0, 2, &[0.01, -1e-4]);
+    let along = |profile, origin, z: f64, leaving| Case {
+        profile,
+        origin,
+        direction: DVec3::new((1.0 - z * z).sqrt(), 0.0, z),
+        leaving,
+    };
+    let mut cases: Vec<Case> =
+        [0.0, 1e-9, 1e-6, 1e-4].map(|z| along(flat, DVec3::new(-30.0, 0.0, z), 0.0, false)).into();
+    cases.extend([0.0, 1e-7, 1e-5].map(|z| along(ripple, DVec3::ZERO, z, true)));
+    let found = searched(&gpu, Real::F64, 2, &cases);
+    for (case, &t) in cases.iter().zip(&found).skip(1).take(3) {
+        let p = case.origin + t * case.direction;
+        assert!((flat.sag(p.truncate().length()) - p.z).abs() < 1e-9 && p.x < 0.0, "met at {p}");
+    }
+    // z = 0.01 r^2 - 1e-4 r^4 is left at r = 0: at slope e it is crossed at e / 0.01, and else at 10.
+    assert!((found[4] - 10.0).abs() < 1e-9, "{}", found[4]);
+    assert!((found[5] - 1e-5).abs() < 1e-9, "{}", found[5]);
+    assert!((found[6] - 1e-3).abs() < 1e-9, "{}", found[6]);
+}
+
+/// Where one face has ended, a ray that leaves another one of the same curve may still meet it.
+#[test]
+fn a_ray_that_leaves_beyond_the_rim_meets_the_face_plainly() {
+    let Some(gpu) = Gpu::open("lib_sag", Real::F64, Integers::Portable) else { return };
+    let inner = Profile::new(f64::INFINITY, 0.0, 5.0, 2, &[0.0, 1e-4]);
+    let origin = DVec3::new(15.0, 0.0, inner.sag(15.0));
+    let case = Case { profile: inner, origin, direction: -origin.normalize(), leaving: true };
+    let t = searched(&gpu, Real::F64, 2, &[case])[0];
+    assert!((t - origin.length()).abs() < 1e-9, "{t}");
 }
 
 /// Lavapipe compiles the search in pairs for a minute.

@@ -3,18 +3,20 @@
 // Along the ray, F(t) = z(t) - sag(x(t), y(t)). Two bounds hold over the whole aperture: of the sag's slope, and of its
 // bend, which is the largest second derivative along any line. So |F'| is at most `speed`, and |F''| at most `bend`.
 //
-// The search looks at intervals of the ray, the nearest first, each through its middle:
+// Where a ray is so steep that the sag's slope cannot turn F round, it crosses once at most: `sag_single` finds that by
+// Newton's method. So do most rays of a lens. For the others, `sag_next` looks at intervals of the ray, the nearest first,
+// each through its middle:
 //
 // - without a crossing, if |F| in the middle is more than `speed` times half the length: on to the next interval;
-// - with at most one, if |F'| in the middle is more than `bend` times half the length, or the slope alone is too small for
-//   the ray to meet the surface twice: one end then tells whether there is
+// - with at most one, if |F'| in the middle is more than `bend` times half the length: one end then tells whether there is
 //   one, and Newton's method finds it within that half;
 // - undecided: the interval is halved. Where halving reaches what rounding hides, the signs at both ends decide.
 //
 // The ray starts with what lies within the aperture's cylinder and between the sag's lowest and highest place. A ray that
 // leaves the surface has F = 0 at its start. Its other crossings are those of F(t) / t, whose derivative is at most bend / 2.
 //
-// A caller gives the sag at `place`, step by step, until `phase` is SAG_DONE; `distance` then is the result or MISS.
+// A caller gives the sag at `place`, step by step: to `sag_single` while `phase` is SAG_SINGLE, then to `sag_next` until
+// `phase` is SAG_DONE. `distance` then is the result or MISS.
 
 const SAG_DONE: u32 = 0u;
 // The sag is wanted where the ray starts that leaves the surface; in the middle of an interval; at one of its ends; at both,
@@ -25,10 +27,15 @@ const SAG_END: u32 = 3u;
 const SAG_FIRST_END: u32 = 4u;
 const SAG_LAST_END: u32 = 5u;
 const SAG_NEWTON: u32 = 6u;
+const SAG_SINGLE: u32 = 7u;
 
 // Halvings of the first interval, and steps of Newton's method, that no crossing takes in practice.
 const SAG_MOST_HALVINGS: u32 = 30u;
 const SAG_MOST_STEPS: u32 = 60u;
+// A ray that runs along the surface may leave any number of intervals undecided. After so many, the rest of the ray is cut
+// into at most 2^SAG_COARSE pieces, and the signs at their ends decide.
+const SAG_MOST_LOOKS: u32 = 400u;
+const SAG_COARSE: u32 = 10u;
 
 struct SagSearch {
     phase: u32,
@@ -41,8 +48,6 @@ struct SagSearch {
     direction: vec3<real>,
     shift: real,
     leaving: bool,
-    // The slope alone keeps F growing or falling.
-    is_monotone: bool,
     // F at the start of a ray that leaves.
     start: real,
     limit: real,
@@ -63,16 +68,21 @@ struct SagSearch {
     high: real,
     last: real,
     steps: u32,
+    // Intervals that were looked at.
+    looks: u32,
 }
 
 fn sag_search(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, leaving: bool,
+    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    leaving: bool,
 ) -> SagSearch {
-    let shift = select(-dot(o, d), 0.0, leaving);
-    let base = o + shift * d;
-    let square = d.x * d.x + d.y * d.y;
     // A little wider than the aperture: rounding may not lose a crossing at the rim.
     let room = limit * 1.000002;
+    // A ray may stand on this surface where the aperture has ended, and leave another one there.
+    let leaves = leaving & (o.x * o.x + o.y * o.y <= room);
+    let shift = select(-dot(o, d), 0.0, leaves);
+    let base = o + shift * d;
+    let square = d.x * d.x + d.y * d.y;
     let b = base.x * d.x + base.y * d.y;
     let c = base.x * base.x + base.y * base.y - room;
     let discriminant = b * b - square * c;
@@ -93,16 +103,17 @@ fn sag_search(
     near = max(near, -shift);
     is_missed = is_missed | !(near <= far);
     let speed = abs(d.z) + slope * sqrt(square);
-    let largest = abs(base.x) + abs(base.y) + abs(base.z) + max(abs(near), abs(far)) + max(abs(lowest), abs(highest));
-    let is_monotone = abs(d.z) > slope * sqrt(square);
+    let largest = abs(base.x) + abs(base.y) + abs(base.z) + max(abs(near), abs(far)) + magnitude;
+    let is_single = abs(d.z) > slope * sqrt(square);
     var s: SagSearch;
-    s.phase = select(select(SAG_MIDDLE, SAG_START, leaving), SAG_DONE, is_missed | (leaving & is_monotone));
+    // A ray that leaves the surface and crosses it once has done so.
+    let begin = select(select(SAG_MIDDLE, SAG_START, leaves), SAG_SINGLE, is_single);
+    s.phase = select(begin, SAG_DONE, is_missed | (leaves & is_single));
     s.distance = MISS;
     s.base = base;
     s.direction = d;
     s.shift = shift;
-    s.leaving = leaving;
-    s.is_monotone = is_monotone;
+    s.leaving = leaves;
     s.start = 0.0;
     s.limit = limit;
     s.speed = speed;
@@ -113,12 +124,14 @@ fn sag_search(
     s.half = 0.5 * (far - near);
     s.halvings = 0u;
     s.index = 0u;
-    s.value = 0.0;
-    s.low = 0.0;
-    s.high = 0.0;
-    s.last = 0.0;
+    // If the ray crosses once, F has this sign before.
+    s.value = -d.z;
+    s.low = near;
+    s.high = near + 2.0 * s.half;
+    s.last = MISS;
     s.steps = 0u;
-    return sag_at(s, select(near + s.half, 0.0, leaving));
+    s.looks = 0u;
+    return sag_at(s, select(near + s.half, 0.0, leaves));
 }
 
 // The search with another point where the sag is wanted.
@@ -127,6 +140,42 @@ fn sag_at(search: SagSearch, t: real) -> SagSearch {
     s.t = t;
     s.place = s.base + t * s.direction;
     return s;
+}
+
+// The search of a ray that crosses once at most, one step on: a step of Newton's method within what is left.
+fn sag_single(search: SagSearch, sag: vec3<real>) -> SagSearch {
+    var s = search;
+    let f = s.place.z - sag.x;
+    let rate = s.direction.z - (sag.y * s.direction.x + sag.z * s.direction.y);
+    let is_before = (f < 0.0) == (s.value < 0.0);
+    let is_none = select((s.t == s.near), s.t == s.near + 2.0 * s.half, is_before);
+    s.low = select(s.low, s.t, is_before);
+    s.high = select(s.t, s.high, is_before);
+    s.steps += 1u;
+    let wanted = s.t - f / select(rate, 1.0, rate == 0.0);
+    let is_close = sag_is_close(s, wanted, rate);
+    let held = select(min(max(wanted, s.low), s.high), 0.5 * (s.low + s.high), s.steps > 8u);
+    let next = select(held, wanted, is_close);
+    let is_over = is_close | (next == s.t) | (next == s.last) | (s.steps >= SAG_MOST_STEPS);
+    s.last = s.t;
+    s = sag_at(s, next);
+    if is_none | is_over {
+        s.phase = SAG_DONE;
+        s.distance = select(MISS, next + s.shift, !is_none & sag_is_met(s));
+    }
+    return s;
+}
+
+// What is left of the error after a step of Newton's method is at most bend / (2 |F'|) times its square. True if rounding
+// hides that.
+fn sag_is_close(s: SagSearch, wanted: real, rate: real) -> bool {
+    let step = wanted - s.t;
+    return (wanted >= s.low) & (wanted <= s.high) & (s.bend * step * step <= 0.5 * s.hidden * abs(rate));
+}
+
+// True if the search stands within the aperture, ahead of the ray.
+fn sag_is_met(s: SagSearch) -> bool {
+    return (s.place.x * s.place.x + s.place.y * s.place.y <= s.limit) & (s.t + s.shift > 0.0);
 }
 
 // The search one step on, with the sag and its two derivatives at `place`.
@@ -139,8 +188,10 @@ fn sag_next(search: SagSearch, sag: vec3<real>) -> SagSearch {
     }
     if s.phase == SAG_START {
         s.start = f;
-        // Nearer than that, F grows by less than rounding hides.
-        s.hidden_at_start = s.hidden * s.speed / max(abs(rate), 1e-30);
+        // Nearer than that, rounding hides how F grows, and how it bends unless there is a tip.
+        let rounding = s.hidden * s.speed;
+        let by_rate = rounding / max(abs(rate), 1e-30);
+        s.hidden_at_start = select(min(by_rate, sqrt(2.0 * rounding / max(s.bend, 1e-30))), by_rate, s.bend > 1e20);
         s.phase = SAG_MIDDLE;
         return sag_at(s, s.near + s.half);
     }
@@ -170,15 +221,17 @@ fn sag_next(search: SagSearch, sag: vec3<real>) -> SagSearch {
 fn sag_middle(search: SagSearch, f: real, rate: real) -> SagSearch {
     var s = search;
     s.value = f;
+    s.looks += 1u;
     let is_first = s.leaving & (s.index == 0u);
-    let is_hidden = (s.half <= select(s.hidden, s.hidden_at_start, is_first)) | (s.halvings >= SAG_MOST_HALVINGS);
+    let most_halvings = select(SAG_MOST_HALVINGS, SAG_COARSE, s.looks > SAG_MOST_LOOKS);
+    let is_hidden = (s.half <= select(s.hidden, s.hidden_at_start, is_first)) | (s.halvings >= most_halvings);
     // Of the interval at the start of a ray that leaves, F(t) / t is looked at.
     let rounding = s.speed * s.hidden;
     let deflated = abs(f) > 0.5 * s.bend * s.half * s.t + rounding;
     if select((abs(f) > s.speed * s.half + rounding), deflated | is_hidden, is_first) {
         return sag_advance(s);
     }
-    if !is_first & (s.is_monotone | (abs(rate) > s.bend * s.half)) {
+    if !is_first & (abs(rate) > s.bend * s.half) {
         // One crossing at most: before the middle, if F grows and is positive there, or falls and is negative.
         let is_before = (rate > 0.0) == (f >= 0.0);
         s.phase = SAG_END;
@@ -220,10 +273,11 @@ fn sag_newton(search: SagSearch, f: real, rate: real) -> SagSearch {
     let is_within = (rate != 0.0) & (wanted >= s.low) & (wanted <= s.high);
     let next = select(0.5 * (s.low + s.high), wanted, is_within);
     s.steps += 1u;
-    if (next == s.t) | (next == s.last) | (s.steps >= SAG_MOST_STEPS) {
-        let distance = s.t + s.shift;
-        if (s.place.x * s.place.x + s.place.y * s.place.y <= s.limit) & (distance > 0.0) {
-            s.distance = distance;
+    let is_close = is_within & sag_is_close(s, wanted, rate);
+    if is_close | (next == s.t) | (next == s.last) | (s.steps >= SAG_MOST_STEPS) {
+        s = sag_at(s, next);
+        if sag_is_met(s) {
+            s.distance = s.t + s.shift;
             s.phase = SAG_DONE;
             return s;
         }

@@ -1,14 +1,20 @@
 // Odd asphere: z = c r^2 / (1 + sqrt(1 - (1 + K) c^2 r^2)) + c1 r + c2 r^2 + ... + c10 r^10 within an aperture.
 
-// `limit` is the squared semi-diameter, `axial` is (1 + K) c^2; `slope` and `bend` bound the derivatives of the sag.
+// `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
+// derivatives of the sag, and `magnitude` the sum of its terms' sizes. The coefficients are those of powers of r / R, which
+// every precision holds.
 fn odd_asphere_distance(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, curvature: real,
-    axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
+    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    per_limit: real, curvature: real, axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
     leaving: bool,
 ) -> real {
-    var search = sag_search(o, d, limit, lowest, highest, slope, bend, leaving);
+    var search = sag_search(o, d, limit, lowest, highest, slope, bend, magnitude, leaving);
+    while search.phase == SAG_SINGLE {
+        let sag = odd_asphere_sag(search.place, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
+        search = sag_single(search, sag);
+    }
     while search.phase != SAG_DONE {
-        let sag = odd_asphere_sag(search.place, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
+        let sag = odd_asphere_sag(search.place, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
         search = sag_next(search, sag);
     }
     return search.distance;
@@ -16,40 +22,43 @@ fn odd_asphere_distance(
 
 // The sag below a point, and its derivatives along x and y.
 fn odd_asphere_sag(
-    p: vec3<real>, curvature: real, axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real,
+    p: vec3<real>, per_limit: real, curvature: real, axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real,
     c8: real, c9: real, c10: real,
 ) -> vec3<real> {
     let s = p.x * p.x + p.y * p.y;
-    let r = sqrt(s);
     let root = sqrt(abs(1.0 - axial * s));
-    let terms = r * (c1 + r * (c2 + r * (c3 + r * (c4 + r * (c5 + r * (c6 + r * (c7 + r * (c8 + r * (c9 + r * c10)))))))));
-    let high_rates = 6.0 * c6 + r * (7.0 * c7 + r * (8.0 * c8 + r * (9.0 * c9 + r * (10.0 * c10))));
-    let rates = 2.0 * c2 + r * (3.0 * c3 + r * (4.0 * c4 + r * (5.0 * c5 + r * high_rates)));
+    let q = sqrt(s * per_limit);
+    let terms = q * (c1 + q * (c2 + q * (c3 + q * (c4 + q * (c5 + q * (c6 + q * (c7 + q * (c8 + q * (c9 + q * c10)))))))));
+    let high_rates = 6.0 * c6 + q * (7.0 * c7 + q * (8.0 * c8 + q * (9.0 * c9 + q * (10.0 * c10))));
+    let rates = 2.0 * c2 + q * (3.0 * c3 + q * (4.0 * c4 + q * (5.0 * c5 + q * high_rates)));
     // The tip that c1 makes has no slope at the axis itself.
-    let tip = select(c1 / select(r, 1.0, r == 0.0), 0.0, r == 0.0);
-    let slope = curvature / root + rates + tip;
+    let tip = select(c1 / select(q, 1.0, q == 0.0), 0.0, q == 0.0);
+    let slope = curvature / root + per_limit * (rates + tip);
     return vec3<real>(curvature * s / (1.0 + root) + terms, slope * p.x, slope * p.y);
 }
 
 fn odd_asphere_holds(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, curvature: real, axial: real,
+    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> bool {
     return p.x * p.x + p.y * p.y <= limit;
 }
 
 fn odd_asphere_normal(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, curvature: real, axial: real,
+    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> vec3<real> {
-    let sag = odd_asphere_sag(p, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
+    let sag = odd_asphere_sag(p, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
     return vec3<real>(-sag.y, -sag.z, 1.0) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
 }
 
 fn odd_asphere_height(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, curvature: real, axial: real,
+    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> real {
-    let sag = odd_asphere_sag(p, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
+    let sag = odd_asphere_sag(p, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
     return (p.z - sag.x) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
 }

@@ -289,7 +289,11 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
 
 /// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
 fn overreach(surface: &SceneSurface) -> Option<String> {
-    let model::Shape::Conic(conic) = surface.shape else { return None };
+    let conic = match surface.shape {
+        model::Shape::Conic(conic) => conic,
+        model::Shape::ClippedConic(clipped) => clipped.conic,
+        _ => return None,
+    };
     let widest = conic.widest();
     let name = quoted(&surface.name);
     (conic.aperture_radius > widest)

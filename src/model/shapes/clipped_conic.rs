@@ -5,12 +5,12 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::conic::{Conic, curvature};
-use crate::model::shapes::{Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::{Entry, Extent, Geometry, Normal, Quadric, Shape, ShapeKind, ShapeWgsl, circle};
 use crate::shaders::shader;
 use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
 use serde::Deserialize;
-use std::f64::consts::TAU;
+use std::f64::consts::{SQRT_2, TAU};
 
 /// The clipped conic.
 pub const CLIPPED_CONIC: ShapeWgsl = ShapeWgsl {
@@ -218,24 +218,40 @@ impl Geometry for ClippedConic {
         self.conic.extent(meshes)
     }
 
-    /// Points of a spiral, whose turns leave no direction out, as far as they belong to the shape.
+    /// Points of a spiral over the aperture, or over what it leaves of the conic, as far as they belong to the shape.
     fn samples(&self) -> Vec<DVec3> {
-        const POINTS: i32 = 400;
+        const POINTS: i32 = 4096;
         /// The turn that repeats itself least.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        let radius = self.conic.aperture_radius.min(self.conic.widest());
+        let widest = 0.999_999 * self.conic.aperture_radius.min(self.conic.widest());
+        // A rectangle reaches farther than the ellipse within it.
+        let (middle, semi_axes) = match (self.aperture.inverted, self.aperture.outline) {
+            (true, _) => (DVec2::ZERO, DVec2::splat(widest)),
+            (false, ApertureOutline::Ellipse) => (self.aperture.middle, self.aperture.semi_axes),
+            (false, ApertureOutline::Rectangle) => (self.aperture.middle, SQRT_2 * self.aperture.semi_axes),
+        };
         let at = |i: i32| {
             let share = ((f64::from(i) + 0.5) / f64::from(POINTS)).sqrt();
-            let p = DVec2::from_angle(f64::from(i) * GOLDEN * TAU) * share * radius;
-            p.extend(self.conic.sag(p.length()))
+            middle + DVec2::from_angle(f64::from(i) * GOLDEN * TAU) * share * semi_axes
         };
-        let inside: Vec<DVec3> = (0..POINTS).map(at).filter(|p| self.aperture.holds(p.truncate())).collect();
-        inside.iter().step_by(inside.len().div_ceil(12).max(1)).copied().collect()
+        let is_part = |p: &DVec2| p.length() <= widest && self.aperture.holds(*p);
+        let inside: Vec<DVec2> = (0..POINTS).map(at).filter(is_part).collect();
+        // Not every 34th or 89th, which are turned by next to nothing.
+        let chosen =
+            (0..12.min(inside.len())).map(|k| inside[(k * inside.len() / 12 + 5 * k) % inside.len()]);
+        chosen.map(|p| p.extend(self.conic.sag(p.length()))).collect()
     }
 
     fn edges(&self, _: &[Mesh]) -> Vec<Vec<DVec3>> {
-        let lifted = |p: DVec2| p.extend(self.conic.sag(p.length()));
+        let widest = self.conic.aperture_radius.min(self.conic.widest());
+        let lifted = |p: DVec2| {
+            let p = p.clamp_length_max(widest);
+            p.extend(self.conic.sag(p.length()))
+        };
         let mut curves = vec![self.aperture.curve().into_iter().map(lifted).collect()];
+        if self.aperture.inverted {
+            curves.push(circle(widest, self.conic.sag(widest)));
+        }
         if self.aperture.hole > 0.0 {
             let hole = Aperture {
                 outline: ApertureOutline::Ellipse,
@@ -250,10 +266,13 @@ impl Geometry for ClippedConic {
     fn coincides(&self, other: &Shape) -> bool {
         let own = (self.conic.curvature, self.conic.conic);
         match other {
-            Shape::Conic(other) => (other.curvature, other.conic) == own,
+            Shape::Conic(other) => {
+                (other.curvature, other.conic) == own && self.samples().iter().any(|&p| other.holds(p))
+            }
             Shape::ClippedConic(other) => {
+                let overlaps = |one: &Self, other: &Self| one.samples().iter().any(|&p| other.holds(p));
                 (other.conic.curvature, other.conic.conic) == own
-                    && self.samples().iter().any(|p| other.aperture.holds(p.truncate()))
+                    && (overlaps(self, other) || overlaps(other, self))
             }
             _ => false,
         }

@@ -134,6 +134,10 @@ impl Geometry for Conic {
     }
 
     fn coincides(&self, other: &Shape) -> bool {
-        matches!(other, Shape::Conic(other) if (other.curvature, other.conic) == (self.curvature, self.conic))
+        match other {
+            Shape::Conic(other) => (other.curvature, other.conic) == (self.curvature, self.conic),
+            Shape::ClippedConic(clipped) => clipped.coincides(&Shape::Conic(*self)),
+            _ => false,
+        }
     }
 }

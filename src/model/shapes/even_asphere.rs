@@ -13,7 +13,7 @@ use serde::Deserialize;
 pub const EVEN_ASPHERE: ShapeWgsl = ShapeWgsl {
     name: "even_asphere",
     file: shader!("shapes/even_asphere.wgsl"),
-    num_arguments: 17,
+    num_arguments: 19,
     normal: Normal::Sag,
 };
 

@@ -13,7 +13,7 @@ use serde::Deserialize;
 pub const ODD_ASPHERE: ShapeWgsl = ShapeWgsl {
     name: "odd_asphere",
     file: shader!("shapes/odd_asphere.wgsl"),
-    num_arguments: 17,
+    num_arguments: 19,
     normal: Normal::Sag,
 };
 

@@ -179,8 +179,16 @@ impl Profile {
         let Bounds { lowest, highest, slope, bend } = self.bounds();
         let limit = self.aperture_radius * self.aperture_radius;
         let axial = (1.0 + self.conic) * self.curvature * self.curvature;
-        let mut arguments = vec![limit, lowest, highest, slope, bend, self.curvature, axial];
-        arguments.extend(self.coefficients);
+        // By what each adds at the rim: powers of the radius would leave the range of f32.
+        let at_rim = |(i, a): (usize, &f64)| a * self.aperture_radius.powi(self.power(i));
+        let coefficients: Vec<f64> = self.coefficients.iter().enumerate().map(at_rim).collect();
+        // Where the conic part ends, its height has fewer digits than its size says.
+        let root = (1.0 - axial * limit).abs().sqrt().min(1.0);
+        let conic = (self.curvature * limit).abs() / root;
+        let magnitude = coefficients.iter().map(|a| a.abs()).sum::<f64>() + conic;
+        let mut arguments =
+            vec![limit, lowest, highest, slope, bend, magnitude, 1.0 / limit, self.curvature, axial];
+        arguments.extend(coefficients);
         arguments
     }
 
@@ -240,6 +248,9 @@ impl Profile {
         let square = d.truncate().length_squared();
         let b = o.truncate().dot(d.truncate());
         let discriminant = b * b - square * (o.truncate().length_squared() - self.aperture_radius.powi(2));
+        if discriminant < 0.0 || square == 0.0 && o.truncate().length() > self.aperture_radius {
+            return Vec::new();
+        }
         let mut range = [f64::NEG_INFINITY, f64::INFINITY];
         if square > 0.0 {
             range = [-1.0, 1.0].map(|sign| (-b + sign * discriminant.sqrt()) / square);
