@@ -1,7 +1,8 @@
 // The first crossing of a ray with a surface z = sag(x, y), proven to be the first.
 //
 // Along the ray, F(t) = z(t) - sag(x(t), y(t)). Two bounds hold over the whole aperture: of the sag's slope, and of its
-// bend, which is the largest second derivative along any line. So |F'| is at most `speed`, and |F''| at most `bend`.
+// bend, which is the largest second derivative along any line. So |F'| is at most `speed`, and |F''| at most `bend`. A tip on the
+// axis adds to the bend what its slope is over the distance from the axis.
 //
 // Where a ray is so steep that the sag's slope cannot turn F round, it crosses once at most: `sag_single` finds that by
 // Newton's method. So do most rays of a lens. For the others, `sag_next` looks at intervals of the ray, the nearest first,
@@ -52,7 +53,11 @@ struct SagSearch {
     start: real,
     limit: real,
     speed: real,
+    // The part across the axis of the direction, squared; the bend, and what a tip on the axis adds to it, times the distance
+    // from the axis.
+    square: real,
     bend: real,
+    tip: real,
     // Half the length of an interval that rounding hides; of the one at the start of a ray that leaves.
     hidden: real,
     hidden_at_start: real,
@@ -73,8 +78,8 @@ struct SagSearch {
 }
 
 fn sag_search(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
-    leaving: bool,
+    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, tip: real,
+    magnitude: real, leaving: bool,
 ) -> SagSearch {
     // A little wider than the aperture: rounding may not lose a crossing at the rim.
     let room = limit * 1.000002;
@@ -117,7 +122,9 @@ fn sag_search(
     s.start = 0.0;
     s.limit = limit;
     s.speed = speed;
+    s.square = square;
     s.bend = bend * square;
+    s.tip = tip * square;
     s.hidden = largest * SAG_ROUNDING / speed;
     s.hidden_at_start = s.hidden;
     s.near = near;
@@ -166,11 +173,19 @@ fn sag_single(search: SagSearch, sag: vec3<real>) -> SagSearch {
     return s;
 }
 
+// The bound of |F''| within a distance of the place where the sag was wanted.
+fn sag_bend(s: SagSearch, distance: real) -> real {
+    let r = sqrt(s.place.x * s.place.x + s.place.y * s.place.y) - distance * sqrt(s.square);
+    // Nothing bounds the bend of a tip on its axis.
+    let at_tip = select(1e30, s.tip / select(1.0, r, r > 0.0), r > 0.0);
+    return s.bend + select(0.0, at_tip, s.tip > 0.0);
+}
+
 // What is left of the error after a step of Newton's method is at most bend / (2 |F'|) times its square. True if rounding
 // hides that.
 fn sag_is_close(s: SagSearch, wanted: real, rate: real) -> bool {
     let step = wanted - s.t;
-    return (wanted >= s.low) & (wanted <= s.high) & (s.bend * step * step <= 0.5 * s.hidden * abs(rate));
+    return (wanted >= s.low) & (wanted <= s.high) & (sag_bend(s, abs(step)) * step * step <= 0.5 * s.hidden * abs(rate));
 }
 
 // True if the search stands within the aperture, ahead of the ray.
@@ -191,7 +206,7 @@ fn sag_next(search: SagSearch, sag: vec3<real>) -> SagSearch {
         // Nearer than that, rounding hides how F grows, and how it bends unless there is a tip.
         let rounding = s.hidden * s.speed;
         let by_rate = rounding / max(abs(rate), 1e-30);
-        s.hidden_at_start = select(min(by_rate, sqrt(2.0 * rounding / max(s.bend, 1e-30))), by_rate, s.bend > 1e20);
+        s.hidden_at_start = select(min(by_rate, sqrt(2.0 * rounding / max(s.bend, 1e-30))), by_rate, s.tip > 0.0);
         s.phase = SAG_MIDDLE;
         return sag_at(s, s.near + s.half);
     }
@@ -227,11 +242,12 @@ fn sag_middle(search: SagSearch, f: real, rate: real) -> SagSearch {
     let is_hidden = (s.half <= select(s.hidden, s.hidden_at_start, is_first)) | (s.halvings >= most_halvings);
     // Of the interval at the start of a ray that leaves, F(t) / t is looked at.
     let rounding = s.speed * s.hidden;
-    let deflated = abs(f) > 0.5 * s.bend * s.half * s.t + rounding;
+    let bend = sag_bend(s, s.half);
+    let deflated = abs(f) > 0.5 * bend * s.half * s.t + rounding;
     if select((abs(f) > s.speed * s.half + rounding), deflated | is_hidden, is_first) {
         return sag_advance(s);
     }
-    if !is_first & (abs(rate) > s.bend * s.half) {
+    if !is_first & (abs(rate) > bend * s.half) {
         // One crossing at most: before the middle, if F grows and is positive there, or falls and is negative.
         let is_before = (rate > 0.0) == (f >= 0.0);
         s.phase = SAG_END;

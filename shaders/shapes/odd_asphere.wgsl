@@ -8,7 +8,7 @@ fn odd_asphere_distance(
     per_limit: real, curvature: real, axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
     leaving: bool,
 ) -> real {
-    var search = sag_search(o, d, limit, lowest, highest, slope, bend, magnitude, leaving);
+    var search = sag_search(o, d, limit, lowest, highest, slope, bend, abs(c1) * sqrt(per_limit), magnitude, leaving);
     while search.phase == SAG_SINGLE {
         let sag = odd_asphere_sag(search.place, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
         search = sag_single(search, sag);
