@@ -60,7 +60,8 @@ def test_rays_of_a_sample_go_the_way_of_the_sequential_engine(name: str, kind: t
         return
     row = compare(name, kind(), binary=live.binary())
     assert row.refused == ""
-    assert row.num_gained == 0
+    # Through the hole of the primary mirror light reaches the image straight.
+    assert row.num_gained <= (0.02 * row.num_rays if name == "HubbleTelescope" else 0)
     assert row.distance < 1e-9
     assert row.direction < 1e-12
     if name not in OBSCURED | AIMED:
@@ -187,10 +188,103 @@ def test_edges_are_as_asked_for(edges: Any, kind: type) -> None:
     scene.trace(500, backend=live.backend())
 
 
-@pytest.mark.parametrize("options", [{"edges": "rough"}, {"margin": 0.9}, {"margin": float("nan")}])
+@pytest.mark.parametrize("options", [{"edges": "rough"}, {"margin": 0.9}, {"margin": float("nan")}, {"margin": "wide"},
+                                     {"detector_pixels": (0, 4)}, {"detector_pixels": 5}, {"detector_pixels": (2.5, 3)},
+                                     {"detector_size": 3.0}, {"detector_size": (-1.0, 1.0)}], ids=str)
 def test_arguments_that_make_no_sense_are_refused(options: Any) -> None:
     with pytest.raises(nsq_gpu.UsageError, match=next(iter(options))):
         nsq_gpu.from_optic(singlet(), **options)
+
+
+# Light of odd optics
+
+
+def lens(*surfaces: dict[str, Any], thickness: float = np.inf, field: float = 0.0, kind: str = "angle", pupil: float = 10.0) -> Optic:
+    """Return an optic of these surfaces, with fields at 0 and at a value."""
+    optic = Optic()
+    optic.surfaces.add(index=0, thickness=thickness)
+    for index, surface in enumerate(surfaces, start=1):
+        optic.surfaces.add(index=index, **surface)
+    optic.surfaces.add(index=len(surfaces) + 1)
+    optic.set_aperture(aperture_type="EPD", value=pupil)
+    optic.fields.set_type(kind)
+    optic.fields.add(y=0.0)
+    if field:
+        optic.fields.add(y=field)
+    optic.wavelengths.add(value=0.55, is_primary=True)
+    return optic
+
+
+FRONT = {"thickness": 5.0, "radius": 60.0, "material": "N-BK7", "is_stop": True}
+BACK = {"thickness": 60.0, "radius": -60.0}
+ODD = {
+    "a stop in glass": lambda: lens({"thickness": 3.0, "radius": 30.0, "material": IdealMaterial(1.5)},
+                                    {"thickness": 3.0, "material": IdealMaterial(1.5), "is_stop": True,
+                                     "aperture": RadialAperture(2.0)}, {"thickness": 30.0, "radius": -30.0}, field=5.0),
+    "an aperture that is smaller than the beam": lambda: lens({**FRONT, "aperture": RadialAperture(3.0)}, BACK, field=3.0),
+    "a face into the image's medium": lambda: lens({"thickness": 80.0, "radius": 30.0, "material": "N-BK7", "is_stop": True,
+                                                    "aperture": RadialAperture(3.0)}),
+    "two lenses in contact": lambda: lens(FRONT, {"thickness": 0.0, "radius": -60.0},
+                                          {"thickness": 3.0, "radius": -60.0, "material": "SF6"},
+                                          {"thickness": 60.0, "radius": -200.0}, field=3.0),
+    "a finite object": lambda: lens(FRONT, BACK, thickness=150.0, field=5.0, kind="object_height"),
+    "a tilted plate": lambda: lens({"thickness": 4.0, "material": "N-BK7", "rx": 0.4}, {"thickness": 20.0, "rx": 0.4}, FRONT, BACK),
+    "a cemented triplet": lambda: lens(FRONT, {"thickness": 2.0, "radius": -60.0, "material": "SF6"},
+                                       {"thickness": 3.0, "radius": 80.0, "material": "N-BK7"}, {"thickness": 60.0, "radius": -90.0}),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_optics_pass_and_stop_what_the_sequential_engine_does(name: str) -> None:
+    row = compare(name, ODD[name](), detector_size=(60.0, 60.0), binary=live.binary())
+    assert row.refused == ""
+    assert row.num_sequential > 0
+    assert (row.num_lost, row.num_gained) == (0, 0)
+    assert row.distance < 1e-9
+
+
+def mangin(**second: Any) -> Optic:
+    """Return a mirror of glass, whose front face light meets twice."""
+    optic = lens({"thickness": 5.0, "radius": -100.0, "material": "N-BK7", "is_stop": True},
+                 {"thickness": -5.0, "radius": -150.0, "material": "mirror"}, {"thickness": -60.0, "radius": -100.0})
+    for key, value in second.items():
+        setattr(optic.surfaces.surfaces[3] if key == "aperture" else optic.surfaces.surfaces[3].interaction_model, key, value)
+    return optic
+
+
+def test_a_face_that_light_meets_twice_is_one() -> None:
+    scene = nsq_gpu.from_optic(mangin())
+    assert scene.conversion_report.components[1] == scene.conversion_report.components[3]
+
+
+def changed(change: Any) -> Optic:
+    optic = lens(FRONT, BACK, {"thickness": 1.0})
+    change(optic)
+    return optic
+
+
+@pytest.mark.parametrize(("optic", "said"), [
+    (lambda: mangin(coating=coatings.SimpleCoating(0.3, 0.1)), "surface 3 is a second passage of surface 1, with another coating"),
+    (lambda: mangin(aperture=RadialAperture(3.0)), "surface 3 is a second passage of surface 1, with another aperture"),
+    (lambda: lens(FRONT, BACK, thickness=-100.0, field=5.0, kind="object_height"), "surface 1: .* virtual object"),
+    (lambda: changed(lambda optic: setattr(optic.surfaces.surfaces[3].interaction_model, "coating", coatings.SimpleCoating(0.3, 0.1))),
+     "surface 3: its coating lies between equal media"),
+    (lambda: changed(lambda optic: setattr(optic.surfaces.surfaces[-1], "aperture", RadialAperture(0.5))), "the image's aperture"),
+    (lambda: changed(lambda optic: optic.wavelengths.wavelengths.clear()), "Optiland cannot trace this optic"),
+    (Optic, "Optiland cannot trace this optic"),
+    (lambda: 3, "Optiland cannot trace this optic"),
+], ids=["coating", "aperture", "virtual", "filter", "image", "no wavelength", "empty", "a number"])
+def test_what_cannot_be_carried_is_refused_by_name(optic: Any, said: str) -> None:
+    with live.quiet(), pytest.raises(nsq_gpu.UnsupportedSceneError, match=said):
+        nsq_gpu.from_optic(optic())
+
+
+def test_fresnels_law_as_a_coating_is_bare_glass() -> None:
+    optic = lens(FRONT, BACK)
+    optic.surfaces.set_fresnel_coatings()
+    scene = nsq_gpu.from_optic(optic)
+    assert scene.conversion_report.uncoated_surfaces == ["L1.front", "L1.back"]
+    assert all(type(surface.interaction_model.coating) is coatings.FresnelCoating for surface in optic.surfaces.surfaces[1:3])
 
 
 # Nothing is flattened without a word

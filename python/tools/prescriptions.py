@@ -31,7 +31,7 @@ from optiland.rays import RealRays
 
 import nsq_gpu
 from nsq_gpu.convert import READERS, from_optic, read_optic
-from nsq_gpu.convert.prescription import trace
+from nsq_gpu.convert.prescription import trace, without_fresnel
 
 RAYS_PER_FIELD = 200
 #: Where a page has the table.
@@ -83,7 +83,7 @@ def transmitted(scene: NSQScene, num_rays: int, **options: Any) -> Any:
                            record_paths=True)
 
 
-def compare(name: str, optic: Any, **options: Any) -> Row:
+def compare(name: str, optic: Any, *, detector_size: tuple[float, float] | None = None, **options: Any) -> Row:
     """Convert a prescription and compare the rays of both engines."""
     start = time.perf_counter()
     row = Row(name)
@@ -94,7 +94,8 @@ def compare(name: str, optic: Any, **options: Any) -> Row:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            scene = from_optic(optic)
+            # Light that slips past a lens must show.
+            scene = from_optic(optic, detector_size=detector_size)
     except nsq_gpu.NsqGpuError as error:
         row.refused = str(error)
         return row
@@ -129,7 +130,9 @@ def compare(name: str, optic: Any, **options: Any) -> Row:
         places_of = places_of[:-1]
     both = arrive & ended
     row.num_sequential, row.num_lost = int(arrive.sum()), int((arrive & ~ended).sum())
-    row.num_gained = int((ended & ~arrive).sum())
+    # Whatever way they took.
+    images = {int(event["ray_id"]) for event in hits if event["component_name"] == ""}
+    row.num_gained = sum(int(ray) in images and not arrives for ray, arrives in zip(births["ray_id"], arrive, strict=True))
     if both.any():
         distance = np.linalg.norm(ours[places_of][:, both, :3] - places[places_of][:, both], axis=-1)
         row.distance = float(distance.max())
@@ -151,7 +154,8 @@ def sequential(optic: Any, births: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
                         np.full(len(own), wavelength))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = trace(optic, rays)
+            with without_fresnel(optic):
+                found = trace(optic, rays)
         places[:, chosen], directions[:, chosen], arrive[chosen] = found.places, found.directions, found.arrive
     return places, directions, arrive
 

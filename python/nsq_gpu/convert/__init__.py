@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from nsq_gpu.convert import prescription
 from nsq_gpu.convert.elements import build
 from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
-from nsq_gpu.errors import UnsupportedSceneError, UsageError
+from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError
 
 #: Readers of Optiland, by the end of a file's name.
 READERS = {".zmx": "load_zemax_file", ".seq": "load_codev_file", ".len": "load_oslo_file", ".json": "load_optiland_file"}
@@ -55,17 +56,36 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
     """
     if edges not in ("absorbing", "polished") and not isinstance(edges, BaseBSDF):
         raise UsageError(f"edges is {edges!r}; give 'absorbing', 'polished' or a BSDF")
-    if not 1.0 <= margin < float("inf"):
+    if not isinstance(margin, (int, float)) or not 1.0 <= margin < float("inf"):
         raise UsageError(f"margin is {margin!r}; give a number of 1 or more")
+    _check_sizes(detector_pixels, detector_size)
     scene, report = NSQScene(), LensReport()
-    faces, rays = prescription.read(optic)
+    try:
+        with prescription.without_fresnel(optic):
+            faces, rays = prescription.read(optic)
+            _refuse_virtual(optic, rays, faces)
+            add_sources(scene, optic, faces[0].before if faces else None, report)
+    except NsqGpuError:
+        raise
+    except Exception as error:
+        # Optiland's own, such as of an optic without a wavelength.
+        raise UnsupportedSceneError(f"Optiland cannot trace this optic: {type(error).__name__}: {error}") from error
     faces = _before_image(optic, faces, report)
-    _refuse_virtual(optic, faces, rays)
     build(scene, faces, rays, edges, margin, report)
-    add_sources(scene, optic, faces[0].before if faces else None, report)
     _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
     scene.conversion_report = report
     return scene
+
+
+def _check_sizes(pixels: Any, size: Any) -> None:
+    def is_pair(value: Any, kinds: tuple[type, ...], least: float) -> bool:
+        return (isinstance(value, Sequence) and len(value) == 2
+                and all(isinstance(item, kinds) and least <= item < float("inf") for item in value))
+
+    if not is_pair(pixels, (int, np.integer), 1):
+        raise UsageError(f"detector_pixels is {pixels!r}; give two whole numbers of 1 or more, such as (256, 256)")
+    if size is not None and not is_pair(size, (int, float, np.number), 1e-9):
+        raise UsageError(f"detector_size is {size!r}; give a width and a height in mm, such as (24.0, 36.0)")
 
 
 def from_file(path: str | os.PathLike[str], **options: Any) -> NSQScene:
@@ -98,15 +118,19 @@ def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport
     """Leave out refracting surfaces in the image itself, behind which there is nothing."""
     image = be.to_numpy(optic.image_surface.geometry.cs.get_effective_transform()[0]).astype(float).ravel()
     while faces and not faces[-1].is_mirror and np.abs(faces[-1].position - image).max() <= 1e-9:
+        if faces[-1].stated is not None or faces[-1].coating is not None or np.isfinite(faces[-1].radius):
+            raise UnsupportedSceneError(f"{faces[-1].place} lies in the image, and is no bare plane: a detector stands there alone")
         report.components[faces[-1].index] = ()
         report.remarks.append(f"{faces[-1].place} lies in the image: the detector is in its place")
         faces = faces[:-1]
     return faces
 
 
-def _refuse_virtual(optic: Any, faces: list[prescription.Face], rays: prescription.Rays) -> None:
+def _refuse_virtual(optic: Any, rays: prescription.Rays, faces: list[prescription.Face]) -> None:
     """Refuse a prescription whose light would have to run back: to a virtual image, or through a face behind the next one."""
     acting = [face.index for face in faces if not face.does_nothing] + [len(optic.surfaces.surfaces) - 1]
+    if not optic.object_surface.is_infinite:
+        acting.insert(0, 0)
     for one, other in zip(acting, acting[1:], strict=False):
         step = rays.places[other][rays.arrive] - rays.places[one][rays.arrive]
         ahead = (step * rays.directions[one][rays.arrive]).sum(axis=1)
@@ -114,7 +138,7 @@ def _refuse_virtual(optic: Any, faces: list[prescription.Face], rays: prescripti
             surfaces = optic.surfaces.surfaces
             names = [prescription.name_of(surfaces[index], index) for index in (one, other)]
             raise UnsupportedSceneError(f"{names[1]}: light that leaves {names[0]} would run back {-np.median(ahead):.4g} mm to it; "
-                                        "a virtual image has no place in a scene, nor a surface that light meets out of order")
+                                        "a virtual object or image has no place in a scene, nor a surface that light meets out of order")
 
 
 def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: tuple[int, int],

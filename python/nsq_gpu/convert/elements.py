@@ -21,6 +21,7 @@ from optiland.nonsequential.materials.nsq_material import VACUUM
 
 from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
 from nsq_gpu.convert.report import LensReport
+from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
 
 #: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
@@ -70,10 +71,15 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
             scene.add_component(f"{part.name}.mask", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.mask"))
         elif isinstance(part.face.stated, Aperture):
             report.remarks.append(f"{part.name}: light beside its aperture, and through a hole of it, goes on")
+    mounted: set[int] = set()
     for element in elements:
-        _add_edges(scene, element, rays, edges, outer, report)
+        if _add_edges(scene, element, rays, edges, outer, report):
+            mounted |= {id(part) for gap in element for part in (gap.first, gap.second)}
+    for part in parts:
+        if part.face.clips and not part.face.is_mirror and id(part) not in mounted:
+            _add_ring(scene, part, rays, outer, report)
     for number, face in enumerate(stops):
-        _add_stop(scene, face, "stop" if number == 0 else f"stop_{number + 1}", gaps, outer, report)
+        _add_stop(scene, face, "stop" if number == 0 else f"stop_{number + 1}", gaps, rays, outer, report)
     report.remarks += [f"{first.name} and {second.name} cross {height:.4g} mm off the axis, where light goes: light beyond meets "
                        "them in the other order" for first, second, height in crossing]
     by_index = {index: part.name for part in parts for index in part.indices}
@@ -116,18 +122,34 @@ def _part(face: Face, parts: list[Part], margin: float) -> Part:
     radius = min(_opening(face) if face.clips else face.ray_radius * margin, face.largest_radius())
     sides = (face.before, face.behind) if face.is_forward else (face.behind, face.before)
     for part in parts:
-        if _is_same(part.face, face):
-            part.radius = max(part.radius, radius)
-            part.indices.append(face.index)
-            return part
+        # Faces that follow each other in one place are two, with nothing between them.
+        if not _is_same(part.face, face) or part is parts[-1] and part.indices[-1] == face.index - 1:
+            continue
+        first = part.face
+        if first.is_mirror != face.is_mirror or (part.front, part.back) != sides:
+            raise UnsupportedSceneError(f"{face.place} lies in the place of {first.place}, and is no second passage of it: one of "
+                                        "them is a mirror, or their media differ")
+        for what, one, other in (("coating", _numbers(first.coating), _numbers(face.coating)), ("aperture", first.stated, face.stated)):
+            if one != other:
+                raise UnsupportedSceneError(f"{face.place} is a second passage of {first.place}, with another {what}; give both the "
+                                            "same")
+        part.radius = part.radius if first.stated is not None else max(part.radius, radius)
+        part.indices.append(face.index)
+        return part
     parts.append(Part(face, radius, *sides, is_free=not face.clips, indices=[face.index]))
     return parts[-1]
+
+
+def _numbers(coating: Any) -> tuple[float, float] | None:
+    return None if coating is None else (float(coating.transmittance), float(coating.reflectance))
 
 
 def _is_same(one: Face, other: Face) -> bool:
     """Tell whether two surfaces of the prescription are one that light meets twice."""
     turned = one.rotation.T @ other.rotation
     same_place = np.abs(one.position - other.position).max() <= _SAME
+    if same_place and abs(turned[2, 2] + 1.0) < 1e-12 and one.radius == -other.radius:
+        raise UnsupportedSceneError(f"{other.place} is {one.place} seen from the other side; give both one frame")
     same_curve = (one.radius == other.radius or math.isinf(one.radius) and math.isinf(other.radius)) and one.conic == other.conic
     same_curve = same_curve and one.coefficients == other.coefficients and one.has_odd_powers == other.has_odd_powers
     return bool(same_place and same_curve and one.is_mirror == other.is_mirror and np.abs(turned - np.eye(3)).max() < 1e-12)
@@ -226,8 +248,8 @@ def _component(part: Part, report: LensReport) -> BaseComponent:
     return RefractiveComponent(face.frame(), shape, front, back, name=part.name, coating=face.coating)
 
 
-def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBSDF, outer: float, report: LensReport) -> None:
-    """Close the glass of a lens from rim to rim, and mount it, so that no light slips past."""
+def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBSDF, outer: float, report: LensReport) -> bool:
+    """Close the glass of a lens from rim to rim, and mount it, so that no light slips past; tell whether it is mounted."""
     lens = gaps[0].first.name.split(".")[0]
     widest: tuple[float, Gap, float] | None = None
     for number, gap in enumerate(gaps, start=1):
@@ -242,16 +264,34 @@ def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBS
             widest = (max(gap.first.radius, gap.second.radius), gap, float(middle))
     if widest is None:
         report.remarks.append(f"{lens} has no mount: light may pass beside it")
-        return
+        return False
     _, gap, z = widest
     inner = 0.5 * (gap.first.radius + gap.second.radius)
     crossing = _largest_crossing(gap.first.face, z, rays, beyond=inner)
     if crossing is not None:
         inner = crossing * (1.0 + _ROOM)
         report.remarks.append(f"{lens}.mount: its opening of {inner:.6g} mm leaves a gap, since rays of a field cross it")
+    outer = _reaching(gap.first.face, z, rays, outer)
     if inner < outer:
         geometry = AnnularPlaneGeometry(inner_radius=inner, outer_radius=outer, z_offset=z)
         scene.add_component(f"{lens}.mount", AbsorbingComponent(gap.first.face.frame(), geometry, name=f"{lens}.mount"))
+    return True
+
+
+def _add_ring(scene: NSQScene, part: Part, rays: Rays, outer: float, report: LensReport) -> None:
+    """Add an absorbing ring around a face that clips light and has no mount."""
+    z = part.face.sag(part.radius)
+    crossing = _largest_crossing(part.face, z, rays, beyond=part.radius)
+    inner = part.radius if crossing is None else crossing * (1.0 + _ROOM)
+    if crossing is not None:
+        report.remarks.append(f"{part.name}.ring: its opening of {inner:.6g} mm leaves a gap, since rays of a field cross it")
+    shape = AnnularPlaneGeometry(inner_radius=inner, outer_radius=max(_reaching(part.face, z, rays, outer), 2.0 * inner), z_offset=z)
+    scene.add_component(f"{part.name}.ring", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.ring"))
+
+
+def _reaching(face: Face, z: float, rays: Rays, outer: float) -> float:
+    """Return the outer radius of an absorbing plate at z of a face's frame that no launched ray passes beside [mm]."""
+    return max(outer, (1.0 + 50.0 * _ROOM) * (_largest_crossing(face, z, rays, beyond=0.0, launched=True) or 0.0))
 
 
 def _edge(gap: Gap, rays: Rays) -> tuple[CylindricalFrustumGeometry | None, str]:
@@ -277,9 +317,13 @@ def _edge_component(gap: Gap, shape: Any, edges: str | BaseBSDF, name: str) -> B
     return RefractiveComponent(cs, shape, gap.medium, VACUUM, bsdf=bsdf, name=name)
 
 
-def _largest_crossing(face: Face, z: float, rays: Rays, beyond: float) -> float | None:
-    """Return how far from the axis rays cross a plane z of a face's frame, where that is beyond a radius [mm]."""
-    local = (rays.places[:, rays.arrive] - face.position) @ face.rotation
+def _largest_crossing(face: Face, z: float, rays: Rays, beyond: float, launched: bool = False) -> float | None:
+    """Return how far from the axis rays cross a plane z of a face's frame, where that is beyond a radius [mm].
+
+    Those that reach the image, or all that are launched.
+    """
+    chosen = np.isfinite(rays.places).all(axis=(0, 2)) if launched else rays.arrive
+    local = (rays.places[:, chosen] - face.position) @ face.rotation
     before, after = local[:-1], local[1:]
     crosses = (before[..., 2] - z) * (after[..., 2] - z) < 0.0
     share = np.divide(z - before[..., 2], after[..., 2] - before[..., 2], out=np.zeros(crosses.shape), where=crosses)
@@ -289,12 +333,14 @@ def _largest_crossing(face: Face, z: float, rays: Rays, beyond: float) -> float 
     return float(heights.max()) if len(heights) else None
 
 
-def _add_stop(scene: NSQScene, face: Face, name: str, gaps: list[Gap], outer: float, report: LensReport) -> None:
+def _add_stop(scene: NSQScene, face: Face, name: str, gaps: list[Gap], rays: Rays, outer: float, report: LensReport) -> None:
     """Add an absorbing plate with the opening of a stop."""
     opening = _opening(face)
     medium = VACUUM if face.before is None else face.before
-    if face.before is not None:
-        outer = min([outer, *(min(gap.first.radius, gap.second.radius) for gap in gaps if gap.medium is face.before)])
+    around = [gap for gap in gaps if gap.medium is face.before and gap.first.face.index < face.index < gap.second.face.index]
+    # In glass to its edge, and in air as far as light is launched.
+    outer = max((gap.first.radius for gap in around), default=_reaching(face, 0.0, rays, outer))
+    outer = max([outer, *(gap.second.radius for gap in around)])
     report.components[face.index] = (name,)
     (report.estimated_apertures if face.stated is None else report.stated_apertures).append(name)
     if isinstance(face.stated, Aperture):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,23 +115,48 @@ def frame(position: np.ndarray, rotation: np.ndarray) -> CoordinateSystem:
     return CoordinateSystem(*(float(part) for part in position), rx, ry, rz)
 
 
+@contextmanager
+def without_fresnel(optic: Any) -> Iterator[None]:
+    """Trace without the coatings that are Fresnel's law: they ask for a state of polarisation, and bend no ray."""
+    models = [surface.interaction_model for surface in optic.surfaces.surfaces
+              if type(getattr(surface.interaction_model, "coating", None)) is FresnelCoating]
+    kept = [model.coating for model in models]
+    try:
+        for model in models:
+            model.coating = None
+        yield
+    finally:
+        for model, coating in zip(models, kept, strict=True):
+            model.coating = coating
+
+
 def read(optic: Any) -> tuple[list[Face], Rays]:
     """Return all surfaces between object and image, and the rays that were traced.
 
     Raises:
         UnsupportedSceneError: A surface, a field or a setting has no place in a scene, by name.
     """
-    surfaces = optic.surfaces.surfaces
     _check(optic)
+    surfaces = optic.surfaces.surfaces
     rays = _rays(optic)
     media = _Media(optic)
-    faces = []
-    for index in range(1, len(surfaces) - 1):
-        faces.append(_face(surfaces, index, rays, media))
+    faces = [_face(surfaces, index, rays, media) for index in range(1, len(surfaces) - 1)]
+    for face in faces:
+        if face.does_nothing and face.coating is not None:
+            raise UnsupportedSceneError(f"{face.place}: its coating lies between equal media, where a scene has no face; put it on "
+                                        "a face of glass")
     return faces, rays
 
 
 def _check(optic: Any) -> None:
+    if getattr(optic.polarization, "is_polarized", False):
+        raise UnsupportedSceneError("the light's polarisation: rays of a scene carry none; set an unpolarised state, or "
+                                    'optic.set_polarization("ignore")')
+    image = optic.surfaces.surfaces[-1]
+    for what, value in (("aperture", image.aperture), ("coating", getattr(image.interaction_model, "coating", None))):
+        if value is not None:
+            raise UnsupportedSceneError(f"the image's {what} ({type(value).__name__}) cannot be carried; remove it, or put it on "
+                                        "a surface before the image")
     if optic.apodization:
         raise UnsupportedSceneError(f"the pupil's apodisation ({type(optic.apodization).__name__}): a source of a scene "
                                     "fills the pupil uniformly; set optic.apodization to None")
@@ -144,7 +170,8 @@ def _check(optic: Any) -> None:
         if model.bsdf is not None:
             raise UnsupportedSceneError(f"{place}: its BSDF ({type(model.bsdf).__name__}) cannot be carried; give one to "
                                         "the scene's component")
-        if type(model.coating) not in (type(None), SimpleCoating, FresnelCoating):
+        known = (type(None), SimpleCoating) if model.is_reflective else (type(None), SimpleCoating, FresnelCoating)
+        if type(model.coating) not in known:
             raise UnsupportedSceneError(f"{place}: a {type(model.coating).__name__} cannot be carried; a SimpleCoating can, "
                                         "and bare glass reflects by Fresnel's law")
         if isinstance(_stated_or_none(surface), Aperture) and _coefficients(surface.geometry):
@@ -194,7 +221,7 @@ def _rays(optic: Any) -> Rays:
 
                 outermost = _outermost(at, across)
                 traced += [at(share * outermost) for share in _SHARES]
-                traced.append(at(np.zeros((1, 2))))
+                traced += [at(np.zeros((1, 2))), at(across)]
     found = Rays(np.concatenate([rays.places for rays in traced], axis=1),
                  np.concatenate([rays.directions for rays in traced], axis=1),
                  np.concatenate([rays.arrive for rays in traced]))

@@ -224,18 +224,19 @@ impl Geometry for ClippedConic {
         /// The turn that repeats itself least.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         let widest = 0.999_999 * self.conic.aperture_radius.min(self.conic.widest());
-        // A rectangle reaches farther than the ellipse within it.
-        let (middle, semi_axes) = match (self.aperture.inverted, self.aperture.outline) {
-            (true, _) => (DVec2::ZERO, DVec2::splat(widest)),
-            (false, ApertureOutline::Ellipse) => (self.aperture.middle, self.aperture.semi_axes),
-            (false, ApertureOutline::Rectangle) => (self.aperture.middle, SQRT_2 * self.aperture.semi_axes),
-        };
-        let at = |i: i32| {
-            let share = ((f64::from(i) + 0.5) / f64::from(POINTS)).sqrt();
-            middle + DVec2::from_angle(f64::from(i) * GOLDEN * TAU) * share * semi_axes
+        let Aperture { middle, semi_axes, .. } = self.aperture;
+        let spiral = |middle: DVec2, semi_axes: DVec2| {
+            (0..POINTS).map(move |i| {
+                let share = ((f64::from(i) + 0.5) / f64::from(POINTS)).sqrt();
+                middle + DVec2::from_angle(f64::from(i) * GOLDEN * TAU) * share * semi_axes
+            })
         };
         let is_part = |p: &DVec2| p.length() <= widest && self.aperture.holds(*p);
-        let inside: Vec<DVec2> = (0..POINTS).map(at).filter(is_part).collect();
+        // One of both may be far larger than the other. A rectangle reaches farther than the ellipse within it.
+        let over_both = [(middle, SQRT_2 * semi_axes), (DVec2::ZERO, DVec2::splat(widest))];
+        let candidates = over_both
+            .map(|(middle, semi_axes)| spiral(middle, semi_axes).filter(is_part).collect::<Vec<_>>());
+        let inside = candidates.iter().max_by_key(|points| points.len()).map_or(&[][..], Vec::as_slice);
         // Not every 34th or 89th, which are turned by next to nothing.
         let chosen =
             (0..12.min(inside.len())).map(|k| inside[(k * inside.len() / 12 + 5 * k) % inside.len()]);
