@@ -191,3 +191,26 @@ fn answers_equal_the_commands_for_an_hour() {
     let seconds = std::env::var("NSQ_GPU_SOAK_SECONDS").ok().and_then(|seconds| seconds.parse().ok());
     soak(Duration::from_secs(seconds.unwrap_or(3600)));
 }
+
+/// Each request has numbers of its own, and all share one shader.
+#[test]
+#[ignore = "long"]
+fn memory_stays_flat_over_a_hundred_thousand_requests() {
+    let text = std::fs::read_to_string(repository("docs/example.json")).unwrap();
+    let mut session = Session::start();
+    let mut memory_then = 0;
+    for i in 0..100_000_u32 {
+        let radius = 50.0 + 1e-4 * f64::from(i);
+        session.ask(json!({
+            "request": "trace", "scene": text, "folder": repository("docs").display().to_string(),
+            "options": options(100, "f64"), "set": {"L1.r1": radius},
+        }));
+        let answer = session.answer();
+        assert_eq!(answer["reply"], "result", "{answer}");
+        if i == 1000 {
+            memory_then = session.memory();
+        }
+    }
+    let grown = session.memory().saturating_sub(memory_then) >> 20;
+    assert!(grown < 20, "memory grew by {grown} MiB over 99,000 requests");
+}

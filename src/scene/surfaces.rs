@@ -289,11 +289,7 @@ fn check_labels(groups: &[Group<'_>]) -> Result<()> {
 
 /// Says if the aperture of a closed conic reaches beyond its widest point, where there is no surface.
 fn overreach(surface: &SceneSurface) -> Option<String> {
-    let conic = match surface.shape {
-        model::Shape::Conic(conic) => conic,
-        model::Shape::ClippedConic(clipped) => clipped.conic,
-        _ => return None,
-    };
+    let conic = surface.shape.conic()?;
     let widest = conic.widest();
     let name = quoted(&surface.name);
     (conic.aperture_radius > widest)

@@ -262,7 +262,7 @@ fn aspheres(bench: &Bench) -> Outcome {
         lamp(thick, DVec3::new(0.0, 0.0, 16.5), DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))),
         lamp(thick, DVec3::new(-9.0, 0.0, 11.0), across),
     ] {
-        let surfaces = shapes.iter().map(|(_, shape, z)| mirror(shape.clone(), *z)).collect();
+        let surfaces = shapes.iter().map(|(_, shape, z)| mirror(*shape, *z)).collect();
         let mut ir = scene(kind, surfaces, vec![pixels("end", 99.0)]);
         ir.sources[0].frame = frame;
         let mut setting = Setting::default();

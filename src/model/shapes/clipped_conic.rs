@@ -264,18 +264,7 @@ impl Geometry for ClippedConic {
         curves
     }
 
-    fn coincides(&self, other: &Shape) -> bool {
-        let own = (self.conic.curvature, self.conic.conic);
-        match other {
-            Shape::Conic(other) => {
-                (other.curvature, other.conic) == own && self.samples().iter().any(|&p| other.holds(p))
-            }
-            Shape::ClippedConic(other) => {
-                let overlaps = |one: &Self, other: &Self| one.samples().iter().any(|&p| other.holds(p));
-                (other.conic.curvature, other.conic.conic) == own
-                    && (overlaps(self, other) || overlaps(other, self))
-            }
-            _ => false,
-        }
+    fn conic(&self) -> Option<Conic> {
+        Some(self.conic)
     }
 }

@@ -162,9 +162,18 @@ pub trait Geometry: std::fmt::Debug {
         false
     }
 
+    /// The conic that it is, or is a part of.
+    fn conic(&self) -> Option<Conic> {
+        None
+    }
+
     /// True if another shape is a part of the same curved surface and overlaps it, where both have one frame.
-    fn coincides(&self, _other: &Shape) -> bool {
-        false
+    fn coincides(&self, other: &Shape) -> bool {
+        let (Some(one), Some(other_one)) = (self.conic(), other.conic()) else { return false };
+        let is_one = (one.curvature, one.conic) == (other_one.curvature, other_one.conic);
+        is_one
+            && (self.samples().iter().any(|&p| other.holds(p))
+                || other.samples().iter().any(|&p| self.holds(p)))
     }
 
     /// True if the surface looks the same however its frame is turned.
