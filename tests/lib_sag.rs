@@ -8,6 +8,7 @@ mod common;
 use common::{Gpu, Storage, real_bytes, reals_of};
 use glam::DVec3;
 use nsq_gpu::model::Profile;
+use nsq_gpu::model::shapes::Geometry;
 use nsq_gpu::program::layout::rng::{Sampler, splitmix64};
 use nsq_gpu::program::wgsl::library::{self, Integers, Real};
 use std::f64::consts::TAU;
@@ -157,7 +158,7 @@ fn check(real: Real, step: u32) -> Option<(usize, f64)> {
     let mut largest = 0.0f64;
     for (i, (case, &found)) in cases.iter().zip(&searched(&gpu, real, step, &cases)).enumerate() {
         let Case { profile, origin, direction, leaving } = case;
-        let level = |t: f64| profile.level(*origin + t * *direction);
+        let level = |t: f64| profile.level(*origin + t * *direction).unwrap();
         let rate = |t: f64| level(t).gradient.dot(*direction);
         let size = origin.length() + profile.aperture_radius;
         // Where a ray grazes, one crossing more or less is chance; nor can the start of a ray that leaves be told from a

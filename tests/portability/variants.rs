@@ -4,10 +4,9 @@ use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
     Annulus, Aperture, ApertureOutline, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, Collimated, Conic,
-    Detector, DetectorKind, EvenAsphere, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
-    Lambertian, Medium, Mesh, MeshId, OddAsphere, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase,
-    ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind, Spectral, Spectrum, Specular, Sphere,
-    Splat, Surface, Tabulated,
+    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter,
+    SceneIr, Shape, Source, SourceKind, Spectral, Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
 };
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
@@ -551,12 +550,8 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         }
         ShapeKind::Sphere => Shape::Sphere(Sphere { radius: 8.0, aperture_radius: Some(6.0) }),
         ShapeKind::Mesh => Shape::Mesh(MeshId(0)),
-        ShapeKind::EvenAsphere => {
-            Shape::EvenAsphere(EvenAsphere(Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6])))
-        }
-        ShapeKind::OddAsphere => {
-            Shape::OddAsphere(OddAsphere(Profile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6])))
-        }
+        ShapeKind::EvenAsphere => Shape::EvenAsphere(Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6])),
+        ShapeKind::OddAsphere => Shape::OddAsphere(Profile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6])),
         ShapeKind::ClippedConic => Shape::ClippedConic(ClippedConic {
             conic: Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 },
             aperture: Aperture {

@@ -21,11 +21,9 @@ pub mod sphere;
 pub use crate::model::shapes::annulus::Annulus;
 pub use crate::model::shapes::clipped_conic::{Aperture, ApertureOutline, ClippedConic};
 pub use crate::model::shapes::conic::Conic;
-pub use crate::model::shapes::even_asphere::EvenAsphere;
 pub use crate::model::shapes::extent::{Across, Extent};
 pub use crate::model::shapes::frustum::Frustum;
 pub use crate::model::shapes::mesh::MeshId;
-pub use crate::model::shapes::odd_asphere::OddAsphere;
 pub use crate::model::shapes::plane::Outline;
 pub use crate::model::shapes::profile::Profile;
 pub use crate::model::shapes::quadric::{Level, Quadric};
@@ -60,9 +58,9 @@ kinds! {
     /// A conic within an aperture that need be neither round nor on the axis.
     ClippedConic(clipped_conic::ClippedConic) by ClippedConic = CLIPPED_CONIC;
     /// A conic and even powers of the distance from the axis.
-    EvenAsphere(even_asphere::EvenAsphere) by EvenAsphere = EVEN_ASPHERE;
+    EvenAsphere(even_asphere::Profile) by EvenAsphere = EVEN_ASPHERE;
     /// A conic and all powers of the distance from the axis.
-    OddAsphere(odd_asphere::OddAsphere) by OddAsphere = ODD_ASPHERE;
+    OddAsphere(odd_asphere::Profile) by OddAsphere = ODD_ASPHERE;
     /// A roof: the example of docs/adding-a-kind.md, which is no quadric.
     #[cfg(test)]
     Roof(roof::Roof) by #[cfg(test)] Roof = ROOF;

@@ -3,8 +3,9 @@
 
 use crate::Result;
 use crate::model::checks;
+use crate::model::mesh::Mesh;
 use crate::model::shapes::conic::curvature;
-use crate::model::shapes::{Extent, Level, ring_samples, section_between};
+use crate::model::shapes::{Extent, Geometry, Level, Shape, ShapeKind, ring_samples, section_between};
 use glam::{DMat3, DVec2, DVec3};
 
 /// How many coefficients an asphere has.
@@ -174,8 +175,26 @@ impl Profile {
         }
     }
 
-    /// The numbers of the shader functions.
-    pub fn arguments(&self) -> Vec<f64> {
+    /// The height of a point above the surface, along the axis \[mm\].
+    fn height_above(&self, p: DVec3) -> f64 {
+        p.z - self.sag(p.truncate().length())
+    }
+}
+
+impl Geometry for Profile {
+    fn kind(&self) -> ShapeKind {
+        match self.step {
+            1 => ShapeKind::OddAsphere,
+            _ => ShapeKind::EvenAsphere,
+        }
+    }
+
+    fn coincides(&self, other: &Shape) -> bool {
+        let (Shape::EvenAsphere(other) | Shape::OddAsphere(other)) = other else { return false };
+        Profile { aperture_radius: self.aperture_radius, ..*other } == *self
+    }
+
+    fn arguments(&self) -> Vec<f64> {
         let Bounds { lowest, highest, slope, bend } = self.bounds();
         let limit = self.aperture_radius * self.aperture_radius;
         let axial = (1.0 + self.conic) * self.curvature * self.curvature;
@@ -192,8 +211,7 @@ impl Profile {
         arguments
     }
 
-    /// What is zero on the surface.
-    pub fn level(&self, p: DVec3) -> Level {
+    fn level(&self, p: DVec3) -> Option<Level> {
         let across = p.truncate();
         let r = across.length();
         let At { height, slope, bend, across: turned } = self.at(r.max(1e-12 * self.aperture_radius));
@@ -204,45 +222,36 @@ impl Profile {
         let part = |a: f64, b: f64, unit: f64| -(bend * a * b + turned * (unit - a * b));
         let (xx, xy, yy) = (part(x, x, 1.0), part(x, y, 0.0), part(y, y, 1.0));
         let hessian = DMat3::from_cols(DVec3::new(xx, xy, 0.0), DVec3::new(xy, yy, 0.0), DVec3::ZERO);
-        Level { value: p.z - height, gradient, hessian }
+        Some(Level { value: p.z - height, gradient, hessian })
     }
 
-    /// True if a point of the surface is within the aperture.
-    pub fn holds(&self, p: DVec3) -> bool {
+    fn holds(&self, p: DVec3) -> bool {
         p.truncate().length_squared() <= self.aperture_radius * self.aperture_radius
     }
 
-    /// What the surface fills.
-    pub fn extent(&self) -> Extent {
+    fn extent(&self, _: &[Mesh]) -> Option<Extent> {
         let Bounds { lowest, highest, .. } = self.bounds();
-        Extent::round(
-            self.aperture_radius,
-            lowest,
-            highest,
-            self.aperture_radius + lowest.abs().max(highest.abs()),
-        )
+        let size = self.aperture_radius + lowest.abs().max(highest.abs());
+        Some(Extent::round(self.aperture_radius, lowest, highest, size))
     }
 
-    /// Points of the surface.
-    pub fn samples(&self) -> Vec<DVec3> {
+    fn samples(&self) -> Vec<DVec3> {
         ring_samples(
             &[0.3, 0.6, 0.9]
                 .map(|share| (share * self.aperture_radius, self.sag(share * self.aperture_radius))),
         )
     }
 
-    /// Its rim, as radius and height \[mm\].
-    pub fn rims(&self) -> Vec<(f64, f64)> {
+    fn rims(&self) -> Vec<(f64, f64)> {
         vec![(self.aperture_radius, self.sag(self.aperture_radius))]
     }
 
-    /// A curve through the axis.
-    pub fn section(&self) -> Vec<Vec<DVec2>> {
+    fn section(&self) -> Vec<Vec<DVec2>> {
         vec![section_between(-self.aperture_radius, self.aperture_radius, |r| self.sag(r.abs()))]
     }
 
-    /// Where the line o + t d crosses the surface, by sampling as finely as the bounds ask, for checks of bodies.
-    pub fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
+    /// By 4096 samples of what lies within the aperture.
+    fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
         const STEPS: i32 = 4096;
         let Bounds { lowest, highest, .. } = self.bounds();
         let square = d.truncate().length_squared();
@@ -259,7 +268,7 @@ impl Profile {
             let [one, other] = [lowest, highest].map(|z| (z - o.z) / d.z);
             range = [range[0].max(one.min(other)), range[1].min(one.max(other))];
         }
-        let level = |t: f64| self.level(o + t * d).value;
+        let level = |t: f64| self.height_above(o + t * d);
         let at = |i: i32| range[0] + (range[1] - range[0]) * f64::from(i) / f64::from(STEPS);
         let changes = (0..STEPS).filter(|&i| (level(at(i)) < 0.0) != (level(at(i + 1)) < 0.0));
         let bisected = |i: i32| {
