@@ -279,6 +279,17 @@ def test_what_cannot_be_carried_is_refused_by_name(optic: Any, said: str) -> Non
         nsq_gpu.from_optic(optic())
 
 
+def test_what_stands_in_the_light_is_said() -> None:
+    # Two mirrors on one axis, with an image behind the first one, which has no hole.
+    optic = lens({"thickness": 100.0}, {"thickness": -60.0, "radius": -300.0, "material": "mirror", "is_stop": True},
+                 {"thickness": 80.0, "material": "mirror"})
+    remarks = nsq_gpu.from_optic(optic).conversion_report.remarks
+    assert any("M2 stands in the light between the object and M1" in remark for remark in remarks)
+    assert any("M1 stands in the light between M2 and the image" in remark for remark in remarks)
+    row = compare("mirrors", optic, binary=live.binary())
+    assert row.num_lost > 0.9 * row.num_sequential
+
+
 def test_fresnels_law_as_a_coating_is_bare_glass() -> None:
     optic = lens(FRONT, BACK)
     optic.surfaces.set_fresnel_coatings()

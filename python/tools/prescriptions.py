@@ -37,7 +37,7 @@ RAYS_PER_FIELD = 200
 #: Where a page has the table.
 BEGIN, END = "<!-- Written by python/tools/prescriptions.py. -->", "<!-- End of the table of prescriptions. -->"
 #: What the table says of a report's remarks.
-REMARKS = {"rays are aimed": "aimed at the stop", "image is curved": "curved image", "where light goes": "faces cross in the light",
+REMARKS = {"rays are aimed": "aimed at the stop", "image is curved": "curved image", "where light goes": "faces cross in the light", "stands in the light": "something stands in the light",
            "no edge": "faces without an edge", "light beside its aperture": "a mirror with an aperture"}
 
 

@@ -20,7 +20,7 @@ from optiland.nonsequential import NSQScene
 from optiland.nonsequential.bsdf.base import BaseBSDF
 from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
 
-from nsq_gpu.convert import prescription
+from nsq_gpu.convert import obstructions, prescription
 from nsq_gpu.convert.elements import build
 from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
@@ -72,6 +72,7 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         raise UnsupportedSceneError(f"Optiland cannot trace this optic: {type(error).__name__}: {error}") from error
     faces = _before_image(optic, faces, report)
     build(scene, faces, rays, edges, margin, report)
+    obstructions.tell(scene, faces, rays, report)
     _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
     scene.conversion_report = report
     return scene

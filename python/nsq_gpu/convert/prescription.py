@@ -29,7 +29,7 @@ ENDLESS = 1e6
 
 #: Directions in the pupil along which its outermost ray is looked for, and shares of that ray's place that are traced.
 _TURNS = 64
-_SHARES = (1.0, 0.9, 0.75, 0.5)
+_SHARES = (1.0, 0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
 #: Halvings of the search for the outermost ray that reaches the image, where the rim's does not.
 _HALVINGS = 20
 #: Indices of refraction closer to 1 than that are those of a vacuum.
