@@ -220,8 +220,8 @@ def _rays(optic: Any) -> Rays:
                     return trace(optic, generator.generate_rays(hx, hy, pupil[:, 0], pupil[:, 1], float(line.value)))
 
                 outermost = _outermost(at, across)
-                traced += [at(share * outermost) for share in _SHARES]
-                traced += [at(np.zeros((1, 2))), at(across)]
+                # At once, since aiming takes its time.
+                traced.append(at(np.concatenate([*(share * outermost for share in _SHARES), np.zeros((1, 2)), across])))
     found = Rays(np.concatenate([rays.places for rays in traced], axis=1),
                  np.concatenate([rays.directions for rays in traced], axis=1),
                  np.concatenate([rays.arrive for rays in traced]))
