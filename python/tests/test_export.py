@@ -47,6 +47,8 @@ from nsq_gpu import UnsupportedSceneError, export_scene
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.surfaces import BSDFS, SHAPES
 from nsq_gpu.scene_file import scene_from_dict
+from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
+from nsq_gpu.sources import PupilSource
 from tests import live
 from tests.agreement import compare
 from tests.live import (
@@ -207,6 +209,17 @@ def with_component(component: type, **fields: Any) -> NSQScene:
     return scene
 
 
+def with_aperture(**fields: Any) -> NSQScene:
+    return with_surface(ClippedConic, radius=-60.0, conic=0.0, aperture_radius=12.0, aperture=Aperture(**fields))
+
+
+def with_pupil(**fields: Any) -> NSQScene:
+    scene = bench()
+    scene.add_lens("L", cs(), LensConfig(**{**LENS, "material": "N-BK7"}))
+    scene.source_registry.add("second", PupilSource(**fields))
+    return scene
+
+
 def with_bsdf(model: type, **fields: Any) -> NSQScene:
     return with_surface_config(interaction=InteractionType.REFLECTIVE, reflectance=0.9, bsdf=model(**fields))
 
@@ -320,6 +333,22 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
                                                                   "aperture_radius": 11.0}),
     ParaboloidGeometry: (lambda **fields: with_surface(ParaboloidGeometry, **fields), {
         "radius": -60.0, "aperture_radius": 12.0}, {"radius": -50.0, "aperture_radius": 11.0}),
+    ClippedConic: (lambda **fields: with_surface(ClippedConic, **fields), {
+        "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "aperture": Aperture("ellipse", 10.0, 8.0)}, {
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 8.5, "aperture": Aperture("rectangle", 6.0, 5.0)}),
+    Aperture: (with_aperture, {"outline": "ellipse", "semi_axis_x": 6.0, "semi_axis_y": 5.0}, {
+        "outline": "rectangle", "semi_axis_x": 5.0, "semi_axis_y": 4.0, "x": 1.0, "y": 1.0, "hole_radius": 2.0,
+        "inverted": True}),
+    EvenAsphere: (lambda **fields: with_surface(EvenAsphere, **fields), {
+        "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [1e-5]}, {
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [2e-5, 1e-7]}),
+    OddAsphere: (lambda **fields: with_surface(OddAsphere, **fields), {
+        "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [0.01]}, {
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [0.02, 1e-4]}),
+    PupilSource: (with_pupil, {
+        "cs": cs(x=1.0, z=-15.0, ry=0.1), "spectrum": SPECTRUM, "beam_radii": (2.0, 2.0), "chief": (0.0, 0.0, 1.0)}, {
+        "cs": cs(x=1.0, z=-16.0, ry=0.1), "spectrum": Spectrum(np.array([0.45]), np.array([1.0])), "total_flux": 2.0,
+        "beam_radii": (3.0, 1.0), "chief": (0.1, 0.0, 1.0), "pupil_radii": (0.1, 0.05), "medium": glass(1.3, 1e-5)}),
     AnnularPlaneGeometry: (lambda **fields: with_surface(AnnularPlaneGeometry, **fields), {
         "inner_radius": 3.0, "outer_radius": 12.0}, {"inner_radius": 4.0, "outer_radius": 11.0, "z_offset": 1.0}),
     CylindricalFrustumGeometry: (lambda **fields: with_surface(CylindricalFrustumGeometry, **fields), {
