@@ -89,14 +89,16 @@ class _Sag(ConicGeometry):
         hit = np.isfinite(found)
         # One step of Newton's method has the derivatives of the crossing, with a backend that keeps them.
         t = be.array(np.where(hit, found, 0.0))
+        # A comparison gives what the backend has for True and False.
+        met = be.array(np.where(hit, 1.0, 0.0)) > 0.5
         place = [origins[:, axis] + t * directions[:, axis] for axis in range(3)]
         sag, along_x, along_y = self._sag_and_gradient(place[0], place[1])
         rate = directions[:, 2] - along_x * directions[:, 0] - along_y * directions[:, 1]
-        t = t - be.where(be.array(hit), (place[2] - sag) / be.where(rate == 0.0, be.ones_like(rate), rate), be.zeros_like(rate))
+        t = t - be.where(met, (place[2] - sag) / be.where(rate == 0.0, be.ones_like(rate), rate), be.zeros_like(rate))
         length = (1.0 + along_x * along_x + along_y * along_y) ** 0.5
         outward = be.stack([-along_x / length, -along_y / length, 1.0 / length], axis=1)
         against = be.where((directions * outward).sum(axis=1, keepdims=True) > 0, -outward, outward)
-        return be.where(be.array(hit), t, be.ones_like(t) * be.inf), against, hit, outward
+        return be.where(met, t, be.ones_like(t) * be.inf), against, met, outward
 
     def _heights(self) -> tuple[float, float]:
         """Return heights between which the surface lies [mm]."""

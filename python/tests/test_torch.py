@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -14,8 +15,9 @@ torch = pytest.importorskip("torch")
 import optiland.backend as be  # noqa: E402
 from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
 
-from tests import oracle, parity  # noqa: E402
+from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
+from tests.test_convert import pupil_scene  # noqa: E402
 
 NUM_RAYS = 20_000
 #: One of each shape, source, detector and finish but meshes, at which TorchBackend raises TypeError; it keeps every ray at
@@ -50,3 +52,18 @@ def test_ray_for_ray(scene: Path, command: list[str], report) -> None:
     theirs = trace_with_torch(json.loads(scene.read_text(encoding="utf-8")))
     options = argparse.Namespace(num_rays=NUM_RAYS, seed=0, precision="f64")
     report("torch", scene, parity.check_ray_for_ray(command, scene, theirs, options))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_shapes_and_sources_of_the_package() -> None:
+    be.set_backend("numpy")
+    scene = pupil_scene()
+    found = scene.trace(5000, seed=3, backend=live.backend())
+    ours = {name: np.array(detector.irradiance) for name, detector in found.detectors.items()}
+    be.set_backend("torch")
+    be.set_precision("float64")
+    with torch.no_grad():
+        theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3))
+    for name, expected in ours.items():
+        assert expected.sum() > 0.0
+        np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), expected, rtol=1e-9, atol=1e-12)
