@@ -22,7 +22,7 @@ from nsq_gpu.errors import (
 )
 from nsq_gpu.export import ExportedScene, export, to_json
 from nsq_gpu.integrity import read_report
-from nsq_gpu.process import ProgressBar, ProgressCallback, Update, run
+from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
 from nsq_gpu.session import EXPORTED, shared_session
 
@@ -151,22 +151,11 @@ class NsqGpuBackend(TracerBackend):
     def _trace_in_session(self, binary: str, scene: NSQScene, exported: ExportedScene,
                           options: dict[str, Any]) -> SimulationResult:
         """Trace in this process's session."""
-        bar = ProgressBar() if self.progress and not callable(self.progress) else None
-
-        def show(said: dict[str, Any]) -> None:
-            update = Update(said)
-            if bar is not None:
-                bar.show(update)
-            elif callable(self.progress):
-                self.progress(update.rays, update.num_rays, update.rays_per_sec)
-
         session = shared_session(binary, self.adapter)
-        try:
-            answer = session.request(to_json(exported.document, indent=None), options, timeout=self.timeout,
-                                     progress=show if self.progress else None, name=EXPORTED)
-        finally:
-            if bar is not None:
-                bar.close()
+        with Shown(self.progress) as shown:
+            show = (lambda said: shown.show(Update(said))) if self.progress else None
+            answer = session.request(to_json(exported.document, indent=None), options, timeout=self.timeout, progress=show,
+                                     name=EXPORTED)
         self.report = answer.report
         warn_of(answer.report, answer.missed_target)
         return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels, "record_paths" in options)
@@ -182,16 +171,12 @@ class NsqGpuBackend(TracerBackend):
             arguments.append(f"--adapter={self.adapter}")
         command = [binary, "trace", str(scene_file), *arguments, f"--progress={mode}", f"--output={folder / 'out'}",
                    "--no-pictures", "--watch-stdin"]
-        bar = ProgressBar() if self.progress and not callable(self.progress) else None
-        progress = self.progress if callable(self.progress) else bar
         try:
-            code, said = run(command, self.timeout, progress, accepted=(0, TOLERANCE_NOT_MET))
+            with Shown(self.progress) as shown:
+                code, said = run(command, self.timeout, shown, accepted=(0, TOLERANCE_NOT_MET))
         except SceneError as error:
             # The file is ours, and gone when the message is read.
             raise SceneError(str(error).replace(f"{scene_file}: ", "the exported scene: "), stderr=error.stderr) from None
-        finally:
-            if bar is not None:
-                bar.close()
         return str(error_of(code, said.splitlines()[-1])) if code == TOLERANCE_NOT_MET else None
 
 

@@ -23,7 +23,7 @@ from nsq_gpu.binary import find_binary
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
-from nsq_gpu.process import ProgressBar, ProgressCallback, Update, run
+from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
 from nsq_gpu.session import EXPORTED, Answer, Session, shared_session
 from nsq_gpu.sweeps import Point, Sweep
@@ -83,11 +83,12 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
         decided = _decide(program, text, Path(folder), precision, adapter)
         arguments = [f"--{name.replace('_', '-')}={value}" for name, value in
                      {"seed": seed, "max_depth": max_depth, "of_rays": num_rays, **decided, **options}.items()]
-        with _client(client) as used, _Progress(progress, num_rays) as shown:
+        with _client(client) as used, Shown(progress) as shown:
             _check_drivers(used, binary, adapter, any_driver)
             workers = max(len(used.scheduler_info()["workers"]), 1)
             ranges = _Ranges(text, num_rays, parts or (4 if target is None else 16) * workers, arguments, binary)
-            tallies = _sum(used, ranges, shown) if target is None else _prefix(used, ranges, shown, program, target)
+            counted = _Progress(shown, num_rays)
+            tallies = _sum(used, ranges, counted) if target is None else _prefix(used, ranges, counted, program, target)
         _merge(program, tallies, text, Path(folder))
         report = read_report(Path(folder) / "out")
         reached = report["relative_error"]
@@ -171,31 +172,20 @@ def _cancelling(client: Any, tasks: list[Any]) -> Iterator[None]:
 
 
 class _Progress:
-    """What is shown of a trace: a bar, calls of a function, or nothing."""
+    """Counts the rays of ranges that are done, and shows how many."""
 
-    def __init__(self, progress: bool | ProgressCallback, num_rays: int) -> None:
-        self._call = progress if callable(progress) else None
-        self._bar = ProgressBar() if progress and not callable(progress) else None
+    def __init__(self, shown: Shown, num_rays: int) -> None:
+        self._shown = shown
         self._num_rays = num_rays
         self._done = 0
         self._start = time.monotonic()
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
 
     def add(self, rays: int, relative_error: float | None = None) -> None:
         """Show that so many more rays are done."""
         self._done += rays
         rate = self._done / max(time.monotonic() - self._start, 1e-9)
-        if self._call is not None:
-            self._call(self._done, self._num_rays, rate)
-        if self._bar is not None:
-            self._bar.show(Update({"rays": self._done, "num_rays": self._num_rays, "rays_per_sec": rate,
-                                   "eta_sec": (self._num_rays - self._done) / rate, "relative_error": relative_error}))
+        self._shown.show(Update({"rays": self._done, "num_rays": self._num_rays, "rays_per_sec": rate,
+                                 "eta_sec": (self._num_rays - self._done) / rate, "relative_error": relative_error}))
 
 
 class _Ranges:
@@ -251,7 +241,7 @@ def _driver(binary: str | None, adapter: str | None) -> str:
     return f"{said['adapter']}, {said['driver']}, version {said['version']}"
 
 
-def _sum(client: Any, ranges: _Ranges, shown: _Progress) -> list[bytes]:
+def _sum(client: Any, ranges: _Ranges, progress: _Progress) -> list[bytes]:
     """Trace all ranges and sum them by a tree; return the last sums, two or more."""
     scene, tasks = ranges.submit(client)
     counts = {task.key: count for task, (_, count) in zip(tasks, ranges.ranges, strict=True)}
@@ -266,25 +256,23 @@ def _sum(client: Any, ranges: _Ranges, shown: _Progress) -> list[bytes]:
         for task in _distributed().as_completed(tasks):
             if task.status == "error":
                 task.result()
-            shown.add(counts[task.key])
+            progress.add(counts[task.key])
         return client.gather(level)
 
 
-def _prefix(client: Any, ranges: _Ranges, shown: _Progress, program: str, target: float) -> list[bytes]:
+def _prefix(client: Any, ranges: _Ranges, progress: _Progress, program: str, target: float) -> list[bytes]:
     """Trace ranges until the first of them are as certain as the target; return their sums, two."""
     _, tasks = ranges.submit(client)
     with _cancelling(client, tasks):
-        sums = [tasks[0].result()]
-        shown.add(ranges.ranges[0][1])
+        total = tasks[0].result()
+        progress.add(ranges.ranges[0][1])
         for task, (_, count) in zip(tasks[1:], ranges.ranges[1:], strict=True):
-            if len(sums) > 1:
-                sums = [_added(program, sums, ranges.text)[0]]
-            sums.append(task.result())
-            _, report = _added(program, sums, ranges.text)
-            shown.add(count, report["relative_error"])
+            pair = [total, task.result()]
+            total, report = _added(program, pair, ranges.text)
+            progress.add(count, report["relative_error"])
             if report["relative_error"] is not None and report["relative_error"] <= target:
                 break
-        return sums
+        return pair
 
 
 def trace_range(text: str, first: int, count: int, arguments: Sequence[str], binary: str | None) -> bytes:

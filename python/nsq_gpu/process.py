@@ -34,7 +34,7 @@ class Update:
 _TICK = 0.1
 
 
-def run(command: Sequence[str], timeout: float | None = None, progress: ProgressCallback | ProgressBar | None = None,
+def run(command: Sequence[str], timeout: float | None = None, progress: Shown | None = None,
         accepted: Sequence[int] = (0,), folder: str | None = None) -> tuple[int, str]:
     """Run a command, in ``folder`` if one is given; what it writes to stderr goes to the exception if it fails.
 
@@ -85,8 +85,8 @@ def _end(child: subprocess.Popen[str]) -> int:
     return code
 
 
-def _listen(child: subprocess.Popen[str], timeout: float | None, progress: ProgressCallback | ProgressBar | None) -> list[str]:
-    """Return the lines of stderr when it closes; lines of progress go to the callback, in the caller's thread."""
+def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Shown | None) -> list[str]:
+    """Return the lines of stderr when it closes; lines of progress are shown, in the caller's thread."""
     deadline = None if timeout is None else time.monotonic() + timeout
     lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     assert child.stderr is not None
@@ -104,10 +104,8 @@ def _listen(child: subprocess.Popen[str], timeout: float | None, progress: Progr
         update = _update_in(line)
         if update is None:
             said.append(line.rstrip("\n"))
-        elif isinstance(progress, ProgressBar):
-            progress.show(update)
         elif progress is not None:
-            progress(update.rays, update.num_rays, update.rays_per_sec)
+            progress.show(update)
 
 
 def _pump(stream: IO[str], lines: queue.SimpleQueue[str | None]) -> None:
@@ -156,3 +154,25 @@ class ProgressBar:
         self._stream.write("\r" + text.ljust(self._width))
         self._stream.flush()
         self._width = max(self._width, len(text))
+
+
+class Shown:
+    """Where progress is shown: in a bar, by a function, or nowhere."""
+
+    def __init__(self, progress: bool | ProgressCallback) -> None:
+        self._call = progress if callable(progress) else None
+        self._bar = ProgressBar() if progress and not callable(progress) else None
+
+    def __enter__(self) -> Shown:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(self, update: Update) -> None:
+        """Show how far a trace is."""
+        if self._bar is not None:
+            self._bar.show(update)
+        elif self._call is not None:
+            self._call(update.rays, update.num_rays, update.rays_per_sec)

@@ -83,7 +83,8 @@ class _Sag(ConicGeometry):
     def ray_intersect(self, origins: Any, directions: Any) -> tuple[Any, Any, Any, Any]:
         """Return distances, normals against the rays, which rays hit, and normals towards +z: Optiland's own contract."""
         rays = be.to_numpy(origins).astype(float), be.to_numpy(directions).astype(float)
-        parts = [self._first(rays[0][at : at + self._CHUNK], rays[1][at : at + self._CHUNK])
+        heights = self._heights()
+        parts = [self._first(rays[0][at : at + self._CHUNK], rays[1][at : at + self._CHUNK], heights)
                  for at in range(0, len(rays[0]), self._CHUNK)]
         found = np.concatenate(parts) if parts else np.zeros(0)
         hit = np.isfinite(found)
@@ -109,10 +110,10 @@ class _Sag(ConicGeometry):
         room = 0.05 * (sag.max() - sag.min()) + 1e-3 * radius
         return float(sag.min() - room), float(sag.max() + room)
 
-    def _first(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return the distances of the first crossings ahead; infinity where there is none."""
+    def _first(self, origins: np.ndarray, directions: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
+        """Return the distances of the first crossings ahead, between two heights; infinity where there is none."""
         eps, limit = 1e-9, float(be.to_numpy(self.aperture_radius)) ** 2
-        low, high = self._heights()
+        low, high = heights
         with np.errstate(divide="ignore", invalid="ignore"):
             square = (directions[:, :2] ** 2).sum(axis=1)
             middle = (origins[:, :2] * directions[:, :2]).sum(axis=1)

@@ -53,9 +53,9 @@ struct SagSearch {
     start: real,
     limit: real,
     speed: real,
-    // The part across the axis of the direction, squared; the bend, and what a tip on the axis adds to it, times the distance
-    // from the axis.
-    square: real,
+    // The part across the axis of the direction; the bend, and what a tip on the axis adds to it, times the distance from the
+    // axis.
+    across: real,
     bend: real,
     tip: real,
     // Half the length of an interval that rounding hides; of the one at the start of a ray that leaves.
@@ -107,9 +107,10 @@ fn sag_search(
     is_missed = is_missed | (is_across & ((base.z < lowest) | (base.z > highest)));
     near = max(near, -shift);
     is_missed = is_missed | !(near <= far);
-    let speed = abs(d.z) + slope * sqrt(square);
+    let across = sqrt(square);
+    let speed = abs(d.z) + slope * across;
     let largest = abs(base.x) + abs(base.y) + abs(base.z) + max(abs(near), abs(far)) + magnitude;
-    let is_single = abs(d.z) > slope * sqrt(square);
+    let is_single = abs(d.z) > slope * across;
     var s: SagSearch;
     // A ray that leaves the surface and crosses it once has done so.
     let begin = select(select(SAG_MIDDLE, SAG_START, leaves), SAG_SINGLE, is_single);
@@ -122,7 +123,7 @@ fn sag_search(
     s.start = 0.0;
     s.limit = limit;
     s.speed = speed;
-    s.square = square;
+    s.across = across;
     s.bend = bend * square;
     s.tip = tip * square;
     s.hidden = largest * SAG_ROUNDING / speed;
@@ -175,7 +176,7 @@ fn sag_single(search: SagSearch, sag: vec3<real>) -> SagSearch {
 
 // The bound of |F''| within a distance of the place where the sag was wanted.
 fn sag_bend(s: SagSearch, distance: real) -> real {
-    let r = sqrt(s.place.x * s.place.x + s.place.y * s.place.y) - distance * sqrt(s.square);
+    let r = sqrt(s.place.x * s.place.x + s.place.y * s.place.y) - distance * s.across;
     // Nothing bounds the bend of a tip on its axis.
     let at_tip = select(1e30, s.tip / select(1.0, r, r > 0.0), r > 0.0);
     return s.bend + select(0.0, at_tip, s.tip > 0.0);

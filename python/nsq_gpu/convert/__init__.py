@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import optiland.backend as be
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.bsdf.base import BaseBSDF
 from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
@@ -117,7 +116,7 @@ def read_optic(path: str | os.PathLike[str]) -> Any:
 
 def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport) -> list[prescription.Face]:
     """Leave out refracting surfaces in the image itself, behind which there is nothing."""
-    image = be.to_numpy(optic.image_surface.geometry.cs.get_effective_transform()[0]).astype(float).ravel()
+    image, _ = prescription.placed(optic.image_surface.geometry.cs)
     while faces and not faces[-1].is_mirror and np.abs(faces[-1].position - image).max() <= 1e-9:
         if faces[-1].stated is not None or faces[-1].coating is not None or np.isfinite(faces[-1].radius):
             raise UnsupportedSceneError(f"{faces[-1].place} lies in the image, and is no bare plane: a detector stands there alone")
@@ -129,10 +128,8 @@ def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport
 
 def _refuse_virtual(optic: Any, rays: prescription.Rays, faces: list[prescription.Face]) -> None:
     """Refuse a prescription whose light would have to run back: to a virtual image, or through a face behind the next one."""
-    acting = [face.index for face in faces if not face.does_nothing] + [len(optic.surfaces.surfaces) - 1]
-    if not optic.object_surface.is_infinite:
-        acting.insert(0, 0)
-    for one, other in zip(acting, acting[1:], strict=False):
+    first = None if optic.object_surface.is_infinite else 0
+    for one, other in prescription.acting(faces, len(rays.places) - 1, first):
         step = rays.places[other][rays.arrive] - rays.places[one][rays.arrive]
         ahead = (step * rays.directions[one][rays.arrive]).sum(axis=1)
         if np.median(ahead) < -1e-9:
@@ -144,9 +141,8 @@ def _refuse_virtual(optic: Any, rays: prescription.Rays, faces: list[prescriptio
 
 def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: tuple[int, int],
                   size: tuple[float, float] | None, report: LensReport) -> None:
-    surface = optic.image_surface
-    position, rotation = (be.to_numpy(part).astype(float) for part in surface.geometry.cs.get_effective_transform())
-    local = (rays.places[-1][rays.arrive] - position.ravel()) @ rotation
+    position, rotation = prescription.placed(optic.image_surface.geometry.cs)
+    local = (rays.places[-1][rays.arrive] - position) @ rotation
     directions = rays.directions[-2][rays.arrive] @ rotation
     on_plane = local - directions * (local[:, 2] / directions[:, 2])[:, None]
     if size is None:
@@ -157,5 +153,5 @@ def _add_detector(scene: NSQScene, optic: Any, rays: prescription.Rays, pixels: 
     curved = np.abs(local[:, 2]).max()
     if curved > 1e-9:
         report.remarks.append(f"the image is curved: its light is up to {curved:.3g} mm off the detector, a plane in its vertex")
-    scene.add_detector("image", prescription.frame(position.ravel(), rotation),
+    scene.add_detector("image", prescription.frame(position, rotation),
                        IrradianceDetectorConfig(*size, *pixels))

@@ -6,7 +6,7 @@ import numpy as np
 import optiland.backend as be
 from optiland.nonsequential import NSQScene
 
-from nsq_gpu.convert.prescription import Face, Rays
+from nsq_gpu.convert.prescription import Face, Rays, acting, placed
 from nsq_gpu.convert.report import LensReport
 
 #: Nearer to an end of a ray's stretch than that, nothing is in its way [mm].
@@ -15,8 +15,7 @@ _END = 1e-6
 
 def tell(scene: NSQScene, faces: list[Face], rays: Rays, report: LensReport) -> None:
     """Add a remark for each component that rays meet on their way from one surface to the next."""
-    acting = [0, *(face.index for face in faces if not face.does_nothing), len(rays.places) - 1]
-    for one, other in zip(acting, acting[1:], strict=False):
+    for one, other in acting(faces, len(rays.places) - 1, first=0):
         chosen = rays.arrive & np.isfinite(rays.places[one]).all(axis=1)
         starts, way = rays.places[one][chosen], rays.places[other][chosen] - rays.places[one][chosen]
         lengths = np.linalg.norm(way, axis=1)
@@ -29,8 +28,8 @@ def tell(scene: NSQScene, faces: list[Face], rays: Rays, report: LensReport) -> 
         for name, component in zip(scene.component_names, scene.surfaces, strict=True):
             if name in own:
                 continue
-            translation, rotation = (be.to_numpy(part) for part in component.cs.get_effective_transform())
-            t, _, hit, _ = component.geometry.ray_intersect((starts - translation) @ rotation, directions @ rotation)
+            position, rotation = placed(component.cs)
+            t, _, hit, _ = component.geometry.ray_intersect((starts - position) @ rotation, directions @ rotation)
             met = be.to_numpy(hit) & (be.to_numpy(t) > _END) & (be.to_numpy(t) < lengths - _END)
             if met.any():
                 between = f"{_name(report, one, 'the object')} and {_name(report, other, 'the image')}"

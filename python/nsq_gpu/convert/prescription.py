@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Iterator
@@ -113,6 +114,18 @@ def frame(position: np.ndarray, rotation: np.ndarray) -> CoordinateSystem:
     else:
         rx, rz = math.atan2(-rotation[1, 2], rotation[1, 1]), 0.0
     return CoordinateSystem(*(float(part) for part in position), rx, ry, rz)
+
+
+def placed(cs: CoordinateSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Return the origin of a frame [mm] and its axes, the columns of a rotation: the inverse of :func:`frame`."""
+    position, rotation = (be.to_numpy(part).astype(float) for part in cs.get_effective_transform())
+    return position.ravel(), rotation
+
+
+def acting(faces: list[Face], image: int, first: int | None = None) -> Iterator[tuple[int, int]]:
+    """Yield the indices of surfaces that light goes between: those that do something to it, from the first to the image."""
+    indices = [*([] if first is None else [first]), *(face.index for face in faces if not face.does_nothing), image]
+    return itertools.pairwise(indices)
 
 
 @contextmanager
@@ -262,8 +275,8 @@ def trace(optic: Any, rays: Any) -> Rays:
 
 def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
     surface = surfaces[index]
-    position, rotation = (be.to_numpy(part).astype(float) for part in surface.geometry.cs.get_effective_transform())
-    local = (rays.places[index][rays.arrive] - position.ravel()) @ rotation
+    position, rotation = placed(surface.geometry.cs)
+    local = (rays.places[index][rays.arrive] - position) @ rotation
     # Directions are those behind a surface: those before it stand at the one before.
     came = rays.directions[index - 1][rays.arrive] @ rotation
     mirror = bool(surface.interaction_model.is_reflective)
@@ -272,7 +285,7 @@ def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
     return Face(
         index=index,
         place=name_of(surface, index),
-        position=position.ravel(),
+        position=position,
         rotation=rotation,
         radius=_number(surface.geometry.radius),
         conic=_number(getattr(surface.geometry, "k", 0.0)),

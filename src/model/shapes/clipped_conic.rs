@@ -45,9 +45,10 @@ pub struct Aperture {
 }
 
 /// What an aperture is bounded by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum ApertureOutline {
-    /// An ellipse.
+    /// An ellipse, or a circle.
     Ellipse,
     /// A rectangle.
     Rectangle,
@@ -114,7 +115,7 @@ pub struct Written {
 #[schemars(rename = "Aperture")]
 pub struct WrittenAperture {
     /// What bounds it.
-    pub outline: Outline,
+    pub outline: ApertureOutline,
     /// Its semi-axis along x \[mm\].
     pub semi_axis_x: f64,
     /// Its semi-axis along y \[mm\].
@@ -131,17 +132,6 @@ pub struct WrittenAperture {
     /// True for all that it leaves out.
     #[serde(default)]
     pub inverted: bool,
-}
-
-/// What bounds an aperture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-#[schemars(rename = "ApertureOutline")]
-pub enum Outline {
-    /// An ellipse, or a circle.
-    Ellipse,
-    /// A rectangle.
-    Rectangle,
 }
 
 impl Entry for Written {
@@ -164,10 +154,7 @@ impl Entry for Written {
         let shape = ClippedConic {
             conic: Conic { curvature: curvature(radius), conic, aperture_radius },
             aperture: Aperture {
-                outline: match aperture.outline {
-                    Outline::Ellipse => ApertureOutline::Ellipse,
-                    Outline::Rectangle => ApertureOutline::Rectangle,
-                },
+                outline: aperture.outline,
                 middle: DVec2::new(aperture.x, aperture.y),
                 semi_axes: DVec2::new(aperture.semi_axis_x, aperture.semi_axis_y),
                 hole: aperture.hole_radius,

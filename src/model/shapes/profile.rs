@@ -290,6 +290,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
         /// No point of a random asphere breaks the bounds.
         #[test]
         fn bounds_hold(
