@@ -8,7 +8,7 @@
 
 mod zoo;
 
-use nsq_gpu::model::{Bsdf, BsdfTable, HarveyShack, SceneIr, Tabulated};
+use nsq_gpu::model::{Bsdf, BsdfTable, Coating, HarveyShack, SceneIr, SimpleCoating, Tabulated};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::{Scene, TraceOptions, TraceResult};
@@ -493,14 +493,54 @@ fn coatings_by_wavelength_are_looked_up() {
     }
     ir.sources[0].spectrum = nsq_gpu::model::Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     for surface in &mut ir.surfaces {
-        let coating = nsq_gpu::model::Coating { reflectance: vec![0.0, 1.0], transmittance: vec![0.5, 0.0] };
-        surface.coating = Some(coating);
+        let coating = SimpleCoating { reflectance: vec![0.0, 1.0], transmittance: vec![0.5, 0.0] };
+        surface.coating = Some(Coating::Simple(coating));
     }
     let result = trace(&ir, 40_000, Precision::F64);
     let hits = |name: &str| result.detector(name).unwrap().num_rays_hit as f64;
     assert!((hits("sky") - 20_000.0).abs() < 400.0 && hits("sky") + hits("behind") == 40_000.0);
     let through = flux(&result, "behind") / (hits("behind") / 40_000.0);
     assert!((through - 0.25).abs() < 1e-12, "{through}");
+}
+
+/// A table of equal columns takes the decisions of the simple coating.
+#[test]
+fn a_table_that_is_the_same_at_every_angle_is_a_simple_coating() {
+    let simple = coated_plate(0.25, 0.5);
+    let mut tabulated = simple.clone();
+    for surface in &mut tabulated.surfaces {
+        let table = surface.coating.as_ref().unwrap().tabulated();
+        surface.coating = Some(Coating::Tabulated(table));
+    }
+    for precision in PRECISIONS {
+        let [simple, tabulated] = [&simple, &tabulated].map(|ir| trace(ir, 10_000, precision));
+        for name in ["sky", "behind"] {
+            assert_eq!(flux(&simple, name), flux(&tabulated, name), "{name}, {precision:?}");
+        }
+    }
+}
+
+/// A coating by angle in a file: angles ascend there, and reflectances of a lossless film add up with transmittances.
+#[test]
+fn coatings_by_angle_are_read() {
+    let rows = |values: [f64; 3]| json!([[0.0, 0.0, 0.0], values]);
+    let coating = json!({
+        "type": "tabulated", "wavelengths": [0.4, 0.5], "angles": [0.0, 60.0, 90.0],
+        "reflectance": rows([0.25, 0.5, 1.0]), "transmittance": rows([0.5, 0.25, 0.0]),
+        "reflectance_back": rows([0.125, 0.125, 0.125]), "transmittance_back": rows([0.25, 0.25, 0.25]),
+    });
+    let face = |interaction: &str| plane(json!({ "interaction": interaction, "coating": coating }));
+    for (angle, reflected, transmitted) in [(0.0, 0.25, 0.5), (f64::acos(0.75).to_degrees(), 0.375, 0.375)] {
+        let mut ir = scene(pencil(angle), &[face("refractive")], &[sky(-20.0, 9), sky_behind()]);
+        ir.sampling.split_depth = 1;
+        ir.sampling.split_budget = 2.0;
+        let result = trace(&ir, 1000, Precision::F64);
+        assert!((flux(&result, "sky") - reflected).abs() < 1e-12, "{}", flux(&result, "sky"));
+        assert!((flux(&result, "behind") - transmitted).abs() < 1e-12);
+        let mirror = scene(pencil(angle), &[face("reflective")], &[sky(-20.0, 9)]);
+        let result = trace(&mirror, 1000, Precision::F64);
+        assert!((flux(&result, "sky") - reflected).abs() < 1e-12);
+    }
 }
 
 #[test]

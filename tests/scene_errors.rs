@@ -569,6 +569,55 @@ fn coatings_that_give_more_than_they_get_are_refused() {
     refused(r#""L1.front": {"#, mirror, place, &["both a reflectance and a coating"]);
 }
 
+/// Every way in which a table of a coating can be wrong has its place and its advice.
+#[test]
+fn tables_of_coatings_are_checked() {
+    let table = |key: &str, value: &str| {
+        let mut keys = [
+            ("wavelengths", "[0.4861, 0.5876, 0.6563]"),
+            ("angles", "[0, 45, 90]"),
+            ("reflectance", "[[0, 0, 1], [0, 0, 1], [0, 0, 1]]"),
+            ("transmittance", "[[1, 1, 0], [1, 1, 0], [1, 1, 0]]"),
+            ("reflectance_back", "[[0, 0, 1], [0, 0, 1], [0, 0, 1]]"),
+            ("transmittance_back", "[[1, 1, 0], [1, 1, 0], [1, 1, 0]]"),
+        ];
+        keys.iter_mut().filter(|(known, _)| *known == key).for_each(|entry| entry.1 = value);
+        let keys: Vec<String> = keys.iter().map(|(key, value)| format!(r#""{key}": {value}"#)).collect();
+        format!(r#""coating": {{"type": "tabulated", {}}}"#, keys.join(", "))
+    };
+    for (key, value, place, said) in [
+        ("angles", "[0]", ".angles", "1 angles"),
+        ("angles", "[10, 45, 90]", ".angles[0]", "is 10, not 0"),
+        ("angles", "[0, 45, 80]", ".angles[2]", "is 80, not 90"),
+        ("angles", "[0, 120, 90]", ".angles[1]", "does not exceed"),
+        ("angles", "[0, 0.01, 90]", ".angles[1]", "too close"),
+        ("wavelengths", "[0.4861, 0.5876, 0.5876]", ".wavelengths[2]", "listed twice"),
+        ("wavelengths", "[0.4861, 0.6, 0.7]", ".wavelengths", "0.5876 um"),
+        ("reflectance", "[[0, 0, 1]]", ".reflectance", "1 rows for 3 wavelengths"),
+        (
+            "reflectance_back",
+            "[[0, 0, 1], [0, 0], [0, 0, 1]]",
+            ".reflectance_back[1]",
+            "2 values for 3 angles",
+        ),
+        (
+            "transmittance",
+            "[[1, 1, 0], [1, 1.5, 0], [1, 1, 0]]",
+            ".transmittance[1][1]",
+            "1.5 is not between",
+        ),
+        (
+            "transmittance_back",
+            "[[1, 1, 0], [1, 1, 0.5], [1, 1, 0]]",
+            ".transmittance_back[1][2]",
+            "R = 1 and T = 0.5",
+        ),
+    ] {
+        let place = format!("nsq_gpu.surfaces[0].coating{place}");
+        refused(r#""coating": null"#, &table(key, value), &place, &[said]);
+    }
+}
+
 /// Whoever brings a lens is told how it becomes a scene.
 #[test]
 fn a_lens_file_names_the_command_that_converts_it() {

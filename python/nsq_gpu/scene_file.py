@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import optiland.backend as be
-from optiland.coatings import SimpleCoating
+from optiland.coatings import BaseCoating, SimpleCoating
 from optiland.coordinate_system import CoordinateSystem
 from optiland.materials import IdealMaterial
 from optiland.materials.base import BaseMaterial
@@ -270,9 +270,14 @@ def reflectance(value: Any) -> Any:
     return lambda wavelength: _interpolate(wavelength, wavelengths, values)
 
 
-def _coating(spec: Json | None) -> SimpleCoating | None:
+def _coating(spec: Json | None) -> BaseCoating | None:
     if spec is None:
         return None
+    if spec["type"] == "tabulated":
+        from nsq_gpu.coatings import TabulatedCoating
+
+        return TabulatedCoating(*(spec[key] for key in ("wavelengths", "angles", "reflectance", "transmittance", "reflectance_back",
+                                                        "transmittance_back")))
     if isinstance(spec["reflectance"], dict) or isinstance(spec["transmittance"], dict):
         raise ValueError("Optiland has no coating that varies with the wavelength; give numbers")
     return SimpleCoating(transmittance=spec["transmittance"], reflectance=spec["reflectance"])

@@ -31,7 +31,7 @@ from optiland.rays import RealRays
 
 import nsq_gpu
 from nsq_gpu.convert import READERS, from_optic, read_optic
-from nsq_gpu.convert.prescription import trace, without_fresnel
+from nsq_gpu.convert.prescription import trace, without_polarised_coatings
 
 RAYS_PER_FIELD = 200
 #: Where a page has the table.
@@ -154,7 +154,7 @@ def sequential(optic: Any, births: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
                         np.full(len(own), wavelength))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with without_fresnel(optic):
+            with without_polarised_coatings(optic):
                 found = trace(optic, rays)
         places[:, chosen], directions[:, chosen], arrive[chosen] = found.places, found.directions, found.arrive
     return places, directions, arrive

@@ -26,8 +26,8 @@ fn sample_harvey_shack(s: Scattering, surface: Surface) -> Lobe {
 // The inverse of the radial distribution at u, linear between the knots.
 fn harvey_shack_offset(u: real, table: u32) -> real {
     let knot = interval_of(u, table, HARVEY_SHACK_KNOTS);
-    let low = bsdf_table[table + knot];
-    let high = bsdf_table[table + knot + 1u];
+    let low = tables[table + knot];
+    let high = tables[table + knot + 1u];
     let start = real(knot) * HARVEY_SHACK_STEP;
     return start + (u - low) * (HARVEY_SHACK_STEP / (high - low));
 }

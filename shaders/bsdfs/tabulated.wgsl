@@ -32,15 +32,10 @@ fn tabulated_value(theta_i: real, theta_s: real, surface: Surface) -> real {
     let v = position_in(theta_s, angles_s + j);
     let low = values + i * surface.num_theta_s + j;
     let high = low + surface.num_theta_s;
-    return (1.0 - u) * ((1.0 - v) * bsdf_table[low] + v * bsdf_table[low + 1u])
-        + u * ((1.0 - v) * bsdf_table[high] + v * bsdf_table[high + 1u]);
+    return (1.0 - u) * ((1.0 - v) * tables[low] + v * tables[low + 1u])
+        + u * ((1.0 - v) * tables[high] + v * tables[high + 1u]);
 }
 
 fn covers(first: u32, count: u32, x: real) -> bool {
-    return x >= bsdf_table[first] && x <= bsdf_table[first + count - 1u];
-}
-
-// Where x lies between this knot and the next: 0 at this knot, 1 at the next.
-fn position_in(x: real, knot: u32) -> real {
-    return (x - bsdf_table[knot]) / (bsdf_table[knot + 1u] - bsdf_table[knot]);
+    return x >= tables[first] && x <= tables[first + count - 1u];
 }

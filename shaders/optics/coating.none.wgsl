@@ -1,6 +1,10 @@
-// No surface is coated. Twin of coating.on.wgsl.
+// No surface is coated. Twin of coating.simple.wgsl and coating.tabulated.wgsl.
 
-fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, bare: Share) -> Share {
+fn mirror_reflectance(surface: Surface, primitive: u32, wavelength: u32, cosine: real) -> real {
+    return reflectance_of(surface, primitive, wavelength);
+}
+
+fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, cosine: real, bare: Share) -> Share {
     return bare;
 }
 
@@ -8,5 +12,7 @@ fn coated_transmittance(surface: Surface, bare: real, reflectance: Share) -> rea
     return bare;
 }
 
-fn pass_coating(ray: ptr<function, Ray>, surface: Surface, primitive: u32) {
+fn pay_coating(
+    ray: ptr<function, Ray>, surface: Surface, primitive: u32, cosine: real, total_reflection: bool, reflects: bool,
+) {
 }

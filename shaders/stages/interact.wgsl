@@ -50,7 +50,7 @@ fn mirrored(d: vec3<real>, n: vec3<real>) -> vec3<real> {
 
 fn reflect_off(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3<real>) {
     let before = (*ray).weight;
-    let after = before * reflectance_of(surface, primitive, (*ray).wavelength);
+    let after = before * mirror_reflectance(surface, primitive, (*ray).wavelength, dot((*ray).direction, n));
     deposit_loss(CELL_SURFACES + primitive, before, after);
     (*ray).weight = after;
     (*ray).direction = mirrored((*ray).direction, n);
@@ -73,9 +73,10 @@ fn refract_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, n: vec3
     let cosine = dot(d, n);
     let entering_back = cosine > 0.0;
     let boundary = boundary_of(surface, (*ray).wavelength, cosine, entering_back);
-    let reflects = reflects_at(ray, surface, primitive, boundary);
+    let reflects = reflects_at(ray, surface, primitive, cosine, boundary);
     (*ray).direction = select(transmitted(d, n, boundary), mirrored(d, n), reflects);
-    leave_boundary(ray, surface, primitive, entering_back, reflects);
+    pay_coating(ray, surface, primitive, cosine, boundary.total_reflection, reflects);
+    leave_boundary(ray, surface, entering_back, reflects);
 }
 
 // The boundary at a cosine between the ray's direction and the geometric normal.
@@ -105,10 +106,13 @@ fn boundary_of(surface: Surface, wavelength: u32, cosine: real, entering_back: b
     return Boundary(eta, along_normal, total_reflection, reflectance, transmittance);
 }
 
-fn reflects_at(ray: ptr<function, Ray>, surface: Surface, primitive: u32, boundary: Boundary) -> bool {
+fn reflects_at(
+    ray: ptr<function, Ray>, surface: Surface, primitive: u32, cosine: real, boundary: Boundary,
+) -> bool {
     let total_reflection = boundary.total_reflection;
-    let coated = coated_reflectance(surface, primitive, (*ray).wavelength, boundary.reflectance);
-    // In total reflection there is no transmitted wave, and a coating does not change that.
+    let coated = coated_reflectance(surface, primitive, (*ray).wavelength, cosine, boundary.reflectance);
+    // In total reflection there is no transmitted wave, and a coating does not change that. What the coating absorbs of
+    // the reflected wave, `pay_coating` takes.
     let reflectance = Share(select(coated.part, 1.0, total_reflection), select(coated.whole, 1.0, total_reflection));
     let transmittance = coated_transmittance(surface, boundary.transmittance, coated);
     let bits = stream_bits((*ray).fresnel);
@@ -121,11 +125,10 @@ fn transmitted(d: vec3<real>, n: vec3<real>, boundary: Boundary) -> vec3<real> {
 
 // Sets the medium that the ray is in after the event. The medium is read from the surface, because the ray's own record
 // may be wrong: a ray can leave an open solid unnoticed.
-fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, primitive: u32, entering_back: bool, reflects: bool) {
+fn leave_boundary(ray: ptr<function, Ray>, surface: Surface, entering_back: bool, reflects: bool) {
     let medium = select(surface.front, surface.back, entering_back != reflects);
     (*ray).medium = medium;
     if !reflects {
-        pass_coating(ray, surface, primitive);
         track_solids(ray, medium == 0u);
     }
 }

@@ -26,7 +26,7 @@ pub mod written;
 pub use crate::model::bsdfs::{
     Bsdf, BsdfKind, BsdfTable, HarveyShack, Lambertian, Scatter, Specular, Tabulated,
 };
-pub use crate::model::coating::Coating;
+pub use crate::model::coating::{Coating, CoatingRow, SimpleCoating, TabulatedCoating};
 pub use crate::model::detectors::grid::{PixelGrid, Splat};
 pub use crate::model::detectors::{
     Detection, DetectorFunction, DetectorKind, FAR_FIELD_RADIUS, FarField, RayDatabase, Spectral,
@@ -109,7 +109,7 @@ pub struct Surface {
     pub shape: Shape,
     /// What it does to a ray.
     pub interaction: Interaction,
-    /// Its coating, if it is refractive.
+    /// Its coating, if it is refractive; of a mirror, one by angle.
     pub coating: Option<Coating>,
     /// How it scatters, if it does and is not absorbing.
     pub scatter: Option<Scatter>,

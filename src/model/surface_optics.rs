@@ -1,19 +1,19 @@
 //! What surfaces take of the light, and what they do with it: sums over what the user wrote.
 
-use crate::model::{Interaction, SceneIr, Surface};
+use crate::model::{Coating, Interaction, SceneIr, Surface};
 
-/// The reflectance of a mirror or a coating at a wavelength of the scene; 1 elsewhere.
+/// The reflectance of a mirror or a simple coating at a wavelength of the scene; 1 elsewhere.
 pub fn reflectance(surface: &Surface, wavelength: usize) -> f64 {
     match (&surface.interaction, &surface.coating) {
         (Interaction::Reflective { reflectance }, _) => reflectance[wavelength],
-        (Interaction::Refractive, Some(coating)) => coating.reflectance[wavelength],
+        (Interaction::Refractive, Some(Coating::Simple(coating))) => coating.reflectance[wavelength],
         (Interaction::Refractive | Interaction::Absorbing, _) => 1.0,
     }
 }
 
-/// T / (1 - R) of a coating at a wavelength of the scene: the share of what it does not reflect that it lets pass.
+/// T / (1 - R) of a simple coating at a wavelength of the scene: the share of what it does not reflect that it lets pass.
 pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
-    match &surface.coating {
+    match surface.coating.as_ref().and_then(Coating::simple) {
         None => 1.0,
         Some(coating) if coating.reflectance[wavelength] >= 1.0 => 0.0,
         // R + T may exceed 1 by the rounding of what the user wrote.
@@ -25,14 +25,16 @@ pub fn coating_pass(surface: &Surface, wavelength: usize) -> f64 {
 
 /// Surfaces that take a part of the rays they reflect.
 pub fn lossy_mirrors(ir: &SceneIr) -> impl Iterator<Item = u32> + '_ {
-    let lossy = |interaction: &Interaction| match interaction {
-        Interaction::Reflective { reflectance } => reflectance.iter().any(|&r| r != 1.0),
+    let lossy = |surface: &Surface| match &surface.interaction {
+        Interaction::Reflective { reflectance } => {
+            surface.coating.is_some() || reflectance.iter().any(|&r| r != 1.0)
+        }
         Interaction::Refractive | Interaction::Absorbing => false,
     };
-    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(&surface.interaction)).map(|(i, _)| i)
+    (0..).zip(&ir.surfaces).filter(move |(_, surface)| lossy(surface)).map(|(i, _)| i)
 }
 
-/// The least share of its weight, above none, that a ray keeps at a mirror or a coating: roulette leaves a weight of none
+/// The least share of its weight, above none, that a ray keeps at a mirror or a simple coating: roulette leaves a weight of none
 /// alone.
 pub fn least_share(ir: &SceneIr) -> f64 {
     let at = |surface: &Surface, wavelength: usize| match &surface.interaction {

@@ -9,7 +9,7 @@ use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
-use crate::program::layout::{bindings, bsdf, rng, tables};
+use crate::program::layout::{bindings, bsdf, coating, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
@@ -157,8 +157,9 @@ impl Program {
         if self.features.spectral_reflectance {
             buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
-        if self.features.has_bsdf_table() {
-            buffers.push((bindings::BSDF_TABLE, self.reals(bsdf::tables(ir).into_iter())?));
+        if self.features.has_tables() {
+            let tables = bsdf::tables(ir).into_iter().chain(coating::tables(ir));
+            buffers.push((bindings::TABLES, self.reals(tables)?));
         }
         if self.features.reads_bins() {
             buffers.push((bindings::SPECTRAL_BINS, spectral_bins(ir)));

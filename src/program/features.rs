@@ -5,7 +5,8 @@ use crate::model::primitives::primitives;
 use crate::model::shapes::Normal;
 use crate::model::surface_optics::{least_share, splits};
 use crate::model::{
-    BsdfKind, DetectorFunction, Interaction, Medium, ReflectProb, SceneIr, ShapeKind, SourceFunction, Splat,
+    BsdfKind, Coating, DetectorFunction, Interaction, Medium, ReflectProb, SceneIr, ShapeKind,
+    SourceFunction, Splat,
 };
 use crate::program::layout::bsdf;
 
@@ -18,9 +19,11 @@ pub struct Features {
     pub refractive: bool,
     /// Some surface reflects.
     pub reflective: bool,
-    /// Some refractive surface is coated.
+    /// Some surface is coated.
     pub coated: bool,
-    /// The reflectance of some mirror, or the reflectance or transmittance of some coating, depends on the wavelength.
+    /// Some coating depends on the angle; then all are tables.
+    pub tabulated_coatings: bool,
+    /// The reflectance of some mirror, or what a coating that is no table does, depends on the wavelength.
     pub spectral_reflectance: bool,
     /// Kinds of BSDFs, without repetition.
     pub bsdfs: Vec<BsdfKind>,
@@ -76,7 +79,8 @@ impl Features {
         let splits = splits(ir);
         let bsdfs = bsdf::kinds(ir);
         let coatings = || ir.surfaces.iter().filter_map(|s| s.coating.as_ref());
-        let is_unbounded = bulk_absorption || importance || splits || !bsdfs.is_empty();
+        let tabulated_coatings = coatings().any(Coating::is_tabulated);
+        let is_unbounded = bulk_absorption || importance || splits || !bsdfs.is_empty() || tabulated_coatings;
         let least_share = if is_unbounded { 0.0 } else { least_share(ir) };
         let loses_weight =
             is_unbounded || reflectances().flatten().any(|&r| r != 1.0) || coatings().next().is_some();
@@ -91,8 +95,11 @@ impl Features {
             refractive,
             reflective: reflectances().next().is_some(),
             coated: coatings().next().is_some(),
+            tabulated_coatings,
             spectral_reflectance: reflectances().any(is_spectral)
-                || coatings().any(|c| is_spectral(&c.reflectance) || is_spectral(&c.transmittance)),
+                || coatings()
+                    .filter_map(|coating| coating.simple().filter(|_| !tabulated_coatings))
+                    .any(|c| is_spectral(&c.reflectance) || is_spectral(&c.transmittance)),
             bsdfs,
             transmissive_lobes: bsdf::scatters(ir).any(|s| s.bsdf.transmissive_fraction() > 0.0),
             polychromatic: ir.wavelengths.len() > 1,
@@ -134,9 +141,9 @@ impl Features {
         self.detectors.iter().any(|function| function.reads_bins())
     }
 
-    /// True if some BSDF reads a table.
-    pub fn has_bsdf_table(&self) -> bool {
-        self.bsdfs.iter().any(|kind| kind.has_table())
+    /// True if some BSDF or coating reads a table.
+    pub fn has_tables(&self) -> bool {
+        self.tabulated_coatings || self.bsdfs.iter().any(|kind| kind.has_table())
     }
 }
 

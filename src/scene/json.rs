@@ -222,7 +222,7 @@ pub struct RawSurface {
     /// Fraction of the rays that the scatter model takes.
     #[serde(default = "one")]
     pub scatter_fraction: f64,
-    /// Coating of a refractive surface; of a reflective one its reflectance counts.
+    /// Coating; of a reflective surface its reflectance counts.
     #[serde(default)]
     pub coating: Option<Coating>,
 }
@@ -296,7 +296,7 @@ pub struct Override {
     pub bsdf: Option<Bsdf>,
     /// Fraction of the rays that the scatter model takes; 1 if null.
     pub scatter_fraction: Option<f64>,
-    /// Coating, where the surface is refractive.
+    /// Coating; of a reflective surface its reflectance counts.
     pub coating: Option<Coating>,
 }
 
@@ -314,6 +314,27 @@ pub enum Coating {
         /// Transmitted fraction.
         transmittance: Reflectance,
     },
+    /// Reflectance and transmittance by the angle of incidence, for light from either side; the rest is absorbed.
+    Tabulated(TabulatedCoating),
+}
+
+/// A coating by wavelength and angle: one row per wavelength, one value per angle. Values are linear in the cosine of the
+/// angle.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TabulatedCoating {
+    /// Wavelengths \[um\]: all that the sources emit, in any order.
+    pub wavelengths: Vec<f64>,
+    /// Angles of incidence, each in the medium that light comes from, ascending from 0 to 90 \[deg\].
+    pub angles: Vec<f64>,
+    /// Reflected fraction of light from the front.
+    pub reflectance: Vec<Vec<f64>>,
+    /// Transmitted fraction of light from the front.
+    pub transmittance: Vec<Vec<f64>>,
+    /// Reflected fraction of light from the back.
+    pub reflectance_back: Vec<Vec<f64>>,
+    /// Transmitted fraction of light from the back.
+    pub transmittance_back: Vec<Vec<f64>>,
 }
 
 /// How rare branches are sampled.

@@ -3,6 +3,7 @@
 //! The way of a scene: text -> tree of JSON values -> typed [`json::SceneFile`] -> validated -> surfaces of its
 //! components, closed and in order -> media as tables over the wavelengths of the sources.
 
+mod coatings;
 mod coincidence;
 mod compounds;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]

@@ -171,8 +171,12 @@ impl Finish<'_> {
                 "give one of the two",
             ));
         }
-        if let Some(coating) = self.coating {
-            return Ok(coating.at(wavelengths, &coating_place)?.reflectance);
+        match self.coating {
+            Some(Coating::Tabulated(_)) => return Ok(vec![1.0; wavelengths.len()]),
+            Some(Coating::Simple { reflectance, .. }) => {
+                return reflectance.at(wavelengths, &key_of(&coating_place, "reflectance"));
+            }
+            None => {}
         }
         let place = key_of(place, "reflectance");
         match self.reflectance.or(self.default_reflectance) {
@@ -185,9 +189,11 @@ impl Finish<'_> {
         }
     }
 
+    /// A mirror takes a simple coating as its reflectance.
     fn coating(&self, place: &str, wavelengths: &[f64]) -> Result<Option<model::Coating>> {
         match (self.kind, self.coating) {
-            (Interaction::Refractive, Some(coating)) => {
+            (Interaction::Refractive, Some(coating))
+            | (Interaction::Reflective, Some(coating @ Coating::Tabulated(_))) => {
                 coating.at(wavelengths, &key_of(place, "coating")).map(Some)
             }
             (Interaction::Refractive | Interaction::Reflective | Interaction::Absorbing, _) => Ok(None),
@@ -228,30 +234,6 @@ impl Reflectance {
             Reflectance::Constant(value) => Ok(vec![*value; wavelengths.len()]),
             Reflectance::Table { wavelengths: listed, values } => look_up(listed, values, wavelengths, place),
         }
-    }
-}
-
-impl Coating {
-    /// The coating at the wavelengths of the scene \[um\].
-    fn at(&self, wavelengths: &[f64], place: &str) -> Result<model::Coating> {
-        /// R + T may exceed 1 by the rounding of decimal fractions.
-        const ROUNDING: f64 = 1e-12;
-        let Coating::Simple { reflectance, transmittance } = self;
-        let reflectance = reflectance.at(wavelengths, &key_of(place, "reflectance"))?;
-        let transmittance = transmittance.at(wavelengths, &key_of(place, "transmittance"))?;
-        let excess = reflectance.iter().zip(&transmittance).position(|(r, t)| r + t > 1.0 + ROUNDING);
-        if let Some(i) = excess {
-            let (r, t) = (reflectance[i], transmittance[i]);
-            return Err(Error::scene(
-                key_of(place, "transmittance"),
-                format!(
-                    "the coating gives more light than it gets: R = {r} and T = {t} at {} um",
-                    wavelengths[i]
-                ),
-                "give R + T <= 1; what is left of 1 is absorbed",
-            ));
-        }
-        Ok(model::Coating { reflectance, transmittance })
     }
 }
 

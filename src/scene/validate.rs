@@ -8,8 +8,8 @@ use crate::model::Sampling;
 use crate::model::checks::{between, conic_constant, fraction, position, radius, refuse, size};
 use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::scene::json::{
-    Block, Coating, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override,
-    RawSurface, ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source, Spectrum,
+    Block, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override, RawSurface,
+    ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source, Spectrum,
 };
 
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
@@ -340,7 +340,7 @@ fn check_medium(place: &str, medium: &Medium) -> Result<()> {
     }
 }
 
-fn check_no_repeats(place: &str, wavelengths: &[f64]) -> Result<()> {
+pub(super) fn check_no_repeats(place: &str, wavelengths: &[f64]) -> Result<()> {
     let mut seen = HashSet::new();
     match wavelengths.iter().position(|x| !seen.insert(x.to_bits())) {
         None => Ok(()),
@@ -352,7 +352,7 @@ fn check_no_repeats(place: &str, wavelengths: &[f64]) -> Result<()> {
     }
 }
 
-fn check_reflectance(place: &str, reflectance: &Reflectance) -> Result<()> {
+pub(super) fn check_reflectance(place: &str, reflectance: &Reflectance) -> Result<()> {
     match reflectance {
         Reflectance::Constant(value) => fraction(place.to_owned(), *value),
         Reflectance::Table { wavelengths, values } => {
@@ -373,7 +373,7 @@ fn check_raw_surface(place: &str, surface: &RawSurface) -> Result<()> {
     surface.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
     surface.bsdf.as_ref().map_or(Ok(()), |bsdf| bsdf.check(&|key| key_of(&at("bsdf"), key)))?;
     fraction(at("scatter_fraction"), surface.scatter_fraction)?;
-    surface.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
+    surface.coating.as_ref().map_or(Ok(()), |coating| coating.check(&at("coating")))
 }
 
 fn check_override(place: &str, change: &Override) -> Result<()> {
@@ -382,13 +382,7 @@ fn check_override(place: &str, change: &Override) -> Result<()> {
     change.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
     change.bsdf.as_ref().map_or(Ok(()), |bsdf| bsdf.check(&|key| key_of(&at("bsdf"), key)))?;
     change.scatter_fraction.map_or(Ok(()), |f| fraction(at("scatter_fraction"), f))?;
-    change.coating.as_ref().map_or(Ok(()), |coating| check_coating(&at("coating"), coating))
-}
-
-fn check_coating(place: &str, coating: &Coating) -> Result<()> {
-    let Coating::Simple { reflectance, transmittance } = coating;
-    check_reflectance(&key_of(place, "reflectance"), reflectance)?;
-    check_reflectance(&key_of(place, "transmittance"), transmittance)
+    change.coating.as_ref().map_or(Ok(()), |coating| coating.check(&at("coating")))
 }
 
 fn check_detector_extras(block: &Block, file: &SceneFile) -> Result<()> {

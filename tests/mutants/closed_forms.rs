@@ -6,10 +6,10 @@ use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::shapes::Geometry;
 use nsq_gpu::model::{
-    Aperture, ApertureOutline, Bsdf, BsdfTable, ClippedConic, Coating, Collimated, Conic, Detector,
-    DetectorKind, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
-    Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, Source, SourceKind,
-    Spectral, Spectrum, Splat, Surface, Tabulated,
+    Aperture, ApertureOutline, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
+    Detector, DetectorKind, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
+    Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating,
+    Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -40,6 +40,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "points of a window" => points_of_a_window,
         "points of half mirrors" => points_of_half_mirrors,
         "points of scrambles" => points_of_scrambles,
+        "coating by angle" => coating_by_angle,
         "scatter gain" => scatter_gain,
         "split plate" => split_plate,
         "split faint" => split_faint,
@@ -156,6 +157,93 @@ fn total_reflection(bench: &Bench) -> Outcome {
     ir.sources[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
     let result = trace(bench, &ir, 10_000);
     near("flux inside", result.detectors[0].total_flux, 1.0, 10_000, 1.0)
+}
+
+/// A face of glass, bare beside one that is coated by angle, and a mirror: each branch of a split carries what the table
+/// says, from both sides, between its angles, at its second wavelength, and in total reflection.
+fn coating_by_angle(bench: &Bench) -> Outcome {
+    // Columns at the cosines 0, 1/2 and 1. They are dyadic, as their means are, and so the sums below are exact.
+    let row = CoatingRow {
+        reflectance: vec![1.0, 0.25, 0.125],
+        transmittance: vec![0.0, 0.5, 0.75],
+        reflectance_back: vec![0.75, 0.5, 0.25],
+        transmittance_back: vec![0.125, 0.25, 0.5],
+    };
+    let dark = CoatingRow {
+        reflectance: vec![0.0; 3],
+        transmittance: vec![1.0; 3],
+        reflectance_back: vec![0.0; 3],
+        transmittance_back: vec![1.0; 3],
+    };
+    let table = TabulatedCoating { cosines: vec![0.0, 0.5, 1.0], rows: vec![dark, row] };
+    let coating = Some(Coating::Tabulated(table));
+    // The cosine, whether from the back, a mirror, coated, and what is reflected and transmitted.
+    let bare = ((INDEX - 1.0) / (INDEX + 1.0)).powi(2);
+    let cases = [
+        (1.0, false, false, true, 0.125, 0.75),
+        (0.75, false, false, true, 0.1875, 0.625),
+        (0.25, false, false, true, 0.625, 0.25),
+        (1.0, true, false, true, 0.25, 0.5),
+        (0.875, true, false, true, 0.3125, 0.4375),
+        // Beyond the critical angle, whose cosine is 0.745: R + T remains.
+        (0.5, true, false, true, 0.75, 0.0),
+        (0.25, true, false, true, 0.8125, 0.0),
+        (0.75, false, true, true, 0.1875, 0.0),
+        (0.75, true, true, true, 0.375, 0.0),
+        (1.0, false, false, false, bare, 1.0 - bare),
+        (1.0, false, true, false, 0.75, 0.0),
+    ];
+    for (cosine, from_back, is_mirror, is_coated, reflected, transmitted) in cases {
+        let interaction = if is_mirror {
+            Interaction::Reflective { reflectance: vec![0.75; 2] }
+        } else {
+            Interaction::Refractive
+        };
+        let mut face = plane("face", 5.0, interaction, 0, usize::from(!is_mirror));
+        face.coating = coating.clone().filter(|_| is_coated);
+        // No ray comes to it. Its table is the first, and the only one where the face is bare.
+        let mut beside = plane("beside", 30.0, Interaction::Refractive, 0, 0);
+        beside.coating = Some(Coating::Tabulated(TabulatedCoating {
+            cosines: vec![0.0, 1.0],
+            rows: vec![
+                CoatingRow {
+                    reflectance: vec![0.5; 2],
+                    transmittance: vec![0.5; 2],
+                    reflectance_back: vec![0.5; 2],
+                    transmittance_back: vec![0.5; 2],
+                };
+                2
+            ],
+        }));
+        let mut ir = split_scene(vec![beside, face], 1, 2.0);
+        ir.wavelengths = vec![0.4, 0.5];
+        for medium in &mut ir.media {
+            (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
+        }
+        ir.sources[0].spectrum.wavelengths = vec![1];
+        if from_back {
+            ir.sources[0].frame.origin.z = 10.0;
+            ir.sources[0].medium = usize::from(!is_mirror);
+        }
+        let turn = f64::acos(cosine) + if from_back { std::f64::consts::PI } else { 0.0 };
+        ir.sources[0].frame.rotation = DMat3::from_rotation_x(turn);
+        let (rows, ledger, _) = split_rows(bench, &ir, 16, Precision::F64);
+        let flux = |below: bool| {
+            let there = rows.iter().filter(|row| (row.position[2] < 5.0) == below);
+            there.map(|row| row.weight).sum::<f64>() / SPLIT_RAYS as f64
+        };
+        let found = [flux(!from_back), flux(from_back)];
+        let lost = if is_mirror { ledger.surface.flux } else { ledger.coating.flux };
+        let expected = [reflected, transmitted, 1.0 - reflected - transmitted];
+        for (found, expected) in [found[0], found[1], lost].into_iter().zip(expected) {
+            if (found - expected).abs() > 1e-12 {
+                return Err(format!(
+                    "cosine {cosine}, from the back {from_back}, mirror {is_mirror}, coated {is_coated}: {found} instead of {expected}"
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// exp(-4 pi k L / lambda), of every ray.
@@ -544,7 +632,7 @@ fn points_of_a_window(bench: &Bench) -> Outcome {
 fn points_of_half_mirrors(bench: &Bench) -> Outcome {
     let mut ir = window_scene();
     for surface in &mut ir.surfaces {
-        surface.coating = Some(Coating { reflectance: vec![0.5], transmittance: vec![0.5] });
+        surface.coating = Some(simple_coating(0.5));
     }
     let mut setting = Setting::default();
     setting.options.num_rays = 1 << 14;
@@ -637,9 +725,12 @@ fn split_plate(bench: &Bench) -> Outcome {
     }
 }
 
+fn simple_coating(reflectance: f64) -> Coating {
+    Coating::Simple(SimpleCoating { reflectance: vec![reflectance], transmittance: vec![1.0 - reflectance] })
+}
+
 fn coat(name: &str, z: f64, reflectance: f64) -> Surface {
-    let coating = Coating { reflectance: vec![reflectance], transmittance: vec![1.0 - reflectance] };
-    Surface { coating: Some(coating), ..plane(name, z, Interaction::Refractive, 0, 0) }
+    Surface { coating: Some(simple_coating(reflectance)), ..plane(name, z, Interaction::Refractive, 0, 0) }
 }
 
 /// In f32 a reflection of 2.3 times what the significand of 1 resolves is 2 or 3 times that, 2.3 on average.

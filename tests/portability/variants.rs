@@ -3,10 +3,11 @@
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::{
-    Annulus, Aperture, ApertureOutline, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, Collimated, Conic,
-    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium,
-    Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter,
-    SceneIr, Shape, Source, SourceKind, Spectral, Spectrum, Specular, Sphere, Splat, Surface, Tabulated,
+    Annulus, Aperture, ApertureOutline, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
+    Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
+    Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb,
+    Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
+    Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
@@ -74,6 +75,7 @@ pub enum Choice {
     Absorbing,
     Tip,
     Coated,
+    CoatedByAngle,
     CoatedBySpectrum,
     Scattering(BsdfKind),
     TransmissiveLobe(BsdfKind),
@@ -258,6 +260,7 @@ impl Choice {
             Choice::Absorbing,
             Choice::Tip,
             Choice::Coated,
+            Choice::CoatedByAngle,
             Choice::CoatedBySpectrum,
             Choice::Split,
             Choice::Roulette,
@@ -314,6 +317,14 @@ impl Choice {
                 ir.surfaces.push(surface(cone, Interaction::Refractive));
             }
             Choice::Coated => ir.surfaces.push(coated(0.9, 0.9, ir.wavelengths.len())),
+            Choice::CoatedByAngle => {
+                let num_wavelengths = ir.wavelengths.len();
+                let coating = Some(coating_by_angle(num_wavelengths));
+                ir.surfaces
+                    .push(Surface { coating: coating.clone(), ..surface(ball(), Interaction::Refractive) });
+                let mirror = surface(ball(), mirror(1.0, 1.0, num_wavelengths));
+                ir.surfaces.push(Surface { coating, ..mirror });
+            }
             Choice::CoatedBySpectrum => {
                 polychromatic(ir);
                 ir.surfaces.push(coated(0.9, 0.5, ir.wavelengths.len()));
@@ -654,8 +665,8 @@ fn scattering(surface: Surface, bsdf: Bsdf) -> Surface {
 fn coated(first: f64, others: f64, num_wavelengths: usize) -> Surface {
     let mut transmittance = vec![others; num_wavelengths];
     transmittance[0] = first;
-    let coating = Coating { reflectance: vec![0.0625; num_wavelengths], transmittance };
-    Surface { coating: Some(coating), ..surface(ball(), Interaction::Refractive) }
+    let coating = SimpleCoating { reflectance: vec![0.0625; num_wavelengths], transmittance };
+    Surface { coating: Some(Coating::Simple(coating)), ..surface(ball(), Interaction::Refractive) }
 }
 
 fn detector(kind: DetectorKind, absorb: bool) -> Detector {
@@ -694,14 +705,30 @@ fn polychromatic(ir: &mut SceneIr) {
         if let Interaction::Reflective { reflectance } = &mut surface.interaction {
             reflectance.push(reflectance[0]);
         }
-        if let Some(Coating { reflectance, transmittance }) = &mut surface.coating {
-            reflectance.push(reflectance[0]);
-            transmittance.push(transmittance[0]);
+        match &mut surface.coating {
+            Some(Coating::Simple(SimpleCoating { reflectance, transmittance })) => {
+                reflectance.push(reflectance[0]);
+                transmittance.push(transmittance[0]);
+            }
+            Some(Coating::Tabulated(table)) => table.rows.push(table.rows[0].clone()),
+            None => {}
         }
     }
     for lamp in &mut ir.sources {
         lamp.spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
     }
+}
+
+/// A coating of three angles that absorbs, and differs from its two sides.
+fn coating_by_angle(num_wavelengths: usize) -> Coating {
+    let row = CoatingRow {
+        reflectance: vec![1.0, 0.25, 0.125],
+        transmittance: vec![0.0, 0.5, 0.75],
+        reflectance_back: vec![1.0, 0.125, 0.0625],
+        transmittance_back: vec![0.0, 0.5, 0.875],
+    };
+    let rows = vec![row; num_wavelengths];
+    Coating::Tabulated(TabulatedCoating { cosines: vec![0.0, 0.5, 1.0], rows })
 }
 
 fn rotate(ir: &mut SceneIr) {

@@ -60,8 +60,8 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
     _check_sizes(detector_pixels, detector_size)
     scene, report = NSQScene(), LensReport()
     try:
-        with prescription.without_fresnel(optic):
-            faces, rays = prescription.read(optic)
+        with prescription.without_polarised_coatings(optic) as coatings:
+            faces, rays = prescription.read(optic, coatings)
             _refuse_virtual(optic, rays, faces)
             add_sources(scene, optic, faces[0].before if faces else None, report)
     except NsqGpuError:

@@ -19,6 +19,7 @@ from optiland.nonsequential.components.reflective import ReflectiveComponent
 from optiland.nonsequential.components.refractive import RefractiveComponent
 from optiland.nonsequential.materials.nsq_material import VACUUM
 
+from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
@@ -140,7 +141,9 @@ def _part(face: Face, parts: list[Part], margin: float) -> Part:
     return parts[-1]
 
 
-def _numbers(coating: Any) -> tuple[float, float] | None:
+def _numbers(coating: Any) -> tuple[Any, ...] | None:
+    if isinstance(coating, TabulatedCoating):
+        return coating.numbers()
     return None if coating is None else (float(coating.transmittance), float(coating.reflectance))
 
 
@@ -242,8 +245,14 @@ def _component(part: Part, report: LensReport) -> BaseComponent:
     if face.is_mirror:
         if face.coating is None:
             report.mirror_reflectance_defaulted.append(part.name)
-        reflectance = 1.0 if face.coating is None else float(face.coating.reflectance)
+        if isinstance(face.coating, TabulatedCoating):
+            report.averaged_coatings.append(part.name)
+            reflectance: Any = face.coating
+        else:
+            reflectance = 1.0 if face.coating is None else float(face.coating.reflectance)
         return ReflectiveComponent(face.frame(), shape, reflectance, material_front=front, name=part.name)
+    if isinstance(face.coating, TabulatedCoating):
+        report.averaged_coatings.append(part.name)
     (report.uncoated_surfaces if face.coating is None else report.coated_surfaces).append(part.name)
     return RefractiveComponent(face.frame(), shape, front, back, name=part.name, coating=face.coating)
 

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 import optiland.backend as be
-from optiland.coatings import FresnelCoating, SimpleCoating
+from optiland.coatings import BaseCoatingPolarized, FresnelCoating, SimpleCoating, ThinFilmCoating
 from optiland.coordinate_system import CoordinateSystem
 from optiland.geometries import EvenAsphere, OddAsphere, Plane, StandardGeometry
 from optiland.interactions.refractive_reflective_model import RefractiveReflectiveModel
 from optiland.nonsequential import NSQMaterial
 from optiland.physical_apertures import EllipticalAperture, OffsetRadialAperture, RadialAperture, RectangularAperture
 
+from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.shapes import Aperture
 
@@ -35,6 +36,8 @@ _SHARES = (1.0, 0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
 _HALVINGS = 20
 #: Indices of refraction closer to 1 than that are those of a vacuum.
 _VACUUM = 1e-12
+#: Indices of a coating's media that differ by less from those of the surface are meant to be the same.
+_SAME_INDEX = 1e-6
 
 
 @dataclass
@@ -59,8 +62,8 @@ class Face:
     #: Media before and behind it along the light; None is vacuum.
     before: NSQMaterial | None
     behind: NSQMaterial | None
-    #: Of a mirror, the share that is reflected; of a lens' face, Optiland's coating.
-    coating: SimpleCoating | None
+    #: Optiland's own, or a table of it whose front is the side of -z of the frame.
+    coating: SimpleCoating | TabulatedCoating | None
     #: The stated aperture, beyond which light is absorbed: a disk's radius, or what is no disk about the axis.
     stated: float | Aperture | None
     #: The largest distance from the axis of any ray that reaches the image.
@@ -129,31 +132,32 @@ def acting(faces: list[Face], image: int, first: int | None = None) -> Iterator[
 
 
 @contextmanager
-def without_fresnel(optic: Any) -> Iterator[None]:
-    """Trace without the coatings that are Fresnel's law: they ask for a state of polarisation, and bend no ray."""
-    models = [surface.interaction_model for surface in optic.surfaces.surfaces
-              if type(getattr(surface.interaction_model, "coating", None)) is FresnelCoating]
-    kept = [model.coating for model in models]
+def without_polarised_coatings(optic: Any) -> Iterator[list[Any]]:
+    """Trace without the coatings that ask for a state of polarisation: they bend no ray. Yield the coatings of all surfaces."""
+    models = [surface.interaction_model for surface in optic.surfaces.surfaces]
+    kept = [getattr(model, "coating", None) for model in models]
+    stripped = [(model, coating) for model, coating in zip(models, kept, strict=True) if isinstance(coating, BaseCoatingPolarized)]
     try:
-        for model in models:
+        for model, _ in stripped:
             model.coating = None
-        yield
+        yield kept
     finally:
-        for model, coating in zip(models, kept, strict=True):
+        for model, coating in stripped:
             model.coating = coating
 
 
-def read(optic: Any) -> tuple[list[Face], Rays]:
-    """Return all surfaces between object and image, and the rays that were traced.
+def read(optic: Any, coatings: list[Any]) -> tuple[list[Face], Rays]:
+    """Return all surfaces between object and image, which have these coatings, and the rays that were traced.
 
     Raises:
         UnsupportedSceneError: A surface, a field or a setting has no place in a scene, by name.
     """
     _check(optic)
+    _check_coatings(optic, coatings)
     surfaces = optic.surfaces.surfaces
     rays = _rays(optic)
     media = _Media(optic)
-    faces = [_face(surfaces, index, rays, media) for index in range(1, len(surfaces) - 1)]
+    faces = [_face(surfaces, index, coatings[index], rays, media) for index in range(1, len(surfaces) - 1)]
     for face in faces:
         if face.does_nothing and face.coating is not None:
             raise UnsupportedSceneError(f"{face.place}: its coating lies between equal media, where a scene has no face; put it on "
@@ -166,10 +170,8 @@ def _check(optic: Any) -> None:
         raise UnsupportedSceneError("the light's polarisation: rays of a scene carry none; set an unpolarised state, or "
                                     'optic.set_polarization("ignore")')
     image = optic.surfaces.surfaces[-1]
-    for what, value in (("aperture", image.aperture), ("coating", getattr(image.interaction_model, "coating", None))):
-        if value is not None:
-            raise UnsupportedSceneError(f"the image's {what} ({type(value).__name__}) cannot be carried; remove it, or put it on "
-                                        "a surface before the image")
+    if image.aperture is not None:
+        raise _on_image("aperture", image.aperture)
     if optic.apodization:
         raise UnsupportedSceneError(f"the pupil's apodisation ({type(optic.apodization).__name__}): a source of a scene "
                                     "fills the pupil uniformly; set optic.apodization to None")
@@ -183,16 +185,30 @@ def _check(optic: Any) -> None:
         if model.bsdf is not None:
             raise UnsupportedSceneError(f"{place}: its BSDF ({type(model.bsdf).__name__}) cannot be carried; give one to "
                                         "the scene's component")
-        known = (type(None), SimpleCoating) if model.is_reflective else (type(None), SimpleCoating, FresnelCoating)
-        if type(model.coating) not in known:
-            raise UnsupportedSceneError(f"{place}: a {type(model.coating).__name__} cannot be carried; a SimpleCoating can, "
-                                        "and bare glass reflects by Fresnel's law")
         if isinstance(_stated_or_none(surface), Aperture) and _coefficients(surface.geometry):
             raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried on an "
                                         "asphere; a disk about the axis can")
         if type(surface.aperture) not in (type(None), *_APERTURES):
             raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried; disks, "
                                         "rings, ellipses and rectangles can")
+
+
+def _on_image(what: str, value: Any) -> UnsupportedSceneError:
+    return UnsupportedSceneError(f"the image's {what} ({type(value).__name__}) cannot be carried; remove it, or put it on a surface "
+                                 "before the image")
+
+
+def _check_coatings(optic: Any, coatings: list[Any]) -> None:
+    if coatings[-1] is not None:
+        raise _on_image("coating", coatings[-1])
+    for index, surface in enumerate(optic.surfaces.surfaces[1:-1], start=1):
+        known = (type(None), SimpleCoating, ThinFilmCoating)
+        if not surface.interaction_model.is_reflective:
+            known += (FresnelCoating,)
+        kind = type(coatings[index])
+        if kind not in known:
+            raise UnsupportedSceneError(f"{name_of(surface, index)}: a {kind.__name__} cannot be carried; a SimpleCoating and a "
+                                        "ThinFilmCoating can, and bare glass reflects by Fresnel's law")
 
 
 def _check_shape(geometry: Any, place: str) -> None:
@@ -273,7 +289,7 @@ def trace(optic: Any, rays: Any) -> Rays:
     return Rays(places, all_of("LMN"), arrive)
 
 
-def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
+def _face(surfaces: list[Any], index: int, coating: Any, rays: Rays, media: _Media) -> Face:
     surface = surfaces[index]
     position, rotation = placed(surface.geometry.cs)
     local = (rays.places[index][rays.arrive] - position) @ rotation
@@ -281,7 +297,7 @@ def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
     came = rays.directions[index - 1][rays.arrive] @ rotation
     mirror = bool(surface.interaction_model.is_reflective)
     before = media.of(surfaces[index - 1].material_post)
-    coating = surface.interaction_model.coating
+    is_forward = float(np.median(came[:, 2])) > 0.0
     return Face(
         index=index,
         place=name_of(surface, index),
@@ -293,13 +309,30 @@ def _face(surfaces: list[Any], index: int, rays: Rays, media: _Media) -> Face:
         has_odd_powers=type(surface.geometry) is OddAsphere,
         is_stop=bool(surface.is_stop),
         is_mirror=mirror,
-        is_forward=float(np.median(came[:, 2])) > 0.0,
+        is_forward=is_forward,
         before=before,
         behind=before if mirror else media.of(surface.material_post),
-        coating=coating if type(coating) is SimpleCoating else None,
+        coating=_coating(surfaces, index, coating, media, is_forward),
         stated=_stated_or_none(surface),
         ray_radius=float(np.hypot(local[:, 0], local[:, 1]).max()),
     )
+
+
+def _coating(surfaces: list[Any], index: int, coating: Any, media: _Media, is_forward: bool) -> SimpleCoating | TabulatedCoating | None:
+    surface = surfaces[index]
+    if type(coating) is not ThinFilmCoating:
+        return coating if type(coating) is SimpleCoating else None
+    sides = [("before", coating.material_pre, surfaces[index - 1].material_post)]
+    if not surface.interaction_model.is_reflective:
+        sides.append(("behind", coating.material_post, surface.material_post))
+    for side, assumed, real in sides:
+        difference = float(np.abs(media.indices(assumed) - media.indices(real)).max())
+        if difference > _SAME_INDEX:
+            raise UnsupportedSceneError(f"{name_of(surface, index)}: its ThinFilmCoating was designed for another medium {side} the "
+                                        f"surface, whose index differs by {difference:.3g}; give it the surface's own")
+    # Light comes from the first medium of the coating.
+    table = TabulatedCoating.from_coating(coating, media.wavelengths)
+    return table if is_forward else table.reversed()
 
 
 def _stated_or_none(surface: Any) -> float | Aperture | None:
@@ -327,12 +360,16 @@ class _Media:
     """One medium of the scene for each material of the prescription that is one."""
 
     def __init__(self, optic: Any) -> None:
-        self._wavelengths = np.array([float(line.value) for line in optic.wavelengths.wavelengths])
+        self.wavelengths = np.array([float(line.value) for line in optic.wavelengths.wavelengths])
         self._known: list[tuple[Any, np.ndarray, NSQMaterial | None]] = []
 
+    def indices(self, material: Any) -> np.ndarray:
+        """Return n at the wavelengths of the prescription."""
+        return np.broadcast_to(be.to_numpy(material.n(self.wavelengths)).astype(float).ravel(), self.wavelengths.shape)
+
     def of(self, material: Any) -> NSQMaterial | None:
-        n, k = (np.broadcast_to(be.to_numpy(part).astype(float).ravel(), self._wavelengths.shape)
-                for part in (material.n(self._wavelengths), material.k(self._wavelengths)))
+        n, k = (np.broadcast_to(be.to_numpy(part).astype(float).ravel(), self.wavelengths.shape)
+                for part in (material.n(self.wavelengths), material.k(self.wavelengths)))
         numbers = np.stack([n, k])
         for known, its, medium in self._known:
             if known is material or (type(known) is type(material) and np.array_equal(its, numbers)):

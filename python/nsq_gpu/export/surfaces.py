@@ -19,6 +19,7 @@ from optiland.nonsequential.components.geometry.mesh.mesh_geometry import MeshGe
 from optiland.nonsequential.components.reflective import ReflectiveComponent
 from optiland.nonsequential.components.refractive import RefractiveComponent
 
+from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type
 from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
@@ -47,7 +48,10 @@ def surface(component: BaseComponent, label: str, media: Media) -> Json:
         document["material_back"] = media.reference(component.material_back, place)
         _add(document, "coating", coating(component.coating, media, place))
     if isinstance(component, ReflectiveComponent):
-        document["reflectance"] = reflectance(component.reflectance, media, f"{place}: reflectance")
+        if type(component.reflectance) is TabulatedCoating:
+            document["coating"] = _tabulated_coating(component.reflectance)
+        else:
+            document["reflectance"] = reflectance(component.reflectance, media, f"{place}: reflectance")
     _add(document, "bsdf", bsdf(component.bsdf, place))
     scatter_fraction = number(component.scatter_fraction, f"{place}: scatter_fraction")
     _add(document, "scatter_fraction", None if scatter_fraction == 1.0 else scatter_fraction)
@@ -162,18 +166,26 @@ def coating(value: Any, media: Media, place: str) -> Json | None:
     """Return the coating of a refractive surface."""
     if value is None:
         return None
+    if type(value) is TabulatedCoating:
+        return _tabulated_coating(value)
     place = f"{place}: coating"
     simple = _simple(value, place)
     return {"type": "simple", "reflectance": number(simple.reflectance, f"{place}: reflectance"),
             "transmittance": number(simple.transmittance, f"{place}: transmittance")}
 
 
+def _tabulated_coating(value: TabulatedCoating) -> Json:
+    return {"type": "tabulated", "wavelengths": value.wavelengths_um.tolist(), "angles": value.angles_deg.tolist(),
+            "reflectance": value.R.tolist(), "transmittance": value.T.tolist(),
+            "reflectance_back": value.R_back.tolist(), "transmittance_back": value.T_back.tolist()}
+
+
 def _simple(value: Any, place: str) -> SimpleCoating:
     if isinstance(value, BaseCoatingPolarized):
         raise refuse(place, f"a {type(value).__name__} is polarised, and rays carry no polarisation",
-                     "use a SimpleCoating, a number or a function of the wavelength")
+                     "use nsq_gpu.coatings.TabulatedCoating.from_coating, a SimpleCoating, a number or a function of the wavelength")
     if type(value) is not SimpleCoating:
-        raise refuse_type(place, "it", value, "a SimpleCoating")
+        raise refuse_type(place, "it", value, "a SimpleCoating or nsq_gpu.coatings.TabulatedCoating")
     return value
 
 

@@ -51,13 +51,14 @@ fn crosses(
     let d = (*ray).direction;
     let cosine = dot(d, n);
     let boundary = boundary_of(surface, (*ray).wavelength, cosine, entering_back);
-    let reflects = reflects_at(ray, surface, primitive, boundary);
+    let reflects = reflects_at(ray, surface, primitive, cosine, boundary);
     if reflected {
         (*ray).direction = mirrored(d, n);
     } else {
         (*ray).direction = transmitted(d, n, boundary);
     }
-    leave_boundary(ray, surface, primitive, entering_back, reflected);
+    pay_coating(ray, surface, primitive, cosine, boundary.total_reflection, reflected);
+    leave_boundary(ray, surface, entering_back, reflected);
     note_side(ray, n, d);
     let takes_side = ((cosine > 0.0) == entering_back) & (reflects == reflected);
     return (hit.primitive == primitive) & takes_side & goes_on(ray);

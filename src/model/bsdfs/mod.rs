@@ -57,7 +57,7 @@ pub struct BsdfWgsl {
     pub name: &'static str,
     /// The file that holds it.
     pub file: ShaderFile,
-    /// True if it reads [`Scattering::table`], which begins at `bsdf_table[surface.bsdf_table]`.
+    /// True if it reads [`Scattering::table`], which begins at `tables[surface.bsdf_table]`.
     pub has_table: bool,
 }
 

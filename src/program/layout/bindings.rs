@@ -50,8 +50,8 @@ numbers! { "BINDING_", BINDINGS:
     EVENTS = 12;
     /// The source of a dispatch, where a scene has several.
     SOURCE = 13;
-    /// The tables of BSDFs.
-    BSDF_TABLE = 14;
+    /// The tables of BSDFs and coatings.
+    TABLES = 14;
     /// The table of faces in contact.
     CONTACTS = 16;
     /// Triangles, where they do not lie among the rows of trees.

@@ -109,7 +109,7 @@ fn table_starts(ir: &SceneIr) -> Vec<u32> {
     ir.surfaces.iter().map(|surface| start_of(surface).unwrap_or(0)).collect()
 }
 
-/// All tables, one after the other: the buffer of shaders/optics/bsdf_table.wgsl.
+/// All tables, one after the other: the first part of the buffer of shaders/optics/tables.wgsl.
 pub fn tables(ir: &SceneIr) -> Vec<f64> {
     distinct(ir).into_iter().flat_map(|bsdf| bsdf.table()).collect()
 }

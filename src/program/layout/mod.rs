@@ -2,6 +2,7 @@
 
 pub mod bindings;
 pub mod bsdf;
+pub mod coating;
 pub mod numbers;
 pub mod reals;
 pub mod records;

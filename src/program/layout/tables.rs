@@ -10,6 +10,7 @@ use crate::program::features::Features;
 use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
+use crate::program::layout::coating;
 use crate::program::layout::records::Records;
 use glam::{DMat3, DVec3};
 
@@ -238,10 +239,12 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     if (features.reflective || features.coated) && !features.spectral_reflectance {
         records.real("reflectance", ir.surfaces.iter().map(|s| reflectance(s, 0)));
     }
-    if features.coated {
+    if features.tabulated_coatings {
+        coating::put_columns(&mut records, ir);
+    } else if features.coated {
         records.uint("coated", ir.surfaces.iter().map(|s| u32::from(s.coating.is_some())));
     }
-    if features.coated && !features.spectral_reflectance {
+    if features.coated && !features.tabulated_coatings && !features.spectral_reflectance {
         records.real("coating_pass", ir.surfaces.iter().map(|s| coating_pass(s, 0)));
     }
     bsdf::put_columns(&mut records, ir, &features.bsdfs);

@@ -81,8 +81,12 @@ const SLOTS: &[Slot] = slots! { c;
     "optics/bulk"               [on, none]                            true => either(c.f.bulk_absorption, on, none);
     "optics/roulette"           [on, none]                            true => either(c.f.roulette, on, none);
     "optics/branch"             [importance, fresnel]                 !c.f.splits => either(c.f.importance, importance, fresnel);
-    "optics/coating"            [on, none]                            true => either(c.f.coated, on, none);
-    "optics/coating_pass"       [table, constant]                     c.f.coated => either(c.f.spectral_reflectance, table, constant);
+    "optics/coating"            [tabulated, simple, none]             true => match (c.f.coated, c.f.tabulated_coatings) {
+        (false, _) => none,
+        (true, true) => tabulated,
+        (true, false) => simple,
+    };
+    "optics/coating_pass"       [table, constant]                     c.f.coated && !c.f.tabulated_coatings => either(c.f.spectral_reflectance, table, constant);
     "optics/reflectance"        [table, constant, none]               true => match (c.has_reflectances(), c.f.spectral_reflectance) {
         (false, _) => none,
         (true, true) => table,
@@ -141,7 +145,7 @@ impl Case<'_> {
             (!f.splits, shader!("stages/intersect.wgsl")),
             (f.splits, shader!("stages/split.wgsl")),
             (f.reads_media(), shader!("optics/media.wgsl")),
-            (f.has_bsdf_table(), shader!("optics/bsdf_table.wgsl")),
+            (f.has_tables(), shader!("optics/tables.wgsl")),
             (self.all.has_trees(), shader!("geometry/boxes.wgsl")),
             (o.has_events(f), shader!("rows/events.wgsl")),
         ]

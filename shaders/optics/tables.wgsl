@@ -1,5 +1,5 @@
-// The tables of BSDFs, one after the other. A surface's record holds where its own table begins.
-@group(GROUP_SCENE) @binding(BINDING_BSDF_TABLE) var<storage, read> bsdf_table: array<real>;
+// The tables of BSDFs, then those of coatings. A surface's record holds where its own tables begin.
+@group(GROUP_SCENE) @binding(BINDING_TABLES) var<storage, read> tables: array<real>;
 
 // The interval of ascending knots that holds x: the last one whose lower knot is not above x.
 fn interval_of(x: real, first: u32, count: u32) -> u32 {
@@ -9,7 +9,7 @@ fn interval_of(x: real, first: u32, count: u32) -> u32 {
     loop {
         let middle = (low + high) / 2u;
         if always_true() & (high - low > 1u) {
-            if bsdf_table[first + middle] <= x {
+            if tables[first + middle] <= x {
                 low = middle;
             } else {
                 high = middle;
@@ -21,4 +21,9 @@ fn interval_of(x: real, first: u32, count: u32) -> u32 {
         }
     }
     return low;
+}
+
+// Where x lies between this knot and the next: 0 at this knot, 1 at the next.
+fn position_in(x: real, knot: u32) -> real {
+    return (x - tables[knot]) / (tables[knot + 1u] - tables[knot]);
 }
