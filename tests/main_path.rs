@@ -620,8 +620,10 @@ fn a_path_that_rejects_all_rays_is_left() {
     let [main_path, new] = dispatches(&mut tracer);
     assert!(8 * main_path < new, "{main_path} dispatches along the path, {new} of rejected rays");
     let mut kept = by_itself.tracer(zoo::gpu(), &ir).unwrap();
-    let [main_path, new] = dispatches(&mut kept);
-    assert!(main_path > 8 * new.min(8), "{main_path} dispatches along the path, {new} of rejected rays");
+    kept.trace(|_| true).unwrap();
+    // How many dispatches these are depends on the machine's pace.
+    let [along, rejected] = kept.num_along_paths()[0];
+    assert!(2 * along > by_itself.num_rays && 8 * rejected < along, "{along} along the path, {rejected} rejected");
 }
 
 /// Errors planted in what such rays log, in a path that arrives at three places.
