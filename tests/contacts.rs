@@ -178,7 +178,7 @@ fn pairs() -> Vec<Pair> {
     let along_z = |name: &'static str, first: Shape, second: Shape| Pair {
         name,
         first: (at(0.0), first),
-        second: (at(0.0), second),
+        second: (at(0.0), second.clone()),
         apart: (at(GAP), second),
         source: at(-5.0),
         beyond: at(6.0),
@@ -201,14 +201,14 @@ fn pairs() -> Vec<Pair> {
         turned: false,
     };
     vec![
-        along_z("disk and rectangle", disk(7.0), rectangle),
+        along_z("disk and rectangle", disk(7.0), rectangle.clone()),
         along_z("disk and ring", disk(7.0), ring(0.0)),
         along_z("ring and plane", ring(0.0), Shape::Plane(Outline::Disk { radius: 12.0 })),
         along_z("two spherical faces", bent(7.0), bent(6.0)),
         along_z("two paraboloids", parabola(6.0), parabola(7.0)),
         Pair {
-            second: (at(20.0), ball),
-            apart: (at(20.0 + GAP), ball),
+            second: (at(20.0), ball.clone()),
+            apart: (at(20.0 + GAP), ball.clone()),
             ..along_z("a spherical face and a ball", bent(7.0), ball)
         },
         around(
@@ -253,7 +253,7 @@ fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
             origin: DVec3::from(place) + DVec3::new(80.0 * (i as f64 - 25.0), 0.0, 0.0),
             rotation: draws.rotation(),
         };
-        let (place, shape) = if is_apart { pair.apart } else { pair.second };
+        let (place, shape) = if is_apart { pair.apart.clone() } else { pair.second.clone() };
         let place = within(&frame, &place);
         let second = match (i % 3, pair.turned) {
             (0, false) => face("second", place, shape, VACUUM, GLASS),
@@ -262,7 +262,7 @@ fn stations(pair: &Pair, is_apart: bool) -> SceneIr {
             (1, true) => face("second", place, shape, FLINT, VACUUM),
             _ => mirror(place, shape, 1.0),
         };
-        let first = face("first", within(&frame, &pair.first.0), pair.first.1, GLASS, VACUUM);
+        let first = face("first", within(&frame, &pair.first.0), pair.first.1.clone(), GLASS, VACUUM);
         surfaces.extend(if i.is_multiple_of(2) { [second, first] } else { [first, second] });
         let cone = SourceKind::Point(Point { half_angle: 0.35 });
         sources.push(lamp(within(&frame, &pair.source), cone, GLASS));
@@ -375,9 +375,9 @@ fn a_detector_in_a_surface_reads_nothing_and_changes_nothing() {
             let frame = random_frame(&mut draws);
             let kind = (i + turn) % 3;
             let surface = match kind {
-                0 => mirror(frame, shape, 1.0),
-                1 => face("glass", frame, shape, VACUUM, GLASS),
-                _ => absorber(frame, shape),
+                0 => mirror(frame, shape.clone(), 1.0),
+                1 => face("glass", frame, shape.clone(), VACUUM, GLASS),
+                _ => absorber(frame, shape.clone()),
             };
             let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
             let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
@@ -438,7 +438,7 @@ fn of_an_absorber_in_a_surface_the_first_in_the_list_is_met() {
             let beam = SourceKind::Collimated(Collimated { aperture_radius: 3.0, sigma: None });
             let sources = vec![lamp(within(&frame, &start), beam, VACUUM)];
             let back = vec![screen("back", within(&frame, &at(1.1 * side)), 60.0, true)];
-            let two = [mirror(frame, shape, 1.0), absorber(frame, shape)];
+            let two = [mirror(frame, shape.clone(), 1.0), absorber(frame, shape.clone())];
             let [first, second] = [[0_usize, 1], [1, 0]].map(|order| {
                 let surfaces = order.map(|i| two[i].clone()).to_vec();
                 let ir = scene(surfaces, sources.clone(), back.clone());
@@ -467,7 +467,7 @@ fn a_source_on_a_surface_leaves_it() {
                     0..6 => SourceKind::Extended(Extended { area, half_angle: std::f64::consts::FRAC_PI_2 }),
                     _ => SourceKind::Point(Point { half_angle: 1.5 }),
                 };
-                let surface = absorber(within(&frame, &place), shape);
+                let surface = absorber(within(&frame, &place), shape.clone());
                 let sky = Detector {
                     kind: DetectorKind::FarField(FarField { num_theta: 3, num_phi: 3 }),
                     ..screen("sky", within(&frame, &at(4.0)), 1.0, true)

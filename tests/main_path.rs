@@ -623,7 +623,10 @@ fn a_path_that_rejects_all_rays_is_left() {
     kept.trace(|_| true).unwrap();
     // How many dispatches these are depends on the machine's pace.
     let [along, rejected] = kept.num_along_paths()[0];
-    assert!(2 * along > by_itself.num_rays && 8 * rejected < along, "{along} along the path, {rejected} rejected");
+    assert!(
+        2 * along > by_itself.num_rays && 8 * rejected < along,
+        "{along} along the path, {rejected} rejected"
+    );
 }
 
 /// Errors planted in what such rays log, in a path that arrives at three places.

@@ -387,7 +387,7 @@ fn glass_cube(as_mesh: bool) -> SceneIr {
         true => vec![surface("cube", frame, Shape::Mesh(MeshId(0)), Interaction::Refractive)],
         false => {
             let plate = |(i, axis): (usize, &DVec3)| {
-                surface(&format!("side {i}"), side(*axis), square, Interaction::Refractive)
+                surface(&format!("side {i}"), side(*axis), square.clone(), Interaction::Refractive)
             };
             axes.iter().enumerate().map(plate).collect()
         }

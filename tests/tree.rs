@@ -203,13 +203,13 @@ fn ties_go_to_the_first_in_the_list() {
     for first in 0..2 {
         let mut surfaces: Vec<Surface> = (0..40)
             .map(|i| {
-                let shape = shapes[(first + i) % shapes.len()];
+                let shape = shapes[(first + i) % shapes.len()].clone();
                 // The cube's near face lies in the plane of the plates.
                 let z = if matches!(shape, Shape::Mesh(_)) { 11.0 } else { 5.0 };
                 surface(at(0.3 * (i / 8) as f64, 0.0, z), shape, 1)
             })
             .collect();
-        surfaces.push(surface(at(0.0, 0.0, -5.0), shapes[0], 1));
+        surfaces.push(surface(at(0.0, 0.0, -5.0), shapes[0].clone(), 1));
         let detectors = vec![screen(at(0.0, 0.0, 5.0), 6.0, false)];
         assert_same(&scene(surfaces, detectors), 2_000, &format!("ties from {first}"));
     }

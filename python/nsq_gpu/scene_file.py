@@ -333,10 +333,16 @@ def _shape(spec: Json, folder: Path) -> Any:
         from nsq_gpu.shapes import Aperture, ClippedConic
 
         return ClippedConic(spec["radius"], spec.get("conic", 0.0), spec["aperture_radius"], Aperture(**spec["aperture"]))
-    if spec["type"] in ("even_asphere", "odd_asphere"):
-        from nsq_gpu.shapes import EvenAsphere, OddAsphere
+    if spec["type"] in ("even_asphere", "odd_asphere", "polynomial", "chebyshev", "zernike"):
+        from nsq_gpu.shapes import Chebyshev, EvenAsphere, OddAsphere, Polynomial, Zernike
 
-        return {"even_asphere": EvenAsphere, "odd_asphere": OddAsphere}[spec["type"]](**{"conic": 0.0, **parameters})
+        kinds: dict[str, Any] = {"even_asphere": EvenAsphere, "odd_asphere": OddAsphere, "polynomial": Polynomial,
+                                 "chebyshev": Chebyshev, "zernike": Zernike}
+        return kinds[spec["type"]](**{"conic": 0.0, **parameters})
+    if spec["type"] in ("biconic", "toroidal"):
+        from nsq_gpu.shapes import Biconic, Toroidal
+
+        return (Biconic if spec["type"] == "biconic" else Toroidal)(**parameters)
     shapes: dict[str, Any] = {
         "conic": ConicGeometry,
         "annulus": AnnularPlaneGeometry,

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import optiland.backend as be
 from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry
+from optiland.zernike import ZernikeFringe, ZernikeNoll, ZernikeStandard
 
 
 @dataclass(frozen=True)
@@ -196,3 +197,191 @@ class OddAsphere(_Asphere):
     """
 
     _STEP = 1
+
+
+def _profile(curvature: Any, conic: Any, height: Any) -> tuple[Any, Any]:
+    """Return the height of a conic at a distance from the axis, and its slope over that distance."""
+    square = height * height
+    root = be.abs(1.0 - (1.0 + conic) * curvature**2 * square) ** 0.5
+    return curvature * square / (1.0 + root), curvature / root
+
+
+def _inverse(radius: Any) -> Any:
+    return 0.0 if float(be.to_numpy(radius)) in (0.0, math.inf, -math.inf) else 1.0 / radius
+
+
+class Biconic(_Sag):
+    """Two conic profiles, one along x and one along y, whose heights add up.
+
+    Args:
+        radius_x: Radius of curvature at the vertex along x [mm]; infinite for a line.
+        radius_y: Radius of curvature at the vertex along y [mm].
+        aperture_radius: Semi-diameter [mm].
+        conic_x: Conic constant along x.
+        conic_y: Conic constant along y.
+    """
+
+    def __init__(self, radius_x: float, radius_y: float, aperture_radius: float, conic_x: float = 0.0, conic_y: float = 0.0) -> None:
+        super().__init__(math.inf, 0.0, aperture_radius)
+        self.radius_x, self.radius_y, self.conic_x, self.conic_y = radius_x, radius_y, conic_x, conic_y
+
+    def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        sag_x, slope_x = _profile(_inverse(self.radius_x), self.conic_x, x)
+        sag_y, slope_y = _profile(_inverse(self.radius_y), self.conic_y, y)
+        return sag_x + sag_y, slope_x * x, slope_y * y
+
+
+class Toroidal(_Sag):
+    """A profile along y, turned about the line z = radius_x, x = 0.
+
+    Args:
+        radius_x: Radius of rotation: that of curvature at the vertex along x [mm]; infinite for a cylinder.
+        radius_y: Radius of curvature of the profile at the vertex [mm].
+        aperture_radius: Semi-diameter [mm].
+        conic: Conic constant of the profile.
+        coeffs_poly_y: Of y^2, y^4, y^6 and so on, up to ten; lengths are in mm.
+    """
+
+    def __init__(self, radius_x: float, radius_y: float, aperture_radius: float, conic: float = 0.0,
+                 coeffs_poly_y: Sequence[float] = ()) -> None:
+        super().__init__(radius_y, conic, aperture_radius)
+        self.radius_x, self.radius_y = radius_x, radius_y
+        self.coeffs_poly_y = list(coeffs_poly_y)
+
+    def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        profile, slope = _profile(_inverse(self.radius_y), self.conic, y)
+        for index, coefficient in enumerate(self.coeffs_poly_y):
+            profile = profile + coefficient * y ** (2 * index + 2)
+            slope = slope + (2 * index + 2) * coefficient * y ** (2 * index)
+        bent = _inverse(self.radius_x)
+        w = 1.0 - bent * profile
+        turned = be.abs(w * w - (bent * x) ** 2) ** 0.5
+        return profile + bent * x * x / (w + turned), bent * x / turned, w * slope * y / turned
+
+
+class _Freeform(_Sag):
+    """A conic and a polynomial of x and y."""
+
+    def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        conic, slope = _profile(self._curvature(), self.conic, (x * x + y * y) ** 0.5)
+        value, along_x, along_y = self._polynomial(x, y)
+        return conic + value, slope * x + along_x, slope * y + along_y
+
+    def _polynomial(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        """Return the polynomial and its derivatives along x and y."""
+        raise NotImplementedError
+
+
+class Polynomial(_Freeform):
+    """A conic and powers of x times powers of y.
+
+    Args:
+        radius: Radius of curvature of the conic part at the vertex [mm]; infinite for a plane.
+        conic: Conic constant.
+        aperture_radius: Semi-diameter [mm].
+        coefficients: ``coefficients[i][j]`` of x^i y^j, powers up to 31; lengths are in mm.
+    """
+
+    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[Sequence[float]] = ()) -> None:
+        super().__init__(radius, conic, aperture_radius)
+        self.coefficients = [list(row) for row in coefficients]
+
+    def _polynomial(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        return _powers(self.coefficients, x, y)
+
+
+def _powers(coefficients: Sequence[Sequence[float]], x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Return the sum of coefficients[i][j] x^i y^j, and its derivatives."""
+    value, along_x, along_y = be.zeros_like(x), be.zeros_like(x), be.zeros_like(x)
+    for row in reversed(coefficients):
+        inner, rate = be.zeros_like(x), be.zeros_like(x)
+        for coefficient in reversed(row):
+            rate = rate * y + inner
+            inner = inner * y + coefficient
+        along_x = along_x * x + value
+        along_y = along_y * x + rate
+        value = value * x + inner
+    return value, along_x, along_y
+
+
+class Chebyshev(_Freeform):
+    """A conic and products of Chebyshev polynomials of the first kind.
+
+    Args:
+        radius: Radius of curvature of the conic part at the vertex [mm]; infinite for a plane.
+        conic: Conic constant.
+        aperture_radius: Semi-diameter [mm], at most ``norm_x`` and ``norm_y``.
+        coefficients: ``coefficients[i][j]`` of T_i(x / norm_x) T_j(y / norm_y) [mm], orders up to 31.
+        norm_x: What x is divided by [mm].
+        norm_y: What y is divided by [mm].
+    """
+
+    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[Sequence[float]] = (),
+                 norm_x: float = 1.0, norm_y: float = 1.0) -> None:
+        super().__init__(radius, conic, aperture_radius)
+        self.coefficients = [list(row) for row in coefficients]
+        self.norm_x, self.norm_y = norm_x, norm_y
+
+    def _polynomial(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        width = max((len(row) for row in self.coefficients), default=0)
+        along_u, along_v = _chebyshev(len(self.coefficients), x / self.norm_x), _chebyshev(width, y / self.norm_y)
+        value, along_x, along_y = be.zeros_like(x), be.zeros_like(x), be.zeros_like(x)
+        for row, (t, rate_t) in zip(self.coefficients, along_u, strict=True):
+            for coefficient, (s, rate_s) in zip(row, along_v, strict=False):
+                value = value + coefficient * t * s
+                along_x = along_x + coefficient / self.norm_x * rate_t * s
+                along_y = along_y + coefficient / self.norm_y * t * rate_s
+        return value, along_x, along_y
+
+
+def _chebyshev(count: int, u: Any) -> list[tuple[Any, Any]]:
+    """Return the first Chebyshev polynomials and their derivatives."""
+    found = [(be.ones_like(u), be.zeros_like(u)), (u, be.ones_like(u))]
+    while len(found) < count:
+        (t, rate), (before, rate_before) = found[-1], found[-2]
+        found.append((2.0 * u * t - before, 2.0 * (t + u * rate) - rate_before))
+    return found[:count]
+
+
+class Zernike(_Freeform):
+    """A conic and Zernike polynomials.
+
+    Args:
+        radius: Radius of curvature of the conic part at the vertex [mm]; infinite for a plane.
+        conic: Conic constant.
+        aperture_radius: Semi-diameter [mm], at most ``norm_radius``.
+        coefficients: Of the first polynomials of the convention [mm], orders up to 31.
+        zernike_type: ``"standard"`` (OSA/ANSI), ``"noll"`` or ``"fringe"``.
+        norm_radius: Radius of the disk on which the polynomials are defined [mm].
+    """
+
+    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[float] = (),
+                 zernike_type: Literal["standard", "noll", "fringe"] = "standard", norm_radius: float = 1.0) -> None:
+        super().__init__(radius, conic, aperture_radius)
+        self.coefficients = list(coefficients)
+        self.zernike_type, self.norm_radius = zernike_type, norm_radius
+
+    def _polynomial(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        value, along_x, along_y = _powers(self._in_powers(), x / self.norm_radius, y / self.norm_radius)
+        return value, along_x / self.norm_radius, along_y / self.norm_radius
+
+    def _in_powers(self) -> list[list[Any]]:
+        """Return the coefficients of powers of x and y, over the norm."""
+        kinds = {"standard": ZernikeStandard, "noll": ZernikeNoll, "fringe": ZernikeFringe}
+        terms = kinds[self.zernike_type](self.coefficients)
+        size = max((int(n) for n, _ in terms.indices), default=0) + 1
+        powers: list[list[Any]] = [[0.0] * size for _ in range(size)]
+        for coefficient, (n, m) in zip(self.coefficients, terms.indices, strict=True):
+            n, turns = int(n), abs(int(m))
+            norm = coefficient * float(be.to_numpy(terms._norm_constant(n, m)))
+            for k in range((n - turns) // 2 + 1):
+                radial = (-1) ** k * math.comb(n - k, k) * math.comb(n - 2 * k, (n - turns) // 2 - k)
+                rings = (n - turns) // 2 - k
+                # (x^2 + y^2)^rings times the real or the imaginary part of (x + i y)^turns.
+                for ring in range(rings + 1):
+                    for turn in range(int(m < 0), turns + 1, 2):
+                        sign = (-1) ** (turn // 2)
+                        factor = radial * math.comb(rings, ring) * sign * math.comb(turns, turn)
+                        i, j = 2 * (rings - ring) + turns - turn, 2 * ring + turn
+                        powers[i][j] = powers[i][j] + norm * factor
+        return powers

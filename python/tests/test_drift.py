@@ -34,7 +34,7 @@ from tests.oracle import Json
 from tests.test_export import WALKS, With, document
 
 #: Where a file says which variant it means.
-KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline")
+KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline", "zernike_type")
 #: Variants that people may write and the exporter does not: n and k of a live material are evaluated.
 BY_HAND = {("Medium", "catalog"), ("Material", "catalog")}
 

@@ -47,7 +47,7 @@ from nsq_gpu import UnsupportedSceneError, export_scene
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.surfaces import BSDFS, SHAPES
 from nsq_gpu.scene_file import scene_from_dict
-from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
+from nsq_gpu.shapes import Aperture, Biconic, Chebyshev, ClippedConic, EvenAsphere, OddAsphere, Polynomial, Toroidal, Zernike
 from nsq_gpu.sources import PupilSource
 from tests import live
 from tests.agreement import compare
@@ -345,6 +345,25 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
     OddAsphere: (lambda **fields: with_surface(OddAsphere, **fields), {
         "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [0.01]}, {
         "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [0.02, 1e-4]}),
+    Biconic: (lambda **fields: with_surface(Biconic, **fields), {
+        "radius_x": -60.0, "radius_y": 40.0, "aperture_radius": 12.0}, {
+        "radius_x": -50.0, "radius_y": 30.0, "aperture_radius": 8.0, "conic_x": -2.0, "conic_y": 1.0}),
+    Toroidal: (lambda **fields: with_surface(Toroidal, **fields), {
+        "radius_x": -60.0, "radius_y": 40.0, "aperture_radius": 12.0, "coeffs_poly_y": [1e-4]}, {
+        "radius_x": -50.0, "radius_y": 30.0, "aperture_radius": 8.0, "conic": -2.0, "coeffs_poly_y": [2e-4, 1e-6]}),
+    Polynomial: (lambda **fields: with_surface(Polynomial, **fields), {
+        "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [[0.0, 0.01], [0.02]]}, {
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": [[0.0, 0.01], [0.02, 1e-3]]}),
+    Chebyshev: (lambda **fields: with_surface(Chebyshev, **fields), {
+        "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [[0.0, 0.1], [0.2]], "norm_x": 12.0, "norm_y": 13.0}, {
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": [[0.0, 0.1, -0.1], [0.2, 0.1]], "norm_x": 14.0,
+        "norm_y": 15.0}),
+    Zernike: (lambda **fields: with_surface(Zernike, **fields), {
+        "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [0.0, 0.1, 0.0, 0.0, 0.3], "norm_radius": 12.0,
+        "zernike_type": "noll"}, {
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": With([0.0, 0.1, -0.2], {"zernike_type": "standard"}),
+        "zernike_type": "fringe",
+        "norm_radius": 13.0}),
     PupilSource: (with_pupil, {
         "cs": cs(x=1.0, z=-15.0, ry=0.1), "spectrum": SPECTRUM, "beam_radii": (2.0, 2.0), "chief": (0.0, 0.0, 1.0)}, {
         "cs": cs(x=1.0, z=-16.0, ry=0.1), "spectrum": Spectrum(np.array([0.45]), np.array([1.0])), "total_flux": 2.0,

@@ -303,3 +303,13 @@ fn sag_newton(search: SagSearch, f: real, rate: real) -> SagSearch {
     s.last = s.t;
     return sag_at(s, next);
 }
+
+// The unit normal where the sag has these derivatives.
+fn sag_normal(sag: vec3<real>) -> vec3<real> {
+    return vec3<real>(-sag.y, -sag.z, 1.0) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
+}
+
+// The signed distance of a point from the surface, to first order.
+fn sag_height(p: vec3<real>, sag: vec3<real>) -> real {
+    return (p.z - sag.x) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
+}

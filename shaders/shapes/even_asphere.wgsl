@@ -49,7 +49,7 @@ fn even_asphere_normal(
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> vec3<real> {
     let sag = even_asphere_sag(p, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
-    return vec3<real>(-sag.y, -sag.z, 1.0) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
+    return sag_normal(sag);
 }
 
 fn even_asphere_height(
@@ -58,5 +58,5 @@ fn even_asphere_height(
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> real {
     let sag = even_asphere_sag(p, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
-    return (p.z - sag.x) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
+    return sag_height(p, sag);
 }

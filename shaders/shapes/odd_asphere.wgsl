@@ -51,7 +51,7 @@ fn odd_asphere_normal(
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> vec3<real> {
     let sag = odd_asphere_sag(p, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
-    return vec3<real>(-sag.y, -sag.z, 1.0) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
+    return sag_normal(sag);
 }
 
 fn odd_asphere_height(
@@ -60,5 +60,5 @@ fn odd_asphere_height(
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> real {
     let sag = odd_asphere_sag(p, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
-    return (p.z - sag.x) / sqrt(1.0 + sag.y * sag.y + sag.z * sag.z);
+    return sag_height(p, sag);
 }

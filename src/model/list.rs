@@ -2,8 +2,8 @@
 
 /// Makes three enums of a list of `Name(file::Type) by Function = WGSL, ...;`:
 /// - the enum of all kinds, which dereferences to what the kind's file says of it as a `dyn` of the trait,
-/// - the enum of the functions that the shaders call. A kind may have several functions, of which it picks one. The code
-///   of a function in the shaders is its position in the list, unless `Function(code)` gives another one.
+/// - the enum of the functions that the shaders call. A kind may have several functions, of which it picks one, or none,
+///   if it picks that of another kind. The code of a function in the shaders is its position in the list, unless `Function(code)` gives another one.
 /// - the enum `Written` of what scene files have, by the key `type`: each file's `Written`.
 ///
 /// The documentation of a kind is also its description in the schema of scene files.
@@ -18,9 +18,9 @@ macro_rules! kinds {
             $(#[doc = $doc:literal])+
             $(#[cfg($cfg:meta)])?
             $name:ident($file:ident::$type:ident)
-                by $(
+                $(by $(
                     $(#[cfg($function_cfg:meta)])? $function:ident $(($code:literal))? = $text:ident
-                ),+;
+                ),+)?;
         )+
     ) => {
         #[doc = concat!("A kind of the list; what it can do stands in [`", stringify!($trait), "`].")]
@@ -42,17 +42,17 @@ macro_rules! kinds {
         /// Functions of the shaders, by their codes.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum $functions {
-            $($(
+            $($($(
                 $(#[cfg($function_cfg)])?
                 #[doc = concat!("[`", stringify!($file), "::", stringify!($text), "`]")]
                 $function $(= $code)?,
-            )+)+
+            )+)?)+
         }
 
         impl $functions {
             /// All of them, in the order of the list.
             pub const ALL: &[$functions] =
-                &[$($($(#[cfg($function_cfg)])? $functions::$function,)+)+];
+                &[$($($($(#[cfg($function_cfg)])? $functions::$function,)+)?)+];
 
             /// Those that occur, in the order of their codes, without repetition.
             pub fn distinct(functions: impl Iterator<Item = Self>) -> Vec<Self> {
@@ -67,7 +67,7 @@ macro_rules! kinds {
             /// What the shaders have of it.
             pub fn wgsl(self) -> &'static $wgsl {
                 match self {
-                    $($($(#[cfg($function_cfg)])? $functions::$function => &$file::$text,)+)+
+                    $($($($(#[cfg($function_cfg)])? $functions::$function => &$file::$text,)+)?)+
                 }
             }
         }

@@ -141,9 +141,11 @@ impl Features {
         self.detectors.iter().any(|function| function.reads_bins())
     }
 
-    /// True if some BSDF or coating reads a table.
+    /// True if some shape, BSDF or coating reads a table.
     pub fn has_tables(&self) -> bool {
-        self.tabulated_coatings || self.bsdfs.iter().any(|kind| kind.has_table())
+        self.shapes.contains(&ShapeKind::Freeform)
+            || self.tabulated_coatings
+            || self.bsdfs.iter().any(|kind| kind.has_table())
     }
 }
 

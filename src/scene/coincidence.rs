@@ -132,7 +132,7 @@ impl<'a> Face<'a> {
         match (Flat::of_surface(surface), surface.shape.mesh()) {
             (Some(flat), _) => Face::Flat(flat),
             (None, Some(mesh)) => Face::Mesh(surface.frame, &meshes[mesh]),
-            (None, None) => Face::Curved(surface.frame, surface.shape),
+            (None, None) => Face::Curved(surface.frame, surface.shape.clone()),
         }
     }
 

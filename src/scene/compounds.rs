@@ -202,7 +202,7 @@ fn check_solid<'a>(parts: impl Iterator<Item = &'a Part>, solid: &str, place: &s
     let parts: Vec<&Part> = parts.collect();
     let Some(first) = parts.first() else { return Ok(()) };
     let boundary: Vec<Face<'_>> =
-        parts.iter().map(|part| Face { name: &part.name, z: part.z, shape: part.shape }).collect();
+        parts.iter().map(|part| Face { name: &part.name, z: part.z, shape: part.shape.clone() }).collect();
     let to_local = first.frame.rotation.transpose();
     volume::check(&boundary, |direction| to_local * direction).map_err(|leak| leaking(&leak, solid, place))
 }

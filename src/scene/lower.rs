@@ -48,7 +48,7 @@ fn surfaces(scene: &Scene) -> Result<Vec<Surface>> {
         Ok(Surface {
             name: surface.name.clone(),
             frame: surface.frame,
-            shape: surface.shape,
+            shape: surface.shape.clone(),
             interaction: surface.interaction.clone(),
             coating: surface.coating.clone(),
             scatter: surface.scatter.clone(),

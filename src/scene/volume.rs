@@ -33,7 +33,7 @@ const DIRECTIONS: [DVec3; 8] = [
 ];
 
 /// A boundary surface in the compound's frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Face<'a> {
     /// What messages call it.
     pub name: &'a str,

@@ -4,7 +4,8 @@ use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
-use nsq_gpu::model::shapes::Geometry;
+use nsq_gpu::model::shapes::freeform::Polynomial;
+use nsq_gpu::model::shapes::{Biconic, Freeform, Toroidal};
 use nsq_gpu::model::{
     Aperture, ApertureOutline, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
     Detector, DetectorKind, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
@@ -31,6 +32,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "lambertian" => lambertian,
         "extended cap" => extended_cap,
         "aspheres" => aspheres,
+        "freeforms" => freeforms,
         "clipped" => clipped,
         "pupil" => pupil,
         "ties" => ties,
@@ -334,11 +336,40 @@ fn lambertian(bench: &Bench) -> Outcome {
 fn aspheres(bench: &Bench) -> Outcome {
     let bowl = Profile::new(12.0, -1.6, 6.0, 2, &[1e-3, -4e-5, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]);
     let wave = Profile::new(-30.0, 0.3, 6.0, 1, &[-0.15, 0.0, 0.012, -1.2e-3]);
+    between_mirrors(bench, &[(Shape::EvenAsphere(bowl), 10.0), (Shape::OddAsphere(wave), 18.0)])
+}
+
+/// The same of shapes that are not round, each beside one that is.
+fn freeforms(bench: &Bench) -> Outcome {
+    let biconic = Biconic {
+        curvature: DVec2::new(1.0 / 12.0, -1.0 / 20.0),
+        conic: DVec2::new(-1.6, 0.8),
+        aperture_radius: 6.0,
+    };
+    let toroid = Toroidal {
+        curvature_x: -1.0 / 14.0,
+        profile: Profile::new(20.0, -0.7, 6.0, 2, &[2e-3, -5e-5, 1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]),
+    };
+    between_mirrors(bench, &[(Shape::Biconic(biconic), 10.0), (Shape::Toroidal(toroid), 18.0)])?;
+    let value = |p: DVec2| {
+        let (u, v) = (p.x / 6.0, p.y / 6.0);
+        0.2 * u + 0.5 * u * u * v - 0.3 * v * v * v + 0.25 * u * u * u * u - 0.15 * u * v
+    };
+    let polynomial = Polynomial { powers: [4, 3], order: 4, value: &value };
+    let one = Shape::Polynomial(Freeform::new(15.0, -0.6, 6.0, &polynomial));
+    let value = |p: DVec2| 0.01 * p.y * p.y - 0.02 * p.x;
+    let polynomial = Polynomial { powers: [1, 2], order: 2, value: &value };
+    let other = Shape::Chebyshev(Freeform::new(-30.0, 0.0, 6.0, &polynomial));
+    between_mirrors(bench, &[(one, 10.0), (other, 18.0)])
+}
+
+/// Rays among two mirrors at these heights meet what a dense search in f64 says, from a lamp between them and from both
+/// sides.
+fn between_mirrors(bench: &Bench, shapes: &[(Shape, f64); 2]) -> Outcome {
     let mirror = |shape, z| Surface {
         shape,
         ..plane("mirror", z, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0)
     };
-    let shapes = [(bowl, Shape::EvenAsphere(bowl), 10.0), (wave, Shape::OddAsphere(wave), 18.0)];
     let across = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
     let lamp = |kind, origin, rotation| (kind, Frame { origin, rotation });
     let wide = SourceKind::Point(Point { half_angle: 3.0 });
@@ -348,7 +379,7 @@ fn aspheres(bench: &Bench) -> Outcome {
         lamp(thick, DVec3::new(0.0, 0.0, 16.5), DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))),
         lamp(thick, DVec3::new(-9.0, 0.0, 11.0), across),
     ] {
-        let surfaces = shapes.iter().map(|(_, shape, z)| mirror(*shape, *z)).collect();
+        let surfaces = shapes.iter().map(|(shape, z)| mirror(shape.clone(), *z)).collect();
         let mut ir = scene(kind, surfaces, vec![pixels("end", 99.0)]);
         ir.sources[0].frame = frame;
         let mut setting = Setting::default();
@@ -362,14 +393,14 @@ fn aspheres(bench: &Bench) -> Outcome {
         }
         for path in paths.values_mut() {
             path.sort_by_key(|event| (!matches!(event.kind, PathEventKind::Birth(_)), event.ray.bounce));
-            check_path(path, &shapes)?;
+            check_path(path, shapes)?;
         }
     }
     Ok(())
 }
 
-/// Checks a path among the mirrors of [`aspheres`].
-fn check_path(path: &[&PathEvent], shapes: &[(Profile, Shape, f64); 2]) -> Outcome {
+/// Checks a path among the mirrors of [`between_mirrors`].
+fn check_path(path: &[&PathEvent], shapes: &[(Shape, f64); 2]) -> Outcome {
     let mut place = DVec3::from_array(path[0].ray.position);
     let mut direction = DVec3::from_array(path[0].ray.direction);
     let mut left: Option<usize> = None;
@@ -378,8 +409,8 @@ fn check_path(path: &[&PathEvent], shapes: &[(Profile, Shape, f64); 2]) -> Outco
             return Ok(());
         }
         let first = (0..2).flat_map(|i| {
-            let (profile, _, z) = shapes[i];
-            let start = place - DVec3::new(0.0, 0.0, z);
+            let (profile, z) = &shapes[i];
+            let start = place - DVec3::new(0.0, 0.0, *z);
             let nearest = if left == Some(i) { 1e-3 } else { 1e-9 };
             let ahead = profile.crossings(start, direction).into_iter().filter(move |&t| t > nearest);
             ahead.map(move |t| (t, i))
@@ -387,10 +418,10 @@ fn check_path(path: &[&PathEvent], shapes: &[(Profile, Shape, f64); 2]) -> Outco
         let first = first.min_by(|a, b| a.0.total_cmp(&b.0));
         let PathEventKind::Surface(i) = event.kind else {
             let is_lost = first.is_some_and(|(t, i)| {
-                let (profile, _, z) = shapes[i];
-                let p = place + t * direction - DVec3::new(0.0, 0.0, z);
+                let (profile, z) = &shapes[i];
+                let p = place + t * direction - DVec3::new(0.0, 0.0, *z);
                 let Some(level) = profile.level(p) else { return false };
-                p.truncate().length() < 0.999 * profile.aperture_radius
+                p.truncate().length() < 0.999 * 6.0
                     && level.gradient.normalize().dot(direction).abs() > 1e-2
                     && t > 1e-2
             });
@@ -400,11 +431,11 @@ fn check_path(path: &[&PathEvent], shapes: &[(Profile, Shape, f64); 2]) -> Outco
                 Ok(())
             };
         };
-        let (profile, _, z) = shapes[i];
+        let (profile, z) = &shapes[i];
         let met = DVec3::from_array(event.ray.position);
-        let p = met - DVec3::new(0.0, 0.0, z);
+        let p = met - DVec3::new(0.0, 0.0, *z);
         let Some(level) = profile.level(p) else { return Ok(()) };
-        if level.value.abs() > 1e-9 || p.truncate().length() > profile.aperture_radius * (1.0 + 1e-9) {
+        if level.value.abs() > 1e-9 || p.truncate().length() > 6.0 * (1.0 + 1e-9) {
             return Err(format!("a ray from {place} along {direction} meets {met}, which is on no mirror"));
         }
         let t = (met - place).length();

@@ -83,6 +83,11 @@ pub fn of_shape(shape: &Shape) -> &'static str {
         Shape::ClippedConic(_) => "clipped conic",
         Shape::EvenAsphere(_) => "even asphere",
         Shape::OddAsphere(_) => "odd asphere",
+        Shape::Biconic(_) => "biconic",
+        Shape::Toroidal(_) => "toroid",
+        Shape::Polynomial(_) => "polynomial",
+        Shape::Chebyshev(_) => "Chebyshev",
+        Shape::Zernike(_) => "Zernike",
     }
 }
 

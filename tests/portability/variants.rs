@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ShapeKind;
+use nsq_gpu::model::shapes::freeform::Polynomial;
+use nsq_gpu::model::shapes::{Biconic, Freeform, Toroidal};
 use nsq_gpu::model::{
     Annulus, Aperture, ApertureOutline, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
     Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
@@ -115,7 +117,10 @@ fn shape_after(kind: ShapeKind) -> Option<ShapeKind> {
         ShapeKind::Mesh => Some(ShapeKind::ClippedConic),
         ShapeKind::ClippedConic => Some(ShapeKind::EvenAsphere),
         ShapeKind::EvenAsphere => Some(ShapeKind::OddAsphere),
-        ShapeKind::OddAsphere => None,
+        ShapeKind::OddAsphere => Some(ShapeKind::Biconic),
+        ShapeKind::Biconic => Some(ShapeKind::Toroidal),
+        ShapeKind::Toroidal => Some(ShapeKind::Freeform),
+        ShapeKind::Freeform => None,
     }
 }
 
@@ -563,6 +568,20 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         ShapeKind::Mesh => Shape::Mesh(MeshId(0)),
         ShapeKind::EvenAsphere => Shape::EvenAsphere(Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6])),
         ShapeKind::OddAsphere => Shape::OddAsphere(Profile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6])),
+        ShapeKind::Biconic => Shape::Biconic(Biconic {
+            curvature: DVec2::new(0.02, -0.01),
+            conic: DVec2::new(-0.5, 0.25),
+            aperture_radius: 10.0,
+        }),
+        ShapeKind::Toroidal => Shape::Toroidal(Toroidal {
+            curvature_x: 0.015,
+            profile: Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]),
+        }),
+        ShapeKind::Freeform => {
+            let value = |p: DVec2| 1e-3 * p.x * p.x - 2e-4 * p.x * p.y + 1e-5 * p.y.powi(3);
+            let polynomial = Polynomial { powers: [2, 3], order: 3, value: &value };
+            Shape::Polynomial(Freeform::new(50.0, -0.5, 10.0, &polynomial))
+        }
         ShapeKind::ClippedConic => Shape::ClippedConic(ClippedConic {
             conic: Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 },
             aperture: Aperture {

@@ -22,7 +22,17 @@ from optiland.nonsequential.components.refractive import RefractiveComponent
 from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type
-from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
+from nsq_gpu.shapes import (
+    Aperture,
+    Biconic,
+    Chebyshev,
+    ClippedConic,
+    EvenAsphere,
+    OddAsphere,
+    Polynomial,
+    Toroidal,
+    Zernike,
+)
 
 INTERACTIONS: dict[type, str] = {
     RefractiveComponent: "refractive",
@@ -90,6 +100,32 @@ def _odd_asphere(geometry: Any, place: str) -> Json:
     return {**_even_asphere(geometry, place), "type": "odd_asphere"}
 
 
+def _biconic(geometry: Any, place: str) -> Json:
+    radii = {key: radius(getattr(geometry, key), f"{place}: {key}") for key in ("radius_x", "radius_y")}
+    return {"type": "biconic", **radii, **_numbers_of(geometry, ("conic_x", "conic_y", "aperture_radius"), place)}
+
+
+def _toroidal(geometry: Any, place: str) -> Json:
+    radii = {key: radius(getattr(geometry, key), f"{place}: {key}") for key in ("radius_x", "radius_y")}
+    coefficients = [number(value, f"{place}: coeffs_poly_y[{i}]") for i, value in enumerate(geometry.coeffs_poly_y)]
+    return {"type": "toroidal", **radii, **_numbers_of(geometry, ("conic", "aperture_radius"), place), "coeffs_poly_y": coefficients}
+
+
+def _polynomial(geometry: Any, place: str) -> Json:
+    rows = [[number(value, f"{place}: coefficients[{i}][{j}]") for j, value in enumerate(row)]
+            for i, row in enumerate(geometry.coefficients)]
+    return {**_conic(geometry, place), "type": "polynomial", "coefficients": rows}
+
+
+def _chebyshev(geometry: Any, place: str) -> Json:
+    return {**_polynomial(geometry, place), "type": "chebyshev", **_numbers_of(geometry, ("norm_x", "norm_y"), place)}
+
+
+def _zernike(geometry: Any, place: str) -> Json:
+    return {**_even_asphere(geometry, place), "type": "zernike", "zernike_type": geometry.zernike_type,
+            **_numbers_of(geometry, ("norm_radius",), place)}
+
+
 def _unlimited_plane(geometry: Any, place: str) -> Json:
     return {"type": "plane"}
 
@@ -131,6 +167,11 @@ SHAPES: dict[type, Callable[[Any, str], Json]] = {
     ClippedConic: _clipped_conic,
     EvenAsphere: _even_asphere,
     OddAsphere: _odd_asphere,
+    Biconic: _biconic,
+    Toroidal: _toroidal,
+    Polynomial: _polynomial,
+    Chebyshev: _chebyshev,
+    Zernike: _zernike,
     PlaneGeometry: _unlimited_plane,
     FinitePlaneGeometry: _plane,
     AnnularPlaneGeometry: _annulus,

@@ -4,30 +4,41 @@
 //! tells how to add one. Everything is said in the shape's own frame, whose axis is z: lengths in mm.
 
 pub mod annulus;
+pub mod biconic;
+pub mod chebyshev;
 pub mod clipped_conic;
 pub mod conic;
 pub mod even_asphere;
 mod extent;
+pub mod freeform;
 pub mod frustum;
 pub mod mesh;
 pub mod odd_asphere;
 pub mod plane;
+pub mod polynomial;
 pub mod profile;
 mod quadric;
 #[cfg(test)]
 mod roof;
+mod sag;
 pub mod sphere;
+pub mod toroidal;
+pub mod zernike;
 
 pub use crate::model::shapes::annulus::Annulus;
+pub use crate::model::shapes::biconic::Biconic;
 pub use crate::model::shapes::clipped_conic::{Aperture, ApertureOutline, ClippedConic};
 pub use crate::model::shapes::conic::Conic;
 pub use crate::model::shapes::extent::{Across, Extent};
+pub use crate::model::shapes::freeform::Freeform;
 pub use crate::model::shapes::frustum::Frustum;
 pub use crate::model::shapes::mesh::MeshId;
 pub use crate::model::shapes::plane::Outline;
 pub use crate::model::shapes::profile::Profile;
 pub use crate::model::shapes::quadric::{Level, Quadric};
+pub use crate::model::shapes::sag::{Bounds, Sag};
 pub use crate::model::shapes::sphere::Sphere;
+pub use crate::model::shapes::toroidal::Toroidal;
 
 use crate::Result;
 use crate::model::list::kinds;
@@ -37,7 +48,6 @@ use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
 kinds! {
-    #[derive(Copy)]
     Shape: Geometry,
     functions ShapeKind: ShapeWgsl,
     /// A shape as a scene file gives it, by its `type`. The geometric normal points local +z for conic, plane and
@@ -61,6 +71,16 @@ kinds! {
     EvenAsphere(even_asphere::Profile) by EvenAsphere = EVEN_ASPHERE;
     /// A conic and all powers of the distance from the axis.
     OddAsphere(odd_asphere::Profile) by OddAsphere = ODD_ASPHERE;
+    /// Two conic profiles, one along x and one along y, whose heights add up.
+    Biconic(biconic::Biconic) by Biconic = BICONIC;
+    /// A profile along y, turned about an axis parallel to y.
+    Toroidal(toroidal::Toroidal) by Toroidal = TOROIDAL;
+    /// A conic and a polynomial of x and y.
+    Polynomial(polynomial::Freeform) by Freeform = FREEFORM;
+    /// A conic and products of Chebyshev polynomials of x and y.
+    Chebyshev(chebyshev::Freeform);
+    /// A conic and Zernike polynomials.
+    Zernike(zernike::Freeform);
     /// A roof: the example of docs/adding-a-kind.md, which is no quadric.
     #[cfg(test)]
     Roof(roof::Roof) by #[cfg(test)] Roof = ROOF;
@@ -101,8 +121,14 @@ pub trait Geometry: std::fmt::Debug {
     /// [`Geometry::arguments`] are then the numbers of that kind.
     fn kind(&self) -> ShapeKind;
 
-    /// The numbers that the functions take after a point and a direction.
+    /// The numbers that the functions take after a point and a direction. The first one of a shape with a
+    /// [`Geometry::table`] stands for where that begins.
     fn arguments(&self) -> Vec<f64>;
+
+    /// What the functions read from the buffer of tables: for shapes with more numbers than functions take.
+    fn table(&self) -> Option<&[f64]> {
+        None
+    }
 
     /// The quadric that the shape is a part of, if it is of one.
     fn quadric(&self) -> Option<Quadric> {

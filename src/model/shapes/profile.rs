@@ -5,14 +5,12 @@ use crate::Result;
 use crate::model::checks;
 use crate::model::mesh::Mesh;
 use crate::model::shapes::conic::curvature;
-use crate::model::shapes::{Extent, Geometry, Level, Shape, ShapeKind, ring_samples, section_between};
-use glam::{DMat3, DVec2, DVec3};
+use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt};
+use crate::model::shapes::{Extent, Geometry, Level, Shape, ShapeKind, section_between};
+use glam::{DMat2, DVec2, DVec3};
 
 /// How many coefficients an asphere has.
 pub const NUM_COEFFICIENTS: usize = 10;
-
-/// More than any bound that is of use.
-const UNBOUNDED: f64 = 1e30;
 
 /// z = c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) + the sum of `coefficients[i]` r^(step (i + 1)) for r <= aperture_radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,17 +37,15 @@ struct At {
     across: f64,
 }
 
-/// Bounds over the whole aperture.
+/// A ring of the aperture, and bounds of the height and its derivatives within it, a tip's slope among them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
-    /// The lowest height \[mm\].
-    pub lowest: f64,
-    /// The highest height \[mm\].
-    pub highest: f64,
-    /// The largest slope.
-    pub slope: f64,
-    /// The largest second derivative along any line, but for what a tip on the axis adds \[1/mm\].
-    pub bend: f64,
+pub(super) struct Ring {
+    /// Its inner radius \[mm\].
+    pub from: f64,
+    /// Its outer radius \[mm\].
+    pub to: f64,
+    /// Bounds.
+    pub bounds: Bounds,
 }
 
 impl Profile {
@@ -78,6 +74,16 @@ impl Profile {
         for (i, &coefficient) in coefficients.iter().enumerate() {
             checks::between(format!("{}[{i}]", at("coefficients")), coefficient, -1e30, 1e30)?;
         }
+        Profile::check_reach(radius, conic, aperture_radius, at)
+    }
+
+    /// Refuses a semi-diameter beyond which the conic part does not go.
+    pub(super) fn check_reach(
+        radius: f64,
+        conic: f64,
+        aperture_radius: f64,
+        at: &dyn Fn(&str) -> String,
+    ) -> Result<()> {
         let widest = 1.0 / (curvature(radius).abs() * (1.0 + conic).max(0.0).sqrt());
         if aperture_radius < 0.9999 * widest {
             return Ok(());
@@ -90,8 +96,9 @@ impl Profile {
         (self.step as usize * (i + 1)) as i32
     }
 
-    fn at(&self, r: f64) -> At {
-        let (c, kappa) = (self.curvature, (1.0 + self.conic) * self.curvature * self.curvature);
+    /// The height and its derivatives at a distance from the axis \[mm\].
+    fn along(&self, r: f64) -> At {
+        let (c, kappa) = (self.curvature, self.axial());
         let root = (1.0 - kappa * r * r).max(0.0).sqrt();
         let mut at = At {
             height: c * r * r / (1.0 + root),
@@ -123,61 +130,101 @@ impl Profile {
 
     /// The height at a distance from the axis \[mm\].
     pub fn sag(&self, r: f64) -> f64 {
-        self.at(r).height
+        self.along(r).height
     }
 
-    /// Bounds that hold everywhere on the aperture, and a little beyond its rim, whatever the profile does.
+    /// What each coefficient adds at the rim \[mm\]: powers of the radius would leave the range of f32.
+    pub(super) fn at_rim(&self) -> Vec<f64> {
+        let at_rim = |(i, a): (usize, &f64)| a * self.aperture_radius.powi(self.power(i));
+        self.coefficients.iter().enumerate().map(at_rim).collect()
+    }
+
+    /// (1 + K) c^2 \[1/mm^2\].
+    pub(super) fn axial(&self) -> f64 {
+        (1.0 + self.conic) * self.curvature * self.curvature
+    }
+
+    /// The size of the conic part's height at the rim \[mm\]; where the conic ends, the height has fewer digits than its
+    /// size says.
+    pub(super) fn conic_magnitude(&self) -> f64 {
+        let limit = self.aperture_radius * self.aperture_radius;
+        let root = (1.0 - self.axial() * limit).abs().sqrt().min(1.0);
+        (self.curvature * limit).abs() / root
+    }
+
+    /// Bounds ring by ring, to a little beyond the rim, that hold whatever the profile does.
     ///
-    /// The aperture is cut into rings. In a ring the conic part and its derivatives lie between their values at its ends,
-    /// because they grow or fall throughout. The polynomial lies no farther from its value in the middle than its next
-    /// derivative, bounded term by term, allows.
-    pub fn bounds(&self) -> Bounds {
+    /// In a ring the conic part and its derivatives lie between their values at its ends, because they grow or fall
+    /// throughout. The polynomial lies no farther from its value in the middle than its next derivative, bounded term by
+    /// term, allows.
+    pub(super) fn rings(&self) -> impl Iterator<Item = Ring> {
         const RINGS: i32 = 512;
-        /// What is beyond the rim, and rounding.
-        const ROOM: f64 = 1.0 + 1e-5;
-        let conic = Profile { coefficients: [0.0; NUM_COEFFICIENTS], ..*self };
+        let profile = *self;
+        let conic = Profile { coefficients: [0.0; NUM_COEFFICIENTS], ..profile };
         // What a tip adds to the bend is no part of the bound.
-        let mut terms = Profile { curvature: 0.0, ..*self };
+        let mut terms = Profile { curvature: 0.0, ..profile };
         let tip = if self.step == 1 { std::mem::take(&mut terms.coefficients[0]) } else { 0.0 };
-        let magnitude = |r: f64| {
-            let sizes = Profile { coefficients: terms.coefficients.map(f64::abs), ..terms };
-            sizes.at(r)
-        };
+        let sizes = Profile { coefficients: terms.coefficients.map(f64::abs), ..terms };
         let rim = ROOM * self.aperture_radius;
-        let (mut lowest, mut highest, mut slope, mut bend) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
-        for ring in 0..RINGS {
+        (0..RINGS).map(move |ring| {
             let [from, to] = [ring, ring + 1].map(|i| rim * f64::from(i) / f64::from(RINGS));
             let half = 0.5 * (to - from);
-            let (middle, most) = (terms.at(from + half), magnitude(to));
-            let ends = [conic.at(from), conic.at(to)];
+            let (middle, most) = (terms.along(from + half), sizes.along(to));
+            let ends = [conic.along(from), conic.along(to)];
             let off = most.slope * half;
             let rise = [tip * from, tip * to];
             let low = ends[0].height.min(ends[1].height) + rise[0].min(rise[1]);
             let high = ends[0].height.max(ends[1].height) + rise[0].max(rise[1]);
-            lowest = lowest.min(low + middle.height - off);
-            highest = highest.max(high + middle.height + off);
             let largest = |of: fn(&At) -> f64, middle: f64, off: f64| {
                 let [a, b] = ends.each_ref().map(of);
                 (a + middle).abs().max((b + middle).abs()) + off
             };
-            slope = slope.max(largest(|at| at.slope, middle.slope + tip, most.bend * half));
-            let steepness = self.most_of_third_derivative(to) * half;
-            bend = bend.max(largest(|at| at.bend, middle.bend, steepness));
-            bend = bend.max(largest(|at| at.across, middle.across, steepness));
-        }
-        let room = 1e-3 * (highest - lowest) + 1e-6 * self.aperture_radius;
-        let bend = if bend.is_finite() { ROOM * bend } else { UNBOUNDED };
-        Bounds {
-            lowest: lowest - room,
-            highest: highest + room,
-            slope: (ROOM * slope).clamp(1e-9, UNBOUNDED),
-            bend: bend.min(UNBOUNDED),
+            let steepness = profile.most_of_third_derivative(to) * half;
+            let along = largest(|at| at.bend, middle.bend, steepness);
+            let bounds = Bounds {
+                lowest: low + middle.height - off,
+                highest: high + middle.height + off,
+                slope: largest(|at| at.slope, middle.slope + tip, most.bend * half),
+                bend: along.max(largest(|at| at.across, middle.across, steepness)),
+            };
+            Ring { from, to, bounds }
+        })
+    }
+}
+
+impl Sag for Profile {
+    fn aperture_radius(&self) -> f64 {
+        self.aperture_radius
+    }
+
+    fn at(&self, p: DVec2) -> SagAt {
+        let r = p.length();
+        let At { height, slope, bend, across } = self.along(r.max(1e-12 * self.aperture_radius));
+        let radial = if r > 0.0 { p / r } else { DVec2::X };
+        // Along r the bend, across r the slope over r.
+        let [x, y] = radial.to_array();
+        let part = |a: f64, b: f64, unit: f64| bend * a * b + across * (unit - a * b);
+        let (xx, xy, yy) = (part(x, x, 1.0), part(x, y, 0.0), part(y, y, 1.0));
+        SagAt {
+            height,
+            gradient: slope * radial,
+            hessian: DMat2::from_cols(DVec2::new(xx, xy), DVec2::new(xy, yy)),
         }
     }
 
-    /// The height of a point above the surface, along the axis \[mm\].
-    fn height_above(&self, p: DVec3) -> f64 {
-        p.z - self.sag(p.truncate().length())
+    fn height(&self, p: DVec2) -> f64 {
+        self.sag(p.length())
+    }
+
+    fn bounds(&self) -> Bounds {
+        let none = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
+        let all = self.rings().fold(none, |all, Ring { bounds, .. }| Bounds {
+            lowest: all.lowest.min(bounds.lowest),
+            highest: all.highest.max(bounds.highest),
+            slope: all.slope.max(bounds.slope),
+            bend: all.bend.max(bounds.bend),
+        });
+        all.with_room(self.aperture_radius)
     }
 }
 
@@ -195,34 +242,16 @@ impl Geometry for Profile {
     }
 
     fn arguments(&self) -> Vec<f64> {
-        let Bounds { lowest, highest, slope, bend } = self.bounds();
-        let limit = self.aperture_radius * self.aperture_radius;
-        let axial = (1.0 + self.conic) * self.curvature * self.curvature;
-        // By what each adds at the rim: powers of the radius would leave the range of f32.
-        let at_rim = |(i, a): (usize, &f64)| a * self.aperture_radius.powi(self.power(i));
-        let coefficients: Vec<f64> = self.coefficients.iter().enumerate().map(at_rim).collect();
-        // Where the conic part ends, its height has fewer digits than its size says.
-        let root = (1.0 - axial * limit).abs().sqrt().min(1.0);
-        let conic = (self.curvature * limit).abs() / root;
-        let magnitude = coefficients.iter().map(|a| a.abs()).sum::<f64>() + conic;
-        let mut arguments =
-            vec![limit, lowest, highest, slope, bend, magnitude, 1.0 / limit, self.curvature, axial];
+        let coefficients = self.at_rim();
+        let magnitude = coefficients.iter().map(|a| a.abs()).sum::<f64>() + self.conic_magnitude();
+        let mut arguments = self.search_arguments(magnitude);
+        arguments.extend([self.aperture_radius.powi(-2), self.curvature, self.axial()]);
         arguments.extend(coefficients);
         arguments
     }
 
     fn level(&self, p: DVec3) -> Option<Level> {
-        let across = p.truncate();
-        let r = across.length();
-        let At { height, slope, bend, across: turned } = self.at(r.max(1e-12 * self.aperture_radius));
-        let radial = if r > 0.0 { across / r } else { DVec2::X };
-        let gradient = (-slope * radial).extend(1.0);
-        let [x, y] = radial.to_array();
-        // Along r the bend, across r the slope over r.
-        let part = |a: f64, b: f64, unit: f64| -(bend * a * b + turned * (unit - a * b));
-        let (xx, xy, yy) = (part(x, x, 1.0), part(x, y, 0.0), part(y, y, 1.0));
-        let hessian = DMat3::from_cols(DVec3::new(xx, xy, 0.0), DVec3::new(xy, yy, 0.0), DVec3::ZERO);
-        Some(Level { value: p.z - height, gradient, hessian })
+        Some(self.sag_level(p))
     }
 
     fn holds(&self, p: DVec3) -> bool {
@@ -230,16 +259,11 @@ impl Geometry for Profile {
     }
 
     fn extent(&self, _: &[Mesh]) -> Option<Extent> {
-        let Bounds { lowest, highest, .. } = self.bounds();
-        let size = self.aperture_radius + lowest.abs().max(highest.abs());
-        Some(Extent::round(self.aperture_radius, lowest, highest, size))
+        Some(self.sag_extent())
     }
 
     fn samples(&self) -> Vec<DVec3> {
-        ring_samples(
-            &[0.3, 0.6, 0.9]
-                .map(|share| (share * self.aperture_radius, self.sag(share * self.aperture_radius))),
-        )
+        self.sag_samples()
     }
 
     fn rims(&self) -> Vec<(f64, f64)> {
@@ -250,37 +274,8 @@ impl Geometry for Profile {
         vec![section_between(-self.aperture_radius, self.aperture_radius, |r| self.sag(r.abs()))]
     }
 
-    /// By 4096 samples of what lies within the aperture.
     fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
-        const STEPS: i32 = 4096;
-        let Bounds { lowest, highest, .. } = self.bounds();
-        let square = d.truncate().length_squared();
-        let b = o.truncate().dot(d.truncate());
-        let discriminant = b * b - square * (o.truncate().length_squared() - self.aperture_radius.powi(2));
-        if discriminant < 0.0 || square == 0.0 && o.truncate().length() > self.aperture_radius {
-            return Vec::new();
-        }
-        let mut range = [f64::NEG_INFINITY, f64::INFINITY];
-        if square > 0.0 {
-            range = [-1.0, 1.0].map(|sign| (-b + sign * discriminant.sqrt()) / square);
-        }
-        if d.z != 0.0 {
-            let [one, other] = [lowest, highest].map(|z| (z - o.z) / d.z);
-            range = [range[0].max(one.min(other)), range[1].min(one.max(other))];
-        }
-        let level = |t: f64| self.height_above(o + t * d);
-        let at = |i: i32| range[0] + (range[1] - range[0]) * f64::from(i) / f64::from(STEPS);
-        let changes = (0..STEPS).filter(|&i| (level(at(i)) < 0.0) != (level(at(i + 1)) < 0.0));
-        let bisected = |i: i32| {
-            let (mut low, mut high) = (at(i), at(i + 1));
-            let is_low = level(low) < 0.0;
-            for _ in 0..100 {
-                let middle = 0.5 * (low + high);
-                if (level(middle) < 0.0) == is_low { low = middle } else { high = middle }
-            }
-            low
-        };
-        changes.map(bisected).filter(|t| t.is_finite()).collect()
+        self.sag_crossings(o, d)
     }
 }
 
@@ -308,14 +303,14 @@ mod tests {
             let profile = Profile::new(radius, conic, aperture, step, &coefficients);
             let bounds = profile.bounds();
             for share in shares {
-                let at = profile.at(share.max(1e-6) * aperture);
+                let at = profile.along(share.max(1e-6) * aperture);
                 prop_assert!((bounds.lowest..=bounds.highest).contains(&at.height));
                 prop_assert!(at.slope.abs() <= bounds.slope);
                 let tip = if step == 1 { profile.coefficients[0].abs() / (share.max(1e-6) * aperture) } else { 0.0 };
                 prop_assert!(at.bend.abs() <= bounds.bend && at.across.abs() <= (bounds.bend + tip) * (1.0 + 1e-12));
             }
             // And they are of use: not much larger than what occurs.
-            let occurs = (0..=1000).map(|i| profile.at(f64::from(i).max(1e-3) / 1000.0 * aperture));
+            let occurs = (0..=1000).map(|i| profile.along(f64::from(i).max(1e-3) / 1000.0 * aperture));
             let (slope, bend) = occurs.fold((0.0f64, 0.0f64), |(slope, bend), at| {
                 (slope.max(at.slope.abs()), bend.max(at.bend.abs()).max(at.across.abs()))
             });

@@ -575,7 +575,7 @@ impl Face {
         let size = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let mut face = Face {
             frame,
-            shape: *shape,
+            shape: shape.clone(),
             points,
             middle: frame.origin,
             reach: shape.extent(&[]).map_or(f64::INFINITY, |extent| extent.reach),

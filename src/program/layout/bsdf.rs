@@ -3,6 +3,7 @@
 
 use crate::model::{Bsdf, BsdfKind, Scatter, SceneIr, Surface};
 use crate::program::layout::records::Records;
+use crate::program::layout::shape_tables;
 
 /// The kinds that occur, without repetition.
 pub fn kinds(ir: &SceneIr) -> Vec<BsdfKind> {
@@ -93,7 +94,7 @@ fn distinct(ir: &SceneIr) -> Vec<&Bsdf> {
 /// Where each surface's table begins.
 fn table_starts(ir: &SceneIr) -> Vec<u32> {
     let distinct = distinct(ir);
-    let mut next = 0;
+    let mut next = shape_tables::num_numbers(ir) as u32;
     let starts: Vec<u32> = distinct
         .iter()
         .map(|bsdf| {
@@ -109,7 +110,8 @@ fn table_starts(ir: &SceneIr) -> Vec<u32> {
     ir.surfaces.iter().map(|surface| start_of(surface).unwrap_or(0)).collect()
 }
 
-/// All tables, one after the other: the first part of the buffer of shaders/optics/tables.wgsl.
+/// All tables, one after the other: in the buffer of shaders/optics/tables.wgsl those of shapes come before, and those of
+/// coatings after.
 pub fn tables(ir: &SceneIr) -> Vec<f64> {
     distinct(ir).into_iter().flat_map(|bsdf| bsdf.table()).collect()
 }

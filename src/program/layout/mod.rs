@@ -7,6 +7,7 @@ pub mod numbers;
 pub mod reals;
 pub mod records;
 pub mod rng;
+pub mod shape_tables;
 pub mod splitting;
 pub mod sums;
 pub mod tables;

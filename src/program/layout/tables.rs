@@ -12,6 +12,7 @@ use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::coating;
 use crate::program::layout::records::Records;
+use crate::program::layout::shape_tables;
 use glam::{DMat3, DVec3};
 
 /// Columns for the numbers of shapes in every table of them.
@@ -228,7 +229,8 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     }
     if features.has_own_normals() {
         records.uint("shape", ir.surfaces.iter().map(|s| s.shape.kind().code()));
-        put_arguments(&mut records, "a", SHAPE_ARGUMENTS, ir.surfaces.iter().map(|s| s.shape.arguments()));
+        let arguments = ir.surfaces.iter().map(|s| shape_tables::arguments(ir, &s.shape));
+        put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
     }
     records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
     records.uint("back", ir.surfaces.iter().map(|s| s.back as u32));
@@ -384,7 +386,8 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
-    put_arguments(&mut records, "a", SHAPE_ARGUMENTS, primitives.iter().map(|(_, shape)| shape.arguments()));
+    let arguments = primitives.iter().map(|(_, shape)| shape_tables::arguments(ir, shape));
+    put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
     records
 }
 

@@ -406,7 +406,7 @@ mod tests {
         ) {
             let stretch = Stretch { from, to };
             let no_crossing =
-                samples(shape, stretch).all(|f| f > 1e-3) || samples(shape, stretch).all(|f| f < -1e-3);
+                samples(shape.clone(), stretch).all(|f| f > 1e-3) || samples(shape.clone(), stretch).all(|f| f < -1e-3);
             let way = to - from;
             let along = Along::of(&shape, from, way.normalize());
             let there = along.g + along.a * way.length();
@@ -431,7 +431,7 @@ mod tests {
             let way = Way { positions: vec![from, to, far], weights: Vec::new() };
             let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
             let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
-            let found = Clearance::of(&(frame, shape), false, ends, 11.0, Precision::F64, &mut pilot);
+            let found = Clearance::of(&(frame, shape.clone()), false, ends, 11.0, Precision::F64, &mut pilot);
             if let Some(clearance) = found {
                 let until = if clearance.exit.is_some() { far } else { to };
                 prop_assert!(!is_met(&shape, &Stretch { from, to: until }), "{clearance:?}");
@@ -450,7 +450,7 @@ mod tests {
             let way = Way { positions: vec![from, to], weights: Vec::new() };
             let mut pilot = Pilot::new(std::slice::from_ref(&way), 1.0);
             let frame = Frame { origin: DVec3::ZERO, rotation: glam::DMat3::IDENTITY };
-            let found = Clearance::of(&(frame, shape), true, ends, 70.0, Precision::F64, &mut pilot);
+            let found = Clearance::of(&(frame, shape.clone()), true, ends, 70.0, Precision::F64, &mut pilot);
             if found.is_some() {
                 // It begins on the cap.
                 let start = from.lerp(to, 1e-3);

@@ -1,0 +1,48 @@
+//! Chebyshev surfaces: a conic and products of Chebyshev polynomials of x and y.
+
+use crate::Result;
+pub use crate::model::shapes::freeform::Freeform;
+use crate::model::shapes::freeform::{Polynomial, clenshaw};
+use crate::model::shapes::{Entry, Shape};
+use glam::DVec2;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+/// A Chebyshev surface in a scene file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Chebyshev")]
+pub struct Written {
+    /// Vertex radius of the conic part \[mm\].
+    pub radius: f64,
+    /// Conic constant.
+    #[serde(default)]
+    pub conic: f64,
+    /// Semi-diameter \[mm\], at most `norm_x` and `norm_y`.
+    pub aperture_radius: f64,
+    /// `coefficients[i][j]` of T_i(x / norm_x) T_j(y / norm_y) \[mm\]; orders up to 31.
+    #[serde(default)]
+    pub coefficients: Vec<Vec<f64>>,
+    /// What x is divided by \[mm\].
+    pub norm_x: f64,
+    /// What y is divided by \[mm\].
+    pub norm_y: f64,
+}
+
+impl Entry for Written {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
+        Freeform::check_norm("norm_x", self.norm_x, self.aperture_radius, at)?;
+        Freeform::check_norm("norm_y", self.norm_y, self.aperture_radius, at)
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        let Written { radius, conic, aperture_radius, coefficients, norm_x, norm_y } = self;
+        let value = |p: DVec2| {
+            let along_y = |row: &Vec<f64>| clenshaw(row.iter().copied(), p.y / norm_y);
+            clenshaw(coefficients.iter().map(along_y), p.x / norm_x)
+        };
+        let polynomial = Polynomial::of_rows(coefficients, &value);
+        Ok(Shape::Chebyshev(Freeform::new(*radius, *conic, *aperture_radius, &polynomial)))
+    }
+}

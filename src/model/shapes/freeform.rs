@@ -1,0 +1,329 @@
+//! Freeforms: a conic of revolution and a polynomial of x and y, kept as a sum of products of Chebyshev polynomials.
+//!
+//! Whatever basis a scene file has, the polynomial is expanded anew over the square about the aperture. In that basis no
+//! term is larger than its coefficient, and Clenshaw's recurrence loses next to nothing to rounding (Mason and Handscomb,
+//! Chebyshev Polynomials, section 2.4). Powers of x and y would lose several digits of high Zernike polynomials.
+
+use crate::Result;
+use crate::model::checks;
+use crate::model::mesh::Mesh;
+use crate::model::shapes::profile::Profile;
+use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, largest_bend};
+use crate::model::shapes::{Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::shaders::shader;
+use glam::{DMat2, DVec2, DVec3};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// The freeform.
+pub const FREEFORM: ShapeWgsl = ShapeWgsl {
+    name: "freeform",
+    file: shader!("shapes/freeform.wgsl"),
+    num_arguments: 10,
+    normal: Normal::Sag,
+};
+
+/// Highest power of x, and of y.
+pub const HIGHEST_POWER: usize = 31;
+
+/// z = conic(r) + the sum of `coefficients[i][j]` T_i(x / R) T_j(y / R), within the semi-diameter R.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Freeform {
+    /// The conic, with the semi-diameter.
+    pub conic: Profile,
+    sum: Arc<Sum>,
+}
+
+/// The polynomial.
+#[derive(Debug, PartialEq)]
+struct Sum {
+    /// Coefficients \[mm\], a row for each i.
+    rows: Vec<Vec<f64>>,
+    /// Bounds of the whole surface.
+    bounds: Bounds,
+    /// As shaders/shapes/freeform.wgsl reads them: the number of rows, then from the last row to the first the number of
+    /// coefficients, and these from the last to the first.
+    table: Vec<f64>,
+}
+
+/// A polynomial of x and y, as some basis has it.
+pub struct Polynomial<'a> {
+    /// Highest powers of x and of y.
+    pub powers: [usize; 2],
+    /// Highest sum of both powers.
+    pub order: usize,
+    /// Its value at a point \[mm\].
+    pub value: &'a dyn Fn(DVec2) -> f64,
+}
+
+impl<'a> Polynomial<'a> {
+    /// A polynomial that a table of coefficients gives, with a row for each power of x.
+    pub fn of_rows(rows: &[Vec<f64>], value: &'a dyn Fn(DVec2) -> f64) -> Self {
+        let last = |row: &Vec<f64>| row.iter().rposition(|c| *c != 0.0);
+        let highest = || rows.iter().enumerate().filter_map(|(i, row)| last(row).map(|j| (i, j)));
+        Polynomial {
+            powers: [
+                highest().map(|(i, _)| i).max().unwrap_or(0),
+                highest().map(|(_, j)| j).max().unwrap_or(0),
+            ],
+            order: highest().map(|(i, j)| i + j).max().unwrap_or(0),
+            value,
+        }
+    }
+}
+
+impl Freeform {
+    /// The freeform of numbers that were checked.
+    pub fn new(radius: f64, conic: f64, aperture_radius: f64, polynomial: &Polynomial<'_>) -> Self {
+        let conic = Profile::new(radius, conic, aperture_radius, 2, &[]);
+        let rows = expanded(aperture_radius, polynomial);
+        let bounds = bounds(&conic, &rows);
+        let mut table = vec![rows.len() as f64];
+        for row in rows.iter().rev() {
+            table.push(row.len() as f64);
+            table.extend(row.iter().rev());
+        }
+        Freeform { conic, sum: Arc::new(Sum { rows, bounds, table }) }
+    }
+
+    /// Refuses a conic part that no freeform has, and too many coefficients.
+    pub fn check(
+        radius: f64,
+        conic: f64,
+        aperture_radius: f64,
+        coefficients: &[Vec<f64>],
+        at: &dyn Fn(&str) -> String,
+    ) -> Result<()> {
+        Profile::check(radius, conic, aperture_radius, &[], at)?;
+        let place = |i: usize| format!("{}[{i}]", at("coefficients"));
+        if coefficients.len() > HIGHEST_POWER + 1 {
+            let problem = format!("there are {} rows", coefficients.len());
+            return checks::refuse(
+                at("coefficients"),
+                problem,
+                format!("give at most {}", HIGHEST_POWER + 1),
+            );
+        }
+        for (i, row) in coefficients.iter().enumerate() {
+            if row.len() > HIGHEST_POWER + 1 {
+                let problem = format!("there are {} coefficients", row.len());
+                return checks::refuse(place(i), problem, format!("give at most {}", HIGHEST_POWER + 1));
+            }
+            for (j, &coefficient) in row.iter().enumerate() {
+                checks::between(format!("{}[{j}]", place(i)), coefficient, -1e30, 1e30)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses an aperture that is wider than what a basis is defined on.
+    pub fn check_norm(key: &str, norm: f64, aperture_radius: f64, at: &dyn Fn(&str) -> String) -> Result<()> {
+        checks::size(at(key), norm)?;
+        if aperture_radius <= norm {
+            return Ok(());
+        }
+        let problem = format!("the polynomials end {norm} mm off the axis, within the aperture");
+        checks::refuse(at(key), problem, "give at least the aperture_radius")
+    }
+}
+
+/// The coefficients of Chebyshev polynomials over the square of half side R: from values at their nodes, by the discrete
+/// orthogonality of the polynomials (Mason and Handscomb, section 4.6).
+fn expanded(aperture_radius: f64, polynomial: &Polynomial<'_>) -> Vec<Vec<f64>> {
+    let [nx, ny] = polynomial.powers.map(|power| power + 1);
+    let node = |k: usize, n: usize| (PI * (k as f64 + 0.5) / n as f64).cos();
+    let weight = |i: usize, k: usize, n: usize| {
+        let scale = if i == 0 { 1.0 } else { 2.0 } / n as f64;
+        scale * (PI * (i * (2 * k + 1)) as f64 / (2 * n) as f64).cos()
+    };
+    let at = |k: usize, l: usize| (polynomial.value)(aperture_radius * DVec2::new(node(k, nx), node(l, ny)));
+    let values: Vec<Vec<f64>> = (0..nx).map(|k| (0..ny).map(|l| at(k, l)).collect()).collect();
+    // Along y first.
+    let along = |values: &Vec<f64>, j: usize| (0..ny).map(|l| weight(j, l, ny) * values[l]).sum::<f64>();
+    let half: Vec<Vec<f64>> = values.iter().map(|row| (0..ny).map(|j| along(row, j)).collect()).collect();
+    let coefficient = |i: usize, j: usize| (0..nx).map(|k| weight(i, k, nx) * half[k][j]).sum::<f64>();
+    let row = |i: usize| {
+        let num = ny.min((polynomial.order + 1).saturating_sub(i)).max(1);
+        (0..num).map(|j| coefficient(i, j)).collect()
+    };
+    (0..nx.min(polynomial.order + 1)).map(row).collect()
+}
+
+/// A sum of Chebyshev polynomials at u, by Clenshaw's recurrence.
+pub(super) fn clenshaw(coefficients: impl DoubleEndedIterator<Item = f64>, u: f64) -> f64 {
+    let step = |[b, c]: [f64; 2], coefficient: f64| [coefficient + 2.0 * u * b - c, b];
+    let [last, before] = coefficients.rev().fold([0.0, 0.0], step);
+    last - u * before
+}
+
+/// T_n and its first two derivatives at u, for n up to `most`.
+fn chebyshev(most: usize, u: f64) -> Vec<[f64; 3]> {
+    let mut all = vec![[1.0, 0.0, 0.0], [u, 1.0, 0.0]];
+    for n in 2..=most.max(1) {
+        let ([a, da, dda], [b, db, ddb]) = (all[n - 1], all[n - 2]);
+        all.push([2.0 * u * a - b, 2.0 * (a + u * da) - db, 2.0 * (2.0 * da + u * dda) - ddb]);
+    }
+    all
+}
+
+/// The most that the first three derivatives of T_n are on [-1, 1]: their values at 1.
+fn most_of_derivatives(n: usize) -> [f64; 3] {
+    let n2 = (n * n) as f64;
+    [n2, n2 * (n2 - 1.0) / 3.0, n2 * (n2 - 1.0) * (n2 - 4.0) / 15.0]
+}
+
+/// The value of the sum, its gradient and its second derivatives (xx, xy, yy) in units of the semi-diameter.
+fn sum_at(rows: &[Vec<f64>], x: &[[f64; 3]], y: &[[f64; 3]]) -> (f64, DVec2, [f64; 3]) {
+    let (mut value, mut gradient, mut second) = (0.0, DVec2::ZERO, [0.0; 3]);
+    for (row, [t, dt, ddt]) in rows.iter().zip(x) {
+        let [f, df, ddf] = [0, 1, 2].map(|k| row.iter().zip(y).map(|(c, y)| c * y[k]).sum::<f64>());
+        value += t * f;
+        gradient += DVec2::new(dt * f, t * df);
+        second = [second[0] + ddt * f, second[1] + dt * df, second[2] + t * ddf];
+    }
+    (value, gradient, second)
+}
+
+/// Bounds over the aperture, which is cut into squares. In each the sum lies no farther from its value in the middle than
+/// its next derivatives allow, and the conic part between its values at the nearest and the farthest point from the axis.
+fn bounds(conic: &Profile, rows: &[Vec<f64>]) -> Bounds {
+    const CELLS: i32 = 96;
+    let radius = conic.aperture_radius;
+    // Half the side of a cell, which goes a little beyond the rim; from here on lengths are in semi-diameters.
+    let half = ROOM / f64::from(CELLS);
+    let most = rows.len().max(rows.iter().map(Vec::len).max().unwrap_or(0));
+    // What the first, second and third derivatives are at most. A little beyond the rim they may grow a little.
+    let mut first = [0.0f64; 2];
+    let mut second = [0.0f64; 3];
+    let mut third = [0.0f64; 4];
+    for (i, row) in rows.iter().enumerate() {
+        for (j, c) in row.iter().enumerate() {
+            let (c, [x1, x2, x3], [y1, y2, y3]) =
+                (1.01 * c.abs(), most_of_derivatives(i), most_of_derivatives(j));
+            first = [first[0] + c * x1, first[1] + c * y1];
+            second = [second[0] + c * x2, second[1] + c * x1 * y1, second[2] + c * y2];
+            third = [third[0] + c * x3, third[1] + c * x2 * y1, third[2] + c * x1 * y2, third[3] + c * y3];
+        }
+    }
+    let off_value = (first[0] + first[1]) * half;
+    let off_slope = DVec2::new(second[0] + second[1], second[1] + second[2]) * half;
+    let off_bend = [third[0] + third[1], third[1] + third[2], third[2] + third[3]].map(|sum| sum * half);
+    let middle = |cell: i32| half * f64::from(2 * cell + 1 - CELLS);
+    let polynomials: Vec<Vec<[f64; 3]>> = (0..CELLS).map(|cell| chebyshev(most, middle(cell))).collect();
+    let mut all = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
+    for (i, x) in (0..).zip(&polynomials) {
+        for (j, y) in (0..).zip(&polynomials) {
+            let centre = DVec2::new(middle(i), middle(j));
+            let nearest = (centre.abs() - half).max(DVec2::ZERO).length();
+            if nearest > ROOM {
+                continue;
+            }
+            let farthest = (centre.abs() + half).length().min(ROOM);
+            let (value, gradient, [xx, xy, yy]) = sum_at(rows, x, y);
+            let ends = [nearest, farthest].map(|r| conic.at(DVec2::new(radius * r, 0.0)));
+            let heights = ends.map(|end| end.height);
+            all.lowest = all.lowest.min(value - off_value + heights[0].min(heights[1]));
+            all.highest = all.highest.max(value + off_value + heights[0].max(heights[1]));
+            // The conic's slope turns and grows over the cell by no more than its bend times half a diagonal.
+            let within = centre.length().min(farthest);
+            let slope = conic.at(radius * within * centre.normalize_or(DVec2::X)).gradient;
+            let bend_of = |end: &SagAt| end.hessian.x_axis.x.abs().max(end.hessian.y_axis.y.abs());
+            let conic_bend = bend_of(&ends[0]).max(bend_of(&ends[1]));
+            let turned = conic_bend * radius * half * std::f64::consts::SQRT_2 * 2.0;
+            let total = slope + gradient / radius;
+            all.slope = all.slope.max(total.length() + off_slope.length() / radius + turned);
+            let per_square = 1.0 / (radius * radius);
+            let largest = largest_bend(
+                (xx.abs() + off_bend[0]) * per_square,
+                (xy.abs() + off_bend[1]) * per_square,
+                (yy.abs() + off_bend[2]) * per_square,
+            );
+            all.bend = all.bend.max(largest + conic_bend);
+        }
+    }
+    all.with_room(radius)
+}
+
+impl Sag for Freeform {
+    fn aperture_radius(&self) -> f64 {
+        self.conic.aperture_radius
+    }
+
+    fn at(&self, p: DVec2) -> SagAt {
+        let (rows, radius) = (&self.sum.rows, self.conic.aperture_radius);
+        let most = rows.len().max(rows.iter().map(Vec::len).max().unwrap_or(0));
+        let [x, y] = (p / radius).to_array().map(|u| chebyshev(most, u));
+        let (value, gradient, [xx, xy, yy]) = sum_at(rows, &x, &y);
+        let conic = self.conic.at(p);
+        let second = DMat2::from_cols(DVec2::new(xx, xy), DVec2::new(xy, yy));
+        SagAt {
+            height: conic.height + value,
+            gradient: conic.gradient + gradient / radius,
+            hessian: conic.hessian + second * (1.0 / (radius * radius)),
+        }
+    }
+
+    fn height(&self, p: DVec2) -> f64 {
+        let [u, v] = (p / self.conic.aperture_radius).to_array();
+        let along_y = |row: &Vec<f64>| clenshaw(row.iter().copied(), v);
+        self.conic.height(p) + clenshaw(self.sum.rows.iter().map(along_y), u)
+    }
+
+    fn bounds(&self) -> Bounds {
+        self.sum.bounds
+    }
+}
+
+impl Geometry for Freeform {
+    fn kind(&self) -> ShapeKind {
+        ShapeKind::Freeform
+    }
+
+    fn arguments(&self) -> Vec<f64> {
+        let conic = &self.conic;
+        let sum = self.sum.rows.iter().flatten().map(|c| c.abs()).sum::<f64>();
+        let mut arguments = vec![0.0];
+        arguments.extend(self.search_arguments(sum + conic.conic_magnitude()));
+        arguments.extend([1.0 / conic.aperture_radius, conic.curvature, conic.axial()]);
+        arguments
+    }
+
+    fn table(&self) -> Option<&[f64]> {
+        Some(&self.sum.table)
+    }
+
+    fn coincides(&self, other: &Shape) -> bool {
+        match other {
+            Shape::Polynomial(other) | Shape::Chebyshev(other) | Shape::Zernike(other) => self == other,
+            _ => false,
+        }
+    }
+
+    fn level(&self, p: DVec3) -> Option<Level> {
+        Some(self.sag_level(p))
+    }
+
+    fn holds(&self, p: DVec3) -> bool {
+        p.truncate().length_squared() <= self.conic.aperture_radius.powi(2)
+    }
+
+    fn extent(&self, _: &[Mesh]) -> Option<Extent> {
+        Some(self.sag_extent())
+    }
+
+    fn samples(&self) -> Vec<DVec3> {
+        self.sag_samples()
+    }
+
+    fn section(&self) -> Vec<Vec<DVec2>> {
+        self.sag_section()
+    }
+
+    fn edges(&self, _: &[Mesh]) -> Vec<Vec<DVec3>> {
+        self.sag_edges()
+    }
+
+    fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
+        self.sag_crossings(o, d)
+    }
+}

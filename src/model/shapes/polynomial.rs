@@ -1,0 +1,42 @@
+//! XY polynomials: a conic and powers of x times powers of y.
+
+use crate::Result;
+use crate::model::shapes::freeform::Polynomial;
+pub use crate::model::shapes::freeform::{FREEFORM, Freeform};
+use crate::model::shapes::{Entry, Shape};
+use glam::DVec2;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+/// A polynomial of x and y in a scene file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Polynomial")]
+pub struct Written {
+    /// Vertex radius of the conic part \[mm\].
+    pub radius: f64,
+    /// Conic constant.
+    #[serde(default)]
+    pub conic: f64,
+    /// Semi-diameter \[mm\].
+    pub aperture_radius: f64,
+    /// `coefficients[i][j]` of x^i y^j; powers up to 31. Rows may differ in length.
+    #[serde(default)]
+    pub coefficients: Vec<Vec<f64>>,
+}
+
+impl Entry for Written {
+    fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
+        Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)
+    }
+
+    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+        let Written { radius, conic, aperture_radius, coefficients } = self;
+        let value = |p: DVec2| {
+            let along_y = |row: &Vec<f64>| row.iter().rev().fold(0.0, |sum, c| sum * p.y + c);
+            coefficients.iter().rev().fold(0.0, |sum, row| sum * p.x + along_y(row))
+        };
+        let polynomial = Polynomial::of_rows(coefficients, &value);
+        Ok(Shape::Polynomial(Freeform::new(*radius, *conic, *aperture_radius, &polynomial)))
+    }
+}
