@@ -37,7 +37,7 @@ from optiland.physical_apertures.base import BaseAperture
 from optiland.samples.objectives import CookeTriplet
 
 import nsq_gpu
-from nsq_gpu.convert import prescription
+from nsq_gpu.convert import forms, prescription
 from nsq_gpu.convert.__main__ import main
 from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
 from nsq_gpu.sources import PupilSource
@@ -317,14 +317,14 @@ def subclasses(package: Any, base: type) -> list[type]:
 def test_every_shape_of_optiland_is_carried_or_refused_by_name(kind: type) -> None:
     optic = singlet()
     surface = optic.surfaces.surfaces[1]
-    if kind in (geometries.Plane, geometries.StandardGeometry, geometries.EvenAsphere, geometries.OddAsphere):
+    if kind in forms._KINDS:
         return
     # An object of the class without its numbers: the class alone decides.
     other = object.__new__(kind)
     other.__dict__.update(surface.geometry.__dict__)
     other.__dict__["coefficients"] = np.array([1e-5])
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match=rf"surface 1: its shape \({kind.__name__}\)"):
-        prescription._check_shape(other, "surface 1")
+        forms.form_of(other, "surface 1")
 
 
 @pytest.mark.parametrize("kind", subclasses(interactions, BaseInteractionModel), ids=lambda kind: kind.__name__)
@@ -386,10 +386,47 @@ def test_rays_meet_an_asphere_where_the_sequential_engine_does(kind: str) -> Non
     assert changed.coefficients == coefficients
 
 
+FREEFORMS: dict[str, dict[str, Any]] = {
+    "biconic": {"surface_type": "biconic", "radius_x": 35.0, "radius_y": 60.0, "conic_x": -0.7, "conic_y": 0.4},
+    "toroidal": {"surface_type": "toroidal", "radius": 35.0, "radius_x": 60.0, "conic": -0.5, "toroidal_coeffs_poly_y": [1e-4, -3e-7]},
+    "cylinder": {"surface_type": "toroidal", "radius": 35.0, "radius_x": np.inf},
+    "polynomial": {"surface_type": "polynomial", "radius": 40.0, "conic": -0.5,
+                   "coefficients": [[0.0, 1e-3, 2e-4], [-2e-3, 1e-4, 3e-6], [1e-4, -2e-6, 0.0]]},
+    "chebyshev": {"surface_type": "chebyshev", "radius": 40.0, "conic": -0.5, "norm_x": 14.0, "norm_y": 16.0,
+                  "coefficients": [[0.0, 0.01, 0.03], [-0.02, 0.01, 0.005], [0.04, -0.01, 0.002]]},
+    **{f"zernike {kind}": {"surface_type": "zernike", "radius": 40.0, "conic": -0.5, "norm_radius": 15.0, "zernike_type": kind,
+                           "coefficients": [0.0, 0.02, -0.03, 0.05, 0.03, -0.02, 0.01, 0.006, 0.02, -0.01, 0.004]}
+       for kind in ("standard", "noll", "fringe")},
+}
+
+
+@pytest.mark.parametrize("name", FREEFORMS)
+def test_rays_meet_a_freeform_where_the_sequential_engine_does(name: str) -> None:
+    optic = Optic()
+    optic.surfaces.add(index=0, thickness=np.inf)
+    optic.surfaces.add(index=1, thickness=8.0, material="N-BK7", is_stop=True, **FREEFORMS[name])
+    optic.surfaces.add(index=2, thickness=50.0, radius=-200.0)
+    optic.surfaces.add(index=3)
+    optic.set_aperture(aperture_type="EPD", value=16.0)
+    optic.fields.set_type("angle")
+    for x, y in ((0.0, 0.0), (0.0, 5.0), (3.0, -2.0)):
+        optic.fields.add(x=x, y=y)
+    optic.wavelengths.add(value=0.55, is_primary=True)
+    optic.surfaces.surfaces[1].geometry.tol = 1e-13
+    row = compare(name, optic, binary=live.binary())
+    assert (row.refused, row.num_lost, row.num_gained) == ("", 0, 0)
+    assert row.distance < 1e-9
+    assert row.direction < 1e-12
+    scene = nsq_gpu.from_optic(optic)
+    assert type(scene.surfaces[0].geometry).__name__.lower() == ("toroidal" if name == "cylinder" else name.split()[0])
+    assert "L1.edge" in scene.component_names
+    assert not any("stands in the light" in remark for remark in scene.conversion_report.remarks)
+
+
 def test_an_asphere_with_more_coefficients_than_a_scene_has_is_refused() -> None:
     geometry = geometries.EvenAsphere(CoordinateSystem(), 50.0, coefficients=[1e-9] * 11)
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match=r"surface 1: its shape \(EvenAsphere\) has 11 coefficients; 10"):
-        prescription._check_shape(geometry, "surface 1")
+        forms.form_of(geometry, "surface 1")
 
 
 def test_a_coating_is_carried() -> None:

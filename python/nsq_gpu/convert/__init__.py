@@ -118,7 +118,7 @@ def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport
     """Leave out refracting surfaces in the image itself, behind which there is nothing."""
     image, _ = prescription.placed(optic.image_surface.geometry.cs)
     while faces and not faces[-1].is_mirror and np.abs(faces[-1].position - image).max() <= 1e-9:
-        if faces[-1].stated is not None or faces[-1].coating is not None or np.isfinite(faces[-1].radius):
+        if faces[-1].stated is not None or faces[-1].coating is not None or not faces[-1].form.is_flat:
             raise UnsupportedSceneError(f"{faces[-1].place} lies in the image, and is no bare plane: a detector stands there alone")
         report.components[faces[-1].index] = ()
         report.remarks.append(f"{faces[-1].place} lies in the image: the detector is in its place")

@@ -23,7 +23,7 @@ from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
-from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere, OddAsphere
+from nsq_gpu.shapes import Aperture, ClippedConic
 
 #: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
 _ROOM = 1e-3
@@ -68,7 +68,7 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         scene.add_component(part.name, _component(part, report))
         if isinstance(part.face.stated, Aperture) and not part.face.is_mirror:
             # What the aperture leaves out of the face absorbs.
-            shape = ClippedConic(*_conic(part), replace(part.face.stated, inverted=True))
+            shape = ClippedConic(part.face.form.radius, part.face.form.conic, part.radius, replace(part.face.stated, inverted=True))
             scene.add_component(f"{part.name}.mask", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.mask"))
         elif isinstance(part.face.stated, Aperture):
             report.remarks.append(f"{part.name}: light beside its aperture, and through a hole of it, goes on")
@@ -120,7 +120,7 @@ def _arranged(faces: list[Face], margin: float) -> tuple[list[Part], list[Gap], 
 
 def _part(face: Face, parts: list[Part], margin: float) -> Part:
     """Return the face as the scene has it: a new one, or one that light met before."""
-    radius = min(_opening(face) if face.clips else face.ray_radius * margin, face.largest_radius())
+    radius = min(_opening(face) if face.clips else face.ray_radius * margin, face.form.reach)
     sides = (face.before, face.behind) if face.is_forward else (face.behind, face.before)
     for part in parts:
         # Faces that follow each other in one place are two, with nothing between them.
@@ -151,11 +151,11 @@ def _is_same(one: Face, other: Face) -> bool:
     """Tell whether two surfaces of the prescription are one that light meets twice."""
     turned = one.rotation.T @ other.rotation
     same_place = np.abs(one.position - other.position).max() <= _SAME
-    if same_place and abs(turned[2, 2] + 1.0) < 1e-12 and one.radius == -other.radius:
+    are_conics = one.form.is_conic and other.form.is_conic
+    if same_place and abs(turned[2, 2] + 1.0) < 1e-12 and are_conics and one.form.radius == -other.form.radius:
         raise UnsupportedSceneError(f"{other.place} is {one.place} seen from the other side; give both one frame")
-    same_curve = (one.radius == other.radius or math.isinf(one.radius) and math.isinf(other.radius)) and one.conic == other.conic
-    same_curve = same_curve and one.coefficients == other.coefficients and one.has_odd_powers == other.has_odd_powers
-    return bool(same_place and same_curve and one.is_mirror == other.is_mirror and np.abs(turned - np.eye(3)).max() < 1e-12)
+    same_form = one.form == other.form or one.form.is_flat and other.form.is_flat
+    return bool(same_place and same_form and one.is_mirror == other.is_mirror and np.abs(turned - np.eye(3)).max() < 1e-12)
 
 
 def _along(first: Part, second: Part) -> float | None:
@@ -180,7 +180,9 @@ def _shrink(parts: list[Part], gaps: list[Gap]) -> list[tuple[Part, Part, float]
             continue
 
         def apart(height: float, first: Part = first, second: Part = second, z: float = z) -> float:
-            return math.copysign(1.0, z) * (z + second.face.sag(height) - first.face.sag(height))
+            # At their nearest, if one of the two is not round.
+            one, other = first.face.form.rim(height), second.face.form.rim(height)
+            return z + other[0] - one[1] if z > 0.0 else one[0] - z - other[1]
 
         common = min(first.radius, second.radius)
         if apart(common) > 0.0:
@@ -223,21 +225,18 @@ def _elements(parts: list[Part], gaps: list[Gap]) -> list[list[Gap]]:
     return groups
 
 
-def _conic(part: Part) -> tuple[float, float, float]:
-    return part.face.radius, part.face.conic, part.radius
-
-
 def _component(part: Part, report: LensReport) -> BaseComponent:
     face = part.face
-    if part.radius >= face.largest_radius():
+    form = face.form
+    if part.radius >= form.reach:
         # An asphere needs its slope at the rim.
-        part.radius = face.largest_radius() * (1.0 - (1e-3 if face.coefficients else 1e-9))
-    if face.coefficients:
-        shape: Any = (OddAsphere if face.has_odd_powers else EvenAsphere)(*_conic(part), face.coefficients)
+        part.radius = form.reach * (1.0 - (1e-9 if form.is_conic else 1e-3))
+    if not form.is_conic:
+        shape: Any = form.shape(part.radius)
     elif isinstance(face.stated, Aperture):
-        shape = ClippedConic(*_conic(part), face.stated)
-    elif math.isfinite(face.radius):
-        shape = ConicGeometry(*_conic(part))
+        shape = ClippedConic(form.radius, form.conic, part.radius, face.stated)
+    elif not form.is_flat:
+        shape = ConicGeometry(form.radius, form.conic, part.radius)
     else:
         shape = FinitePlaneGeometry(aperture_radius=part.radius)
     (report.estimated_apertures if face.stated is None else report.stated_apertures).append(part.name)
@@ -263,7 +262,7 @@ def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBS
     widest: tuple[float, Gap, float] | None = None
     for number, gap in enumerate(gaps, start=1):
         name = f"{lens}.edge" if len(gaps) == 1 else f"{lens}.edge_{number}"
-        shape, reason = _edge(gap, rays)
+        shape, reason = _edge(gap, edges)
         if shape is None:
             report.without_edge[name] = reason
             continue
@@ -289,7 +288,7 @@ def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBS
 
 def _add_ring(scene: NSQScene, part: Part, rays: Rays, outer: float, report: LensReport) -> None:
     """Add an absorbing ring around a face that clips light and has no mount."""
-    z = part.face.sag(part.radius)
+    z = 0.5 * sum(part.face.form.rim(part.radius))
     crossing = _largest_crossing(part.face, z, rays, beyond=part.radius)
     inner = part.radius if crossing is None else crossing * (1.0 + _ROOM)
     if crossing is not None:
@@ -303,15 +302,19 @@ def _reaching(face: Face, z: float, rays: Rays, outer: float) -> float:
     return max(outer, (1.0 + 50.0 * _ROOM) * (_largest_crossing(face, z, rays, beyond=0.0, launched=True) or 0.0))
 
 
-def _edge(gap: Gap, rays: Rays) -> tuple[CylindricalFrustumGeometry | None, str]:
+def _edge(gap: Gap, edges: str | BaseBSDF) -> tuple[CylindricalFrustumGeometry | None, str]:
     """Return the edge of a piece of glass in the frame of its first face; None and the reason where it has none."""
     z = _along(gap.first, gap.second)
     if z is None:
         return None, "its faces have no common axis"
-    first = gap.first.face.sag(gap.first.radius)
-    second = z + gap.second.face.sag(gap.second.radius)
-    if (second - first) * z <= 0.0 or not math.isfinite(second - first):
+    one, other = gap.first.face.form.rim(gap.first.radius), gap.second.face.form.rim(gap.second.radius)
+    # Of faces that are not round the edge reaches to the outermost points of their rims, so that no light slips past.
+    first, second = (one[0], z + other[1]) if z > 0.0 else (one[1], z + other[0])
+    least = z + other[0] - one[1] if z > 0.0 else one[0] - z - other[1]
+    if not least > 0.0:
         return None, "its faces cross at their rims"
+    if edges != "absorbing" and not (gap.first.face.form.is_round and gap.second.face.form.is_round):
+        return None, "its faces are not round, and an edge between them has no simple shape"
     ends = [(first, gap.first.radius), (second, gap.second.radius)]
     (z_front, r_front), (z_back, r_back) = ends if first < second else ends[::-1]
     return CylindricalFrustumGeometry(r_front=r_front, r_back=r_back, z_front=z_front, z_back=z_back), ""
@@ -353,8 +356,8 @@ def _add_stop(scene: NSQScene, face: Face, name: str, gaps: list[Gap], rays: Ray
     report.components[face.index] = (name,)
     (report.estimated_apertures if face.stated is None else report.stated_apertures).append(name)
     if isinstance(face.stated, Aperture):
-        shape = ClippedConic(face.radius, face.conic, min(outer, 0.999 * face.largest_radius()), replace(face.stated, inverted=True))
+        shape = ClippedConic(face.form.radius, face.form.conic, min(outer, 0.999 * face.form.reach), replace(face.stated, inverted=True))
         scene.add_component(name, AbsorbingComponent(face.frame(), shape, medium, name=name))
     elif opening < outer:
-        shape = AnnularPlaneGeometry(inner_radius=opening, outer_radius=outer, z_offset=face.sag(min(opening, 0.999 * face.largest_radius())))
+        shape = AnnularPlaneGeometry(inner_radius=opening, outer_radius=outer, z_offset=0.5 * sum(face.form.rim(min(opening, 0.999 * face.form.reach))))
         scene.add_component(name, AbsorbingComponent(face.frame(), shape, medium, name=name))

@@ -14,18 +14,16 @@ import numpy as np
 import optiland.backend as be
 from optiland.coatings import BaseCoatingPolarized, FresnelCoating, SimpleCoating, ThinFilmCoating
 from optiland.coordinate_system import CoordinateSystem
-from optiland.geometries import EvenAsphere, OddAsphere, Plane, StandardGeometry
 from optiland.interactions.refractive_reflective_model import RefractiveReflectiveModel
 from optiland.nonsequential import NSQMaterial
 from optiland.physical_apertures import EllipticalAperture, OffsetRadialAperture, RadialAperture, RectangularAperture
 
 from nsq_gpu.coatings import TabulatedCoating
+from nsq_gpu.convert.forms import Form, form_of
 from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.shapes import Aperture
 
 _APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture)
-#: Coefficients of an asphere that a scene has place for.
-MOST_COEFFICIENTS = 10
 #: An aperture of that size has no end [mm].
 ENDLESS = 1e6
 
@@ -49,12 +47,8 @@ class Face:
     place: str
     position: np.ndarray
     rotation: np.ndarray
-    #: Radius of curvature at the vertex; infinite for a plane.
-    radius: float
-    conic: float
-    #: Coefficients of an asphere: of even powers of the distance from the axis, or of all; none of a conic.
-    coefficients: tuple[float, ...]
-    has_odd_powers: bool
+    #: Its shape without the aperture.
+    form: Form
     is_stop: bool
     is_mirror: bool
     #: True if light runs towards +z of the frame before the surface.
@@ -73,20 +67,6 @@ class Face:
     def does_nothing(self) -> bool:
         """Tell whether light passes it as if it were not there: media are the same, and no aperture clips."""
         return not self.is_mirror and self.before is self.behind
-
-    def sag(self, height: float) -> float:
-        """Return z at a distance from the axis [mm]; NaN where the surface does not reach so far."""
-        step = 1 if self.has_odd_powers else 2
-        terms = sum(value * height ** (step * (i + 1)) for i, value in enumerate(self.coefficients))
-        if math.isinf(self.radius):
-            return terms
-        root = 1.0 - (1.0 + self.conic) * (height / self.radius) ** 2
-        return math.nan if root < 0.0 else height**2 / (self.radius * (1.0 + math.sqrt(root))) + terms
-
-    def largest_radius(self) -> float:
-        """Return how far from the axis the surface reaches [mm]."""
-        curved = math.isfinite(self.radius) and self.conic > -1.0
-        return abs(self.radius) / math.sqrt(1.0 + self.conic) if curved else math.inf
 
     @property
     def clips(self) -> bool:
@@ -177,7 +157,7 @@ def _check(optic: Any) -> None:
                                     "fills the pupil uniformly; set optic.apodization to None")
     for index, surface in enumerate(optic.surfaces.surfaces[1:-1], start=1):
         place = name_of(surface, index)
-        _check_shape(surface.geometry, place)
+        form = form_of(surface.geometry, place)
         model = surface.interaction_model
         if type(model) is not RefractiveReflectiveModel:
             raise UnsupportedSceneError(f"{place}: a {type(model).__name__} has no place in a scene; only refracting and "
@@ -185,9 +165,9 @@ def _check(optic: Any) -> None:
         if model.bsdf is not None:
             raise UnsupportedSceneError(f"{place}: its BSDF ({type(model.bsdf).__name__}) cannot be carried; give one to "
                                         "the scene's component")
-        if isinstance(_stated_or_none(surface), Aperture) and _coefficients(surface.geometry):
+        if isinstance(_stated_or_none(surface), Aperture) and not form.is_conic:
             raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried on an "
-                                        "asphere; a disk about the axis can")
+                                        "asphere or a freeform; a disk about the axis can")
         if type(surface.aperture) not in (type(None), *_APERTURES):
             raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried; disks, "
                                         "rings, ellipses and rectangles can")
@@ -209,24 +189,6 @@ def _check_coatings(optic: Any, coatings: list[Any]) -> None:
         if kind not in known:
             raise UnsupportedSceneError(f"{name_of(surface, index)}: a {kind.__name__} cannot be carried; a SimpleCoating and a "
                                         "ThinFilmCoating can, and bare glass reflects by Fresnel's law")
-
-
-def _check_shape(geometry: Any, place: str) -> None:
-    if type(geometry) not in (Plane, StandardGeometry, EvenAsphere, OddAsphere):
-        raise UnsupportedSceneError(f"{place}: its shape ({type(geometry).__name__}) cannot be carried; planes, conics, even and "
-                                    "odd aspheres can")
-    count = len(_coefficients(geometry))
-    if count > MOST_COEFFICIENTS:
-        raise UnsupportedSceneError(f"{place}: its shape ({type(geometry).__name__}) has {count} coefficients; "
-                                    f"{MOST_COEFFICIENTS} can be carried")
-
-
-def _coefficients(geometry: Any) -> tuple[float, ...]:
-    """Return the coefficients of an asphere, without zeros at their end."""
-    found = [_number(value) for value in getattr(geometry, "coefficients", ())]
-    while found and found[-1] == 0.0:
-        found.pop()
-    return tuple(found)
 
 
 def name_of(surface: Any, index: int) -> str:
@@ -303,10 +265,7 @@ def _face(surfaces: list[Any], index: int, coating: Any, rays: Rays, media: _Med
         place=name_of(surface, index),
         position=position,
         rotation=rotation,
-        radius=_number(surface.geometry.radius),
-        conic=_number(getattr(surface.geometry, "k", 0.0)),
-        coefficients=_coefficients(surface.geometry),
-        has_odd_powers=type(surface.geometry) is OddAsphere,
+        form=form_of(surface.geometry, name_of(surface, index)),
         is_stop=bool(surface.is_stop),
         is_mirror=mirror,
         is_forward=is_forward,
