@@ -75,26 +75,24 @@ fn random_shape(s: &mut u64, real: Real, kind: ShapeKind, aperture: f64) -> Shap
     (radius_x, conic_x) = exact(radius_x, conic_x);
     match kind {
         ShapeKind::EvenAsphere => {
-            Shape::EvenAsphere(Profile::new(radius_x, conic_x, aperture, 2, &at_rim(6, 2)))
+            Shape::EvenAsphere(Profile::new(radius_x, conic_x, aperture, 2, &at_rim(6, 2)).into())
         }
         ShapeKind::OddAsphere => {
-            Shape::OddAsphere(Profile::new(radius_x, conic_x, aperture, 1, &at_rim(6, 1)))
+            Shape::OddAsphere(Profile::new(radius_x, conic_x, aperture, 1, &at_rim(6, 1)).into())
         }
         ShapeKind::Biconic => {
             let (radius_y, conic_y) = exact(radius_y, conic_y);
             let curvature = DVec2::new(1.0 / radius_x, 1.0 / radius_y);
-            Shape::Biconic(Biconic {
-                curvature,
-                conic: DVec2::new(conic_x, conic_y),
-                aperture_radius: aperture,
-            })
+            Shape::Biconic(
+                Biconic { curvature, conic: DVec2::new(conic_x, conic_y), aperture_radius: aperture }.into(),
+            )
         }
         ShapeKind::Toroidal => {
             // Not so steep that it is turned over.
             radius_y = 2.0 * radius_x.abs().copysign(radius_y);
             let coefficients = at_rim(3, 2).into_iter().map(|a| 0.3 * a).collect::<Vec<f64>>();
             let profile = Profile::new(radius_y, conic_y, aperture, 2, &coefficients);
-            Shape::Toroidal(Toroidal { curvature_x: 1.0 / radius_x, profile })
+            Shape::Toroidal(Toroidal { curvature_x: 1.0 / radius_x, profile }.into())
         }
         _ => {
             let terms = at_rim(15, 0);
@@ -104,7 +102,7 @@ fn random_shape(s: &mut u64, real: Real, kind: ShapeKind, aperture: f64) -> Shap
                 powers.zip(&terms).map(|(power, term)| 0.4 * power * term).sum()
             };
             let polynomial = Polynomial { powers: [4; 2], order: 4, value: &value };
-            Shape::Polynomial(Freeform::new(radius_x, conic_x, aperture, &polynomial))
+            Shape::Polynomial(Freeform::new(radius_x, conic_x, aperture, &polynomial).into())
         }
     }
 }
@@ -184,7 +182,10 @@ fn searched(gpu: &Gpu, real: Real, kind: ShapeKind, cases: &[Case]) -> Vec<f64> 
         Real::F64 => "f64",
     };
     let has_tables = cases[0].shape.table().is_some();
-    let tables = if has_tables { shader("optics/tables.wgsl") } else { String::new() };
+    let tables = match has_tables {
+        true => shader("optics/tables.wgsl") + &shader("geometry/clip.table.wgsl"),
+        false => shader("geometry/clip.none.wgsl"),
+    };
     let source = [
         library::source(real, Integers::Portable, Sampler::Pcg),
         shader("geometry/sag.search.wgsl"),
@@ -301,8 +302,8 @@ fn rays_along_a_surface_end_at_its_next_crossing() {
     let flat =
         Profile::new(f64::INFINITY, 0.0, 10.0, 2, &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2e-20]);
     let ripple = Profile::new(f64::INFINITY, 0.0, 15.0, 2, &[0.01, -1e-4]);
-    let along = |profile, origin, z: f64, leaving| Case {
-        shape: Shape::EvenAsphere(profile),
+    let along = |profile: Profile, origin, z: f64, leaving| Case {
+        shape: Shape::EvenAsphere(profile.into()),
         origin,
         direction: DVec3::new((1.0 - z * z).sqrt(), 0.0, z),
         leaving,
@@ -327,8 +328,12 @@ fn a_ray_that_leaves_beyond_the_rim_meets_the_face_plainly() {
     let Some(gpu) = Gpu::open("lib_sag", Real::F64, Integers::Portable) else { return };
     let inner = Profile::new(f64::INFINITY, 0.0, 5.0, 2, &[0.0, 1e-4]);
     let origin = DVec3::new(15.0, 0.0, inner.sag(15.0));
-    let case =
-        Case { shape: Shape::EvenAsphere(inner), origin, direction: -origin.normalize(), leaving: true };
+    let case = Case {
+        shape: Shape::EvenAsphere(inner.into()),
+        origin,
+        direction: -origin.normalize(),
+        leaving: true,
+    };
     let t = searched(&gpu, Real::F64, ShapeKind::EvenAsphere, &[case])[0];
     assert!((t - origin.length()).abs() < 1e-9, "{t}");
 }

@@ -51,6 +51,7 @@ struct SagSearch {
     leaving: bool,
     // F at the start of a ray that leaves.
     start: real,
+    clip: real,
     limit: real,
     speed: real,
     // The part across the axis of the direction; the bend, and what a tip on the axis adds to it, times the distance from the
@@ -78,7 +79,7 @@ struct SagSearch {
 }
 
 fn sag_search(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, tip: real,
+    o: vec3<real>, d: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, tip: real,
     magnitude: real, leaving: bool,
 ) -> SagSearch {
     // A little wider than the aperture: rounding may not lose a crossing at the rim.
@@ -121,6 +122,7 @@ fn sag_search(
     s.shift = shift;
     s.leaving = leaves;
     s.start = 0.0;
+    s.clip = clip;
     s.limit = limit;
     s.speed = speed;
     s.across = across;
@@ -191,7 +193,7 @@ fn sag_is_close(s: SagSearch, wanted: real, rate: real) -> bool {
 
 // True if the search stands within the aperture, ahead of the ray.
 fn sag_is_met(s: SagSearch) -> bool {
-    return (s.place.x * s.place.x + s.place.y * s.place.y <= s.limit) & (s.t + s.shift > 0.0);
+    return (s.place.x * s.place.x + s.place.y * s.place.y <= s.limit) && (s.t + s.shift > 0.0) && clip_holds(s.place, s.clip);
 }
 
 // The search one step on, with the sag and its two derivatives at `place`.

@@ -1,12 +1,12 @@
 // Biconic: z = cx x^2 / (1 + sqrt(1 - (1 + kx) cx^2 x^2)) and the same of y, added up, within an aperture.
 
-// `limit` is the squared semi-diameter; `axial_x` is (1 + kx) cx^2. `slope` and `bend` bound the derivatives of the sag, and
+// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared semi-diameter; `axial_x` is (1 + kx) cx^2. `slope` and `bend` bound the derivatives of the sag, and
 // `magnitude` the sum of its terms' sizes.
 fn biconic_distance(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    o: vec3<real>, d: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     curvature_x: real, axial_x: real, curvature_y: real, axial_y: real, leaving: bool,
 ) -> real {
-    var search = sag_search(o, d, limit, lowest, highest, slope, bend, 0.0, magnitude, leaving);
+    var search = sag_search(o, d, clip, limit, lowest, highest, slope, bend, 0.0, magnitude, leaving);
     while search.phase == SAG_SINGLE {
         search = sag_single(search, biconic_sag(search.place, curvature_x, axial_x, curvature_y, axial_y));
     }
@@ -25,21 +25,21 @@ fn biconic_sag(p: vec3<real>, curvature_x: real, axial_x: real, curvature_y: rea
 }
 
 fn biconic_holds(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     curvature_x: real, axial_x: real, curvature_y: real, axial_y: real,
 ) -> bool {
-    return p.x * p.x + p.y * p.y <= limit;
+    return p.x * p.x + p.y * p.y <= limit && clip_holds(p, clip);
 }
 
 fn biconic_normal(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     curvature_x: real, axial_x: real, curvature_y: real, axial_y: real,
 ) -> vec3<real> {
     return sag_normal(biconic_sag(p, curvature_x, axial_x, curvature_y, axial_y));
 }
 
 fn biconic_height(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     curvature_x: real, axial_x: real, curvature_y: real, axial_y: real,
 ) -> real {
     return sag_height(p, biconic_sag(p, curvature_x, axial_x, curvature_y, axial_y));

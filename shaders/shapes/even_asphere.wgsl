@@ -1,14 +1,14 @@
 // Even asphere: z = c r^2 / (1 + sqrt(1 - (1 + K) c^2 r^2)) + c1 r^2 + c2 r^4 + ... + c10 r^20 within an aperture.
 
-// `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
+// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
 // derivatives of the sag, and `magnitude` the sum of its terms' sizes. The coefficients are those of powers of r / R, which
 // every precision holds.
 fn even_asphere_distance(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    o: vec3<real>, d: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     per_limit: real, curvature: real, axial: real, c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
     leaving: bool,
 ) -> real {
-    var search = sag_search(o, d, limit, lowest, highest, slope, bend, 0.0, magnitude, leaving);
+    var search = sag_search(o, d, clip, limit, lowest, highest, slope, bend, 0.0, magnitude, leaving);
     while search.phase == SAG_SINGLE {
         let sag = even_asphere_sag(search.place, per_limit, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
         search = sag_single(search, sag);
@@ -36,15 +36,15 @@ fn even_asphere_sag(
 }
 
 fn even_asphere_holds(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
     curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> bool {
-    return p.x * p.x + p.y * p.y <= limit;
+    return p.x * p.x + p.y * p.y <= limit && clip_holds(p, clip);
 }
 
 fn even_asphere_normal(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
     curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> vec3<real> {
@@ -53,7 +53,7 @@ fn even_asphere_normal(
 }
 
 fn even_asphere_height(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
     curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> real {

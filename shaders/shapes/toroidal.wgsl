@@ -1,14 +1,14 @@
 // Toroid: the profile h = c y^2 / (1 + sqrt(1 - (1 + K) c^2 y^2)) + c1 y^2 + c2 y^4 + ... + c10 y^20, turned about the line
 // z = 1 / cx, x = 0, within an aperture. With w = 1 - cx h, z = h + cx x^2 / (w + sqrt(w^2 - cx^2 x^2)).
 
-// `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
+// The aperture stands in the buffer of tables at `clip` (geometry/clip.table.wgsl). `limit` is the squared semi-diameter R^2, and `per_limit` its inverse; `axial` is (1 + K) c^2. `slope` and `bend` bound the
 // derivatives of the sag, and `magnitude` the sum of its terms' sizes. The coefficients are those of powers of y / R.
 fn toroidal_distance(
-    o: vec3<real>, d: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
+    o: vec3<real>, d: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real,
     per_limit: real, curvature_x: real, curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real, leaving: bool,
 ) -> real {
-    var search = sag_search(o, d, limit, lowest, highest, slope, bend, 0.0, magnitude, leaving);
+    var search = sag_search(o, d, clip, limit, lowest, highest, slope, bend, 0.0, magnitude, leaving);
     while search.phase == SAG_SINGLE {
         let sag = toroidal_sag(search.place, per_limit, curvature_x, curvature, axial, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10);
         search = sag_single(search, sag);
@@ -40,15 +40,15 @@ fn toroidal_sag(
 }
 
 fn toroidal_holds(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
     curvature_x: real, curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> bool {
-    return p.x * p.x + p.y * p.y <= limit;
+    return p.x * p.x + p.y * p.y <= limit && clip_holds(p, clip);
 }
 
 fn toroidal_normal(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
     curvature_x: real, curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> vec3<real> {
@@ -57,7 +57,7 @@ fn toroidal_normal(
 }
 
 fn toroidal_height(
-    p: vec3<real>, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
+    p: vec3<real>, clip: real, limit: real, lowest: real, highest: real, slope: real, bend: real, magnitude: real, per_limit: real,
     curvature_x: real, curvature: real, axial: real,
     c1: real, c2: real, c3: real, c4: real, c5: real, c6: real, c7: real, c8: real, c9: real, c10: real,
 ) -> real {

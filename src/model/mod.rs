@@ -34,8 +34,7 @@ pub use crate::model::detectors::{
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
 pub use crate::model::precision::Precision;
 pub use crate::model::shapes::{
-    Annulus, Aperture, ApertureOutline, ClippedConic, Conic, Frustum, MeshId, Outline, Profile, Shape,
-    ShapeKind, Sphere,
+    Annulus, Aperture, ClippedConic, Conic, Frustum, MeshId, Outline, Profile, Shape, ShapeKind, Sphere,
 };
 pub use crate::model::sources::{Collimated, Extended, Point, Pupil, SourceFunction, SourceKind};
 use glam::{DMat3, DVec3};

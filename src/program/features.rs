@@ -15,6 +15,8 @@ use crate::program::layout::bsdf;
 pub struct Features {
     /// Shapes of surfaces and detectors.
     pub shapes: Vec<ShapeKind>,
+    /// Some surface has an aperture that is no disk about the axis.
+    pub clips: bool,
     /// Some surface refracts.
     pub refractive: bool,
     /// Some surface reflects.
@@ -92,6 +94,7 @@ impl Features {
         let keeps_weight = !loses_weight && !roulette;
         Features {
             shapes,
+            clips: ir.surfaces.iter().any(|surface| surface.shape.is_clipped()),
             refractive,
             reflective: reflectances().next().is_some(),
             coated: coatings().next().is_some(),
@@ -143,7 +146,8 @@ impl Features {
 
     /// True if some shape, BSDF or coating reads a table.
     pub fn has_tables(&self) -> bool {
-        self.shapes.contains(&ShapeKind::Freeform)
+        self.clips
+            || self.shapes.contains(&ShapeKind::Freeform)
             || self.tabulated_coatings
             || self.bsdfs.iter().any(|kind| kind.has_table())
     }
@@ -158,6 +162,11 @@ impl Features {
     /// True if some shape has a function for its normal.
     pub fn has_own_normals(&self) -> bool {
         self.shapes.iter().any(|kind| kind.has_own_normal())
+    }
+
+    /// True if the functions of some shape ask for its aperture.
+    pub fn can_clip(&self) -> bool {
+        self.clips || self.has_sags()
     }
 
     /// True if crossings of some shape are searched along the ray.

@@ -4,13 +4,14 @@ use crate::bench::{Bench, Setting};
 use crate::checks::Outcome;
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
+use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
 use nsq_gpu::model::shapes::freeform::Polynomial;
-use nsq_gpu::model::shapes::{Biconic, Freeform, Toroidal};
+use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::{
-    Aperture, ApertureOutline, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
-    Detector, DetectorKind, Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid,
-    Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating,
-    Source, SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
+    Aperture, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic, Detector, DetectorKind,
+    Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil,
+    RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral,
+    Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -336,7 +337,7 @@ fn lambertian(bench: &Bench) -> Outcome {
 fn aspheres(bench: &Bench) -> Outcome {
     let bowl = Profile::new(12.0, -1.6, 6.0, 2, &[1e-3, -4e-5, 2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]);
     let wave = Profile::new(-30.0, 0.3, 6.0, 1, &[-0.15, 0.0, 0.012, -1.2e-3]);
-    between_mirrors(bench, &[(Shape::EvenAsphere(bowl), 10.0), (Shape::OddAsphere(wave), 18.0)])
+    between_mirrors(bench, &[(Shape::EvenAsphere(bowl.into()), 10.0), (Shape::OddAsphere(wave.into()), 18.0)])
 }
 
 /// The same of shapes that are not round, each beside one that is.
@@ -350,16 +351,19 @@ fn freeforms(bench: &Bench) -> Outcome {
         curvature_x: -1.0 / 14.0,
         profile: Profile::new(20.0, -0.7, 6.0, 2, &[2e-3, -5e-5, 1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3e-16]),
     };
-    between_mirrors(bench, &[(Shape::Biconic(biconic), 10.0), (Shape::Toroidal(toroid), 18.0)])?;
+    between_mirrors(
+        bench,
+        &[(Shape::Biconic(biconic.into()), 10.0), (Shape::Toroidal(toroid.into()), 18.0)],
+    )?;
     let value = |p: DVec2| {
         let (u, v) = (p.x / 6.0, p.y / 6.0);
         0.2 * u + 0.5 * u * u * v - 0.3 * v * v * v + 0.25 * u * u * u * u - 0.15 * u * v
     };
     let polynomial = Polynomial { powers: [4, 3], order: 4, value: &value };
-    let one = Shape::Polynomial(Freeform::new(15.0, -0.6, 6.0, &polynomial));
+    let one = Shape::Polynomial(Freeform::new(15.0, -0.6, 6.0, &polynomial).into());
     let value = |p: DVec2| 0.01 * p.y * p.y - 0.02 * p.x;
     let polynomial = Polynomial { powers: [1, 2], order: 2, value: &value };
-    let other = Shape::Chebyshev(Freeform::new(-30.0, 0.0, 6.0, &polynomial));
+    let other = Shape::Chebyshev(Freeform::new(-30.0, 0.0, 6.0, &polynomial).into());
     between_mirrors(bench, &[(one, 10.0), (other, 18.0)])
 }
 
@@ -469,38 +473,53 @@ fn check_path(path: &[&PathEvent], shapes: &[(Shape, f64); 2]) -> Outcome {
 
 /// Parts of spheres take the rays that their apertures say, of a beam of 8 mm, and none elsewhere.
 fn clipped(bench: &Bench) -> Outcome {
-    let part = |outline, middle, semi_axes, hole, inverted| {
-        let conic = Conic { curvature: -1.0 / 9.0, conic: 0.0, aperture_radius: 6.0 };
-        let shape = ClippedConic { conic, aperture: Aperture { outline, middle, semi_axes, hole, inverted } };
-        Surface { shape: Shape::ClippedConic(shape), ..plane("part", 20.0, Interaction::Absorbing, 0, 0) }
-    };
+    let part = |outline| Aperture { outline, inverted: false };
+    let both = |one, other| Box::new([one, other]);
+    let axes =
+        |middle: [f64; 2], semi_axes: [f64; 2]| Axes { middle: middle.into(), semi_axes: semi_axes.into() };
+    let ellipse = part(ApertureOutline::Ellipse(axes([1.0, -2.0], [3.0, 1.5])));
+    let rectangle = part(ApertureOutline::Rectangle(axes([-1.0, 1.0], [4.0, 2.0])));
+    let hole = part(ApertureOutline::Ellipse(axes([-1.0, 1.0], [0.5, 0.5])));
+    let corners = [[-4.0, -3.0], [3.0, -4.0], [1.0, 0.0], [4.0, 3.5], [-2.0, 1.0]];
+    let polygon = part(ApertureOutline::Polygon(corners.map(DVec2::from).to_vec()));
+    let without_hole = part(ApertureOutline::Difference(both(rectangle.clone(), hole)));
+    let in_one = part(ApertureOutline::Union(both(polygon.clone(), ellipse.clone())));
+    let in_both = part(ApertureOutline::Intersection(both(rectangle, in_one.clone())));
+    let all_but = Aperture { inverted: true, ..without_hole.clone() };
     let lamp = SourceKind::Collimated(Collimated { aperture_radius: 8.0, sigma: None });
-    for (outline, [x, y], [a, b], hole, inverted) in [
-        (ApertureOutline::Ellipse, [1.0, -2.0], [3.0, 1.5], 1.0, false),
-        (ApertureOutline::Rectangle, [-1.0, 1.0], [4.0, 2.0], 0.5, false),
-        (ApertureOutline::Rectangle, [2.0, 0.0], [1.0, 3.0], 0.0, true),
-    ] {
-        let surface = part(outline, DVec2::new(x, y), DVec2::new(a, b), hole, inverted);
-        let ir = scene(lamp, vec![surface], vec![pixels("behind", 60.0)]);
-        let mut setting = Setting::default();
-        setting.options.paths = RecordPaths::All;
-        let tally = bench.tally(&ir, &setting);
-        for event in &tally.paths {
-            let [px, py, z] = event.ray.position;
-            let (u, v) = ((px - x) / a, (py - y) / b);
-            let inside = match outline {
-                ApertureOutline::Ellipse => u * u + v * v <= 1.0,
-                ApertureOutline::Rectangle => u.abs().max(v.abs()) <= 1.0,
-            } && (px - x).hypot(py - y) >= hole;
-            let on_part = (inside != inverted) & (px.hypot(py) <= 6.0);
-            if z > 50.0 && on_part {
-                return Err(format!("a ray at ({px}, {py}) passes"));
-            }
-            if (1.0..50.0).contains(&z) && !on_part {
-                return Err(format!("a ray at ({px}, {py}) is taken"));
-            }
-            if (1.0..50.0).contains(&z) && z < 13.0 {
-                return Err(format!("a ray meets the far sheet at z = {z}"));
+    let conic = Conic { curvature: -1.0 / 9.0, conic: 0.0, aperture_radius: 6.0 };
+    let bowl = Profile::new(-9.0, 0.0, 6.0, 2, &[0.0, -1e-5]);
+    let value = |p: DVec2| -1e-3 * p.x * p.y;
+    let freeform = Freeform::new(-9.0, 0.0, 6.0, &Polynomial { powers: [1; 2], order: 2, value: &value });
+    for (i, aperture) in [ellipse, polygon, without_hole, in_one, in_both, all_but].into_iter().enumerate() {
+        let mut shapes = vec![Shape::ClippedConic(ClippedConic::new(conic, aperture.clone()))];
+        if i >= 4 {
+            shapes.push(Shape::EvenAsphere(SagSurface::new(bowl, Some(aperture.clone()))));
+            shapes.push(Shape::Polynomial(SagSurface::new(freeform.clone(), Some(aperture.clone()))));
+        }
+        for shape in shapes {
+            // Behind it a surface without such an aperture takes the rest of the beam's middle.
+            let rest = Shape::Polynomial(SagSurface::new(freeform.clone(), None));
+            let rest = Surface { shape: rest, ..plane("rest", 45.0, Interaction::Absorbing, 0, 0) };
+            let is_on = |p: DVec3| shape.level(p).is_some_and(|level| level.value.abs() < 1e-9);
+            let part = Surface { shape: shape.clone(), ..plane("part", 20.0, Interaction::Absorbing, 0, 0) };
+            let ir = scene(lamp, vec![part, rest], vec![pixels("behind", 60.0)]);
+            let mut setting = Setting::default();
+            setting.options.paths = RecordPaths::All;
+            for event in &bench.tally(&ir, &setting).paths {
+                let [x, y, z] = event.ray.position;
+                let in_middle = x.hypot(y) <= 6.0;
+                let on_part = aperture.holds(DVec2::new(x, y)) & in_middle;
+                let is_right = match z {
+                    z if z < 1.0 => true,
+                    z if z < 13.0 => return Err(format!("a ray meets the far sheet at z = {z}")),
+                    z if z < 30.0 => on_part & is_on(DVec3::new(x, y, z - 20.0)),
+                    z if z < 50.0 => in_middle & !on_part,
+                    _ => !in_middle,
+                };
+                if !is_right {
+                    return Err(format!("a ray at ({x}, {y}) ends at z = {z} in {aperture:?}"));
+                }
             }
         }
     }

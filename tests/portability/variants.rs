@@ -2,14 +2,15 @@
 
 use glam::{DMat3, DVec2, DVec3};
 use nsq_gpu::model::ShapeKind;
+use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
 use nsq_gpu::model::shapes::freeform::Polynomial;
-use nsq_gpu::model::shapes::{Biconic, Freeform, Toroidal};
+use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::{
-    Annulus, Aperture, ApertureOutline, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow,
-    Collimated, Conic, Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction,
-    Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb,
-    Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
-    Sphere, Splat, Surface, Tabulated, TabulatedCoating,
+    Annulus, Aperture, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
+    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium,
+    Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter,
+    SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular, Sphere, Splat, Surface,
+    Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
@@ -75,6 +76,7 @@ pub enum Choice {
     Reflective,
     ReflectiveBySpectrum,
     Absorbing,
+    Clipped,
     Tip,
     Coated,
     CoatedByAngle,
@@ -263,6 +265,7 @@ impl Choice {
             Choice::Reflective,
             Choice::ReflectiveBySpectrum,
             Choice::Absorbing,
+            Choice::Clipped,
             Choice::Tip,
             Choice::Coated,
             Choice::CoatedByAngle,
@@ -317,6 +320,11 @@ impl Choice {
                 ir.surfaces.push(surface(ball(), mirror(0.9, 0.5, ir.wavelengths.len())));
             }
             Choice::Absorbing => ir.surfaces.push(surface(ball(), Interaction::Absorbing)),
+            Choice::Clipped => {
+                let profile = Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]);
+                let clipped = SagSurface::new(profile, Some(aperture()));
+                ir.surfaces.push(surface(Shape::EvenAsphere(clipped), Interaction::Refractive));
+            }
             Choice::Tip => {
                 let cone = Shape::Frustum(Frustum { r_front: 5.0, r_back: 0.0, z_front: -1.0, z_back: 2.0 });
                 ir.surfaces.push(surface(cone, Interaction::Refractive));
@@ -566,35 +574,45 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         }
         ShapeKind::Sphere => Shape::Sphere(Sphere { radius: 8.0, aperture_radius: Some(6.0) }),
         ShapeKind::Mesh => Shape::Mesh(MeshId(0)),
-        ShapeKind::EvenAsphere => Shape::EvenAsphere(Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6])),
-        ShapeKind::OddAsphere => Shape::OddAsphere(Profile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6])),
-        ShapeKind::Biconic => Shape::Biconic(Biconic {
-            curvature: DVec2::new(0.02, -0.01),
-            conic: DVec2::new(-0.5, 0.25),
-            aperture_radius: 10.0,
-        }),
-        ShapeKind::Toroidal => Shape::Toroidal(Toroidal {
-            curvature_x: 0.015,
-            profile: Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]),
-        }),
+        ShapeKind::EvenAsphere => Shape::EvenAsphere(Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]).into()),
+        ShapeKind::OddAsphere => {
+            Shape::OddAsphere(Profile::new(50.0, -0.5, 10.0, 1, &[1e-3, 1e-4, 2e-6]).into())
+        }
+        ShapeKind::Biconic => Shape::Biconic(
+            Biconic {
+                curvature: DVec2::new(0.02, -0.01),
+                conic: DVec2::new(-0.5, 0.25),
+                aperture_radius: 10.0,
+            }
+            .into(),
+        ),
+        ShapeKind::Toroidal => Shape::Toroidal(
+            Toroidal { curvature_x: 0.015, profile: Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]) }.into(),
+        ),
         ShapeKind::Freeform => {
             let value = |p: DVec2| 1e-3 * p.x * p.x - 2e-4 * p.x * p.y + 1e-5 * p.y.powi(3);
             let polynomial = Polynomial { powers: [2, 3], order: 3, value: &value };
-            Shape::Polynomial(Freeform::new(50.0, -0.5, 10.0, &polynomial))
+            Shape::Polynomial(Freeform::new(50.0, -0.5, 10.0, &polynomial).into())
         }
-        ShapeKind::ClippedConic => Shape::ClippedConic(ClippedConic {
-            conic: Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 },
-            aperture: Aperture {
-                outline: ApertureOutline::Rectangle,
-                middle: DVec2::new(1.0, 2.0),
-                semi_axes: DVec2::new(5.0, 6.0),
-                hole: 1.0,
-                inverted: true,
-            },
-        }),
+        ShapeKind::ClippedConic => {
+            let conic = Conic { curvature: 0.02, conic: -0.5, aperture_radius: 10.0 };
+            Shape::ClippedConic(ClippedConic::new(conic, aperture()))
+        }
     };
     assert_eq!(ShapeKind::of(&shape), kind);
     shape
+}
+
+/// An aperture of all that apertures are made of.
+fn aperture() -> Aperture {
+    let axes = Axes { middle: DVec2::new(1.0, 2.0), semi_axes: DVec2::new(5.0, 6.0) };
+    let part = |outline| Aperture { outline, inverted: false };
+    let both = |one, other| Box::new([part(one), part(other)]);
+    let triangle = ApertureOutline::Polygon(vec![DVec2::ZERO, DVec2::X, DVec2::Y]);
+    let hole =
+        ApertureOutline::Difference(both(ApertureOutline::Rectangle(axes), ApertureOutline::Ellipse(axes)));
+    let outline = ApertureOutline::Union(both(triangle.clone(), hole));
+    Aperture { outline: ApertureOutline::Intersection(both(outline, triangle)), inverted: true }
 }
 
 fn tetrahedron() -> Mesh {

@@ -2,21 +2,23 @@
 
 use crate::Result;
 use crate::model::checks;
-use crate::model::mesh::Mesh;
 use crate::model::shapes::conic::curvature;
 use crate::model::shapes::profile::Profile;
-use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt};
-use crate::model::shapes::{Entry, Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, check_aperture};
+use crate::model::shapes::{Entry, Normal, Shape, ShapeKind, ShapeWgsl, aperture};
 use crate::shaders::shader;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+/// The surface.
+pub type BiconicSurface = SagSurface<Biconic>;
 
 /// The biconic.
 pub const BICONIC: ShapeWgsl = ShapeWgsl {
     name: "biconic",
     file: shader!("shapes/biconic.wgsl"),
-    num_arguments: 10,
+    num_arguments: 11,
     normal: Normal::Sag,
 };
 
@@ -48,6 +50,9 @@ pub struct Written {
     pub conic_y: f64,
     /// Semi-diameter \[mm\].
     pub aperture_radius: f64,
+    /// The part across the axis that there is; all if null.
+    #[serde(default)]
+    pub aperture: Option<aperture::Written>,
 }
 
 impl Entry for Written {
@@ -59,15 +64,16 @@ impl Entry for Written {
             checks::conic_constant(at(&format!("conic_{axis}")), conic)?;
             Profile::check_reach(radius, conic, self.aperture_radius, at)?;
         }
-        Ok(())
+        check_aperture(self.aperture.as_ref(), at)
     }
 
-    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
-        Ok(Shape::Biconic(Biconic {
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
+        let biconic = Biconic {
             curvature: DVec2::new(curvature(self.radius_x), curvature(self.radius_y)),
             conic: DVec2::new(self.conic_x, self.conic_y),
             aperture_radius: self.aperture_radius,
-        }))
+        };
+        SagSurface::written(biconic, self.aperture.as_ref(), place).map(Shape::Biconic)
     }
 }
 
@@ -85,6 +91,34 @@ impl Biconic {
 impl Sag for Biconic {
     fn aperture_radius(&self) -> f64 {
         self.aperture_radius
+    }
+
+    fn height(&self, p: DVec2) -> f64 {
+        let [x, y] = self.profiles();
+        x.sag(p.x) + y.sag(p.y)
+    }
+
+    fn kind(&self) -> ShapeKind {
+        ShapeKind::Biconic
+    }
+
+    fn magnitude(&self) -> f64 {
+        let [x, y] = self.profiles();
+        x.conic_magnitude() + y.conic_magnitude()
+    }
+
+    fn numbers(&self) -> Vec<f64> {
+        let [x, y] = self.profiles();
+        vec![x.curvature, x.axial(), y.curvature, y.axial()]
+    }
+
+    fn is_one_with(&self, other: &Self) -> bool {
+        Biconic { aperture_radius: self.aperture_radius, ..*other } == *self
+    }
+
+    fn of_shape(shape: &Shape) -> Option<&SagSurface<Self>> {
+        let Shape::Biconic(surface) = shape else { return None };
+        Some(surface)
     }
 
     fn at(&self, p: DVec2) -> SagAt {
@@ -108,51 +142,5 @@ impl Sag for Biconic {
         let (x, y) = (ends(x), ends(y));
         Bounds { lowest: x.0 + y.0, highest: x.1 + y.1, slope: x.2.hypot(y.2), bend: x.3.max(y.3) }
             .with_room(self.aperture_radius)
-    }
-}
-
-impl Geometry for Biconic {
-    fn kind(&self) -> ShapeKind {
-        ShapeKind::Biconic
-    }
-
-    fn arguments(&self) -> Vec<f64> {
-        let [x, y] = self.profiles();
-        let mut arguments = self.search_arguments(x.conic_magnitude() + y.conic_magnitude());
-        arguments.extend([x.curvature, x.axial(), y.curvature, y.axial()]);
-        arguments
-    }
-
-    fn coincides(&self, other: &Shape) -> bool {
-        let Shape::Biconic(other) = other else { return false };
-        Biconic { aperture_radius: self.aperture_radius, ..*other } == *self
-    }
-
-    fn level(&self, p: DVec3) -> Option<Level> {
-        Some(self.sag_level(p))
-    }
-
-    fn holds(&self, p: DVec3) -> bool {
-        p.truncate().length_squared() <= self.aperture_radius * self.aperture_radius
-    }
-
-    fn extent(&self, _: &[Mesh]) -> Option<Extent> {
-        Some(self.sag_extent())
-    }
-
-    fn samples(&self) -> Vec<DVec3> {
-        self.sag_samples()
-    }
-
-    fn section(&self) -> Vec<Vec<DVec2>> {
-        self.sag_section()
-    }
-
-    fn edges(&self, _: &[Mesh]) -> Vec<Vec<DVec3>> {
-        self.sag_edges()
-    }
-
-    fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
-        self.sag_crossings(o, d)
     }
 }

@@ -1,9 +1,11 @@
 //! Chebyshev surfaces: a conic and products of Chebyshev polynomials of x and y.
 
 use crate::Result;
-pub use crate::model::shapes::freeform::Freeform;
+use crate::model::shapes::freeform::Freeform;
+pub use crate::model::shapes::freeform::FreeformSurface;
 use crate::model::shapes::freeform::{Polynomial, clenshaw};
-use crate::model::shapes::{Entry, Shape};
+use crate::model::shapes::sag::{SagSurface, check_aperture};
+use crate::model::shapes::{Entry, Shape, aperture};
 use glam::DVec2;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -27,22 +29,27 @@ pub struct Written {
     pub norm_x: f64,
     /// What y is divided by \[mm\].
     pub norm_y: f64,
+    /// The part across the axis that there is; all if null.
+    #[serde(default)]
+    pub aperture: Option<aperture::Written>,
 }
 
 impl Entry for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
         Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
         Freeform::check_norm("norm_x", self.norm_x, self.aperture_radius, at)?;
-        Freeform::check_norm("norm_y", self.norm_y, self.aperture_radius, at)
+        Freeform::check_norm("norm_y", self.norm_y, self.aperture_radius, at)?;
+        check_aperture(self.aperture.as_ref(), at)
     }
 
-    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
-        let Written { radius, conic, aperture_radius, coefficients, norm_x, norm_y } = self;
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
+        let Written { radius, conic, aperture_radius, coefficients, norm_x, norm_y, .. } = self;
         let value = |p: DVec2| {
             let along_y = |row: &Vec<f64>| clenshaw(row.iter().copied(), p.y / norm_y);
             clenshaw(coefficients.iter().map(along_y), p.x / norm_x)
         };
         let polynomial = Polynomial::of_rows(coefficients, &value);
-        Ok(Shape::Chebyshev(Freeform::new(*radius, *conic, *aperture_radius, &polynomial)))
+        let freeform = Freeform::new(*radius, *conic, *aperture_radius, &polynomial);
+        SagSurface::written(freeform, self.aperture.as_ref(), place).map(Shape::Chebyshev)
     }
 }

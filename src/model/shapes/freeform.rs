@@ -6,14 +6,16 @@
 
 use crate::Result;
 use crate::model::checks;
-use crate::model::mesh::Mesh;
 use crate::model::shapes::profile::Profile;
-use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, largest_bend};
-use crate::model::shapes::{Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, largest_bend};
+use crate::model::shapes::{Normal, Shape, ShapeKind, ShapeWgsl};
 use crate::shaders::shader;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2};
 use std::f64::consts::PI;
 use std::sync::Arc;
+
+/// The surface.
+pub type FreeformSurface = SagSurface<Freeform>;
 
 /// The freeform.
 pub const FREEFORM: ShapeWgsl = ShapeWgsl {
@@ -272,58 +274,32 @@ impl Sag for Freeform {
     fn bounds(&self) -> Bounds {
         self.sum.bounds
     }
-}
 
-impl Geometry for Freeform {
     fn kind(&self) -> ShapeKind {
         ShapeKind::Freeform
     }
 
-    fn arguments(&self) -> Vec<f64> {
-        let conic = &self.conic;
-        let sum = self.sum.rows.iter().flatten().map(|c| c.abs()).sum::<f64>();
-        let mut arguments = vec![0.0];
-        arguments.extend(self.search_arguments(sum + conic.conic_magnitude()));
-        arguments.extend([1.0 / conic.aperture_radius, conic.curvature, conic.axial()]);
-        arguments
+    fn magnitude(&self) -> f64 {
+        self.sum.rows.iter().flatten().map(|c| c.abs()).sum::<f64>() + self.conic.conic_magnitude()
     }
 
-    fn table(&self) -> Option<&[f64]> {
-        Some(&self.sum.table)
+    fn numbers(&self) -> Vec<f64> {
+        vec![1.0 / self.conic.aperture_radius, self.conic.curvature, self.conic.axial()]
     }
 
-    fn coincides(&self, other: &Shape) -> bool {
-        match other {
-            Shape::Polynomial(other) | Shape::Chebyshev(other) | Shape::Zernike(other) => self == other,
-            _ => false,
-        }
+    fn coefficients(&self) -> &[f64] {
+        &self.sum.table
     }
 
-    fn level(&self, p: DVec3) -> Option<Level> {
-        Some(self.sag_level(p))
+    /// The sum is over the semi-diameter.
+    fn is_one_with(&self, other: &Self) -> bool {
+        self == other
     }
 
-    fn holds(&self, p: DVec3) -> bool {
-        p.truncate().length_squared() <= self.conic.aperture_radius.powi(2)
-    }
-
-    fn extent(&self, _: &[Mesh]) -> Option<Extent> {
-        Some(self.sag_extent())
-    }
-
-    fn samples(&self) -> Vec<DVec3> {
-        self.sag_samples()
-    }
-
-    fn section(&self) -> Vec<Vec<DVec2>> {
-        self.sag_section()
-    }
-
-    fn edges(&self, _: &[Mesh]) -> Vec<Vec<DVec3>> {
-        self.sag_edges()
-    }
-
-    fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
-        self.sag_crossings(o, d)
+    fn of_shape(shape: &Shape) -> Option<&SagSurface<Self>> {
+        let (Shape::Polynomial(surface) | Shape::Chebyshev(surface) | Shape::Zernike(surface)) = shape else {
+            return None;
+        };
+        Some(surface)
     }
 }

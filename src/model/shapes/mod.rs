@@ -4,6 +4,7 @@
 //! tells how to add one. Everything is said in the shape's own frame, whose axis is z: lengths in mm.
 
 pub mod annulus;
+pub mod aperture;
 pub mod biconic;
 pub mod chebyshev;
 pub mod clipped_conic;
@@ -26,8 +27,9 @@ pub mod toroidal;
 pub mod zernike;
 
 pub use crate::model::shapes::annulus::Annulus;
+pub use crate::model::shapes::aperture::{Aperture, Axes};
 pub use crate::model::shapes::biconic::Biconic;
-pub use crate::model::shapes::clipped_conic::{Aperture, ApertureOutline, ClippedConic};
+pub use crate::model::shapes::clipped_conic::ClippedConic;
 pub use crate::model::shapes::conic::Conic;
 pub use crate::model::shapes::extent::{Across, Extent};
 pub use crate::model::shapes::freeform::Freeform;
@@ -36,7 +38,7 @@ pub use crate::model::shapes::mesh::MeshId;
 pub use crate::model::shapes::plane::Outline;
 pub use crate::model::shapes::profile::Profile;
 pub use crate::model::shapes::quadric::{Level, Quadric};
-pub use crate::model::shapes::sag::{Bounds, Sag};
+pub use crate::model::shapes::sag::{Bounds, Sag, SagSurface};
 pub use crate::model::shapes::sphere::Sphere;
 pub use crate::model::shapes::toroidal::Toroidal;
 
@@ -68,19 +70,19 @@ kinds! {
     /// A conic within an aperture that need be neither round nor on the axis.
     ClippedConic(clipped_conic::ClippedConic) by ClippedConic = CLIPPED_CONIC;
     /// A conic and even powers of the distance from the axis.
-    EvenAsphere(even_asphere::Profile) by EvenAsphere = EVEN_ASPHERE;
+    EvenAsphere(even_asphere::EvenAsphere) by EvenAsphere = EVEN_ASPHERE;
     /// A conic and all powers of the distance from the axis.
-    OddAsphere(odd_asphere::Profile) by OddAsphere = ODD_ASPHERE;
+    OddAsphere(odd_asphere::OddAsphere) by OddAsphere = ODD_ASPHERE;
     /// Two conic profiles, one along x and one along y, whose heights add up.
-    Biconic(biconic::Biconic) by Biconic = BICONIC;
+    Biconic(biconic::BiconicSurface) by Biconic = BICONIC;
     /// A profile along y, turned about an axis parallel to y.
-    Toroidal(toroidal::Toroidal) by Toroidal = TOROIDAL;
+    Toroidal(toroidal::ToroidalSurface) by Toroidal = TOROIDAL;
     /// A conic and a polynomial of x and y.
-    Polynomial(polynomial::Freeform) by Freeform = FREEFORM;
+    Polynomial(polynomial::FreeformSurface) by Freeform = FREEFORM;
     /// A conic and products of Chebyshev polynomials of x and y.
-    Chebyshev(chebyshev::Freeform);
+    Chebyshev(chebyshev::FreeformSurface);
     /// A conic and Zernike polynomials.
-    Zernike(zernike::Freeform);
+    Zernike(zernike::FreeformSurface);
     /// A roof: the example of docs/adding-a-kind.md, which is no quadric.
     #[cfg(test)]
     Roof(roof::Roof) by #[cfg(test)] Roof = ROOF;
@@ -128,6 +130,11 @@ pub trait Geometry: std::fmt::Debug {
     /// What the functions read from the buffer of tables: for shapes with more numbers than functions take.
     fn table(&self) -> Option<&[f64]> {
         None
+    }
+
+    /// True if its table begins with an aperture that is no disk about the axis.
+    fn is_clipped(&self) -> bool {
+        false
     }
 
     /// The quadric that the shape is a part of, if it is of one.

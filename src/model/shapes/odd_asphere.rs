@@ -1,17 +1,22 @@
 //! Odd aspheres: a conic and all powers of the distance from the axis.
 
 use crate::Result;
-pub use crate::model::shapes::profile::Profile;
+use crate::model::shapes::aperture;
+use crate::model::shapes::profile::Profile;
+use crate::model::shapes::sag::{SagSurface, check_aperture};
 use crate::model::shapes::{Entry, Normal, Shape, ShapeWgsl};
 use crate::shaders::shader;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+/// The surface.
+pub type OddAsphere = SagSurface<Profile>;
+
 /// The asphere: z = conic + the sum of coefficients\[i\] r^(i + 1).
 pub const ODD_ASPHERE: ShapeWgsl = ShapeWgsl {
     name: "odd_asphere",
     file: shader!("shapes/odd_asphere.wgsl"),
-    num_arguments: 19,
+    num_arguments: 20,
     normal: Normal::Sag,
 };
 
@@ -30,15 +35,20 @@ pub struct Written {
     /// Coefficients of r, r^2, r^3 and so on, up to ten.
     #[serde(default)]
     pub coefficients: Vec<f64>,
+    /// The part across the axis that there is; all if null.
+    #[serde(default)]
+    pub aperture: Option<aperture::Written>,
 }
 
 impl Entry for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
-        Profile::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)
+        Profile::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
+        check_aperture(self.aperture.as_ref(), at)
     }
 
-    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
-        let Written { radius, conic, aperture_radius, ref coefficients } = *self;
-        Ok(Shape::OddAsphere(Profile::new(radius, conic, aperture_radius, 1, coefficients)))
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
+        let Written { radius, conic, aperture_radius, ref coefficients, ref aperture } = *self;
+        let profile = Profile::new(radius, conic, aperture_radius, 1, coefficients);
+        SagSurface::written(profile, aperture.as_ref(), place).map(Shape::OddAsphere)
     }
 }

@@ -1,9 +1,11 @@
 //! XY polynomials: a conic and powers of x times powers of y.
 
 use crate::Result;
+use crate::model::shapes::freeform::Freeform;
 use crate::model::shapes::freeform::Polynomial;
-pub use crate::model::shapes::freeform::{FREEFORM, Freeform};
-use crate::model::shapes::{Entry, Shape};
+pub use crate::model::shapes::freeform::{FREEFORM, FreeformSurface};
+use crate::model::shapes::sag::{SagSurface, check_aperture};
+use crate::model::shapes::{Entry, Shape, aperture};
 use glam::DVec2;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -23,20 +25,25 @@ pub struct Written {
     /// `coefficients[i][j]` of x^i y^j; powers up to 31. Rows may differ in length.
     #[serde(default)]
     pub coefficients: Vec<Vec<f64>>,
+    /// The part across the axis that there is; all if null.
+    #[serde(default)]
+    pub aperture: Option<aperture::Written>,
 }
 
 impl Entry for Written {
     fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
-        Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)
+        Freeform::check(self.radius, self.conic, self.aperture_radius, &self.coefficients, at)?;
+        check_aperture(self.aperture.as_ref(), at)
     }
 
-    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
-        let Written { radius, conic, aperture_radius, coefficients } = self;
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
+        let Written { radius, conic, aperture_radius, coefficients, .. } = self;
         let value = |p: DVec2| {
             let along_y = |row: &Vec<f64>| row.iter().rev().fold(0.0, |sum, c| sum * p.y + c);
             coefficients.iter().rev().fold(0.0, |sum, row| sum * p.x + along_y(row))
         };
         let polynomial = Polynomial::of_rows(coefficients, &value);
-        Ok(Shape::Polynomial(Freeform::new(*radius, *conic, *aperture_radius, &polynomial)))
+        let freeform = Freeform::new(*radius, *conic, *aperture_radius, &polynomial);
+        SagSurface::written(freeform, self.aperture.as_ref(), place).map(Shape::Polynomial)
     }
 }

@@ -3,11 +3,10 @@
 
 use crate::Result;
 use crate::model::checks;
-use crate::model::mesh::Mesh;
 use crate::model::shapes::conic::curvature;
-use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt};
-use crate::model::shapes::{Extent, Geometry, Level, Shape, ShapeKind, section_between};
-use glam::{DMat2, DVec2, DVec3};
+use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface};
+use crate::model::shapes::{Shape, ShapeKind};
+use glam::{DMat2, DVec2};
 
 /// How many coefficients an asphere has.
 pub const NUM_COEFFICIENTS: usize = 10;
@@ -216,6 +215,36 @@ impl Sag for Profile {
         self.sag(p.length())
     }
 
+    fn kind(&self) -> ShapeKind {
+        match self.step {
+            1 => ShapeKind::OddAsphere,
+            _ => ShapeKind::EvenAsphere,
+        }
+    }
+
+    fn magnitude(&self) -> f64 {
+        self.at_rim().iter().map(|a| a.abs()).sum::<f64>() + self.conic_magnitude()
+    }
+
+    fn numbers(&self) -> Vec<f64> {
+        let mut numbers = vec![self.aperture_radius.powi(-2), self.curvature, self.axial()];
+        numbers.extend(self.at_rim());
+        numbers
+    }
+
+    fn is_round(&self) -> bool {
+        true
+    }
+
+    fn is_one_with(&self, other: &Self) -> bool {
+        Profile { aperture_radius: self.aperture_radius, ..*other } == *self
+    }
+
+    fn of_shape(shape: &Shape) -> Option<&SagSurface<Self>> {
+        let (Shape::EvenAsphere(surface) | Shape::OddAsphere(surface)) = shape else { return None };
+        Some(surface)
+    }
+
     fn bounds(&self) -> Bounds {
         let none = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
         let all = self.rings().fold(none, |all, Ring { bounds, .. }| Bounds {
@@ -225,57 +254,6 @@ impl Sag for Profile {
             bend: all.bend.max(bounds.bend),
         });
         all.with_room(self.aperture_radius)
-    }
-}
-
-impl Geometry for Profile {
-    fn kind(&self) -> ShapeKind {
-        match self.step {
-            1 => ShapeKind::OddAsphere,
-            _ => ShapeKind::EvenAsphere,
-        }
-    }
-
-    fn coincides(&self, other: &Shape) -> bool {
-        let (Shape::EvenAsphere(other) | Shape::OddAsphere(other)) = other else { return false };
-        Profile { aperture_radius: self.aperture_radius, ..*other } == *self
-    }
-
-    fn arguments(&self) -> Vec<f64> {
-        let coefficients = self.at_rim();
-        let magnitude = coefficients.iter().map(|a| a.abs()).sum::<f64>() + self.conic_magnitude();
-        let mut arguments = self.search_arguments(magnitude);
-        arguments.extend([self.aperture_radius.powi(-2), self.curvature, self.axial()]);
-        arguments.extend(coefficients);
-        arguments
-    }
-
-    fn level(&self, p: DVec3) -> Option<Level> {
-        Some(self.sag_level(p))
-    }
-
-    fn holds(&self, p: DVec3) -> bool {
-        p.truncate().length_squared() <= self.aperture_radius * self.aperture_radius
-    }
-
-    fn extent(&self, _: &[Mesh]) -> Option<Extent> {
-        Some(self.sag_extent())
-    }
-
-    fn samples(&self) -> Vec<DVec3> {
-        self.sag_samples()
-    }
-
-    fn rims(&self) -> Vec<(f64, f64)> {
-        vec![(self.aperture_radius, self.sag(self.aperture_radius))]
-    }
-
-    fn section(&self) -> Vec<Vec<DVec2>> {
-        vec![section_between(-self.aperture_radius, self.aperture_radius, |r| self.sag(r.abs()))]
-    }
-
-    fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
-        self.sag_crossings(o, d)
     }
 }
 

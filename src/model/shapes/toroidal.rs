@@ -2,21 +2,23 @@
 
 use crate::Result;
 use crate::model::checks;
-use crate::model::mesh::Mesh;
 use crate::model::shapes::conic::curvature;
 use crate::model::shapes::profile::{Profile, Ring};
-use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, largest_bend};
-use crate::model::shapes::{Entry, Extent, Geometry, Level, Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, check_aperture, largest_bend};
+use crate::model::shapes::{Entry, Normal, Shape, ShapeKind, ShapeWgsl, aperture};
 use crate::shaders::shader;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+/// The surface.
+pub type ToroidalSurface = SagSurface<Toroidal>;
 
 /// The toroid.
 pub const TOROIDAL: ShapeWgsl = ShapeWgsl {
     name: "toroidal",
     file: shader!("shapes/toroidal.wgsl"),
-    num_arguments: 20,
+    num_arguments: 21,
     normal: Normal::Sag,
 };
 
@@ -47,6 +49,9 @@ pub struct Written {
     pub coeffs_poly_y: Vec<f64>,
     /// Semi-diameter \[mm\].
     pub aperture_radius: f64,
+    /// The part across the axis that there is; all if null.
+    #[serde(default)]
+    pub aperture: Option<aperture::Written>,
 }
 
 impl Written {
@@ -73,11 +78,11 @@ impl Entry for Written {
                 "give less: a toroid needs its slope at the rim",
             );
         }
-        Ok(())
+        check_aperture(self.aperture.as_ref(), at)
     }
 
-    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
-        Ok(Shape::Toroidal(self.toroid()))
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
+        SagSurface::written(self.toroid(), self.aperture.as_ref(), place).map(Shape::Toroidal)
     }
 }
 
@@ -114,6 +119,38 @@ impl Sag for Toroidal {
         self.profile.aperture_radius
     }
 
+    fn height(&self, p: DVec2) -> f64 {
+        let (h, bent) = (self.profile.sag(p.y.abs()), self.curvature_x * p.x);
+        let w = 1.0 - self.curvature_x * h;
+        h + bent * p.x / (w + ((w - bent) * (w + bent)).max(0.0).sqrt())
+    }
+
+    fn kind(&self) -> ShapeKind {
+        ShapeKind::Toroidal
+    }
+
+    fn magnitude(&self) -> f64 {
+        let x = Profile { curvature: self.curvature_x, conic: 0.0, ..self.profile };
+        self.profile.magnitude() + x.conic_magnitude()
+    }
+
+    fn numbers(&self) -> Vec<f64> {
+        let profile = &self.profile;
+        let per_limit = profile.aperture_radius.powi(-2);
+        let mut numbers = vec![per_limit, self.curvature_x, profile.curvature, profile.axial()];
+        numbers.extend(profile.at_rim());
+        numbers
+    }
+
+    fn is_one_with(&self, other: &Self) -> bool {
+        self.curvature_x == other.curvature_x && self.profile.is_one_with(&other.profile)
+    }
+
+    fn of_shape(shape: &Shape) -> Option<&SagSurface<Self>> {
+        let Shape::Toroidal(surface) = shape else { return None };
+        Some(surface)
+    }
+
     fn at(&self, p: DVec2) -> SagAt {
         // The profile is even: along its own x, of either sign.
         let along = self.profile.at(DVec2::new(p.y, 0.0));
@@ -139,57 +176,5 @@ impl Sag for Toroidal {
             bend: all.bend.max(strip.bend),
         });
         all.with_room(self.profile.aperture_radius)
-    }
-}
-
-impl Geometry for Toroidal {
-    fn kind(&self) -> ShapeKind {
-        ShapeKind::Toroidal
-    }
-
-    fn arguments(&self) -> Vec<f64> {
-        let profile = &self.profile;
-        let coefficients = profile.at_rim();
-        let x = Profile { curvature: self.curvature_x, conic: 0.0, ..*profile };
-        let along = coefficients.iter().map(|a| a.abs()).sum::<f64>() + profile.conic_magnitude();
-        let mut arguments = self.search_arguments(along + x.conic_magnitude());
-        let per_limit = profile.aperture_radius.powi(-2);
-        arguments.extend([per_limit, self.curvature_x, profile.curvature, profile.axial()]);
-        arguments.extend(coefficients);
-        arguments
-    }
-
-    fn coincides(&self, other: &Shape) -> bool {
-        let Shape::Toroidal(other) = other else { return false };
-        let profile = Profile { aperture_radius: self.profile.aperture_radius, ..other.profile };
-        Toroidal { profile, ..*other } == *self
-    }
-
-    fn level(&self, p: DVec3) -> Option<Level> {
-        Some(self.sag_level(p))
-    }
-
-    fn holds(&self, p: DVec3) -> bool {
-        p.truncate().length_squared() <= self.profile.aperture_radius.powi(2)
-    }
-
-    fn extent(&self, _: &[Mesh]) -> Option<Extent> {
-        Some(self.sag_extent())
-    }
-
-    fn samples(&self) -> Vec<DVec3> {
-        self.sag_samples()
-    }
-
-    fn section(&self) -> Vec<Vec<DVec2>> {
-        self.sag_section()
-    }
-
-    fn edges(&self, _: &[Mesh]) -> Vec<Vec<DVec3>> {
-        self.sag_edges()
-    }
-
-    fn crossings(&self, o: DVec3, d: DVec3) -> Vec<f64> {
-        self.sag_crossings(o, d)
     }
 }

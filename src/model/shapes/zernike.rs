@@ -2,9 +2,11 @@
 
 use crate::Result;
 use crate::model::checks;
-pub use crate::model::shapes::freeform::Freeform;
+use crate::model::shapes::freeform::Freeform;
+pub use crate::model::shapes::freeform::FreeformSurface;
 use crate::model::shapes::freeform::{HIGHEST_POWER, Polynomial};
-use crate::model::shapes::{Entry, Shape};
+use crate::model::shapes::sag::{SagSurface, check_aperture};
+use crate::model::shapes::{Entry, Shape, aperture};
 use glam::DVec2;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -45,6 +47,9 @@ pub struct Written {
     pub zernike_type: ZernikeType,
     /// The radius of the disk on which the polynomials are defined \[mm\].
     pub norm_radius: f64,
+    /// The part across the axis that there is; all if null.
+    #[serde(default)]
+    pub aperture: Option<aperture::Written>,
 }
 
 impl Entry for Written {
@@ -59,10 +64,11 @@ impl Entry for Written {
                 format!("{num} coefficients go beyond order {HIGHEST_POWER}, or {MAX_COEFFICIENTS}");
             return checks::refuse(at("coefficients"), problem, "give fewer");
         }
-        Freeform::check_norm("norm_radius", self.norm_radius, self.aperture_radius, at)
+        Freeform::check_norm("norm_radius", self.norm_radius, self.aperture_radius, at)?;
+        check_aperture(self.aperture.as_ref(), at)
     }
 
-    fn shape(&self, _: &str, _: Option<usize>) -> Result<Shape> {
+    fn shape(&self, place: &str, _: Option<usize>) -> Result<Shape> {
         let indices = self.zernike_type.indices(self.coefficients.len());
         let value = |p: DVec2| {
             let terms = self.coefficients.iter().zip(&indices).filter(|(c, _)| **c != 0.0);
@@ -72,7 +78,8 @@ impl Entry for Written {
         };
         let order = self.zernike_type.order(self.coefficients.len());
         let polynomial = Polynomial { powers: [order; 2], order, value: &value };
-        Ok(Shape::Zernike(Freeform::new(self.radius, self.conic, self.aperture_radius, &polynomial)))
+        let freeform = Freeform::new(self.radius, self.conic, self.aperture_radius, &polynomial);
+        SagSurface::written(freeform, self.aperture.as_ref(), place).map(Shape::Zernike)
     }
 }
 

@@ -103,6 +103,7 @@ const SLOTS: &[Slot] = slots! { c;
     "geometry/mesh"             [none]                                !c.has_meshes() => none;
     "geometry/mesh_rows"        [f32, f64]                            c.has_meshes() => either(c.is_f32(), f32, f64);
     "geometry/edges"            [f32, exact]                          c.has_meshes() => either(c.is_f32(), f32, exact);
+    "geometry/clip"             [table, none]                         c.f.can_clip() => either(c.f.clips, table, none);
     "geometry/sag"              [search]                              c.f.has_sags() => search;
     "geometry/sag_rounding"     [f32, df64, f64]                      c.f.has_sags() => match c.o.precision {
         Precision::F32 => f32,
