@@ -330,9 +330,11 @@ def _shape(spec: Json, folder: Path) -> Any:
     if spec["type"] == "mesh":
         return _mesh(spec, folder)
     if spec["type"] == "clipped_conic":
-        from nsq_gpu.shapes import Aperture, ClippedConic
+        from nsq_gpu.shapes import ClippedConic
 
-        return ClippedConic(spec["radius"], spec.get("conic", 0.0), spec["aperture_radius"], Aperture(**spec["aperture"]))
+        return ClippedConic(spec["radius"], spec.get("conic", 0.0), spec["aperture_radius"], _aperture(spec["aperture"]))
+    if parameters.get("aperture") is not None:
+        parameters["aperture"] = _aperture(parameters["aperture"])
     if spec["type"] in ("even_asphere", "odd_asphere", "polynomial", "chebyshev", "zernike"):
         from nsq_gpu.shapes import Chebyshev, EvenAsphere, OddAsphere, Polynomial, Zernike
 
@@ -350,6 +352,17 @@ def _shape(spec: Json, folder: Path) -> Any:
         "sphere": SphereGeometry,
     }
     return shapes[spec["type"]](**parameters)
+
+
+def _aperture(spec: Json) -> Any:
+    from nsq_gpu.shapes import Aperture
+
+    given = {key: value for key, value in spec.items() if value is not None}
+    if "vertices" in given:
+        given["vertices"] = tuple(map(tuple, given["vertices"]))
+    if "parts" in given:
+        given["parts"] = tuple(map(_aperture, given["parts"]))
+    return Aperture(**given)
 
 
 def _mesh(spec: Json, folder: Path) -> MeshGeometry:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,13 +15,18 @@ from optiland.zernike import ZernikeFringe, ZernikeNoll, ZernikeStandard
 
 @dataclass(frozen=True)
 class Aperture:
-    """A part of the plane across the axis of a surface, which need be neither round nor on the axis."""
+    """A part of the plane across the axis of a surface, which need be neither round nor on the axis.
 
-    #: What bounds it.
-    outline: Literal["ellipse", "rectangle"]
-    #: Semi-axes along x and y [mm].
-    semi_axis_x: float
-    semi_axis_y: float
+    >>> slit = Aperture("rectangle", 5.0, 1.0, y=2.0)
+    >>> triangle = Aperture("polygon", vertices=((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)))
+    >>> both = Aperture("union", parts=(slit, triangle))
+    """
+
+    #: What bounds it; of a union, an intersection and a difference the ``parts`` do.
+    outline: Literal["ellipse", "rectangle", "polygon", "union", "intersection", "difference"]
+    #: Semi-axes along x and y of an ellipse or a rectangle [mm].
+    semi_axis_x: float | None = None
+    semi_axis_y: float | None = None
     #: Its middle [mm].
     x: float = 0.0
     y: float = 0.0
@@ -29,22 +34,61 @@ class Aperture:
     hole_radius: float = 0.0
     #: True for all that it leaves out.
     inverted: bool = False
+    #: Corners of a polygon [mm].
+    vertices: tuple[tuple[float, float], ...] = ()
+    #: Two apertures.
+    parts: tuple[Aperture, ...] = ()
 
     def holds(self, x: Any, y: Any) -> Any:
         """Return an array that is True at points of the aperture; x and y are in mm."""
+        return self._surrounds(x, y) != self.inverted
+
+    def _surrounds(self, x: Any, y: Any) -> Any:
+        if self.outline == "polygon":
+            return self._is_within(x, y)
+        if self.parts:
+            one, other = (part.holds(x, y) for part in self.parts)
+            if self.outline == "union":
+                return one | other
+            return one & (other if self.outline == "intersection" else ~other)
+        semi_axis_x, semi_axis_y = self._semi_axes()
         u, v = x - self.x, y - self.y
-        along, across = u * (1.0 / self.semi_axis_x), v * (1.0 / self.semi_axis_y)
+        along, across = u * (1.0 / semi_axis_x), v * (1.0 / semi_axis_y)
         if self.outline == "rectangle":
             inside = (abs(along) <= 1.0) & (abs(across) <= 1.0)
         else:
             inside = along * along + across * across <= 1.0
-        return (inside & (u * u + v * v >= self.hole_radius * self.hole_radius)) != self.inverted
+        return inside & (u * u + v * v >= self.hole_radius * self.hole_radius)
+
+    def _is_within(self, x: Any, y: Any) -> Any:
+        """Tell whether an odd number of sides crosses the line from a point towards +x."""
+        inside = x != x
+        for (from_x, from_y), (to_x, to_y) in zip((self.vertices[-1], *self.vertices), self.vertices, strict=False):
+            if from_y != to_y:
+                crosses = (from_y > y) != (to_y > y)
+                inside = inside ^ (crosses & (x < (to_x - from_x) * (y - from_y) / (to_y - from_y) + from_x))
+        return inside
+
+    def _semi_axes(self) -> tuple[float, float]:
+        if self.semi_axis_x is None or self.semi_axis_y is None:
+            raise ValueError(f"an aperture of the outline {self.outline!r} needs semi_axis_x and semi_axis_y")
+        return self.semi_axis_x, self.semi_axis_y
 
     def reach(self) -> float:
-        """Return the largest distance of its points from the axis [mm], were it not inverted."""
+        """Return a distance from the axis beyond which it has no point [mm], were it not inverted."""
+        if self.outline == "polygon":
+            return max(math.hypot(*corner) for corner in self.vertices)
+        if self.parts:
+            one, other = (math.inf if part.inverted else part.reach() for part in self.parts)
+            return {"union": max(one, other), "intersection": min(one, other), "difference": one}[self.outline]
+        semi_axis_x, semi_axis_y = self._semi_axes()
         if self.outline == "rectangle":
-            return math.hypot(abs(self.x) + self.semi_axis_x, abs(self.y) + self.semi_axis_y)
-        return math.hypot(self.x, self.y) + max(self.semi_axis_x, self.semi_axis_y)
+            return math.hypot(abs(self.x) + semi_axis_x, abs(self.y) + semi_axis_y)
+        return math.hypot(self.x, self.y) + max(semi_axis_x, semi_axis_y)
+
+    def inverse(self) -> Aperture:
+        """Return all that it leaves out."""
+        return replace(self, inverted=not self.inverted)
 
 
 class ClippedConic(ConicGeometry):
@@ -74,6 +118,12 @@ class _Sag(ConicGeometry):
     _HALVINGS = 40
     #: Rays at a time: the pieces of all are held at once.
     _CHUNK = 8192
+    #: Crossings beside the aperture that a ray may have before the one that counts.
+    _MOST_BESIDE = 16
+
+    def __init__(self, radius: float, conic: float, aperture_radius: float, aperture: Aperture | None = None) -> None:
+        super().__init__(radius, conic, aperture_radius)
+        self.aperture = aperture
 
     def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
         raise NotImplementedError
@@ -132,6 +182,24 @@ class _Sag(ConicGeometry):
         share = np.linspace(0.0, 1.0, self._PIECES + 1)
         values = self._value(origins, directions, near[:, None] + share * (far - near)[:, None])
         changes = (values[:, 1:] < 0.0) != (values[:, :-1] < 0.0)
+        found = np.full(len(near), np.inf)
+        for _ in range(1 if self.aperture is None else self._MOST_BESIDE):
+            t, piece = self._bisected(origins, directions, near, far, values, changes)
+            crosses = crosses & changes.any(axis=1)
+            is_part = crosses if self.aperture is None else crosses & self.aperture.holds(*(
+                origins[:, axis] + t * directions[:, axis] for axis in (0, 1)))
+            found = np.where(is_part, t, found)
+            # The next crossing, where this one lies beside the aperture.
+            crosses = crosses & ~is_part
+            if not crosses.any():
+                break
+            changes[np.arange(len(piece)), piece] = False
+        return found
+
+    def _bisected(self, origins: np.ndarray, directions: np.ndarray, near: np.ndarray, far: np.ndarray, values: np.ndarray,
+                  changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the place of each ray's first change of sign, and the piece that has it."""
+        share = np.linspace(0.0, 1.0, self._PIECES + 1)
         first = changes.argmax(axis=1)
         low_t, high_t = (near + share[first + end] * (far - near) for end in (0, 1))
         is_low = values[np.arange(len(first)), first] < 0.0
@@ -139,7 +207,7 @@ class _Sag(ConicGeometry):
             half = 0.5 * (low_t + high_t)
             is_before = (self._value(origins, directions, half[:, None])[:, 0] < 0.0) == is_low
             low_t, high_t = np.where(is_before, half, low_t), np.where(is_before, high_t, half)
-        return np.where(crosses & changes.any(axis=1), 0.5 * (low_t + high_t), np.inf)
+        return 0.5 * (low_t + high_t), first
 
     def _value(self, origins: np.ndarray, directions: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Return z less the sag at distances along rays, shape (rays, distances)."""
@@ -153,8 +221,9 @@ class _Asphere(_Sag):
     #: The step from power to power.
     _STEP = 2
 
-    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[float] = ()) -> None:
-        super().__init__(radius, conic, aperture_radius)
+    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[float] = (),
+                 aperture: Aperture | None = None) -> None:
+        super().__init__(radius, conic, aperture_radius, aperture)
         self.coefficients = list(coefficients)
 
     def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
@@ -183,6 +252,7 @@ class EvenAsphere(_Asphere):
         conic: Conic constant.
         aperture_radius: Semi-diameter [mm].
         coefficients: Of r^2, r^4, r^6 and so on, up to ten; lengths are in mm.
+        aperture: The part across the axis that there is; None for all.
     """
 
 
@@ -194,6 +264,7 @@ class OddAsphere(_Asphere):
         conic: Conic constant.
         aperture_radius: Semi-diameter [mm].
         coefficients: Of r, r^2, r^3 and so on, up to ten; lengths are in mm.
+        aperture: The part across the axis that there is; None for all.
     """
 
     _STEP = 1
@@ -219,10 +290,12 @@ class Biconic(_Sag):
         aperture_radius: Semi-diameter [mm].
         conic_x: Conic constant along x.
         conic_y: Conic constant along y.
+        aperture: The part across the axis that there is; None for all.
     """
 
-    def __init__(self, radius_x: float, radius_y: float, aperture_radius: float, conic_x: float = 0.0, conic_y: float = 0.0) -> None:
-        super().__init__(math.inf, 0.0, aperture_radius)
+    def __init__(self, radius_x: float, radius_y: float, aperture_radius: float, conic_x: float = 0.0, conic_y: float = 0.0,
+                 aperture: Aperture | None = None) -> None:
+        super().__init__(math.inf, 0.0, aperture_radius, aperture)
         self.radius_x, self.radius_y, self.conic_x, self.conic_y = radius_x, radius_y, conic_x, conic_y
 
     def _sag_and_gradient(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
@@ -240,11 +313,12 @@ class Toroidal(_Sag):
         aperture_radius: Semi-diameter [mm].
         conic: Conic constant of the profile.
         coeffs_poly_y: Of y^2, y^4, y^6 and so on, up to ten; lengths are in mm.
+        aperture: The part across the axis that there is; None for all.
     """
 
     def __init__(self, radius_x: float, radius_y: float, aperture_radius: float, conic: float = 0.0,
-                 coeffs_poly_y: Sequence[float] = ()) -> None:
-        super().__init__(radius_y, conic, aperture_radius)
+                 coeffs_poly_y: Sequence[float] = (), aperture: Aperture | None = None) -> None:
+        super().__init__(radius_y, conic, aperture_radius, aperture)
         self.radius_x, self.radius_y = radius_x, radius_y
         self.coeffs_poly_y = list(coeffs_poly_y)
 
@@ -280,10 +354,12 @@ class Polynomial(_Freeform):
         conic: Conic constant.
         aperture_radius: Semi-diameter [mm].
         coefficients: ``coefficients[i][j]`` of x^i y^j, powers up to 31; lengths are in mm.
+        aperture: The part across the axis that there is; None for all.
     """
 
-    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[Sequence[float]] = ()) -> None:
-        super().__init__(radius, conic, aperture_radius)
+    def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[Sequence[float]] = (),
+                 aperture: Aperture | None = None) -> None:
+        super().__init__(radius, conic, aperture_radius, aperture)
         self.coefficients = [list(row) for row in coefficients]
 
     def _polynomial(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
@@ -314,11 +390,12 @@ class Chebyshev(_Freeform):
         coefficients: ``coefficients[i][j]`` of T_i(x / norm_x) T_j(y / norm_y) [mm], orders up to 31.
         norm_x: What x is divided by [mm].
         norm_y: What y is divided by [mm].
+        aperture: The part across the axis that there is; None for all.
     """
 
     def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[Sequence[float]] = (),
-                 norm_x: float = 1.0, norm_y: float = 1.0) -> None:
-        super().__init__(radius, conic, aperture_radius)
+                 norm_x: float = 1.0, norm_y: float = 1.0, aperture: Aperture | None = None) -> None:
+        super().__init__(radius, conic, aperture_radius, aperture)
         self.coefficients = [list(row) for row in coefficients]
         self.norm_x, self.norm_y = norm_x, norm_y
 
@@ -353,11 +430,13 @@ class Zernike(_Freeform):
         coefficients: Of the first polynomials of the convention [mm], orders up to 31.
         zernike_type: ``"standard"`` (OSA/ANSI), ``"noll"`` or ``"fringe"``.
         norm_radius: Radius of the disk on which the polynomials are defined [mm].
+        aperture: The part across the axis that there is; None for all.
     """
 
     def __init__(self, radius: float, conic: float, aperture_radius: float, coefficients: Sequence[float] = (),
-                 zernike_type: Literal["standard", "noll", "fringe"] = "standard", norm_radius: float = 1.0) -> None:
-        super().__init__(radius, conic, aperture_radius)
+                 zernike_type: Literal["standard", "noll", "fringe"] = "standard", norm_radius: float = 1.0,
+                 aperture: Aperture | None = None) -> None:
+        super().__init__(radius, conic, aperture_radius, aperture)
         self.coefficients = list(coefficients)
         self.zernike_type, self.norm_radius = zernike_type, norm_radius
 

@@ -30,6 +30,7 @@ from optiland.optic import Optic
 from optiland.physical_apertures import (
     EllipticalAperture,
     OffsetRadialAperture,
+    PolygonAperture,
     RadialAperture,
     RectangularAperture,
 )
@@ -353,15 +354,52 @@ def test_every_coating_of_optiland_is_carried_or_refused_by_name() -> None:
             nsq_gpu.from_optic(optic)
 
 
-def test_every_aperture_of_optiland_is_carried_or_refused_by_name() -> None:
-    carried = {RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture}
-    found = set(subclasses(physical_apertures, BaseAperture))
-    assert carried < found
-    for kind in found - carried:
+def test_every_aperture_of_optiland_is_carried_and_another_is_refused_by_name() -> None:
+    assert set(subclasses(physical_apertures, BaseAperture)) == set(prescription._APERTURES)
+
+    class Star(PolygonAperture):
+        pass
+
+    for aperture in (Star([0, 1, 0], [0, 0, 1]), RadialAperture(5.0) - Star([0, 1, 0], [0, 0, 1])):
         optic = singlet()
-        optic.surfaces.surfaces[1].aperture = object.__new__(kind)
-        with pytest.raises(nsq_gpu.UnsupportedSceneError, match=rf"surface 1: its aperture \({kind.__name__}\)"):
+        optic.surfaces.surfaces[1].aperture = aperture
+        with pytest.raises(nsq_gpu.UnsupportedSceneError, match=r"surface 1: its aperture \(Star\)"):
             prescription._check(optic)
+
+
+TRIANGLE = PolygonAperture([-6.0, 7.0, 0.5], [-5.0, -4.0, 6.0])
+APERTURES: dict[str, BaseAperture] = {
+    "polygon": TRIANGLE,
+    "union": RectangularAperture(-6.0, -1.0, -3.0, 5.0) | RadialAperture(3.0),
+    "intersection": TRIANGLE & RadialAperture(4.5, 1.0),
+    "difference": RadialAperture(7.0) - EllipticalAperture(2.0, 1.0, 1.5, -0.5),
+    "spider": RadialAperture(7.0) - (RectangularAperture(-0.5, 0.5, -9.0, 9.0) | RectangularAperture(-9.0, 9.0, -0.5, 0.5)),
+    "ellipse": EllipticalAperture(5.0, 3.0, 0.5, -1.0),
+}
+
+
+@pytest.mark.parametrize("shape", ["standard", "even_asphere", "biconic", "zernike"])
+@pytest.mark.parametrize("name", APERTURES)
+def test_apertures_of_any_surface_pass_and_stop_what_the_sequential_engine_does(name: str, shape: str) -> None:
+    kinds: dict[str, dict[str, Any]] = {"standard": {"radius": 50.0}, **{kind.split()[0]: spec for kind, spec in FREEFORMS.items()},
+                                        "even_asphere": {"surface_type": "even_asphere", "radius": 35.0, "coefficients": [1e-4, -2e-7]}}
+    optic = Optic()
+    optic.surfaces.add(index=0, thickness=np.inf)
+    optic.surfaces.add(index=1, thickness=8.0, material="N-BK7", is_stop=True, aperture=APERTURES[name], **kinds[shape])
+    optic.surfaces.add(index=2, thickness=50.0, radius=-200.0)
+    optic.surfaces.add(index=3)
+    optic.set_aperture(aperture_type="EPD", value=16.0)
+    optic.fields.set_type("angle")
+    optic.fields.add(y=0.0)
+    optic.fields.add(x=2.0, y=4.0)
+    optic.wavelengths.add(value=0.55, is_primary=True)
+    optic.surfaces.surfaces[1].geometry.tol = 1e-13
+    row = compare(name, optic, binary=live.binary())
+    assert (row.refused, row.num_lost, row.num_gained) == ("", 0, 0)
+    assert 0 < row.num_sequential < row.num_rays
+    assert row.distance < 1e-9
+    # What the aperture leaves out of the face absorbs.
+    assert "L1.front.mask" in nsq_gpu.from_optic(optic).component_names
 
 
 @pytest.mark.parametrize("kind", ["even_asphere", "odd_asphere"])

@@ -252,6 +252,10 @@ class With:
     base: Json
 
 
+DISK, SLIT = Aperture("ellipse", 6.0, 5.0), Aperture("rectangle", 2.0, 7.0, x=1.0)
+POLYGON = {"outline": "polygon", "semi_axis_x": None, "semi_axis_y": None, "vertices": ((-6.0, -6.0), (7.0, -5.0), (0.0, 8.0))}
+UNION = {"outline": "union", "semi_axis_x": None, "semi_axis_y": None, "parts": (DISK, SLIT)}
+
 #: Of every class: how to build a scene, the fields of the base, and another value for every field.
 WALKS: dict[type, tuple[Build, Json, Json]] = {
     LensConfig: (with_lens, LENS, {
@@ -338,32 +342,33 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
         "radius": -50.0, "conic": -2.0, "aperture_radius": 8.5, "aperture": Aperture("rectangle", 6.0, 5.0)}),
     Aperture: (with_aperture, {"outline": "ellipse", "semi_axis_x": 6.0, "semi_axis_y": 5.0}, {
         "outline": "rectangle", "semi_axis_x": 5.0, "semi_axis_y": 4.0, "x": 1.0, "y": 1.0, "hole_radius": 2.0,
-        "inverted": True}),
+        "inverted": True, "vertices": With(((-5.0, -4.0), (6.0, -3.0), (0.0, 6.0)), POLYGON),
+        "parts": With((Aperture("difference", parts=(DISK, SLIT)), Aperture("intersection", parts=(DISK, SLIT))), UNION)}),
     EvenAsphere: (lambda **fields: with_surface(EvenAsphere, **fields), {
         "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [1e-5]}, {
-        "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [2e-5, 1e-7]}),
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [2e-5, 1e-7], "aperture": SLIT}),
     OddAsphere: (lambda **fields: with_surface(OddAsphere, **fields), {
         "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [0.01]}, {
-        "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [0.02, 1e-4]}),
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 11.0, "coefficients": [0.02, 1e-4], "aperture": SLIT}),
     Biconic: (lambda **fields: with_surface(Biconic, **fields), {
         "radius_x": -60.0, "radius_y": 40.0, "aperture_radius": 12.0}, {
-        "radius_x": -50.0, "radius_y": 30.0, "aperture_radius": 8.0, "conic_x": -2.0, "conic_y": 1.0}),
+        "radius_x": -50.0, "radius_y": 30.0, "aperture_radius": 8.0, "conic_x": -2.0, "conic_y": 1.0, "aperture": SLIT}),
     Toroidal: (lambda **fields: with_surface(Toroidal, **fields), {
         "radius_x": -60.0, "radius_y": 40.0, "aperture_radius": 12.0, "coeffs_poly_y": [1e-4]}, {
-        "radius_x": -50.0, "radius_y": 30.0, "aperture_radius": 8.0, "conic": -2.0, "coeffs_poly_y": [2e-4, 1e-6]}),
+        "radius_x": -50.0, "radius_y": 30.0, "aperture_radius": 8.0, "conic": -2.0, "coeffs_poly_y": [2e-4, 1e-6], "aperture": SLIT}),
     Polynomial: (lambda **fields: with_surface(Polynomial, **fields), {
         "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [[0.0, 0.01], [0.02]]}, {
-        "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": [[0.0, 0.01], [0.02, 1e-3]]}),
+        "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": [[0.0, 0.01], [0.02, 1e-3]], "aperture": SLIT}),
     Chebyshev: (lambda **fields: with_surface(Chebyshev, **fields), {
         "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [[0.0, 0.1], [0.2]], "norm_x": 12.0, "norm_y": 13.0}, {
         "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": [[0.0, 0.1, -0.1], [0.2, 0.1]], "norm_x": 14.0,
-        "norm_y": 15.0}),
+        "norm_y": 15.0, "aperture": SLIT}),
     Zernike: (lambda **fields: with_surface(Zernike, **fields), {
         "radius": -60.0, "conic": 0.0, "aperture_radius": 12.0, "coefficients": [0.0, 0.1, 0.0, 0.0, 0.3], "norm_radius": 12.0,
         "zernike_type": "noll"}, {
         "radius": -50.0, "conic": -2.0, "aperture_radius": 8.0, "coefficients": With([0.0, 0.1, -0.2], {"zernike_type": "standard"}),
         "zernike_type": "fringe",
-        "norm_radius": 13.0}),
+        "norm_radius": 13.0, "aperture": SLIT}),
     PupilSource: (with_pupil, {
         "cs": cs(x=1.0, z=-15.0, ry=0.1), "spectrum": SPECTRUM, "beam_radii": (2.0, 2.0), "chief": (0.0, 0.0, 1.0)}, {
         "cs": cs(x=1.0, z=-16.0, ry=0.1), "spectrum": Spectrum(np.array([0.45]), np.array([1.0])), "total_flux": 2.0,

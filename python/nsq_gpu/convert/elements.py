@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.convert.prescription import ENDLESS, Face, Rays
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
-from nsq_gpu.shapes import Aperture, ClippedConic
+from nsq_gpu.shapes import Aperture
 
 #: How much larger an opening is than the rays that were traced, which are not all: the share of its radius.
 _ROOM = 1e-3
@@ -68,7 +68,7 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         scene.add_component(part.name, _component(part, report))
         if isinstance(part.face.stated, Aperture) and not part.face.is_mirror:
             # What the aperture leaves out of the face absorbs.
-            shape = ClippedConic(part.face.form.radius, part.face.form.conic, part.radius, replace(part.face.stated, inverted=True))
+            shape = part.face.form.clipped(part.radius, part.face.stated.inverse())
             scene.add_component(f"{part.name}.mask", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.mask"))
         elif isinstance(part.face.stated, Aperture):
             report.remarks.append(f"{part.name}: light beside its aperture, and through a hole of it, goes on")
@@ -231,10 +231,10 @@ def _component(part: Part, report: LensReport) -> BaseComponent:
     if part.radius >= form.reach:
         # An asphere needs its slope at the rim.
         part.radius = form.reach * (1.0 - (1e-9 if form.is_conic else 1e-3))
-    if not form.is_conic:
-        shape: Any = form.shape(part.radius)
-    elif isinstance(face.stated, Aperture):
-        shape = ClippedConic(form.radius, form.conic, part.radius, face.stated)
+    if isinstance(face.stated, Aperture):
+        shape: Any = form.clipped(part.radius, face.stated)
+    elif not form.is_conic:
+        shape = form.shape(part.radius)
     elif not form.is_flat:
         shape = ConicGeometry(form.radius, form.conic, part.radius)
     else:
@@ -356,7 +356,7 @@ def _add_stop(scene: NSQScene, face: Face, name: str, gaps: list[Gap], rays: Ray
     report.components[face.index] = (name,)
     (report.estimated_apertures if face.stated is None else report.stated_apertures).append(name)
     if isinstance(face.stated, Aperture):
-        shape = ClippedConic(face.form.radius, face.form.conic, min(outer, 0.999 * face.form.reach), replace(face.stated, inverted=True))
+        shape = face.form.clipped(min(outer, 0.999 * face.form.reach), face.stated.inverse())
         scene.add_component(name, AbsorbingComponent(face.frame(), shape, medium, name=name))
     elif opening < outer:
         shape = AnnularPlaneGeometry(inner_radius=opening, outer_radius=outer, z_offset=0.5 * sum(face.form.rim(min(opening, 0.999 * face.form.reach))))

@@ -62,6 +62,12 @@ class Form:
         """Return the scene's shape with a semi-diameter [mm]."""
         return self.kind(aperture_radius=aperture_radius, **{**{key: _listed(value) for key, value in self.numbers}, **changes})
 
+    def clipped(self, aperture_radius: float, aperture: shapes.Aperture) -> Any:
+        """Return the scene's shape within an aperture and a semi-diameter [mm]."""
+        if self.is_conic:
+            return shapes.ClippedConic(self.radius, self.conic, aperture_radius, aperture)
+        return self.shape(aperture_radius, aperture=aperture)
+
     def sag(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return z [mm]; NaN where the surface does not reach so far."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)

@@ -16,14 +16,26 @@ from optiland.coatings import BaseCoatingPolarized, FresnelCoating, SimpleCoatin
 from optiland.coordinate_system import CoordinateSystem
 from optiland.interactions.refractive_reflective_model import RefractiveReflectiveModel
 from optiland.nonsequential import NSQMaterial
-from optiland.physical_apertures import EllipticalAperture, OffsetRadialAperture, RadialAperture, RectangularAperture
+from optiland.physical_apertures import (
+    DifferenceAperture,
+    EllipticalAperture,
+    FileAperture,
+    IntersectionAperture,
+    OffsetRadialAperture,
+    PolygonAperture,
+    RadialAperture,
+    RectangularAperture,
+    UnionAperture,
+)
 
 from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.convert.forms import Form, form_of
 from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.shapes import Aperture
 
-_APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture)
+#: Apertures made of two others.
+_COMBINED = {UnionAperture: "union", IntersectionAperture: "intersection", DifferenceAperture: "difference"}
+_APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture, PolygonAperture, FileAperture, *_COMBINED)
 #: An aperture of that size has no end [mm].
 ENDLESS = 1e6
 
@@ -157,7 +169,7 @@ def _check(optic: Any) -> None:
                                     "fills the pupil uniformly; set optic.apodization to None")
     for index, surface in enumerate(optic.surfaces.surfaces[1:-1], start=1):
         place = name_of(surface, index)
-        form = form_of(surface.geometry, place)
+        form_of(surface.geometry, place)
         model = surface.interaction_model
         if type(model) is not RefractiveReflectiveModel:
             raise UnsupportedSceneError(f"{place}: a {type(model).__name__} has no place in a scene; only refracting and "
@@ -165,12 +177,16 @@ def _check(optic: Any) -> None:
         if model.bsdf is not None:
             raise UnsupportedSceneError(f"{place}: its BSDF ({type(model.bsdf).__name__}) cannot be carried; give one to "
                                         "the scene's component")
-        if isinstance(_stated_or_none(surface), Aperture) and not form.is_conic:
-            raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried on an "
-                                        "asphere or a freeform; a disk about the axis can")
-        if type(surface.aperture) not in (type(None), *_APERTURES):
-            raise UnsupportedSceneError(f"{place}: its aperture ({type(surface.aperture).__name__}) cannot be carried; disks, "
-                                        "rings, ellipses and rectangles can")
+        _check_aperture(surface.aperture, place)
+
+
+def _check_aperture(aperture: Any, place: str) -> None:
+    if type(aperture) not in (type(None), *_APERTURES):
+        raise UnsupportedSceneError(f"{place}: its aperture ({type(aperture).__name__}) cannot be carried; disks, rings, ellipses, "
+                                    "rectangles, polygons, and unions, intersections and differences of these can")
+    if type(aperture) in _COMBINED:
+        for part in (aperture.a, aperture.b):
+            _check_aperture(part, place)
 
 
 def _on_image(what: str, value: Any) -> UnsupportedSceneError:
@@ -299,6 +315,13 @@ def _stated_or_none(surface: Any) -> float | Aperture | None:
 
 
 def _stated(aperture: Any) -> float | Aperture | None:
+    """Return the radius of a disk about the axis, another aperture, or None for one without an end."""
+    if type(aperture) in _COMBINED:
+        one, other = (_combinable(_stated(part)) for part in (aperture.a, aperture.b))
+        return Aperture(_COMBINED[type(aperture)], parts=(one, other))
+    if type(aperture) in (PolygonAperture, FileAperture):
+        corners = np.stack([be.to_numpy(aperture.x), be.to_numpy(aperture.y)], axis=1).astype(float)
+        return Aperture("polygon", vertices=tuple(map(tuple, corners.tolist())))
     if type(aperture) is RectangularAperture:
         x, y = ((_number(getattr(aperture, f"{axis}_min")), _number(getattr(aperture, f"{axis}_max"))) for axis in "xy")
         return Aperture("rectangle", 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0]), 0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]))
@@ -309,6 +332,13 @@ def _stated(aperture: Any) -> float | Aperture | None:
     if hole <= 0.0 and middle == [0.0, 0.0]:
         return radius if radius < ENDLESS else None
     return Aperture("ellipse", min(radius, ENDLESS), min(radius, ENDLESS), *middle, max(hole, 0.0))
+
+
+def _combinable(stated: float | Aperture | None) -> Aperture:
+    if isinstance(stated, Aperture):
+        return stated
+    radius = ENDLESS if stated is None else stated
+    return Aperture("ellipse", radius, radius)
 
 
 def _number(value: Any) -> float:

@@ -83,12 +83,21 @@ def _conic(geometry: Any, place: str) -> Json:
 
 
 def _clipped_conic(geometry: Any, place: str) -> Json:
-    aperture = geometry.aperture
+    return {**_conic(geometry, place), "type": "clipped_conic", "aperture": _aperture(geometry.aperture, place)}
+
+
+def _aperture(aperture: Any, place: str) -> Json:
     if type(aperture) is not Aperture:
         raise refuse_type(place, "its aperture", aperture, "nsq_gpu.shapes.Aperture")
-    keys = ("semi_axis_x", "semi_axis_y", "x", "y", "hole_radius")
-    written = {"outline": aperture.outline, **_numbers_of(aperture, keys, f"{place}: aperture"), "inverted": aperture.inverted}
-    return {**_conic(geometry, place), "type": "clipped_conic", "aperture": written}
+    place = f"{place}: aperture"
+    if aperture.outline == "polygon":
+        vertices = [[number(value, f"{place}: vertices[{i}]") for value in corner] for i, corner in enumerate(aperture.vertices)]
+        own: Json = {"vertices": vertices}
+    elif aperture.outline in ("union", "intersection", "difference"):
+        own = {"parts": [_aperture(part, f"{place}: parts[{i}]") for i, part in enumerate(aperture.parts)]}
+    else:
+        own = _numbers_of(aperture, ("semi_axis_x", "semi_axis_y", "x", "y", "hole_radius"), place)
+    return {"outline": aperture.outline, **own, "inverted": aperture.inverted}
 
 
 def _even_asphere(geometry: Any, place: str) -> Json:
@@ -187,7 +196,10 @@ def shape(geometry: Any, place: str) -> Json:
     if write is None:
         raise refuse_type(place, "its shape", geometry,
                           "a conic, plane, annulus, frustum, sphere or mesh of Optiland, or a shape of nsq_gpu.shapes")
-    return write(geometry, place)
+    written = write(geometry, place)
+    if "aperture" not in written and getattr(geometry, "aperture", None) is not None:
+        written["aperture"] = _aperture(geometry.aperture, place)
+    return written
 
 
 # What happens at a surface
