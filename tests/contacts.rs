@@ -495,7 +495,7 @@ fn doubled_facets_are_as_one() {
                 face("front", frame, Shape::Mesh(MeshId(mesh)), VACUUM, GLASS),
                 face("back", place, Shape::Mesh(MeshId(mesh)), GLASS, VACUUM),
             ];
-            let sources = vec![lamp(within(&frame, &at(-8.0)), beam, VACUUM)];
+            let sources = vec![lamp(within(&frame, &at(-8.0)), beam.clone(), VACUUM)];
             let detectors = vec![screen("behind", within(&frame, &at(9.0)), 60.0, true)];
             flux(&result(&scene(surfaces, sources, detectors), &options(20_000, precision)), "behind")
         });

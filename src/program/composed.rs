@@ -9,7 +9,7 @@ use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
-use crate::program::layout::{bindings, bsdf, coating, rng, shape_tables, tables};
+use crate::program::layout::{bindings, bsdf, coating, kind_tables, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
@@ -158,7 +158,7 @@ impl Program {
             buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
         if self.features.has_tables() {
-            let tables = shape_tables::tables(ir).chain(bsdf::tables(ir)).chain(coating::tables(ir));
+            let tables = kind_tables::tables(ir).chain(bsdf::tables(ir)).chain(coating::tables(ir));
             buffers.push((bindings::TABLES, self.reals(tables)?));
         }
         if self.features.reads_bins() {

@@ -15,6 +15,8 @@ use crate::program::layout::bsdf;
 pub struct Features {
     /// Shapes of surfaces and detectors.
     pub shapes: Vec<ShapeKind>,
+    /// Some source has rays that are aimed.
+    pub aimed: bool,
     /// Some surface has an aperture that is no disk about the axis.
     pub clips: bool,
     /// Some surface refracts.
@@ -94,6 +96,7 @@ impl Features {
         let keeps_weight = !loses_weight && !roulette;
         Features {
             shapes,
+            aimed: ir.sources.iter().any(|source| !source.kind.table(&ir.wavelengths).is_empty()),
             clips: ir.surfaces.iter().any(|surface| surface.shape.is_clipped()),
             refractive,
             reflective: reflectances().next().is_some(),
@@ -144,9 +147,10 @@ impl Features {
         self.detectors.iter().any(|function| function.reads_bins())
     }
 
-    /// True if some shape, BSDF or coating reads a table.
+    /// True if some shape, source, BSDF or coating reads a table.
     pub fn has_tables(&self) -> bool {
         self.clips
+            || self.aimed
             || self.shapes.contains(&ShapeKind::Freeform)
             || self.tabulated_coatings
             || self.bsdfs.iter().any(|kind| kind.has_table())

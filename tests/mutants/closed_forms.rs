@@ -7,6 +7,7 @@ use nsq_gpu::model::ray_id::{self, NUM_REPLICATES};
 use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
+use nsq_gpu::model::sources::Aim;
 use nsq_gpu::model::{
     Aperture, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic, Detector, DetectorKind,
     Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil,
@@ -36,6 +37,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "freeforms" => freeforms,
         "clipped" => clipped,
         "pupil" => pupil,
+        "aimed" => aimed,
         "ties" => ties,
         "many faces" => many_faces,
         "points over an area" => points_over_an_area,
@@ -380,7 +382,7 @@ fn between_mirrors(bench: &Bench, shapes: &[(Shape, f64); 2]) -> Outcome {
     let thick = SourceKind::Collimated(Collimated { aperture_radius: 5.0, sigma: None });
     for (kind, frame) in [
         lamp(wide, DVec3::new(1.0, 2.0, 14.0), DMat3::IDENTITY),
-        lamp(thick, DVec3::new(0.0, 0.0, 16.5), DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))),
+        lamp(thick.clone(), DVec3::new(0.0, 0.0, 16.5), DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))),
         lamp(thick, DVec3::new(-9.0, 0.0, 11.0), across),
     ] {
         let surfaces = shapes.iter().map(|(shape, z)| mirror(shape.clone(), *z)).collect();
@@ -503,7 +505,7 @@ fn clipped(bench: &Bench) -> Outcome {
             let rest = Surface { shape: rest, ..plane("rest", 45.0, Interaction::Absorbing, 0, 0) };
             let is_on = |p: DVec3| shape.level(p).is_some_and(|level| level.value.abs() < 1e-9);
             let part = Surface { shape: shape.clone(), ..plane("part", 20.0, Interaction::Absorbing, 0, 0) };
-            let ir = scene(lamp, vec![part, rest], vec![pixels("behind", 60.0)]);
+            let ir = scene(lamp.clone(), vec![part, rest], vec![pixels("behind", 60.0)]);
             let mut setting = Setting::default();
             setting.options.paths = RecordPaths::All;
             for event in &bench.tally(&ir, &setting).paths {
@@ -528,8 +530,7 @@ fn clipped(bench: &Bench) -> Outcome {
 
 /// Rays through a pupil: at z = 10 mm all are in the disk of 5 mm about (1, 2), and their directions are unit vectors.
 fn pupil(bench: &Bench) -> Outcome {
-    let kind =
-        SourceKind::Pupil(Pupil { beam_radii: [3.0, 1.0], chief: [1.0, 2.0, 10.0], pupil_radii: [2.0, 4.0] });
+    let kind = SourceKind::Pupil(pupil_of([3.0, 1.0], [1.0, 2.0, 10.0], [2.0, 4.0], vec![]));
     let mut film = pixels("film", 10.0);
     film.kind = DetectorKind::RayDatabase(RayDatabase { width: 1e3, height: 1e3, max_rays: None });
     let tally = bench.tally(&scene(kind, vec![], vec![film]), &Setting::default());
@@ -547,6 +548,65 @@ fn pupil(bench: &Bench) -> Outcome {
         true => Ok(()),
         false => Err(format!("a disk of {widest} mm, {reach:?} along x and y")),
     }
+}
+
+fn pupil_of(beam_radii: [f64; 2], chief: [f64; 3], pupil_radii: [f64; 2], aimed: Vec<Aim>) -> Pupil {
+    Pupil { beam_radii, chief, pupil_radii, aimed: aimed.into() }
+}
+
+/// Rays that are aimed start where polynomials say of the places in the pupil that a plain source shows, by wavelength; and
+/// a source behind one with a table of its own has its own.
+fn aimed(bench: &Bench) -> Outcome {
+    let [x, y] = [vec![vec![0.5, -0.25], vec![0.125, 0.0, 0.75]], vec![vec![], vec![0.0, 1.5]]];
+    let [vector_x, vector_y] = [vec![vec![0.0, 0.0, 0.25]], vec![vec![0.5], vec![-0.5]]];
+    let aim = |wavelength, scale: f64| {
+        let scaled = |rows: &Vec<Vec<f64>>| {
+            rows.iter().map(|row| row.iter().map(|number| scale * number).collect()).collect()
+        };
+        let [x, y, vector_x, vector_y] = [&x, &y, &vector_x, &vector_y].map(scaled);
+        Aim { wavelength, x, y, vector_x, vector_y }
+    };
+    let value = |rows: &[Vec<f64>], [u, v]: [f64; 2]| {
+        let rows = (0..)
+            .zip(rows)
+            .map(|(i, row)| (0..).zip(row).map(|(j, number)| number * u.powi(i) * v.powi(j)).sum::<f64>());
+        rows.sum::<f64>()
+    };
+    let births = |aimed: Vec<Aim>, others: Vec<Aim>| {
+        let of = |aimed| SourceKind::Pupil(pupil_of([1.0, 1.0], [0.5, 0.0, 2.0], [0.0, 0.0], aimed));
+        let mut ir = scene(of(others), vec![], vec![pixels("end", 99.0)]);
+        ir.wavelengths = vec![0.4, 0.5];
+        for medium in &mut ir.media {
+            (medium.n, medium.k) = (vec![medium.n[0]; 2], vec![medium.k[0]; 2]);
+        }
+        ir.sources[0].spectrum = Spectrum { wavelengths: vec![0, 1], cdf: vec![0.5, 1.0] };
+        ir.sources.push(Source { name: "second".into(), kind: of(aimed), ..ir.sources[0].clone() });
+        let mut setting = Setting::default();
+        setting.options.num_rays = 400;
+        setting.options.paths = RecordPaths::All;
+        let mut births = bench.tally(&ir, &setting).paths;
+        births.retain(|event| matches!(event.kind, PathEventKind::Birth(1)));
+        births.sort_by_key(|event| event.ray.ray_id);
+        births
+    };
+    let plain = births(vec![], vec![]);
+    let found = births(vec![aim(0.4, 1.0), aim(0.5, 2.0)], vec![aim(0.5, 3.0)]);
+    if plain.len() < 100 || plain.len() != found.len() {
+        return Err(format!("{} and {} births", plain.len(), found.len()));
+    }
+    for (plain, found) in plain.iter().zip(&found) {
+        let p = [plain.ray.position[0], plain.ray.position[1]];
+        let scale = if found.ray.wavelength == 0 { 1.0 } else { 2.0 };
+        let start = [p[0] + scale * value(&x, p), p[1] + scale * value(&y, p)];
+        let vector =
+            DVec3::new(0.5 + scale * value(&vector_x, p), scale * value(&vector_y, p), 2.0).normalize();
+        let off = (found.ray.position[0] - start[0]).hypot(found.ray.position[1] - start[1]);
+        let turned = (DVec3::from_array(found.ray.direction) - vector).length();
+        if off > 1e-12 || turned > 1e-12 {
+            return Err(format!("a ray is {off} mm and {turned} off at {p:?}, {}", found.ray.wavelength));
+        }
+    }
+    Ok(())
 }
 
 /// Of two surfaces at one place the first in the list takes every ray, and a surface takes it before a detector.
@@ -625,7 +685,7 @@ fn points_of_scrambles(bench: &Bench) -> Outcome {
         setting.options.num_rays = 1024 * u64::from(NUM_REPLICATES);
         setting.options.sampler = Sampler::Sobol;
         setting.options.standard_error = StandardError::On;
-        let tally = bench.tally(&scene(kind, vec![], vec![film]), &setting);
+        let tally = bench.tally(&scene(kind.clone(), vec![], vec![film]), &setting);
         let rays = tally.detectors[0].replicates.iter().map(|quanta| (quanta >> 52) as u64);
         rays.collect::<Vec<u64>>()
     };

@@ -5,6 +5,7 @@ use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
+use nsq_gpu::model::sources::Aim;
 use nsq_gpu::model::{
     Annulus, Aperture, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
     Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium,
@@ -76,6 +77,7 @@ pub enum Choice {
     Reflective,
     ReflectiveBySpectrum,
     Absorbing,
+    Aimed,
     Clipped,
     Tip,
     Coated,
@@ -265,6 +267,7 @@ impl Choice {
             Choice::Reflective,
             Choice::ReflectiveBySpectrum,
             Choice::Absorbing,
+            Choice::Aimed,
             Choice::Clipped,
             Choice::Tip,
             Choice::Coated,
@@ -320,6 +323,19 @@ impl Choice {
                 ir.surfaces.push(surface(ball(), mirror(0.9, 0.5, ir.wavelengths.len())));
             }
             Choice::Absorbing => ir.surfaces.push(surface(ball(), Interaction::Absorbing)),
+            Choice::Aimed => {
+                polychromatic(ir);
+                let rows = vec![vec![0.0, 0.25], vec![0.125]];
+                let aim =
+                    Aim { wavelength: 0.55, x: rows.clone(), y: vec![], vector_x: rows, vector_y: vec![] };
+                let pupil = Pupil {
+                    beam_radii: [1.0, 2.0],
+                    chief: [0.1, 0.2, 1.0],
+                    pupil_radii: [0.3, 0.1],
+                    aimed: [aim].into(),
+                };
+                ir.sources.push(source(SourceKind::Pupil(pupil), ir.wavelengths.len()));
+            }
             Choice::Clipped => {
                 let profile = Profile::new(50.0, -0.5, 10.0, 2, &[1e-4, 2e-6]);
                 let clipped = SagSurface::new(profile, Some(aperture()));
@@ -641,6 +657,7 @@ pub fn source_of(name: SourceFunction) -> SourceKind {
             beam_radii: [1.0, 2.0],
             chief: [0.1, 0.2, 1.0],
             pupil_radii: [0.3, 0.1],
+            aimed: [].into(),
         }),
     };
     assert_eq!(SourceFunction::of(&kind), name);

@@ -12,7 +12,7 @@ pub mod pupil;
 pub use crate::model::sources::collimated::Collimated;
 pub use crate::model::sources::extended::Extended;
 pub use crate::model::sources::point::Point;
-pub use crate::model::sources::pupil::Pupil;
+pub use crate::model::sources::pupil::{Aim, Pupil};
 
 use crate::Result;
 use crate::model::Outline;
@@ -21,7 +21,6 @@ use crate::model::written::{CoordinateSystem, Material, Spectrum};
 use crate::shaders::ShaderFile;
 
 kinds! {
-    #[derive(Copy)]
     SourceKind: Emission,
     functions SourceFunction: SourceWgsl,
     /// A source, by its `type`.
@@ -88,8 +87,14 @@ pub trait Emission: std::fmt::Debug {
     /// The function that emits its rays.
     fn kind(&self) -> SourceFunction;
 
-    /// The numbers `p0`, `p1` and so on of the function.
+    /// The numbers `p0`, `p1` and so on of the function. The last one of a source with a [`Emission::table`] stands for where
+    /// that begins.
     fn arguments(&self) -> Vec<f64>;
+
+    /// What the function reads from the buffer of tables, in a scene of these wavelengths \[um\]; empty for nothing.
+    fn table(&self, _wavelengths: &[f64]) -> Vec<f64> {
+        Vec::new()
+    }
 
     /// Where rays are born; of a point, a disk without an extent.
     fn births(&self) -> Outline;

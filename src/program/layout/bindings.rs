@@ -50,7 +50,7 @@ numbers! { "BINDING_", BINDINGS:
     EVENTS = 12;
     /// The source of a dispatch, where a scene has several.
     SOURCE = 13;
-    /// The tables of shapes, BSDFs and coatings.
+    /// The tables of shapes, sources, BSDFs and coatings.
     TABLES = 14;
     /// The table of faces in contact.
     CONTACTS = 16;

@@ -2,8 +2,8 @@
 //! tables. What the numbers are, each file of [`crate::model::bsdfs`] says.
 
 use crate::model::{Bsdf, BsdfKind, Scatter, SceneIr, Surface};
+use crate::program::layout::kind_tables;
 use crate::program::layout::records::Records;
-use crate::program::layout::shape_tables;
 
 /// The kinds that occur, without repetition.
 pub fn kinds(ir: &SceneIr) -> Vec<BsdfKind> {
@@ -94,7 +94,7 @@ fn distinct(ir: &SceneIr) -> Vec<&Bsdf> {
 /// Where each surface's table begins.
 fn table_starts(ir: &SceneIr) -> Vec<u32> {
     let distinct = distinct(ir);
-    let mut next = shape_tables::num_numbers(ir) as u32;
+    let mut next = kind_tables::num_numbers(ir) as u32;
     let starts: Vec<u32> = distinct
         .iter()
         .map(|bsdf| {

@@ -2,12 +2,12 @@
 
 use crate::model::{SceneIr, Surface, TabulatedCoating};
 use crate::program::layout::records::Records;
-use crate::program::layout::{bsdf, shape_tables};
+use crate::program::layout::{bsdf, kind_tables};
 
 /// Adds what shaders/optics/coating.tabulated.wgsl reads of a surface.
 pub fn put_columns(records: &mut Records, ir: &SceneIr) {
     let distinct = distinct(ir);
-    let mut next = (shape_tables::num_numbers(ir) + bsdf::tables(ir).len()) as u32;
+    let mut next = (kind_tables::num_numbers(ir) + bsdf::tables(ir).len()) as u32;
     let starts: Vec<u32> = distinct
         .iter()
         .map(|table| {

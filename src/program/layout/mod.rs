@@ -3,11 +3,12 @@
 pub mod bindings;
 pub mod bsdf;
 pub mod coating;
+pub mod kind_tables;
 pub mod numbers;
 pub mod reals;
 pub mod records;
 pub mod rng;
-pub mod shape_tables;
+
 pub mod splitting;
 pub mod sums;
 pub mod tables;

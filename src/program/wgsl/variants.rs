@@ -1,6 +1,7 @@
 //! The table of the files of shaders/ that a scene takes: one row a slot, with its twin files and the rule that picks
 //! one.
 
+use crate::model::SourceFunction;
 use crate::program::features::{Features, Precision};
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
@@ -103,6 +104,7 @@ const SLOTS: &[Slot] = slots! { c;
     "geometry/mesh"             [none]                                !c.has_meshes() => none;
     "geometry/mesh_rows"        [f32, f64]                            c.has_meshes() => either(c.is_f32(), f32, f64);
     "geometry/edges"            [f32, exact]                          c.has_meshes() => either(c.is_f32(), f32, exact);
+    "sources/aimed"             [table, none]                         c.f.sources.contains(&SourceFunction::Pupil) => either(c.f.aimed, table, none);
     "geometry/clip"             [table, none]                         c.f.can_clip() => either(c.f.clips, table, none);
     "geometry/sag"              [search]                              c.f.has_sags() => search;
     "geometry/sag_rounding"     [f32, df64, f64]                      c.f.has_sags() => match c.o.precision {
