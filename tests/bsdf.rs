@@ -520,6 +520,33 @@ fn a_table_that_is_the_same_at_every_angle_is_a_simple_coating() {
     }
 }
 
+/// A simple coating takes nothing of what is totally reflected, whatever coatings other surfaces have.
+#[test]
+fn a_table_elsewhere_leaves_a_simple_coating_as_it_is() {
+    let face = |name: &str, z: f64, coating: Value| {
+        json!({ "name": name, "cs": { "z": z }, "shape": { "type": "plane" }, "interaction": "refractive", "coating": coating,
+                "material_front": { "type": "medium", "name": "clear" } })
+    };
+    let table = json!({
+        "type": "tabulated", "wavelengths": [0.5], "angles": [0.0, 90.0],
+        "reflectance": [[0.5, 1.0]], "transmittance": [[0.25, 0.0]],
+        "reflectance_back": [[0.5, 1.0]], "transmittance_back": [[0.25, 0.0]],
+    });
+    let mut source = pencil(60.0);
+    source["medium"] = json!({ "type": "medium", "name": "clear" });
+    for (coating_here, lost) in [(coating(0.25, 0.5), 0.0), (table.clone(), 1.0 - 0.75 - 0.25 * 0.5)] {
+        let faces = [face("here", 0.0, coating_here), face("elsewhere", 1e3, table.clone())];
+        let ir = lowered(&json!({
+            "nsq_schema_version": 1, "sources": [source], "detectors": [sky(-20.0, 9), sky_behind()],
+            "nsq_gpu": { "version": 1, "surfaces": faces, "media": { "clear": { "type": "constant", "n": 1.5 } },
+                         "sampling": { "rr_start_flux": 0.0 } },
+        }));
+        let result = trace(&ir, 1000, Precision::F64);
+        assert!((result.ledger.coating.flux - lost).abs() < 1e-12, "{} lost", result.ledger.coating.flux);
+        assert!((flux(&result, "sky") - (1.0 - lost)).abs() < 1e-12);
+    }
+}
+
 /// A coating by angle in a file: angles ascend there, and reflectances of a lossless film add up with transmittances.
 #[test]
 fn coatings_by_angle_are_read() {

@@ -101,7 +101,7 @@ fn random_shape(s: &mut u64, real: Real, kind: ShapeKind, aperture: f64) -> Shap
                 let powers = (0..5).flat_map(|i| (0..5 - i).map(move |j| p.x.powi(i) * p.y.powi(j)));
                 powers.zip(&terms).map(|(power, term)| 0.4 * power * term).sum()
             };
-            let polynomial = Polynomial { powers: [4; 2], order: 4, value: &value };
+            let polynomial = Polynomial { powers: [4; 2], order: 4, value: &value, definition: vec![] };
             Shape::Polynomial(Freeform::new(radius_x, conic_x, aperture, &polynomial).into())
         }
     }

@@ -567,6 +567,10 @@ fn coatings_that_give_more_than_they_get_are_refused() {
     let mirror = r#""L1.front": {"coating": {"type": "simple", "reflectance": 0.1, "transmittance": 0.8}, "#;
     let place = r#"nsq_gpu.overrides["L1.front"].coating"#;
     refused(r#""L1.front": {"#, mirror, place, &["both a reflectance and a coating"]);
+    // Of a mirror, too.
+    let mirror = r#""L1.front": {"interaction": "reflective", "coating": {"type": "simple", "reflectance": 0.9, "transmittance": 0.5}}"#;
+    let old = r#""L1.front": {"interaction": "reflective", "reflectance": 0.5}"#;
+    refused(old, mirror, &format!("{place}.transmittance"), &["R = 0.9 and T = 0.5"]);
 }
 
 /// Every way in which a table of a coating can be wrong has its place and its advice.

@@ -379,11 +379,12 @@ def _add_source(scene: NSQScene, spec: Json, materials: Materials) -> None:
     if spec["type"] != "pupil":
         scene.add_source(spec["name"], frame, _source_config(spec, materials))
         return
-    from nsq_gpu.sources import PupilSource
+    from nsq_gpu.sources import Aim, PupilSource
 
     medium = spec.get("medium")
     numbers = {key: spec[key] for key in ("total_flux", "beam_radii", "chief", "pupil_radii") if key in spec}
-    source = PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers,
+    aimed = [Aim(**aim) for aim in spec.get("aimed", ())]
+    source = PupilSource(frame, Spectrum(**spec["spectrum"]), **numbers, aimed=aimed,
                          medium=None if medium is None else materials.shared(medium))
     scene.source_registry.add(spec["name"], source)
 

@@ -46,11 +46,12 @@ fn coated_transmittance(surface: Surface, bare: real, reflectance: Share) -> rea
 }
 
 // A coating transmits T / (1 - R) of the light that it does not reflect. Where reflection is total, R + T remains. The
-// sum is taken, because the table may step from transmission to total reflection between two cosines.
+// sum is taken, because the table may step from transmission to total reflection between two cosines. A simple coating,
+// which is a table of two equal columns here, takes nothing of what is totally reflected.
 fn pay_coating(
     ray: ptr<function, Ray>, surface: Surface, primitive: u32, cosine: real, total_reflection: bool, reflects: bool,
 ) {
-    if surface.coating_cosines == 0u || (reflects && !total_reflection) {
+    if surface.coating_cosines == 0u || (reflects && !(total_reflection && surface.absorbs_totally_reflected != 0u)) {
         return;
     }
     let coating = coating_of(surface, (*ray).wavelength, cosine);

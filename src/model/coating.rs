@@ -4,7 +4,7 @@
 /// of 1 is absorbed. On a mirror, its reflectance by angle takes the place of the mirror's own.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Coating {
-    /// The same at every angle, and from both sides. Total reflection stays total.
+    /// The same at every angle, and from both sides. It takes nothing of what is totally reflected.
     Simple(SimpleCoating),
     /// By the angle of incidence, from either side.
     Tabulated(TabulatedCoating),

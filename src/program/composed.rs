@@ -5,11 +5,12 @@ use crate::model::surface_optics::{coating_pass, reflectance};
 use crate::model::{Detector, SceneIr, SourceFunction, Surface};
 use crate::program::features::{Features, Precision};
 use crate::program::geometry::{bvh, contact, mesh, tree};
+use crate::program::layout::kind_tables::Places;
 use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
-use crate::program::layout::{bindings, bsdf, coating, kind_tables, rng, tables};
+use crate::program::layout::{bindings, bsdf, coating, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
@@ -158,7 +159,8 @@ impl Program {
             buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
         if self.features.has_tables() {
-            let tables = kind_tables::tables(ir).chain(bsdf::tables(ir)).chain(coating::tables(ir));
+            let of_kinds = Places::of(ir).numbers()?.into_iter();
+            let tables = of_kinds.chain(bsdf::tables(ir)).chain(coating::tables(ir));
             buffers.push((bindings::TABLES, self.reals(tables)?));
         }
         if self.features.reads_bins() {

@@ -6,6 +6,7 @@ use crate::model::{SceneIr, ray_id};
 use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
+use crate::program::layout::kind_tables::Places;
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::{Cells, FacetTable};
 use crate::program::options::{ProgramOptions, SecondMoments};
@@ -26,6 +27,8 @@ pub struct Prepared<'a> {
     pub centre: DVec3,
     /// Its cells.
     pub cells: Cells,
+    /// Where tables of shapes and sources begin.
+    pub places: Places,
     /// The trees over its meshes and its primitives.
     pub forest: bvh::Forest,
     /// The triangles of its meshes.
@@ -79,6 +82,7 @@ impl<'a> Prepared<'a> {
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         Ok(Prepared {
             ir,
+            places: Places::of(ir),
             options,
             features,
             splitting,

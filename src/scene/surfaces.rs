@@ -172,9 +172,11 @@ impl Finish<'_> {
             ));
         }
         match self.coating {
-            Some(Coating::Tabulated(_)) => return Ok(vec![1.0; wavelengths.len()]),
-            Some(Coating::Simple { reflectance, .. }) => {
-                return reflectance.at(wavelengths, &key_of(&coating_place, "reflectance"));
+            Some(coating) => {
+                let coating = coating.at(wavelengths, &coating_place)?;
+                // A table has the reflectance by angle.
+                let reflectance = coating.simple().map(|simple| simple.reflectance.clone());
+                return Ok(reflectance.unwrap_or_else(|| vec![1.0; wavelengths.len()]));
             }
             None => {}
         }

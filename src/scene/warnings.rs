@@ -19,6 +19,7 @@ pub(super) fn of(
     wavelengths: &[f64],
 ) -> Vec<String> {
     let mut warnings: Vec<String> = surfaces.iter().filter_map(of_bsdf).collect();
+    warnings.extend(surfaces.iter().filter_map(terms_beyond_f32));
     warnings.extend(open_media(file, surfaces, media));
     warnings.extend(file.detectors.iter().filter_map(|detector| wavelengths_beyond(detector, wavelengths)));
     warnings.extend(coincidence::warnings(file, surfaces, meshes, media));
@@ -31,6 +32,21 @@ pub(super) fn of(
 
 fn of_bsdf(surface: &SceneSurface) -> Option<String> {
     surface.scatter.as_ref()?.bsdf.warning(&surface.name, &surface.interaction)
+}
+
+// Shapes
+
+/// Polynomials of a high order may have terms far larger than their sum.
+fn terms_beyond_f32(surface: &SceneSurface) -> Option<String> {
+    /// Largest error of a height in f32 that deserves no word \[mm\].
+    const LARGEST: f64 = 1e-4;
+    let error = surface.shape.terms_size() * f64::from(f32::EPSILON);
+    (error > LARGEST).then(|| {
+        format!(
+            "the terms of {} add up to far more than its height: in f32 that is off by up to {error:.1e} mm; trace it in f64 or df64",
+            quoted(&surface.name)
+        )
+    })
 }
 
 // Media

@@ -361,10 +361,10 @@ fn freeforms(bench: &Bench) -> Outcome {
         let (u, v) = (p.x / 6.0, p.y / 6.0);
         0.2 * u + 0.5 * u * u * v - 0.3 * v * v * v + 0.25 * u * u * u * u - 0.15 * u * v
     };
-    let polynomial = Polynomial { powers: [4, 3], order: 4, value: &value };
+    let polynomial = Polynomial { powers: [4, 3], order: 4, value: &value, definition: vec![] };
     let one = Shape::Polynomial(Freeform::new(15.0, -0.6, 6.0, &polynomial).into());
     let value = |p: DVec2| 0.01 * p.y * p.y - 0.02 * p.x;
-    let polynomial = Polynomial { powers: [1, 2], order: 2, value: &value };
+    let polynomial = Polynomial { powers: [1, 2], order: 2, value: &value, definition: vec![] };
     let other = Shape::Chebyshev(Freeform::new(-30.0, 0.0, 6.0, &polynomial).into());
     between_mirrors(bench, &[(one, 10.0), (other, 18.0)])
 }
@@ -492,7 +492,12 @@ fn clipped(bench: &Bench) -> Outcome {
     let conic = Conic { curvature: -1.0 / 9.0, conic: 0.0, aperture_radius: 6.0 };
     let bowl = Profile::new(-9.0, 0.0, 6.0, 2, &[0.0, -1e-5]);
     let value = |p: DVec2| -1e-3 * p.x * p.y;
-    let freeform = Freeform::new(-9.0, 0.0, 6.0, &Polynomial { powers: [1; 2], order: 2, value: &value });
+    let freeform = Freeform::new(
+        -9.0,
+        0.0,
+        6.0,
+        &Polynomial { powers: [1; 2], order: 2, value: &value, definition: vec![] },
+    );
     for (i, aperture) in [ellipse, polygon, without_hole, in_one, in_both, all_but].into_iter().enumerate() {
         let mut shapes = vec![Shape::ClippedConic(ClippedConic::new(conic, aperture.clone()))];
         if i >= 4 {

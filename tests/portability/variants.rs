@@ -607,7 +607,7 @@ pub fn shape_of(kind: ShapeKind) -> Shape {
         ),
         ShapeKind::Freeform => {
             let value = |p: DVec2| 1e-3 * p.x * p.x - 2e-4 * p.x * p.y + 1e-5 * p.y.powi(3);
-            let polynomial = Polynomial { powers: [2, 3], order: 3, value: &value };
+            let polynomial = Polynomial { powers: [2, 3], order: 3, value: &value, definition: vec![] };
             Shape::Polynomial(Freeform::new(50.0, -0.5, 10.0, &polynomial).into())
         }
         ShapeKind::ClippedConic => {

@@ -13,22 +13,25 @@ from optiland.nonsequential.sources.base import Spectrum
 from nsq_gpu.convert.prescription import frame
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
-from nsq_gpu.sources import PupilSource
+from nsq_gpu.sources import Aim, PupilSource
 
 #: Largest difference between a ray of the sequential engine and of the source that is rounding, in units of the numbers.
 _ROUNDING = 1e-10
+#: Order of the polynomials that say where aimed rays start, and rings and directions of the pupil that they are fitted to.
+_ORDER = 7
+_RINGS, _TURNS = 8, 16
 #: Largest share of the pupil's width by which rays that are aimed may miss their places.
-_MOST_MISS = 0.2
+_MOST_MISS = 1e-3
 
 
 def add_sources(scene: NSQScene, optic: Any, medium: NSQMaterial | None, report: LensReport) -> None:
     """Add a source a field, ``source_0`` and on, with the weights of fields and wavelengths.
 
     With paraxial aiming the source's rays are those of the sequential engine. Where rays are aimed at the stop itself, the
-    source has the nearest linear function of the pupil, and the report says how near.
+    source has a polynomial of the pupil for each wavelength, and the report says how near that is.
 
     Raises:
-        UnsupportedSceneError: The rays of a field are no linear function of the pupil, by its name.
+        UnsupportedSceneError: The rays of a field are no such polynomial of the pupil, by its name.
     """
     lines = optic.wavelengths.wavelengths
     spectrum = Spectrum([float(line.value) for line in lines], [float(line.weight) for line in lines])
@@ -66,22 +69,53 @@ def _source(optic: Any, number: int, hx: float, hy: float, spectrum: Spectrum, m
     middle, across, up = np.linalg.lstsq(np.concatenate([np.ones((len(pupil), 1)), pupil], axis=1), columns, rcond=None)[0]
     source = PupilSource(frame(middle[:3], np.eye(3)), spectrum, beam_radii=(across[0], up[1]),
                          chief=(middle[3], middle[4], 1.0), pupil_radii=(across[3], up[4]), medium=medium)
+    if _miss(optic, hx, hy, source, middle, pupil) == 0.0:
+        return source
+    source.aimed = tuple(_aim(optic, hx, hy, source, middle, float(line.value)) for line in optic.wavelengths.wavelengths)
+    others = _in_pupil(5, 11, 0.3)
+    miss = _miss(optic, hx, hy, source, middle, others)
+    if not miss <= _MOST_MISS:
+        raise UnsupportedSceneError(f"{place}: its rays are aimed ({_aiming(optic)}) so that they are no smooth function of the "
+                                    f"pupil: they would miss their places by {miss:.2%} of its width; set paraxial aiming")
+    report.remarks.append(f"{place}: its rays are aimed ({_aiming(optic)}); a polynomial of order {_ORDER} for each wavelength has "
+                          f"them to {miss:.1g} of the pupil's width")
+    return source
+
+
+def _in_pupil(rings: int, turns: int, twist: float) -> np.ndarray:
+    """Return points of the unit disk on rings that are closer together towards the rim, each turned against the last."""
+    radii = np.cos((np.arange(rings) + 0.5) * np.pi / (2 * rings))
+    turn = 2.0 * np.pi * np.arange(turns) / turns
+    return np.concatenate([np.stack([r * np.cos(turn + i * twist), r * np.sin(turn + i * twist)], axis=1) for i, r in enumerate(radii)])
+
+
+def _miss(optic: Any, hx: float, hy: float, source: PupilSource, middle: np.ndarray, pupil: np.ndarray) -> float:
+    """Return by which share of the pupil's width rays miss their places, over all wavelengths; 0 if rounding hides it."""
     miss = 0.0
-    found_starts, found_directions = source.local_rays(pupil)
     for line in optic.wavelengths.wavelengths:
         starts, directions = _rays(optic, hx, hy, pupil, float(line.value))
+        found_starts, found_directions = source.local_rays(pupil, np.full(len(pupil), float(line.value)))
         for found, expected in ((found_starts + middle[:3], starts), (found_directions, directions)):
             off = float(np.abs(found - expected).max())
             if not off <= _ROUNDING * max(1.0, float(np.abs(expected).max())):
                 miss = max(miss, off / max(float(np.ptp(expected, axis=0).max()), _ROUNDING))
-    if miss == 0.0:
-        return source
-    if not miss <= _MOST_MISS:
-        raise UnsupportedSceneError(f"{place}: its rays are aimed ({_aiming(optic)}) so that they are no linear function of the "
-                                    f"pupil: they would miss their places by {miss:.0%} of its width; set paraxial aiming")
-    report.remarks.append(f"{place}: its rays are aimed ({_aiming(optic)}); the source fills the pupil linearly, with places off "
-                          f"by at most {miss:.1%} of its width, over all wavelengths")
-    return source
+    return miss
+
+
+def _aim(optic: Any, hx: float, hy: float, source: PupilSource, middle: np.ndarray, wavelength: float) -> Aim:
+    """Return what rays of a wavelength add to those of the plain source."""
+    pupil = _in_pupil(_RINGS, _TURNS, 0.13)
+    starts, directions = _rays(optic, hx, hy, pupil, wavelength)
+    plain_starts, plain_directions = source.local_rays(pupil, np.full(len(pupil), np.nan))
+    columns = np.concatenate([(starts - middle[:3] - plain_starts)[:, :2],
+                              directions[:, :2] / directions[:, 2:] - plain_directions[:, :2] / plain_directions[:, 2:]], axis=1)
+    powers = [(i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)]
+    terms = np.stack([pupil[:, 0]**i * pupil[:, 1]**j for i, j in powers], axis=1)
+    # What no ray adds beyond rounding is nothing, so that parallel rays stay parallel.
+    found = np.linalg.lstsq(terms, columns, rcond=None)[0] * (np.abs(columns).max(axis=0) > _ROUNDING)
+    tables = [[[float(column[powers.index((i, j))]) for j in range(_ORDER + 1 - i)] for i in range(_ORDER + 1)] if column.any() else []
+              for column in found.T]
+    return Aim(wavelength, *tables)
 
 
 def _aiming(optic: Any) -> str:

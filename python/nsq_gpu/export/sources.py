@@ -75,7 +75,16 @@ def _extended(source: Any, place: str) -> Json:
 
 
 def _pupil(source: Any, place: str) -> Json:
-    return {key: numbers(np.asarray(getattr(source, key)), f"{place}: {key}") for key in ("beam_radii", "chief", "pupil_radii")}
+    written: Json = {key: numbers(np.asarray(getattr(source, key)), f"{place}: {key}") for key in ("beam_radii", "chief", "pupil_radii")}
+    if source.aimed:
+        written["aimed"] = [_aim(aim, f"{place}: aimed[{i}]") for i, aim in enumerate(source.aimed)]
+    return written
+
+
+def _aim(aim: Any, place: str) -> Json:
+    tables = {key: [numbers(np.asarray(row, dtype=float), f"{place}: {key}") for row in getattr(aim, key)]
+              for key in ("x", "y", "vector_x", "vector_y")}
+    return {"wavelength": number(aim.wavelength, f"{place}: wavelength"), **tables}
 
 
 _KINDS: dict[type, tuple[str, Callable[[Any, str], Json]]] = {

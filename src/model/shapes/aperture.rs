@@ -9,8 +9,9 @@ use std::f64::consts::TAU;
 
 /// Deepest nesting of apertures in apertures; the shader keeps a bit for each.
 const DEEPEST: usize = 16;
-/// Most corners of a polygon.
+/// Most corners of all polygons of an aperture, and most parts.
 const MAX_CORNERS: usize = 4096;
+const MAX_PARTS: usize = 64;
 
 /// A part of the plane across the axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -226,7 +227,27 @@ pub struct Written {
 impl Written {
     /// Refuses numbers that no aperture has. `at` gives the place of a key.
     pub(super) fn check(&self, at: &dyn Fn(&str) -> String) -> Result<()> {
-        self.check_within(at, 0)
+        self.check_within(at, 0)?;
+        let (parts, corners) = self.size();
+        if parts > MAX_PARTS || corners > MAX_CORNERS {
+            let problem = format!("the aperture has {parts} parts and {corners} corners");
+            return checks::refuse(
+                at("parts"),
+                problem,
+                format!("give at most {MAX_PARTS} and {MAX_CORNERS}"),
+            );
+        }
+        Ok(())
+    }
+
+    /// How many ellipses, rectangles and polygons it is made of, and how many corners.
+    fn size(&self) -> (usize, usize) {
+        match self.parts.as_deref() {
+            None | Some([]) => (1, self.vertices.as_ref().map_or(0, Vec::len)),
+            Some(parts) => {
+                parts.iter().map(Written::size).fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1))
+            }
+        }
     }
 
     fn check_within(&self, at: &dyn Fn(&str) -> String, depth: usize) -> Result<()> {
@@ -259,7 +280,9 @@ impl Written {
                 }
                 checks::position(at("x"), self.x.unwrap_or(0.0))?;
                 checks::position(at("y"), self.y.unwrap_or(0.0))?;
-                checks::between(at("hole_radius"), self.hole_radius.unwrap_or(0.0), 0.0, checks::MAX_LENGTH)
+                self.hole_radius
+                    .filter(|radius| *radius != 0.0)
+                    .map_or(Ok(()), |radius| checks::size(at("hole_radius"), radius))
             }
             OutlineKind::Polygon => {
                 let corners = self.vertices.as_deref().unwrap_or_default();
@@ -346,8 +369,8 @@ pub(super) fn check_rest(place: &str, samples: &[glam::DVec3]) -> Result<()> {
         false => Ok(()),
         true => checks::refuse(
             place,
-            "its aperture leaves nothing of the surface",
-            "give an aperture within aperture_radius",
+            "its aperture leaves nothing of the surface, or too thin a sliver to find",
+            "give an aperture that overlaps what lies within aperture_radius",
         ),
     }
 }

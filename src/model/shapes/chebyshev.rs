@@ -48,8 +48,8 @@ impl Entry for Written {
             let along_y = |row: &Vec<f64>| clenshaw(row.iter().copied(), p.y / norm_y);
             clenshaw(coefficients.iter().map(along_y), p.x / norm_x)
         };
-        let polynomial = Polynomial::of_rows(coefficients, &value);
-        let freeform = Freeform::new(*radius, *conic, *aperture_radius, &polynomial);
+        let polynomial = Polynomial::of_rows(coefficients, &[2.0, *norm_x, *norm_y], &value);
+        let freeform = Freeform::new(*radius, *conic, *aperture_radius, &polynomial).checked(place)?;
         SagSurface::written(freeform, self.aperture.as_ref(), place).map(Shape::Chebyshev)
     }
 }

@@ -1,8 +1,10 @@
 //! Freeforms: a conic of revolution and a polynomial of x and y, kept as a sum of products of Chebyshev polynomials.
 //!
-//! Whatever basis a scene file has, the polynomial is expanded anew over the square about the aperture. In that basis no
-//! term is larger than its coefficient, and Clenshaw's recurrence loses next to nothing to rounding (Mason and Handscomb,
-//! Chebyshev Polynomials, section 2.4). Powers of x and y would lose several digits of high Zernike polynomials.
+//! Whatever basis a scene file has, the polynomial is expanded anew over the square about the aperture. Clenshaw's recurrence
+//! then loses to rounding what the coefficients add up to (Mason and Handscomb, Chebyshev Polynomials, section 2.4): next to
+//! nothing for a polynomial that is of one size over the square. A Zernike polynomial of a high order is far larger in the
+//! corners than in the disk: its coefficients add up to 1e4 for order 12, and to 1e7 for order 20. A surface whose rounding
+//! would show is refused.
 
 use crate::Result;
 use crate::model::checks;
@@ -28,6 +30,9 @@ pub const FREEFORM: ShapeWgsl = ShapeWgsl {
 /// Highest power of x, and of y.
 pub const HIGHEST_POWER: usize = 31;
 
+/// Largest error of a height by rounding in f64 \[mm\].
+const LARGEST_ERROR: f64 = 1e-9;
+
 /// z = conic(r) + the sum of `coefficients[i][j]` T_i(x / R) T_j(y / R), within the semi-diameter R.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Freeform {
@@ -43,6 +48,8 @@ struct Sum {
     rows: Vec<Vec<f64>>,
     /// Bounds of the whole surface.
     bounds: Bounds,
+    /// The numbers that the polynomial was given by, whatever the semi-diameter.
+    definition: Vec<f64>,
     /// As shaders/shapes/freeform.wgsl reads them: the number of rows, then from the last row to the first the number of
     /// coefficients, and these from the last to the first.
     table: Vec<f64>,
@@ -56,11 +63,14 @@ pub struct Polynomial<'a> {
     pub order: usize,
     /// Its value at a point \[mm\].
     pub value: &'a dyn Fn(DVec2) -> f64,
+    /// The numbers that tell it from others.
+    pub definition: Vec<f64>,
 }
 
 impl<'a> Polynomial<'a> {
     /// A polynomial that a table of coefficients gives, with a row for each power of x.
-    pub fn of_rows(rows: &[Vec<f64>], value: &'a dyn Fn(DVec2) -> f64) -> Self {
+    /// `more` are further numbers of the basis.
+    pub fn of_rows(rows: &[Vec<f64>], more: &[f64], value: &'a dyn Fn(DVec2) -> f64) -> Self {
         let last = |row: &Vec<f64>| row.iter().rposition(|c| *c != 0.0);
         let highest = || rows.iter().enumerate().filter_map(|(i, row)| last(row).map(|j| (i, j)));
         Polynomial {
@@ -70,6 +80,8 @@ impl<'a> Polynomial<'a> {
             ],
             order: highest().map(|(i, j)| i + j).max().unwrap_or(0),
             value,
+            definition: [more, &rows.concat(), &rows.iter().map(|row| row.len() as f64).collect::<Vec<_>>()]
+                .concat(),
         }
     }
 }
@@ -85,7 +97,29 @@ impl Freeform {
             table.push(row.len() as f64);
             table.extend(row.iter().rev());
         }
-        Freeform { conic, sum: Arc::new(Sum { rows, bounds, table }) }
+        Freeform {
+            conic,
+            sum: Arc::new(Sum { rows, bounds, definition: polynomial.definition.clone(), table }),
+        }
+    }
+
+    /// Refuses a polynomial whose numbers leave f64, or lose too much of it. `place` is where the surface stands.
+    pub(super) fn checked(self, place: &str) -> Result<Self> {
+        let sum: f64 = self.sum.rows.iter().flatten().map(|c| c.abs()).sum();
+        let Bounds { lowest, highest, slope, bend } = self.sum.bounds;
+        let is_finite = [sum, lowest, highest, slope, bend].iter().all(|number| number.is_finite());
+        if is_finite && sum * f64::EPSILON <= LARGEST_ERROR {
+            return Ok(self);
+        }
+        let problem = format!(
+            "rounding of its polynomial, whose parts add up to {sum:.3e} mm, would hide more than {LARGEST_ERROR:e} mm"
+        );
+        checks::refuse(
+            format!("{place}.coefficients"),
+            problem,
+            "give smaller coefficients, or fewer of high order",
+        )?;
+        Ok(self)
     }
 
     /// Refuses a conic part that no freeform has, and too many coefficients.
@@ -168,12 +202,6 @@ fn chebyshev(most: usize, u: f64) -> Vec<[f64; 3]> {
     all
 }
 
-/// The most that the first three derivatives of T_n are on [-1, 1]: their values at 1.
-fn most_of_derivatives(n: usize) -> [f64; 3] {
-    let n2 = (n * n) as f64;
-    [n2, n2 * (n2 - 1.0) / 3.0, n2 * (n2 - 1.0) * (n2 - 4.0) / 15.0]
-}
-
 /// The value of the sum, its gradient and its second derivatives (xx, xy, yy) in units of the semi-diameter.
 fn sum_at(rows: &[Vec<f64>], x: &[[f64; 3]], y: &[[f64; 3]]) -> (f64, DVec2, [f64; 3]) {
     let (mut value, mut gradient, mut second) = (0.0, DVec2::ZERO, [0.0; 3]);
@@ -186,61 +214,115 @@ fn sum_at(rows: &[Vec<f64>], x: &[[f64; 3]], y: &[[f64; 3]]) -> (f64, DVec2, [f6
     (value, gradient, second)
 }
 
-/// Bounds over the aperture, which is cut into squares. In each the sum lies no farther from its value in the middle than
-/// its next derivatives allow, and the conic part between its values at the nearest and the farthest point from the axis.
+/// Derivatives of T_0, T_1 and so on at u, over the factorial of their order: `[n][order]`, up to the highest power.
+fn taylor(num: usize, u: f64) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = Vec::new();
+    for n in 0..num {
+        // T_n = 2 u T_(n-1) - T_(n-2), and of its Taylor terms 2 u t_k + 2 t_(k-1) - t_k.
+        let term = |n: usize, k: usize| all.get(n).and_then(|terms| terms.get(k)).copied().unwrap_or(0.0);
+        let terms = (0..=n).map(|k| match (n, k) {
+            (0, _) => 1.0,
+            (1, 0) => u,
+            (1, _) => 1.0,
+            _ => {
+                let below = if k > 0 { term(n - 1, k - 1) } else { 0.0 };
+                2.0 * u * term(n - 1, k) + 2.0 * below - term(n - 2, k)
+            }
+        });
+        let terms: Vec<f64> = terms.collect();
+        all.push(terms);
+    }
+    all
+}
+
+/// The most that a sum, its slopes and its second derivatives are on a square about a point, in semi-diameters: exactly, by
+/// its Taylor terms there.
+#[derive(Debug, Default)]
+struct Local {
+    value: f64,
+    off_value: f64,
+    slope: DVec2,
+    off_slope: DVec2,
+    bend: [f64; 3],
+}
+
+impl Local {
+    /// `x` are the Taylor terms of T_i at the point, `along_y[i]` those of the rows' sums; `half` is half the square's side.
+    fn of(x: &[Vec<f64>], along_y: &[Vec<f64>], half: f64) -> Self {
+        let num_y = along_y.iter().map(Vec::len).max().unwrap_or(0);
+        let mut local = Local::default();
+        for p in 0..x.len() {
+            for q in 0..num_y {
+                let term: f64 =
+                    (p..x.len()).map(|i| x[i][p] * along_y[i].get(q).copied().unwrap_or(0.0)).sum();
+                let (fp, fq) = (p as f64, q as f64);
+                let power = |n: f64| term.abs() * half.powi((fp + fq - n) as i32);
+                match (p, q) {
+                    (0, 0) => local.value = term,
+                    (1, 0) => local.slope.x = term,
+                    (0, 1) => local.slope.y = term,
+                    _ => {}
+                }
+                if p + q >= 1 {
+                    local.off_value += power(0.0);
+                }
+                if p + q >= 2 {
+                    local.off_slope += DVec2::new(fp, fq) * power(1.0);
+                    local.bend[0] += fp * (fp - 1.0) * power(2.0);
+                    local.bend[1] += fp * fq * power(2.0);
+                    local.bend[2] += fq * (fq - 1.0) * power(2.0);
+                }
+            }
+        }
+        local
+    }
+}
+
+/// Bounds over the aperture, which is cut into squares. In each the sum is what its Taylor terms allow, and the conic part
+/// lies between its values at the nearest and the farthest point from the axis.
 fn bounds(conic: &Profile, rows: &[Vec<f64>]) -> Bounds {
     const CELLS: i32 = 96;
     let radius = conic.aperture_radius;
-    // Half the side of a cell, which goes a little beyond the rim; from here on lengths are in semi-diameters.
+    // Half the side of a cell; the cells go a little beyond the rim. From here on lengths are in semi-diameters.
     let half = ROOM / f64::from(CELLS);
-    let most = rows.len().max(rows.iter().map(Vec::len).max().unwrap_or(0));
-    // What the first, second and third derivatives are at most. A little beyond the rim they may grow a little.
-    let mut first = [0.0f64; 2];
-    let mut second = [0.0f64; 3];
-    let mut third = [0.0f64; 4];
-    for (i, row) in rows.iter().enumerate() {
-        for (j, c) in row.iter().enumerate() {
-            let (c, [x1, x2, x3], [y1, y2, y3]) =
-                (1.01 * c.abs(), most_of_derivatives(i), most_of_derivatives(j));
-            first = [first[0] + c * x1, first[1] + c * y1];
-            second = [second[0] + c * x2, second[1] + c * x1 * y1, second[2] + c * y2];
-            third = [third[0] + c * x3, third[1] + c * x2 * y1, third[2] + c * x1 * y2, third[3] + c * y3];
-        }
-    }
-    let off_value = (first[0] + first[1]) * half;
-    let off_slope = DVec2::new(second[0] + second[1], second[1] + second[2]) * half;
-    let off_bend = [third[0] + third[1], third[1] + third[2], third[2] + third[3]].map(|sum| sum * half);
     let middle = |cell: i32| half * f64::from(2 * cell + 1 - CELLS);
-    let polynomials: Vec<Vec<[f64; 3]>> = (0..CELLS).map(|cell| chebyshev(most, middle(cell))).collect();
+    let along_x: Vec<Vec<Vec<f64>>> = (0..CELLS).map(|cell| taylor(rows.len(), middle(cell))).collect();
+    let most = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let row_sums = |cell: i32| -> Vec<Vec<f64>> {
+        let terms = taylor(most, middle(cell));
+        let of_row = |row: &Vec<f64>| {
+            (0..row.len()).map(|q| (q..row.len()).map(|j| row[j] * terms[j][q]).sum()).collect::<Vec<f64>>()
+        };
+        rows.iter().map(of_row).collect()
+    };
     let mut all = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
-    for (i, x) in (0..).zip(&polynomials) {
-        for (j, y) in (0..).zip(&polynomials) {
+    for j in 0..CELLS {
+        let along_y = row_sums(j);
+        for (i, x) in (0..).zip(&along_x) {
             let centre = DVec2::new(middle(i), middle(j));
             let nearest = (centre.abs() - half).max(DVec2::ZERO).length();
             if nearest > ROOM {
                 continue;
             }
+            let local = Local::of(x, &along_y, half);
             let farthest = (centre.abs() + half).length().min(ROOM);
-            let (value, gradient, [xx, xy, yy]) = sum_at(rows, x, y);
             let ends = [nearest, farthest].map(|r| conic.at(DVec2::new(radius * r, 0.0)));
             let heights = ends.map(|end| end.height);
-            all.lowest = all.lowest.min(value - off_value + heights[0].min(heights[1]));
-            all.highest = all.highest.max(value + off_value + heights[0].max(heights[1]));
-            // The conic's slope turns and grows over the cell by no more than its bend times half a diagonal.
+            all.lowest = all.lowest.min(local.value - local.off_value + heights[0].min(heights[1]));
+            all.highest = all.highest.max(local.value + local.off_value + heights[0].max(heights[1]));
+            // The conic's slope turns and grows over the cell by no more than its bend times the cell's diagonal.
             let within = centre.length().min(farthest);
             let slope = conic.at(radius * within * centre.normalize_or(DVec2::X)).gradient;
             let bend_of = |end: &SagAt| end.hessian.x_axis.x.abs().max(end.hessian.y_axis.y.abs());
             let conic_bend = bend_of(&ends[0]).max(bend_of(&ends[1]));
             let turned = conic_bend * radius * half * std::f64::consts::SQRT_2 * 2.0;
-            let total = slope + gradient / radius;
-            all.slope = all.slope.max(total.length() + off_slope.length() / radius + turned);
-            let per_square = 1.0 / (radius * radius);
-            let largest = largest_bend(
-                (xx.abs() + off_bend[0]) * per_square,
-                (xy.abs() + off_bend[1]) * per_square,
-                (yy.abs() + off_bend[2]) * per_square,
-            );
-            all.bend = all.bend.max(largest + conic_bend);
+            let total = slope + local.slope / radius;
+            all.slope = all.slope.max(total.length() + local.off_slope.length() / radius + turned);
+            let [xx, xy, yy] = local.bend.map(|bend| bend / (radius * radius));
+            all.bend = all.bend.max(largest_bend(xx, xy, yy) + conic_bend);
+            if [local.value, local.off_value, xx, xy, yy].iter().any(|number| !number.is_finite()) {
+                return Bounds { highest: f64::INFINITY, ..all };
+            }
         }
     }
     all.with_room(radius)
@@ -291,9 +373,8 @@ impl Sag for Freeform {
         &self.sum.table
     }
 
-    /// The sum is over the semi-diameter.
     fn is_one_with(&self, other: &Self) -> bool {
-        self == other
+        self.conic.is_one_with(&other.conic) && self.sum.definition == other.sum.definition
     }
 
     fn of_shape(shape: &Shape) -> Option<&SagSurface<Self>> {

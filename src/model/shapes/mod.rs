@@ -132,6 +132,11 @@ pub trait Geometry: std::fmt::Debug {
         None
     }
 
+    /// What the terms of its height add up to \[mm\]: rounding takes so much times the precision's last place.
+    fn terms_size(&self) -> f64 {
+        0.0
+    }
+
     /// True if its table begins with an aperture that is no disk about the axis.
     fn is_clipped(&self) -> bool {
         false

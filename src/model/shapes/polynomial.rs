@@ -42,8 +42,8 @@ impl Entry for Written {
             let along_y = |row: &Vec<f64>| row.iter().rev().fold(0.0, |sum, c| sum * p.y + c);
             coefficients.iter().rev().fold(0.0, |sum, row| sum * p.x + along_y(row))
         };
-        let polynomial = Polynomial::of_rows(coefficients, &value);
-        let freeform = Freeform::new(*radius, *conic, *aperture_radius, &polynomial);
+        let polynomial = Polynomial::of_rows(coefficients, &[1.0], &value);
+        let freeform = Freeform::new(*radius, *conic, *aperture_radius, &polynomial).checked(place)?;
         SagSurface::written(freeform, self.aperture.as_ref(), place).map(Shape::Polynomial)
     }
 }

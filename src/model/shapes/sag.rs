@@ -171,6 +171,10 @@ impl<S: Sag> Geometry for SagSurface<S> {
         self.table.as_deref()
     }
 
+    fn terms_size(&self) -> f64 {
+        self.sag.magnitude()
+    }
+
     fn is_clipped(&self) -> bool {
         self.aperture.is_some()
     }
@@ -364,7 +368,7 @@ mod tests {
                 let powers = (0..6).flat_map(|i| (0..6 - i).map(move |j| p.x.powi(i) * p.y.powi(j)));
                 powers.zip(&terms).map(|(power, term)| power * term).sum()
             };
-            let freeform = Freeform::new(radius, conic, APERTURE, &Polynomial { powers: [5; 2], order: 5, value: &value });
+            let freeform = Freeform::new(radius, conic, APERTURE, &Polynomial { powers: [5; 2], order: 5, value: &value, definition: vec![] });
             let surface = SagSurface::from(freeform.clone());
             for &(share, turn) in &points {
                 let p = surface.on(share, turn).truncate();

@@ -11,7 +11,7 @@ use glam::DVec2;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Most coefficients: all polynomials of up to order 30 of the convention with the fewest.
+/// Most coefficients: all polynomials up to order 21 of the standard ones, up to order 15 of Fringe.
 const MAX_COEFFICIENTS: usize = 256;
 
 /// In which order Zernike polynomials are counted, and how large they are.
@@ -39,7 +39,7 @@ pub struct Written {
     pub conic: f64,
     /// Semi-diameter \[mm\], at most `norm_radius`.
     pub aperture_radius: f64,
-    /// Coefficients \[mm\], of the first polynomials of the convention; orders up to 31.
+    /// Coefficients \[mm\], of the first polynomials of the convention, up to 256.
     #[serde(default)]
     pub coefficients: Vec<f64>,
     /// The convention.
@@ -77,8 +77,11 @@ impl Entry for Written {
                 .sum()
         };
         let order = self.zernike_type.order(self.coefficients.len());
-        let polynomial = Polynomial { powers: [order; 2], order, value: &value };
-        let freeform = Freeform::new(self.radius, self.conic, self.aperture_radius, &polynomial);
+        let kind = 3.0 + f64::from(self.zernike_type as u8);
+        let definition = [&[kind, self.norm_radius][..], &self.coefficients].concat();
+        let polynomial = Polynomial { powers: [order; 2], order, value: &value, definition };
+        let freeform =
+            Freeform::new(self.radius, self.conic, self.aperture_radius, &polynomial).checked(place)?;
         SagSurface::written(freeform, self.aperture.as_ref(), place).map(Shape::Zernike)
     }
 }
@@ -149,6 +152,44 @@ fn binomial(n: i32, k: i32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of a high order the polynomials are far larger in the corners of the square than in the disk, and f64 has enough digits;
+    /// the bounds are of the disk. Of the highest order too few digits are left.
+    #[test]
+    fn high_orders_are_bounded_and_the_highest_are_refused() {
+        use crate::model::shapes::sag::Sag;
+        use crate::model::shapes::{Geometry, Shape};
+
+        let written = |num: usize, size: f64| {
+            let mut coefficients = vec![0.0; num];
+            coefficients[num - 1] = size;
+            let (radius, zernike_type) = (f64::INFINITY, ZernikeType::Fringe);
+            Written {
+                radius,
+                conic: 0.0,
+                aperture_radius: 10.0,
+                coefficients,
+                zernike_type,
+                norm_radius: 10.0,
+                aperture: None,
+            }
+        };
+        // Order 12, the last of 37 terms: its slope is at most 84 at the rim, in units of its size over the radius.
+        let Shape::Zernike(surface) = written(49, 0.01).shape("", None).unwrap() else {
+            panic!("no Zernike")
+        };
+        let bounds = surface.sag.bounds();
+        // Cells at the rim reach a little beyond it, where the polynomial rises.
+        assert!((0.084..0.25).contains(&bounds.slope), "{bounds:?}");
+        assert!(bounds.lowest > -0.01 && bounds.highest < 0.05, "{bounds:?}");
+        for share in [0.0, 0.3, 0.7, 1.0] {
+            let p = DVec2::new(6.0 * share, 8.0 * share);
+            let expected = 0.01 * zernike(12, 0, p / 10.0);
+            assert!((surface.level(p.extend(expected)).unwrap().value).abs() < 1e-13);
+        }
+        let refused = written(256, 1.0).shape("s", None).unwrap_err().to_string();
+        assert!(refused.contains("s.coefficients") && refused.contains("fewer of high order"), "{refused}");
+    }
 
     /// The first polynomials by their names, at a point, as the conventions count them.
     #[test]

@@ -2,7 +2,7 @@
 //! tables. What the numbers are, each file of [`crate::model::bsdfs`] says.
 
 use crate::model::{Bsdf, BsdfKind, Scatter, SceneIr, Surface};
-use crate::program::layout::kind_tables;
+use crate::program::layout::kind_tables::Places;
 use crate::program::layout::records::Records;
 
 /// The kinds that occur, without repetition.
@@ -94,7 +94,7 @@ fn distinct(ir: &SceneIr) -> Vec<&Bsdf> {
 /// Where each surface's table begins.
 fn table_starts(ir: &SceneIr) -> Vec<u32> {
     let distinct = distinct(ir);
-    let mut next = kind_tables::num_numbers(ir) as u32;
+    let mut next = Places::of(ir).num_numbers() as u32;
     let starts: Vec<u32> = distinct
         .iter()
         .map(|bsdf| {

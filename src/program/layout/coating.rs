@@ -1,13 +1,14 @@
 //! Tables of coatings for the shaders: where they lie, as columns of the surfaces' records, and their numbers.
 
 use crate::model::{SceneIr, Surface, TabulatedCoating};
+use crate::program::layout::bsdf;
+use crate::program::layout::kind_tables::Places;
 use crate::program::layout::records::Records;
-use crate::program::layout::{bsdf, kind_tables};
 
 /// Adds what shaders/optics/coating.tabulated.wgsl reads of a surface.
 pub fn put_columns(records: &mut Records, ir: &SceneIr) {
     let distinct = distinct(ir);
-    let mut next = (kind_tables::num_numbers(ir) + bsdf::tables(ir).len()) as u32;
+    let mut next = (Places::of(ir).num_numbers() + bsdf::tables(ir).len()) as u32;
     let starts: Vec<u32> = distinct
         .iter()
         .map(|table| {
@@ -25,6 +26,8 @@ pub fn put_columns(records: &mut Records, ir: &SceneIr) {
         ir.surfaces.iter().map(|surface| place(surface).unwrap_or_default()).collect();
     records.uint("coating_table", places.iter().map(|place| place.0));
     records.uint("coating_cosines", places.iter().map(|place| place.1));
+    let absorbs = |surface: &Surface| surface.coating.as_ref().is_some_and(|coating| coating.is_tabulated());
+    records.uint("absorbs_totally_reflected", ir.surfaces.iter().map(|surface| u32::from(absorbs(surface))));
 }
 
 /// All tables, one after the other; none where no coating depends on the angle.

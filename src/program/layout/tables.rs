@@ -11,7 +11,7 @@ use crate::program::geometry::contact::{self, Contacts};
 use crate::program::layout::bindings;
 use crate::program::layout::bsdf;
 use crate::program::layout::coating;
-use crate::program::layout::kind_tables;
+use crate::program::layout::kind_tables::Places;
 use crate::program::layout::records::Records;
 use glam::{DMat3, DVec3};
 
@@ -229,7 +229,8 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     }
     if features.has_own_normals() {
         records.uint("shape", ir.surfaces.iter().map(|s| s.shape.kind().code()));
-        let arguments = ir.surfaces.iter().map(|s| kind_tables::arguments(ir, &s.shape));
+        let places = Places::of(ir);
+        let arguments = ir.surfaces.iter().map(|s| places.arguments(&s.shape));
         put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
     }
     records.uint("front", ir.surfaces.iter().map(|s| s.front as u32));
@@ -375,7 +376,8 @@ pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
     records.uint("spectrum_count", sources.iter().map(|e| e.spectrum.cdf.len() as u32));
     records.real("weight", weights.iter().copied());
     put_frames(&mut records, sources.iter().map(|e| &e.frame), centre);
-    let arguments = sources.iter().map(|e| kind_tables::source_arguments(ir, e));
+    let places = Places::of(ir);
+    let arguments = sources.iter().map(|e| places.source_arguments(e, &ir.wavelengths));
     put_arguments(&mut records, "p", 3, arguments);
     records
 }
@@ -387,7 +389,8 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
     put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
-    let arguments = primitives.iter().map(|(_, shape)| kind_tables::arguments(ir, shape));
+    let places = Places::of(ir);
+    let arguments = primitives.iter().map(|(_, shape)| places.arguments(shape));
     put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
     records
 }

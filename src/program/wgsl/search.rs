@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::model::shapes::Quadric;
 use crate::model::shapes::plane::FLAT;
 use crate::model::{Frame, Shape, ShapeKind};
-use crate::program::layout::{kind_tables, tables};
+use crate::program::layout::tables;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::dispatch::{by_kind, quadric_of};
 use crate::program::wgsl::rows::frame_functions;
@@ -90,7 +90,7 @@ impl Composition<'_> {
         let kind = ShapeKind::of(shape);
         let farthest = if kind.is_searched() { ", best.distance" } else { "" };
         let mut arguments = String::new();
-        for argument in kind_tables::arguments(self.ir, shape) {
+        for argument in self.places.arguments(shape) {
             let _ = write!(arguments, "{}, ", self.real(argument)?);
         }
         let (o, d) = self.in_frame(frame)?;
