@@ -54,6 +54,8 @@ class TabulatedCoating(BaseCoating):
                  T_back: Any) -> None:  # noqa: N803
         self.wavelengths_um = _array("wavelengths_um", wavelengths_um)
         self.angles_deg = _array("angles_deg", angles_deg)
+        if not len(self.wavelengths_um) or len(np.unique(self.wavelengths_um)) < len(self.wavelengths_um):
+            raise ValueError("wavelengths_um: give each wavelength once")
         if len(self.angles_deg) < 2 or self.angles_deg[0] != 0.0 or self.angles_deg[-1] != 90.0 or (np.diff(self.angles_deg) <= 0).any():
             raise ValueError("angles_deg: give ascending angles from 0 to 90, both included")
         shape = (len(self.wavelengths_um), len(self.angles_deg))
@@ -79,6 +81,10 @@ class TabulatedCoating(BaseCoating):
             UnsupportedSceneError: It is another coating, or too thick for a table of 8192 angles.
         """
         lines = _array("wavelengths", wavelengths)
+        if not error > 0.0:
+            raise ValueError(f"error is {error}; give a number above 0, such as 1e-5")
+        if not len(lines):
+            raise ValueError("wavelengths: give those that the scene's sources emit")
         if isinstance(coating, SimpleCoating):
             r, t = (np.full((len(lines), 2), float(value)) for value in (coating.reflectance, coating.transmittance))
             return cls(lines, [0.0, 90.0], r, t, r, t)
@@ -151,9 +157,25 @@ def _cosines(angles_deg: np.ndarray) -> np.ndarray:
 
 
 def _stack_of(coating: FresnelCoating | ThinFilmCoating) -> ThinFilmStack:
+    """Return the layers between the coating's own media: on a mirror Optiland gives the stack the air before it as substrate."""
+    stack = ThinFilmStack(coating.material_pre, coating.material_post)
     if isinstance(coating, ThinFilmCoating):
-        return coating.stack
-    return ThinFilmStack(coating.material_pre, coating.material_post)
+        stack.layers = list(coating.stack.layers)
+    return stack
+
+
+class _Entry:
+    """The medium before a stack, without the little that glass absorbs: the reflected and the incident wave would mix there,
+    and R + T exceed 1."""
+
+    def __init__(self, material: Any) -> None:
+        self.n = material.n
+        self._calculate_n = material._calculate_n
+
+    def k(self, wavelength: Any) -> Any:
+        return be.zeros_like(be.array(wavelength))
+
+    _calculate_k = k
 
 
 class _Exit:
@@ -180,7 +202,7 @@ class _Exit:
 def _values_of(stack: ThinFilmStack, lines: np.ndarray) -> Callable[[np.ndarray], list[np.ndarray]]:
     """Return what gives R and T from the front, then from the back, at cosines: each of shape (W, A)."""
     ends = (stack.incident_material, stack.substrate_material)
-    ways = [ThinFilmStack(ends[0], _Exit(ends[1])), ThinFilmStack(ends[1], _Exit(ends[0]))]
+    ways = [ThinFilmStack(_Entry(ends[0]), _Exit(ends[1])), ThinFilmStack(_Entry(ends[1]), _Exit(ends[0]))]
     ways[0].layers, ways[1].layers = stack.layers, list(reversed(stack.layers))
     absorbs = [float(np.max(be.to_numpy(material.k(be.array(lines))))) > _OPAQUE for material in ends]
 

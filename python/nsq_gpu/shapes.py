@@ -58,7 +58,7 @@ class Aperture:
             inside = (abs(along) <= 1.0) & (abs(across) <= 1.0)
         else:
             inside = along * along + across * across <= 1.0
-        return inside & (u * u + v * v >= self.hole_radius * self.hole_radius)
+        return inside & ((u * u + v * v > self.hole_radius * self.hole_radius) if self.hole_radius else True)
 
     def _is_within(self, x: Any, y: Any) -> Any:
         """Tell whether an odd number of sides crosses the line from a point towards +x."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tmm
 from optiland import coatings
-from optiland.materials import IdealMaterial
+from optiland.materials import IdealMaterial, Material
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.backends.numpy_backend import NumpyBackend
 from optiland.nonsequential.components.geometry.analytic.plane import PlaneGeometry
@@ -110,6 +110,7 @@ GOOD: dict[str, Any] = {"wavelengths_um": [0.5], "angles_deg": [0.0, 45.0, 90.0]
 
 
 @pytest.mark.parametrize(("key", "value", "said"), [
+    ("wavelengths_um", [0.5, 0.5], "each wavelength once"),
     ("angles_deg", [0.0, 45.0, 80.0], "from 0 to 90"),
     ("angles_deg", [0.0, 45.0, 45.0, 90.0], "ascending"),
     ("R", [[0.1, 0.2]], r"R has the shape \(1, 2\), not \(1, 3\)"),
@@ -239,6 +240,30 @@ def test_a_film_that_light_passes_twice_has_two_sides() -> None:
 
 def _layers(coating: coatings.ThinFilmCoating) -> Any:
     return ((layer.material, 1e3 * layer.thickness_um, "") for layer in coating.stack.layers)
+
+
+def test_a_metal_mirror_reflects_as_its_metal() -> None:
+    optic: Optic = lens({"thickness": -60.0, "radius": -120.0, "material": "mirror", "is_stop": True})
+    # Optiland gives the stack of a mirror's coating the air before the mirror as substrate.
+    coating = film(1.0, 1.5, [((1.46, 0.0), 200.0)])
+    coating = coatings.ThinFilmCoating(coating.material_pre, IdealMaterial(0.05, 3.0), list(_layers(coating)))
+    optic.surfaces.surfaces[1].interaction_model.coating = coating
+    result = transmitted(nsq_gpu.from_optic(optic), 500, binary=live.binary())
+    angles = np.linspace(0.0, 5.0, 3)
+    r = [tmm.unpolarized_RT([1.0, 1.46, 0.05 + 3j], [np.inf, 200.0, np.inf], np.radians(angle), 550.0)["R"] for angle in angles]
+    launched = sum(source.total_flux for source in nsq_gpu.from_optic(optic).sources)
+    assert result.detectors["image"].total_flux / launched == pytest.approx(np.mean(r), abs=2e-3)
+
+
+@pytest.mark.parametrize("layers", [[((1.38, 0.0), 100.0), ((2.0, 0.05), 60.0)], [((0.2, 3.4), 20.0)]], ids=["absorbing", "metal"])
+def test_films_that_absorb_lie_on_glass_of_the_catalog(layers: list[tuple[Layer, float]]) -> None:
+    for glass in ("N-BK7", "N-SF11"):
+        coating = coatings.ThinFilmCoating(IdealMaterial(1.0), Material(glass), list(_layers(film(1.0, 1.5, layers))))
+        table = TabulatedCoating.from_coating(coating, [0.48, 0.65])
+        n = float(np.squeeze(Material(glass).n(0.48)))
+        for angle in (0.0, 30.0, 70.0):
+            expected = [*by_tmm(1.0, n, layers, 0.48, angle), *by_tmm(n, 1.0, layers[::-1], 0.48, angle)]
+            np.testing.assert_allclose([table.at(0.48, angle)[key] for key in ("R", "T", "R_back", "T_back")], expected, atol=1.2e-5)
 
 
 def test_a_film_for_other_media_is_refused() -> None:

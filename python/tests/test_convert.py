@@ -461,6 +461,29 @@ def test_rays_meet_a_freeform_where_the_sequential_engine_does(name: str) -> Non
     assert not any("stands in the light" in remark for remark in scene.conversion_report.remarks)
 
 
+def test_faces_that_run_along_each_other_do_not_cross() -> None:
+    optic = Optic()
+    optic.surfaces.add(index=0, thickness=np.inf)
+    for index, thickness, material in ((1, 2.0, "N-BK7"), (2, 60.0, "air")):
+        optic.surfaces.add(index=index, thickness=thickness, material=material, is_stop=index == 1, surface_type="biconic", radius_x=50.0,
+                           radius_y=np.inf)
+    optic.surfaces.add(index=3)
+    optic.set_aperture(aperture_type="EPD", value=28.0)
+    optic.fields.set_type("angle")
+    optic.fields.add(y=0.0)
+    optic.wavelengths.add(value=0.55, is_primary=True)
+    report = nsq_gpu.from_optic(optic).conversion_report
+    assert not any("cross" in remark for remark in report.remarks)
+    assert "room for a frustum" in report.without_edge["L1.edge"]
+
+
+def test_a_cylinder_that_is_longer_than_its_radius_is_refused_by_name() -> None:
+    optic = singlet(surface_type="toroidal", radius_x=10.0)
+    optic.surfaces.surfaces[1].geometry.R_rot = np.float64(4.0)
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="surface 1: rays meet it|no ray of any field|Optiland cannot trace"):
+        nsq_gpu.from_optic(optic)
+
+
 def test_an_asphere_with_more_coefficients_than_a_scene_has_is_refused() -> None:
     geometry = geometries.EvenAsphere(CoordinateSystem(), 50.0, coefficients=[1e-9] * 11)
     with pytest.raises(nsq_gpu.UnsupportedSceneError, match=r"surface 1: its shape \(EvenAsphere\) has 11 coefficients; 10"):

@@ -373,7 +373,8 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
         "cs": cs(x=1.0, z=-15.0, ry=0.1), "spectrum": SPECTRUM, "beam_radii": (2.0, 2.0), "chief": (0.0, 0.0, 1.0)}, {
         "cs": cs(x=1.0, z=-16.0, ry=0.1), "spectrum": Spectrum(np.array([0.45]), np.array([1.0])), "total_flux": 2.0,
         "beam_radii": (3.0, 1.0), "chief": (0.1, 0.0, 1.0), "pupil_radii": (0.1, 0.05), "medium": glass(1.3, 1e-5),
-        "aimed": [Aim(0.55, x=[[0.5], [0.1, 0.3]], y=[[0.0, 0.2]], vector_x=[[0.0, 0.02]], vector_y=[[0.01], [0.03]])]}),
+        "aimed": [Aim(float(line), x=[[0.5], [0.1, 0.3]], y=[[0.0, 0.2]], vector_x=[[0.0, 0.02]], vector_y=[[0.01], [line / 10.0]])
+                  for line in SPECTRUM.wavelengths]}),
     AnnularPlaneGeometry: (lambda **fields: with_surface(AnnularPlaneGeometry, **fields), {
         "inner_radius": 3.0, "outer_radius": 12.0}, {"inner_radius": 4.0, "outer_radius": 11.0, "z_offset": 1.0}),
     CylindricalFrustumGeometry: (lambda **fields: with_surface(CylindricalFrustumGeometry, **fields), {

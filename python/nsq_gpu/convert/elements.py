@@ -77,7 +77,11 @@ def build(scene: NSQScene, faces: list[Face], rays: Rays, edges: str | BaseBSDF,
         if _add_edges(scene, element, rays, edges, outer, report):
             mounted |= {id(part) for gap in element for part in (gap.first, gap.second)}
     for part in parts:
-        if part.face.clips and not part.face.is_mirror and id(part) not in mounted:
+        if not part.face.clips or part.face.is_mirror:
+            continue
+        if not part.face.form.is_round:
+            _add_collar(scene, part, outer)
+        if id(part) not in mounted:
             _add_ring(scene, part, rays, outer, report)
     for number, face in enumerate(stops):
         _add_stop(scene, face, "stop" if number == 0 else f"stop_{number + 1}", gaps, rays, outer, report)
@@ -120,7 +124,14 @@ def _arranged(faces: list[Face], margin: float) -> tuple[list[Part], list[Gap], 
 
 def _part(face: Face, parts: list[Part], margin: float) -> Part:
     """Return the face as the scene has it: a new one, or one that light met before."""
+    if face.ray_radius > face.form.reach * (1.0 + 1e-9):
+        raise UnsupportedSceneError(f"{face.place}: rays meet it up to {face.ray_radius:.6g} mm off the axis, but a scene's "
+                                    f"{face.form.kind.__name__} ends where its form first ends in any direction, at "
+                                    f"{face.form.reach:.6g} mm")
     radius = min(_opening(face) if face.clips else face.ray_radius * margin, face.form.reach)
+    if not radius > 0.0:
+        raise UnsupportedSceneError(f"{face.place}: all rays meet it on its axis, so nothing says how large it is; state its aperture, "
+                                    "and give a surface of no curvature an infinite radius")
     sides = (face.before, face.behind) if face.is_forward else (face.behind, face.before)
     for part in parts:
         # Faces that follow each other in one place are two, with nothing between them.
@@ -180,9 +191,7 @@ def _shrink(parts: list[Part], gaps: list[Gap]) -> list[tuple[Part, Part, float]
             continue
 
         def apart(height: float, first: Part = first, second: Part = second, z: float = z) -> float:
-            # At their nearest, if one of the two is not round.
-            one, other = first.face.form.rim(height), second.face.form.rim(height)
-            return z + other[0] - one[1] if z > 0.0 else one[0] - z - other[1]
+            return math.copysign(1.0, z) * _between(first, second, height, height, z)
 
         common = min(first.radius, second.radius)
         if apart(common) > 0.0:
@@ -198,6 +207,13 @@ def _shrink(parts: list[Part], gaps: list[Gap]) -> list[tuple[Part, Part, float]
         if min(first.radius, second.radius) > low * (1.0 + _ROOM):
             found.append((first, second, low))
     return found
+
+
+def _between(first: Part, second: Part, height: float, other_height: float, z: float) -> float:
+    """Return how far the second face lies behind the first at distances from the axis, where both come nearest [mm]."""
+    turned = first.face.rotation.T @ second.face.rotation
+    apart = z + second.face.form.around(other_height, math.atan2(turned[1, 0], turned[0, 0])) - first.face.form.around(height)
+    return float(apart.min() if z > 0.0 else apart.max())
 
 
 def _elements(parts: list[Part], gaps: list[Gap]) -> list[list[Gap]]:
@@ -262,11 +278,16 @@ def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBS
     widest: tuple[float, Gap, float] | None = None
     for number, gap in enumerate(gaps, start=1):
         name = f"{lens}.edge" if len(gaps) == 1 else f"{lens}.edge_{number}"
-        shape, reason = _edge(gap, edges)
+        shape, reason = _edge(gap)
         if shape is None:
             report.without_edge[name] = reason
             continue
         scene.add_component(name, _edge_component(gap, shape, edges, name))
+        rims = [part.face.form.rim(part.radius) for part in (gap.first, gap.second)]
+        missing = max(high - low for low, high in rims)
+        if missing > 1e-9:
+            report.remarks.append(f"{name} is a frustum between faces that are not round: up to {missing:.4g} mm of the glass beside "
+                                  "their rims has no edge, and light may leave there")
         if widest is None or max(gap.first.radius, gap.second.radius) > widest[0]:
             middle = 0.5 * (shape.z_front + shape.z_back)
             widest = (max(gap.first.radius, gap.second.radius), gap, float(middle))
@@ -286,6 +307,15 @@ def _add_edges(scene: NSQScene, gaps: list[Gap], rays: Rays, edges: str | BaseBS
     return True
 
 
+def _add_collar(scene: NSQScene, part: Part, outer: float) -> None:
+    """Continue a face that clips light and is not round beyond its rim: a flat ring would leave gaps beside that."""
+    form, radius = part.face.form, part.radius
+    reach = min(outer, 0.999 * form.reach)
+    if radius < reach:
+        shape = form.clipped(reach, Aperture("ellipse", radius, radius, inverted=True))
+        scene.add_component(f"{part.name}.collar", AbsorbingComponent(part.face.frame(), shape, name=f"{part.name}.collar"))
+
+
 def _add_ring(scene: NSQScene, part: Part, rays: Rays, outer: float, report: LensReport) -> None:
     """Add an absorbing ring around a face that clips light and has no mount."""
     z = 0.5 * sum(part.face.form.rim(part.radius))
@@ -302,19 +332,18 @@ def _reaching(face: Face, z: float, rays: Rays, outer: float) -> float:
     return max(outer, (1.0 + 50.0 * _ROOM) * (_largest_crossing(face, z, rays, beyond=0.0, launched=True) or 0.0))
 
 
-def _edge(gap: Gap, edges: str | BaseBSDF) -> tuple[CylindricalFrustumGeometry | None, str]:
+def _edge(gap: Gap) -> tuple[CylindricalFrustumGeometry | None, str]:
     """Return the edge of a piece of glass in the frame of its first face; None and the reason where it has none."""
     z = _along(gap.first, gap.second)
     if z is None:
         return None, "its faces have no common axis"
-    one, other = gap.first.face.form.rim(gap.first.radius), gap.second.face.form.rim(gap.second.radius)
-    # Of faces that are not round the edge reaches to the outermost points of their rims, so that no light slips past.
-    first, second = (one[0], z + other[1]) if z > 0.0 else (one[1], z + other[0])
-    least = z + other[0] - one[1] if z > 0.0 else one[0] - z - other[1]
-    if not least > 0.0:
+    if not math.copysign(1.0, z) * _between(gap.first, gap.second, gap.first.radius, gap.second.radius, z) > 0.0:
         return None, "its faces cross at their rims"
-    if edges != "absorbing" and not (gap.first.face.form.is_round and gap.second.face.form.is_round):
-        return None, "its faces are not round, and an edge between them has no simple shape"
+    one, other = gap.first.face.form.rim(gap.first.radius), gap.second.face.form.rim(gap.second.radius)
+    # Between the innermost points of both rims, so that the edge never stands out of the glass.
+    first, second = (one[1], z + other[0]) if z > 0.0 else (one[0], z + other[1])
+    if not (second - first) * z > 0.0:
+        return None, "its faces are not round, and their rims leave no room for a frustum between them"
     ends = [(first, gap.first.radius), (second, gap.second.radius)]
     (z_front, r_front), (z_back, r_back) = ends if first < second else ends[::-1]
     return CylindricalFrustumGeometry(r_front=r_front, r_back=r_back, z_front=z_front, z_back=z_back), ""

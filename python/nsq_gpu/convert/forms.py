@@ -75,10 +75,19 @@ class Form:
             z = be.to_numpy(self._unbounded._sag(be.array(x), be.array(y)))
         return np.where(np.hypot(x, y) <= self.reach * (1.0 + 1e-12), z, np.nan)
 
+    def around(self, radius: float, turned: float = 0.0) -> np.ndarray:
+        """Return z at a distance from the axis, in directions all around, counted from a frame turned against the surface's.
+
+        Args:
+            radius: The distance [mm]; NaN comes where the surface does not reach so far.
+            turned: By how much the frame is turned about the axis [rad].
+        """
+        turn = 2.0 * np.pi * np.arange(_TURNS) / _TURNS - turned
+        return self.sag(radius * np.cos(turn), radius * np.sin(turn))
+
     def rim(self, radius: float) -> tuple[float, float]:
         """Return the lowest and the highest z at a distance from the axis [mm]; NaN where the surface does not reach so far."""
-        turn = 2.0 * np.pi * np.arange(1 if self.is_round else _TURNS) / _TURNS
-        z = self.sag(radius * np.cos(turn), radius * np.sin(turn))
+        z = self.around(radius)
         return float(z.min()), float(z.max())
 
     @cached_property
@@ -140,13 +149,18 @@ def _asphere(geometry: Any) -> dict[str, Any]:
     return {**_base(geometry), "coefficients": _trimmed(getattr(geometry, "coefficients", ()))}
 
 
+def _radius(value: Any) -> float:
+    """Return a radius; Optiland takes 0 for a straight line as well."""
+    return _number(value) or math.inf
+
+
 def _biconic(geometry: Any) -> dict[str, Any]:
-    return {"radius_x": _number(geometry.Rx), "radius_y": _number(geometry.Ry), "conic_x": _number(geometry.kx),
+    return {"radius_x": _radius(geometry.Rx), "radius_y": _radius(geometry.Ry), "conic_x": _number(geometry.kx),
             "conic_y": _number(geometry.ky)}
 
 
 def _toroidal(geometry: Any) -> dict[str, Any]:
-    return {"radius_x": _number(geometry.R_rot), "radius_y": _number(geometry.R_yz), "conic": _number(geometry.k_yz),
+    return {"radius_x": _radius(geometry.R_rot), "radius_y": _radius(geometry.R_yz), "conic": _number(geometry.k_yz),
             "coeffs_poly_y": _trimmed(geometry.coeffs_poly_y)}
 
 

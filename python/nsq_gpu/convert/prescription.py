@@ -36,6 +36,8 @@ from nsq_gpu.shapes import Aperture
 #: Apertures made of two others.
 _COMBINED = {UnionAperture: "union", IntersectionAperture: "intersection", DifferenceAperture: "difference"}
 _APERTURES = (RadialAperture, OffsetRadialAperture, EllipticalAperture, RectangularAperture, PolygonAperture, FileAperture, *_COMBINED)
+#: How deep apertures may be made of apertures, and the most corners of a polygon, in a scene.
+_DEEPEST, _MOST_CORNERS = 16, 4096
 #: An aperture of that size has no end [mm].
 ENDLESS = 1e6
 
@@ -180,13 +182,18 @@ def _check(optic: Any) -> None:
         _check_aperture(surface.aperture, place)
 
 
-def _check_aperture(aperture: Any, place: str) -> None:
+def _check_aperture(aperture: Any, place: str, depth: int = 0) -> None:
     if type(aperture) not in (type(None), *_APERTURES):
         raise UnsupportedSceneError(f"{place}: its aperture ({type(aperture).__name__}) cannot be carried; disks, rings, ellipses, "
                                     "rectangles, polygons, and unions, intersections and differences of these can")
     if type(aperture) in _COMBINED:
         for part in (aperture.a, aperture.b):
-            _check_aperture(part, place)
+            _check_aperture(part, place, depth + 1)
+    if depth > _DEEPEST:
+        raise UnsupportedSceneError(f"{place}: its aperture is made of apertures more than {_DEEPEST} deep")
+    corners = len(be.to_numpy(aperture.x)) if type(aperture) in (PolygonAperture, FileAperture) else 0
+    if corners > _MOST_CORNERS:
+        raise UnsupportedSceneError(f"{place}: its aperture has {corners} corners; {_MOST_CORNERS} can be carried")
 
 
 def _on_image(what: str, value: Any) -> UnsupportedSceneError:
@@ -306,7 +313,7 @@ def _coating(surfaces: list[Any], index: int, coating: Any, media: _Media, is_fo
             raise UnsupportedSceneError(f"{name_of(surface, index)}: its ThinFilmCoating was designed for another medium {side} the "
                                         f"surface, whose index differs by {difference:.3g}; give it the surface's own")
     # Light comes from the first medium of the coating.
-    table = TabulatedCoating.from_coating(coating, media.wavelengths)
+    table = TabulatedCoating.from_coating(coating, np.unique(media.wavelengths))
     return table if is_forward else table.reversed()
 
 
@@ -323,11 +330,12 @@ def _stated(aperture: Any) -> float | Aperture | None:
         corners = np.stack([be.to_numpy(aperture.x), be.to_numpy(aperture.y)], axis=1).astype(float)
         return Aperture("polygon", vertices=tuple(map(tuple, corners.tolist())))
     if type(aperture) is RectangularAperture:
-        x, y = ((_number(getattr(aperture, f"{axis}_min")), _number(getattr(aperture, f"{axis}_max"))) for axis in "xy")
+        x, y = (tuple(min(max(_number(getattr(aperture, f"{axis}_{end}")), -ENDLESS), ENDLESS) for end in ("min", "max"))
+                for axis in "xy")
         return Aperture("rectangle", 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0]), 0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]))
     middle = [_number(getattr(aperture, f"offset_{axis}", 0.0)) for axis in "xy"]
     if type(aperture) is EllipticalAperture:
-        return Aperture("ellipse", _number(aperture.a), _number(aperture.b), *middle)
+        return Aperture("ellipse", min(_number(aperture.a), ENDLESS), min(_number(aperture.b), ENDLESS), *middle)
     radius, hole = _number(aperture.r_max), _number(aperture.r_min)
     if hole <= 0.0 and middle == [0.0, 0.0]:
         return radius if radius < ENDLESS else None

@@ -37,6 +37,6 @@ class LensReport(ConversionReport):
         if self.stated_apertures:
             lines.append(f"Apertures as stated: {', '.join(self.stated_apertures)}")
         if self.averaged_coatings:
-            lines.append(f"Thin films by angle, averaged over polarisation, R and T to 1e-5: {', '.join(self.averaged_coatings)}")
+            lines.append(f"Thin films by angle, averaged over polarisation, R and T to 1e-5 but for a critical angle's neighbourhood: {', '.join(self.averaged_coatings)}")
         lines += [f"No edge on {name}: {reason}" for name, reason in self.without_edge.items()]
         return "\n".join(lines + self.remarks)
