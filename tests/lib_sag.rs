@@ -123,21 +123,30 @@ fn cases(real: Real, kind: ShapeKind) -> Vec<Case> {
         for ray in 0..RAYS_PER_SURFACE {
             let mut point = |share: f64| on(&shape, aperture, share, uniform(s));
             let (target, other) = (point(0.98), point(0.5));
-            let leaving = ray % 3 == 0;
-            let (origin, direction) = match ray % 3 {
+            let leaving = ray % 4 == 0;
+            let (origin, direction) = match ray % 4 {
                 0 => (other, direction(s)),
-                // Towards the surface, from near and from far.
+                // Towards the surface, from near, from far, and from very far.
                 1 => {
                     let origin = target - direction(s) * aperture * 3.0 * uniform(s);
                     (origin, (other - origin).normalize())
                 }
-                _ => {
+                2 => {
                     let way = direction(s);
                     (other - way * 1e3 * uniform(s), way)
+                }
+                _ => {
+                    let way = direction(s);
+                    (other - way * if real == Real::F32 { 1e3 } else { 1e6 }, way)
                 }
             };
             let round = |v: DVec3| DVec3::from_array(v.to_array().map(|x| rounded(real, x)));
             let (origin, direction) = (round(origin), round(direction));
+            if ray % 4 == 1 {
+                // The same line the other way: its last crossing comes first.
+                let behind = round(origin + 6.0 * aperture * direction);
+                cases.push(Case { shape: shape.clone(), origin: behind, direction: -direction, leaving });
+            }
             cases.push(Case { shape: shape.clone(), origin, direction, leaving });
         }
     }
@@ -266,7 +275,8 @@ fn check(real: Real, kind: ShapeKind) -> Option<(usize, f64)> {
                 num_met += 1;
                 let place = *origin + found * *direction;
                 // A distance beside the surface, over the incidence's cosine, in units of the largest coordinate's last place.
-                let size = if real == Real::F64 { place.abs().max_element() + (found * unit) } else { size };
+                let largest_coordinate = place.abs().max_element().max(origin.abs().max_element());
+                let size = if real == Real::F64 { largest_coordinate } else { size };
                 let off = level(found).value.abs() / level(found).gradient.length();
                 largest = largest.max(off / (2.0 * unit * size.max(found.abs())));
                 assert!(

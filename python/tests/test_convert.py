@@ -603,6 +603,22 @@ def test_the_source_and_the_shape_trace_as_on_numpy() -> None:
     assert ours.num_rays_absorbed == theirs.num_rays_absorbed > 0
 
 
+def test_a_scene_that_is_moved_as_a_whole_is_the_same_scene() -> None:
+    options = {"backend": live.backend(), "record_paths": 500, "seed": 5}
+    plain = live.sorted_paths(pupil_scene().trace(500, **options))
+    scene = pupil_scene()
+    frame = CoordinateSystem(x=300.0, y=-200.0, z=1e4, rx=0.7, ry=-1.1, rz=2.0)
+    for part in (*scene.surfaces, *scene.sources, *scene.detectors):
+        part.cs.reference_cs = frame
+    moved = live.sorted_paths(scene.trace(500, **options))
+    for key in ("ray_id", "event_type", "bounce", "component_name"):
+        np.testing.assert_array_equal(moved[key], plain[key])
+    position, rotation = prescription.placed(frame)
+    places, directions = (np.stack([moved[axis] for axis in axes], axis=1) for axes in ("xyz", "LMN"))
+    np.testing.assert_allclose((places - position) @ rotation, np.stack([plain[axis] for axis in "xyz"], axis=1), atol=1e-9)
+    np.testing.assert_allclose(directions @ rotation, np.stack([plain[axis] for axis in "LMN"], axis=1), atol=1e-11)
+
+
 def test_scene_files_hold_the_source_and_the_shape(tmp_path: Path) -> None:
     path = tmp_path / "scene.json"
     nsq_gpu.export_scene(pupil_scene(), path)
