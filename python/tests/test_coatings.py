@@ -242,6 +242,22 @@ def _layers(coating: coatings.ThinFilmCoating) -> Any:
     return ((layer.material, 1e3 * layer.thickness_um, "") for layer in coating.stack.layers)
 
 
+def test_a_measured_table_on_a_prescription_is_carried_as_light_meets_it() -> None:
+    optic = mangin()
+    surfaces = optic.surfaces.surfaces
+    lines = [float(line.value) for line in optic.wavelengths.wavelengths]
+    shape = (len(lines), 2)
+    table = TabulatedCoating(lines, [0.0, 90.0], np.full(shape, 0.1), np.full(shape, 0.8), np.full(shape, 0.3), np.full(shape, 0.6))
+    # Light meets the face forward, and then backward: the front of the second table is the back of the first.
+    surfaces[1].interaction_model.coating, surfaces[3].interaction_model.coating = table, table.reversed()
+    scene = nsq_gpu.from_optic(optic)
+    face = next(part for part in scene.surfaces if part.name == scene.conversion_report.components[1][0])
+    assert face.coating.numbers() == table.numbers()
+    assert surfaces[1].interaction_model.coating is table
+    launched = sum(source.total_flux for source in scene.sources)
+    assert transmitted(scene, 500, binary=live.binary()).detectors["image"].total_flux == pytest.approx(0.8 * 0.6 * launched, rel=3e-3)
+
+
 def test_a_metal_mirror_reflects_as_its_metal() -> None:
     optic: Optic = lens({"thickness": -60.0, "radius": -120.0, "material": "mirror", "is_stop": True})
     # Optiland gives the stack of a mirror's coating the air before the mirror as substrate.

@@ -33,11 +33,15 @@ fn mirror_reflectance(surface: Surface, primitive: u32, wavelength: u32, cosine:
     return coating_of(surface, wavelength, cosine).reflectance;
 }
 
+// What `coated_reflectance` found last, for `pay_coating` of the same event: the search takes as long as all else there.
+var<private> found: Coating = Coating(0.0, 0.0);
+
 fn coated_reflectance(surface: Surface, primitive: u32, wavelength: u32, cosine: real, bare: Share) -> Share {
     if surface.coating_cosines == 0u {
         return bare;
     }
-    return Share(coating_of(surface, wavelength, cosine).reflectance, 1.0);
+    found = coating_of(surface, wavelength, cosine);
+    return Share(found.reflectance, 1.0);
 }
 
 // The share 1 - R that is not reflected; `pay_coating` then takes from it what the coating absorbs.
@@ -54,7 +58,7 @@ fn pay_coating(
     if surface.coating_cosines == 0u || (reflects && !(total_reflection && surface.absorbs_totally_reflected != 0u)) {
         return;
     }
-    let coating = coating_of(surface, (*ray).wavelength, cosine);
+    let coating = found;
     let part = select(coating.transmittance, coating.reflectance + coating.transmittance, total_reflection);
     let whole = select(1.0 - coating.reflectance, 1.0, total_reflection);
     let before = (*ray).weight;

@@ -127,10 +127,11 @@ def acting(faces: list[Face], image: int, first: int | None = None) -> Iterator[
 
 @contextmanager
 def without_polarised_coatings(optic: Any) -> Iterator[list[Any]]:
-    """Trace without the coatings that ask for a state of polarisation: they bend no ray. Yield the coatings of all surfaces."""
+    """Trace without coatings that the sequential engine cannot ask for a number, or not without a state of polarisation: they
+    bend no ray. Yield the coatings of all surfaces."""
     models = [surface.interaction_model for surface in optic.surfaces.surfaces]
     kept = [getattr(model, "coating", None) for model in models]
-    stripped = [(model, coating) for model, coating in zip(models, kept, strict=True) if isinstance(coating, BaseCoatingPolarized)]
+    stripped = [(model, coating) for model, coating in zip(models, kept, strict=True) if isinstance(coating, BaseCoatingPolarized | TabulatedCoating)]
     try:
         for model, _ in stripped:
             model.coating = None
@@ -205,13 +206,13 @@ def _check_coatings(optic: Any, coatings: list[Any]) -> None:
     if coatings[-1] is not None:
         raise _on_image("coating", coatings[-1])
     for index, surface in enumerate(optic.surfaces.surfaces[1:-1], start=1):
-        known = (type(None), SimpleCoating, ThinFilmCoating)
+        known = (type(None), SimpleCoating, ThinFilmCoating, TabulatedCoating)
         if not surface.interaction_model.is_reflective:
             known += (FresnelCoating,)
         kind = type(coatings[index])
         if kind not in known:
-            raise UnsupportedSceneError(f"{name_of(surface, index)}: a {kind.__name__} cannot be carried; a SimpleCoating and a "
-                                        "ThinFilmCoating can, and bare glass reflects by Fresnel's law")
+            raise UnsupportedSceneError(f"{name_of(surface, index)}: a {kind.__name__} cannot be carried; a SimpleCoating, a "
+                                        "ThinFilmCoating and a TabulatedCoating can, and bare glass reflects by Fresnel's law")
 
 
 def name_of(surface: Any, index: int) -> str:
@@ -302,6 +303,8 @@ def _face(surfaces: list[Any], index: int, coating: Any, rays: Rays, media: _Med
 
 def _coating(surfaces: list[Any], index: int, coating: Any, media: _Media, is_forward: bool) -> SimpleCoating | TabulatedCoating | None:
     surface = surfaces[index]
+    if type(coating) is TabulatedCoating:
+        return coating if is_forward else coating.reversed()
     if type(coating) is not ThinFilmCoating:
         return coating if type(coating) is SimpleCoating else None
     sides = [("before", coating.material_pre, surfaces[index - 1].material_post)]

@@ -22,7 +22,7 @@ class LensReport(ConversionReport):
     max_depth: int = 0
     #: Surfaces whose aperture the prescription states, and which absorb what it clips.
     stated_apertures: list[str] = field(default_factory=list)
-    #: Surfaces whose thin films are carried as a table, by wavelength and angle, averaged over polarisation.
+    #: Surfaces whose coatings are tables by wavelength and angle: thin films, averaged over polarisation, and tables as given.
     averaged_coatings: list[str] = field(default_factory=list)
     #: Elements without an edge, and why.
     without_edge: dict[str, str] = field(default_factory=dict)
@@ -37,6 +37,6 @@ class LensReport(ConversionReport):
         if self.stated_apertures:
             lines.append(f"Apertures as stated: {', '.join(self.stated_apertures)}")
         if self.averaged_coatings:
-            lines.append(f"Thin films by angle, averaged over polarisation, R and T to 1e-5 but for a critical angle's neighbourhood: {', '.join(self.averaged_coatings)}")
+            lines.append(f"Coatings by angle (thin films averaged over polarisation, R and T to 1e-5 but for a critical angle's neighbourhood): {', '.join(self.averaged_coatings)}")
         lines += [f"No edge on {name}: {reason}" for name, reason in self.without_edge.items()]
         return "\n".join(lines + self.remarks)
