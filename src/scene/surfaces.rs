@@ -171,14 +171,11 @@ impl Finish<'_> {
                 "give one of the two",
             ));
         }
-        match self.coating {
-            Some(coating) => {
-                let coating = coating.at(wavelengths, &coating_place)?;
-                // A table has the reflectance by angle.
-                let reflectance = coating.simple().map(|simple| simple.reflectance.clone());
-                return Ok(reflectance.unwrap_or_else(|| vec![1.0; wavelengths.len()]));
-            }
-            None => {}
+        if let Some(coating) = self.coating {
+            let coating = coating.at(wavelengths, &coating_place)?;
+            // A table has the reflectance by angle.
+            let reflectance = coating.simple().map(|simple| simple.reflectance.clone());
+            return Ok(reflectance.unwrap_or_else(|| vec![1.0; wavelengths.len()]));
         }
         let place = key_of(place, "reflectance");
         match self.reflectance.or(self.default_reflectance) {
