@@ -46,6 +46,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "points of half mirrors" => points_of_half_mirrors,
         "points of scrambles" => points_of_scrambles,
         "coating by angle" => coating_by_angle,
+        "simple coating beside a table" => simple_coating_beside_a_table,
         "scatter gain" => scatter_gain,
         "split plate" => split_plate,
         "split faint" => split_faint,
@@ -249,6 +250,19 @@ fn coating_by_angle(bench: &Bench) -> Outcome {
         }
     }
     Ok(())
+}
+
+/// In total reflection a simple coating takes nothing, also where another surface has a table.
+fn simple_coating_beside_a_table(bench: &Bench) -> Outcome {
+    let mut face = plane("face", 5.0, Interaction::Refractive, 1, 0);
+    face.coating = Some(Coating::Simple(SimpleCoating { reflectance: vec![0.25], transmittance: vec![0.5] }));
+    let mut elsewhere = plane("elsewhere", 30.0, Interaction::Refractive, 0, 0);
+    elsewhere.coating = face.coating.as_ref().map(|coating| Coating::Tabulated(coating.tabulated()));
+    let mut ir = scene(beam(), vec![face, elsewhere], vec![pixels("inside", -10.0), pixels("outside", 10.0)]);
+    ir.sources[0].medium = 1;
+    ir.sources[0].frame.rotation = DMat3::from_rotation_x(60.0_f64.to_radians());
+    let result = trace(bench, &ir, 1000);
+    near("flux inside", result.detectors[0].total_flux, 1.0, 1000, 1.0)
 }
 
 /// exp(-4 pi k L / lambda), of every ray.
