@@ -83,8 +83,8 @@ class TabulatedCoating(BaseCoating):
         lines = _array("wavelengths", wavelengths)
         if not error > 0.0:
             raise ValueError(f"error is {error}; give a number above 0, such as 1e-5")
-        if not len(lines):
-            raise ValueError("wavelengths: give those that the scene's sources emit")
+        if not len(lines) or not (lines > 0.0).all():
+            raise ValueError("wavelengths: give those that the scene's sources emit, in um and above 0")
         if isinstance(coating, SimpleCoating):
             r, t = (np.full((len(lines), 2), float(value)) for value in (coating.reflectance, coating.transmittance))
             return cls(lines, [0.0, 90.0], r, t, r, t)

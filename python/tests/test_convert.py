@@ -273,11 +273,16 @@ def changed(change: Any) -> Optic:
     (lambda: changed(lambda optic: setattr(optic.surfaces.surfaces[-1], "aperture", RadialAperture(0.5))), "the image's aperture"),
     (lambda: changed(lambda optic: optic.wavelengths.wavelengths.clear()), "Optiland cannot trace this optic"),
     (Optic, "Optiland cannot trace this optic"),
-    (lambda: 3, "Optiland cannot trace this optic"),
-], ids=["coating", "aperture", "virtual", "filter", "image", "no wavelength", "empty", "a number"])
+], ids=["coating", "aperture", "virtual", "filter", "image", "no wavelength", "empty"])
 def test_what_cannot_be_carried_is_refused_by_name(optic: Any, said: str) -> None:
     with live.quiet(), pytest.raises(nsq_gpu.UnsupportedSceneError, match=said):
         nsq_gpu.from_optic(optic())
+
+
+@pytest.mark.parametrize("optic", [3, None, "lens.zmx"])
+def test_what_is_no_optic_is_refused(optic: Any) -> None:
+    with pytest.raises(nsq_gpu.UsageError, match="give Optiland's Optic, or the path of a file to nsq_gpu.from_file"):
+        nsq_gpu.from_optic(optic)
 
 
 def test_what_stands_in_the_light_is_said() -> None:
@@ -459,6 +464,34 @@ def test_rays_meet_a_freeform_where_the_sequential_engine_does(name: str) -> Non
     assert type(scene.surfaces[0].geometry).__name__.lower() == ("toroidal" if name == "cylinder" else name.split()[0])
     assert "L1.edge" in scene.component_names
     assert not any("stands in the light" in remark for remark in scene.conversion_report.remarks)
+
+
+def test_a_detector_in_the_light_is_told() -> None:
+    optic = Optic()
+    optic.surfaces.add(index=0, thickness=np.inf)
+    optic.surfaces.add(index=1, thickness=150.0, is_stop=True)
+    optic.surfaces.add(index=2, thickness=-100.0, radius=-200.0, conic=-1.0, material="mirror")
+    optic.surfaces.add(index=3)
+    optic.set_aperture(aperture_type="EPD", value=20.0)
+    optic.fields.set_type("angle")
+    optic.fields.add(y=0.0)
+    optic.fields.add(y=1.0)
+    optic.wavelengths.add(value=0.55, is_primary=True)
+    row = compare("newton", optic, binary=live.binary())
+    assert row.num_lost > 0
+    assert "the detector 'image' stands in the light between the object and M1" in row.remarks
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda scene: setattr(scene.sources[0], "aimed", (Aim(0.5, [0.1]),)), r"aimed\[0\]: x: \[0.1\] are no rows"),
+    (lambda scene: setattr(scene.sources[0], "aimed", (1.0,)), r"aimed\[0\]: it is a float"),
+    (lambda scene: setattr(scene.surfaces[0].geometry, "aperture", Aperture("polygon", vertices=(1.0, 2.0))), "vertices: .* are no rows"),
+])
+def test_what_is_no_table_is_refused_by_its_place(change: Any, said: str, tmp_path: Path) -> None:
+    scene = pupil_scene()
+    change(scene)
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match=said):
+        nsq_gpu.export_scene(scene, tmp_path / "scene.json")
 
 
 def test_faces_that_run_along_each_other_do_not_cross() -> None:

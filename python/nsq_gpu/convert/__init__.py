@@ -18,6 +18,7 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.bsdf.base import BaseBSDF
 from optiland.nonsequential.detectors.configs import IrradianceDetectorConfig
+from optiland.optic import Optic
 
 from nsq_gpu.convert import obstructions, prescription
 from nsq_gpu.convert.elements import build
@@ -53,9 +54,11 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         UnsupportedSceneError: A surface, an aperture, a coating or a field cannot be carried, by its name.
         UsageError: An argument makes no sense.
     """
-    if edges not in ("absorbing", "polished") and not isinstance(edges, BaseBSDF):
+    if not isinstance(optic, Optic):
+        raise UsageError(f"this is a {type(optic).__name__}; give Optiland's Optic, or the path of a file to nsq_gpu.from_file")
+    if not isinstance(edges, BaseBSDF) and not (isinstance(edges, str) and edges in ("absorbing", "polished")):
         raise UsageError(f"edges is {edges!r}; give 'absorbing', 'polished' or a BSDF")
-    if not isinstance(margin, (int, float)) or not 1.0 <= margin < float("inf"):
+    if not isinstance(margin, (int, float, np.number)) or not 1.0 <= margin < float("inf"):
         raise UsageError(f"margin is {margin!r}; give a number of 1 or more")
     _check_sizes(detector_pixels, detector_size)
     scene, report = NSQScene(), LensReport()
@@ -71,16 +74,16 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
         raise UnsupportedSceneError(f"Optiland cannot trace this optic: {type(error).__name__}: {error}") from error
     faces = _before_image(optic, faces, report)
     build(scene, faces, rays, edges, margin, report)
-    obstructions.tell(scene, faces, rays, report)
     _add_detector(scene, optic, rays, detector_pixels, detector_size, report)
+    obstructions.tell(scene, faces, rays, report)
     scene.conversion_report = report
     return scene
 
 
 def _check_sizes(pixels: Any, size: Any) -> None:
     def is_pair(value: Any, kinds: tuple[type, ...], least: float) -> bool:
-        return (isinstance(value, Sequence) and len(value) == 2
-                and all(isinstance(item, kinds) and least <= item < float("inf") for item in value))
+        return (isinstance(value, Sequence | np.ndarray) and len(value) == 2
+                and all(isinstance(item, kinds) and not isinstance(item, bool) and least <= item < float("inf") for item in value))
 
     if not is_pair(pixels, (int, np.integer), 1):
         raise UsageError(f"detector_pixels is {pixels!r}; give two whole numbers of 1 or more, such as (256, 256)")

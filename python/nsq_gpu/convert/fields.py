@@ -77,8 +77,9 @@ def _source(optic: Any, number: int, hx: float, hy: float, spectrum: Spectrum, m
     if not miss <= _MOST_MISS:
         raise UnsupportedSceneError(f"{place}: its rays are aimed ({_aiming(optic)}) so that they are no smooth function of the "
                                     f"pupil: they would miss their places by {miss:.2%} of its width; set paraxial aiming")
+    how_well = f"to {miss:.1g} of the pupil's width" if miss > 0.0 else "to rounding"
     report.remarks.append(f"{place}: its rays are aimed ({_aiming(optic)}); a polynomial of order {_ORDER} for each wavelength has "
-                          f"them to {miss:.1g} of the pupil's width")
+                          f"them {how_well}")
     return source
 
 

@@ -14,7 +14,7 @@ _END = 1e-6
 
 
 def tell(scene: NSQScene, faces: list[Face], rays: Rays, report: LensReport) -> None:
-    """Add a remark for each component that rays meet on their way from one surface to the next."""
+    """Add a remark for each component and detector that rays meet on their way from one surface to the next."""
     for one, other in acting(faces, len(rays.places) - 1, first=0):
         chosen = rays.arrive & np.isfinite(rays.places[one]).all(axis=1)
         starts, way = rays.places[one][chosen], rays.places[other][chosen] - rays.places[one][chosen]
@@ -25,7 +25,11 @@ def tell(scene: NSQScene, faces: list[Face], rays: Rays, report: LensReport) -> 
         starts, lengths = starts[moves], lengths[moves]
         directions = way[moves] / lengths[:, None]
         own = report.components.get(one, ()) + report.components.get(other, ())
-        for name, component in zip(scene.component_names, scene.surfaces, strict=True):
+        # The last stretch ends on the detector.
+        things = [*zip(scene.component_names, scene.surfaces, strict=True)]
+        if other < len(rays.places) - 1:
+            things += [(f"the detector {name!r}", thing) for name, thing in zip(scene.detector_names, scene.detectors, strict=True)]
+        for name, component in things:
             if name in own:
                 continue
             position, rotation = placed(component.cs)

@@ -13,8 +13,8 @@ from optiland.nonsequential.sources.extended import ExtendedSource
 from optiland.nonsequential.sources.point import PointSource
 
 from nsq_gpu.export.materials import Media
-from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_type
-from nsq_gpu.sources import PupilSource
+from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_type, rows
+from nsq_gpu.sources import Aim, PupilSource
 
 
 def spectra(scene: NSQScene) -> list[Json]:
@@ -82,8 +82,9 @@ def _pupil(source: Any, place: str) -> Json:
 
 
 def _aim(aim: Any, place: str) -> Json:
-    tables = {key: [numbers(np.asarray(row, dtype=float), f"{place}: {key}") for row in getattr(aim, key)]
-              for key in ("x", "y", "vector_x", "vector_y")}
+    if type(aim) is not Aim:
+        raise refuse_type(place, "it", aim, "nsq_gpu.sources.Aim")
+    tables = {key: rows(getattr(aim, key), f"{place}: {key}") for key in ("x", "y", "vector_x", "vector_y")}
     return {"wavelength": number(aim.wavelength, f"{place}: wavelength"), **tables}
 
 

@@ -21,7 +21,7 @@ from optiland.nonsequential.components.refractive import RefractiveComponent
 
 from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.export.materials import Media
-from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type
+from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type, rows
 from nsq_gpu.shapes import (
     Aperture,
     Biconic,
@@ -91,13 +91,12 @@ def _aperture(aperture: Any, place: str) -> Json:
         raise refuse_type(place, "its aperture", aperture, "nsq_gpu.shapes.Aperture")
     place = f"{place}: aperture"
     if aperture.outline == "polygon":
-        vertices = [[number(value, f"{place}: vertices[{i}]") for value in corner] for i, corner in enumerate(aperture.vertices)]
-        own: Json = {"vertices": vertices}
+        own: Json = {"vertices": rows(aperture.vertices, f"{place}: vertices")}
     elif aperture.outline in ("union", "intersection", "difference"):
         own = {"parts": [_aperture(part, f"{place}: parts[{i}]") for i, part in enumerate(aperture.parts)]}
     else:
         own = _numbers_of(aperture, ("semi_axis_x", "semi_axis_y", "x", "y", "hole_radius"), place)
-    return {"outline": aperture.outline, **own, "inverted": aperture.inverted}
+    return {"outline": aperture.outline, **own, "inverted": bool(aperture.inverted)}
 
 
 def _even_asphere(geometry: Any, place: str) -> Json:
@@ -121,9 +120,7 @@ def _toroidal(geometry: Any, place: str) -> Json:
 
 
 def _polynomial(geometry: Any, place: str) -> Json:
-    rows = [[number(value, f"{place}: coefficients[{i}][{j}]") for j, value in enumerate(row)]
-            for i, row in enumerate(geometry.coefficients)]
-    return {**_conic(geometry, place), "type": "polynomial", "coefficients": rows}
+    return {**_conic(geometry, place), "type": "polynomial", "coefficients": rows(geometry.coefficients, f"{place}: coefficients")}
 
 
 def _chebyshev(geometry: Any, place: str) -> Json:

@@ -56,6 +56,15 @@ def numbers(values: Any, place: str) -> list[float]:
     return [number(value, place) for value in be.to_numpy(values).ravel().tolist()]
 
 
+def rows(values: Any, place: str) -> list[list[float]]:
+    """Return rows of finite numbers, which may differ in length."""
+    try:
+        listed = [list(row) for row in values]
+    except TypeError as error:
+        raise refuse(place, f"{values!r} are no rows of numbers", "give a list of lists of numbers") from error
+    return [[number(value, f"{place}[{i}][{j}]") for j, value in enumerate(row)] for i, row in enumerate(listed)]
+
+
 def _plain(value: Any, place: str) -> float:
     refuse_gradient(value, place)
     try:
