@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpmath import chebyt, mp, mpf, sqrt
+from mpmath import chebyt, cos, findroot, lu_solve, matrix, mp, mpf, pi, sqrt
 from optiland.coordinate_system import CoordinateSystem
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential.components.reflective import ReflectiveComponent
+from optiland.nonsequential.components.refractive import RefractiveComponent
+from optiland.nonsequential.materials.nsq_material import VACUUM
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig, PointSourceConfig
 
 from nsq_gpu.shapes import Biconic, Chebyshev, EvenAsphere, OddAsphere, Polynomial, Toroidal, Zernike
@@ -119,3 +121,29 @@ def test_a_toroid_has_two_foci() -> None:
         reach = -starts[axis] / ends[cosine]
         # Aberration is of the order of width^2 over the shorter focal length.
         np.testing.assert_allclose(reach * np.abs(ends["N"]), radius / 2.0, atol=width**2 / 20.0)
+
+
+def test_a_cartesian_oval_images_a_point_to_a_point() -> None:
+    """The path |P - object| + n |image - P| is one for all rays: the oval, written as a conic and its powers of r."""
+    n, before, behind, radius = mpf(1.5), mpf(60), mpf(90), mpf(5)
+
+    def height(square: Any) -> Any:
+        return findroot(lambda z: sqrt((before + z) ** 2 + square) + n * sqrt((behind - z) ** 2 + square) - before - n * behind,
+                        square / 40)
+
+    # By the vertex: n / R - 1 / R = 1 / before + n / behind.
+    vertex = (n - 1) / (1 / before + n / behind)
+    nodes = [radius**2 * (1 - cos(pi * (2 * k + 1) / 20)) / 2 for k in range(10)]
+    terms = matrix([[square ** (i + 1) for i in range(10)] for square in nodes])
+    rest = matrix([height(square) - conic(vertex, 0.0, square) for square in nodes])
+    coefficients = [float(value) for value in lu_solve(terms, rest)]
+    shape = EvenAsphere(float(vertex), 0.0, float(radius), coefficients)
+    scene = NSQScene()
+    scene.add_component("oval", RefractiveComponent(CoordinateSystem(), shape, VACUUM, live.glass(1.5), name="oval"))
+    lamp = PointSourceConfig(live.Spectrum(np.array([0.5]), np.array([1.0])), half_angle_deg=math.degrees(math.atan(0.07)))
+    scene.add_source("lamp", CoordinateSystem(z=-60.0), lamp)
+    scene.add_detector("image", CoordinateSystem(z=90.0), live.IrradianceDetectorConfig(1.0, 1.0, 2, 2))
+    events = scene.trace(300, backend=live.backend(), record_paths=300).ray_paths["events"]
+    ends = events[(events["event_type"] == "hit") & (events["component_name"] == "") & (events["bounce"] == 1)]
+    assert len(ends) > 250
+    assert np.hypot(ends["x"], ends["y"]).max() < 1e-9
