@@ -1,9 +1,10 @@
 //! A scene as a module of WGSL, with the buffers that it reads.
 
 use crate::error::Result;
+use crate::model::Precision;
 use crate::model::surface_optics::{coating_pass, reflectance};
 use crate::model::{Detector, SceneIr, SourceFunction, Surface};
-use crate::program::features::{Features, Precision};
+use crate::program::features::Features;
 use crate::program::geometry::{bvh, contact, mesh, tree};
 use crate::program::layout::kind_tables::Places;
 use crate::program::layout::reals::{StructLayout, put_real};

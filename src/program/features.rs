@@ -1,6 +1,5 @@
 //! What a scene needs of the tracer. Whatever is absent here produces no code.
 
-pub use crate::model::Precision;
 use crate::model::primitives::primitives;
 use crate::model::shapes::Normal;
 use crate::model::surface_optics::{least_share, splits};

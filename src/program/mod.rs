@@ -12,9 +12,10 @@ pub mod parsed;
 pub mod prepared;
 pub mod wgsl;
 
+pub use crate::model::Precision;
 pub use crate::model::SourceFunction;
 pub use crate::program::composed::Program;
-pub use crate::program::features::{Features, Precision};
+pub use crate::program::features::Features;
 pub use crate::program::layout::rng::Sampler;
 pub use crate::program::layout::splitting::Splitting;
 pub use crate::program::layout::tables::Cells;

@@ -1,7 +1,8 @@
 //! How a program is specialised, and which rays a dispatch of it traces.
 
+use crate::model::Precision;
 use crate::model::SceneIr;
-use crate::program::features::{Features, Precision};
+use crate::program::features::Features;
 use crate::program::layout::records::Records;
 use crate::program::layout::rng::Sampler;
 use crate::program::layout::tables;

@@ -1,8 +1,8 @@
 //! A composed module as the device gets it.
 
 use crate::error::{Error, Result};
+use crate::model::Precision;
 use crate::program::df64;
-use crate::program::features::Precision;
 
 /// A composed module, parsed, and in df64 rewritten.
 #[derive(Debug)]

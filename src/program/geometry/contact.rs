@@ -8,12 +8,12 @@
 //! media decide there which face comes next.
 
 use crate::error::{Error, Result};
+use crate::model::Precision;
 use crate::model::shapes::{Level, Quadric};
 use crate::model::{
     Detector, FAR_FIELD_RADIUS, Frame, Interaction, Mesh, Outline, SceneIr, Shape, Source, Surface,
     area_vector, unit_normal,
 };
-use crate::program::features::Precision;
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 

@@ -14,8 +14,8 @@
 //! along the ray keeps the entry into a box before any hit in it.
 
 use crate::error::Result;
+use crate::model::Precision;
 use crate::model::{Frame, Mesh, SceneIr, Shape};
-use crate::program::features::Precision;
 use crate::program::geometry::bvh::Forest;
 use crate::program::geometry::contact::Contacts;
 use crate::program::layout::records::Records;

@@ -4,7 +4,7 @@
 //! compiled shader serves them all.
 
 use crate::error::Result;
-use crate::program::features::Precision;
+use crate::model::Precision;
 use crate::program::layout::bindings;
 use crate::program::layout::reals::{StructLayout, literal, put_real};
 use std::cell::RefCell;

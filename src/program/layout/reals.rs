@@ -1,8 +1,8 @@
 //! Reals as the device has them: literals of WGSL, bytes of buffers, and where a struct's fields lie.
 
 use crate::error::{Error, Result};
+use crate::model::Precision;
 use crate::program::df64;
-use crate::program::features::Precision;
 use std::collections::HashMap;
 
 /// A WGSL literal of a real. Refused where the precision cannot hold it.

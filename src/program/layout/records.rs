@@ -1,7 +1,7 @@
 //! Records: small tables that shaders read by row, either compiled in (constants and selects) or from a buffer.
 
 use crate::error::Result;
-use crate::program::features::Precision;
+use crate::model::Precision;
 use crate::program::layout::bindings;
 use crate::program::layout::numbers::Numbers;
 use crate::program::layout::reals::{StructLayout, put_real};

@@ -2,7 +2,7 @@
 //! No formula is written here.
 
 use crate::error::Result;
-use crate::program::features::Precision;
+use crate::model::Precision;
 use crate::program::layout::bindings;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::extension::Extension;

@@ -1,7 +1,7 @@
 //! The data from which the text of a module is composed.
 
 use crate::error::Result;
-use crate::program::features::Precision;
+use crate::model::Precision;
 use crate::program::layout::numbers::Numbers;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::prepared::Prepared;

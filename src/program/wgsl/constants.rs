@@ -1,7 +1,7 @@
 //! The constants of a scene's module: sizes, numbers of cells, and properties that shaders then need not ask for.
 
 use crate::error::Result;
-use crate::program::features::Precision;
+use crate::model::Precision;
 use crate::program::geometry::{mesh, tree};
 use crate::program::layout::reals::literal;
 use crate::program::layout::splitting::Splitting;

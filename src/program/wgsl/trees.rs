@@ -1,6 +1,6 @@
 //! Trees of boxes in the module: whether there are any, where their rows lie, and how a walk keeps waiting groups.
 
-use crate::program::features::Precision;
+use crate::model::Precision;
 use crate::program::layout::records::Records;
 use crate::program::wgsl::composition::Composition;
 

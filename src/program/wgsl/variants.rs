@@ -1,8 +1,9 @@
 //! The table of the files of shaders/ that a scene takes: one row a slot, with its twin files and the rule that picks
 //! one.
 
+use crate::model::Precision;
 use crate::model::SourceFunction;
-use crate::program::features::{Features, Precision};
+use crate::program::features::Features;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
 use crate::program::wgsl::composition::Composition;
