@@ -18,6 +18,7 @@ pub(crate) mod place;
 mod precision;
 pub mod primitives;
 pub mod ray_id;
+mod rows;
 pub mod shapes;
 pub mod sources;
 pub mod surface_optics;

@@ -11,7 +11,7 @@ use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
-use crate::program::layout::{bindings, bsdf, coating, rng, tables};
+use crate::program::layout::{bindings, rng, tables};
 use crate::program::options::{PathSampling, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
@@ -160,9 +160,7 @@ impl Program {
             buffers.push((bindings::REFLECTANCES, self.reflectances(ir)?));
         }
         if self.features.has_tables() {
-            let of_kinds = Places::of(ir).numbers()?.into_iter();
-            let tables = of_kinds.chain(bsdf::tables(ir)).chain(coating::tables(ir));
-            buffers.push((bindings::TABLES, self.reals(tables)?));
+            buffers.push((bindings::TABLES, self.reals(Places::of(ir).numbers()?.into_iter())?));
         }
         if self.features.reads_bins() {
             buffers.push((bindings::SPECTRAL_BINS, spectral_bins(ir)));

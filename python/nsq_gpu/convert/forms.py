@@ -122,13 +122,14 @@ def _listed(value: Any) -> Any:
     return [_listed(item) for item in value] if isinstance(value, tuple) else value
 
 
-def _number(value: Any) -> float:
+def number_of(value: Any) -> float:
+    """Return one of Optiland's numbers, of whatever backend and shape."""
     return float(np.squeeze(be.to_numpy(value)))
 
 
 def _trimmed(values: Any) -> tuple[float, ...]:
     """Return coefficients without zeros at their end."""
-    found = [_number(value) for value in values]
+    found = [number_of(value) for value in values]
     while found and found[-1] == 0.0:
         found.pop()
     return tuple(found)
@@ -142,7 +143,7 @@ def _table(values: Any) -> tuple[tuple[float, ...], ...]:
 
 
 def _base(geometry: Any) -> dict[str, Any]:
-    return {"radius": _number(geometry.radius), "conic": _number(getattr(geometry, "k", 0.0))}
+    return {"radius": number_of(geometry.radius), "conic": number_of(getattr(geometry, "k", 0.0))}
 
 
 def _asphere(geometry: Any) -> dict[str, Any]:
@@ -151,16 +152,16 @@ def _asphere(geometry: Any) -> dict[str, Any]:
 
 def _radius(value: Any) -> float:
     """Return a radius; Optiland takes 0 for a straight line as well."""
-    return _number(value) or math.inf
+    return number_of(value) or math.inf
 
 
 def _biconic(geometry: Any) -> dict[str, Any]:
-    return {"radius_x": _radius(geometry.Rx), "radius_y": _radius(geometry.Ry), "conic_x": _number(geometry.kx),
-            "conic_y": _number(geometry.ky)}
+    return {"radius_x": _radius(geometry.Rx), "radius_y": _radius(geometry.Ry), "conic_x": number_of(geometry.kx),
+            "conic_y": number_of(geometry.ky)}
 
 
 def _toroidal(geometry: Any) -> dict[str, Any]:
-    return {"radius_x": _radius(geometry.R_rot), "radius_y": _radius(geometry.R_yz), "conic": _number(geometry.k_yz),
+    return {"radius_x": _radius(geometry.R_rot), "radius_y": _radius(geometry.R_yz), "conic": number_of(geometry.k_yz),
             "coeffs_poly_y": _trimmed(geometry.coeffs_poly_y)}
 
 
@@ -169,11 +170,11 @@ def _polynomial(geometry: Any) -> dict[str, Any]:
 
 
 def _chebyshev(geometry: Any) -> dict[str, Any]:
-    return {**_polynomial(geometry), "norm_x": _number(geometry.norm_x), "norm_y": _number(geometry.norm_y)}
+    return {**_polynomial(geometry), "norm_x": number_of(geometry.norm_x), "norm_y": number_of(geometry.norm_y)}
 
 
 def _zernike(geometry: Any) -> dict[str, Any]:
-    return {**_asphere(geometry), "zernike_type": geometry.zernike_type, "norm_radius": _number(geometry.norm_radius)}
+    return {**_asphere(geometry), "zernike_type": geometry.zernike_type, "norm_radius": number_of(geometry.norm_radius)}
 
 
 #: The scene's shape of each of Optiland's geometries, and what reads its numbers.

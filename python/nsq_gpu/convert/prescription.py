@@ -29,7 +29,7 @@ from optiland.physical_apertures import (
 )
 
 from nsq_gpu.coatings import TabulatedCoating
-from nsq_gpu.convert.forms import Form, form_of
+from nsq_gpu.convert.forms import Form, form_of, number_of
 from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.shapes import Aperture
 
@@ -333,13 +333,13 @@ def _stated(aperture: Any) -> float | Aperture | None:
         corners = np.stack([be.to_numpy(aperture.x), be.to_numpy(aperture.y)], axis=1).astype(float)
         return Aperture("polygon", vertices=tuple(map(tuple, corners.tolist())))
     if type(aperture) is RectangularAperture:
-        x, y = (tuple(min(max(_number(getattr(aperture, f"{axis}_{end}")), -ENDLESS), ENDLESS) for end in ("min", "max"))
+        x, y = (tuple(min(max(number_of(getattr(aperture, f"{axis}_{end}")), -ENDLESS), ENDLESS) for end in ("min", "max"))
                 for axis in "xy")
         return Aperture("rectangle", 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0]), 0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]))
-    middle = [_number(getattr(aperture, f"offset_{axis}", 0.0)) for axis in "xy"]
+    middle = [number_of(getattr(aperture, f"offset_{axis}", 0.0)) for axis in "xy"]
     if type(aperture) is EllipticalAperture:
-        return Aperture("ellipse", min(_number(aperture.a), ENDLESS), min(_number(aperture.b), ENDLESS), *middle)
-    radius, hole = _number(aperture.r_max), _number(aperture.r_min)
+        return Aperture("ellipse", min(number_of(aperture.a), ENDLESS), min(number_of(aperture.b), ENDLESS), *middle)
+    radius, hole = number_of(aperture.r_max), number_of(aperture.r_min)
     if hole <= 0.0 and middle == [0.0, 0.0]:
         return radius if radius < ENDLESS else None
     return Aperture("ellipse", min(radius, ENDLESS), min(radius, ENDLESS), *middle, max(hole, 0.0))
@@ -350,10 +350,6 @@ def _combinable(stated: float | Aperture | None) -> Aperture:
         return stated
     radius = ENDLESS if stated is None else stated
     return Aperture("ellipse", radius, radius)
-
-
-def _number(value: Any) -> float:
-    return float(np.squeeze(be.to_numpy(value)))
 
 
 class _Media:

@@ -7,10 +7,10 @@
 //! would show is refused.
 
 use crate::Result;
-use crate::model::checks;
 use crate::model::shapes::profile::Profile;
 use crate::model::shapes::sag::{Bounds, ROOM, Sag, SagAt, SagSurface, largest_bend};
 use crate::model::shapes::{Normal, Shape, ShapeKind, ShapeWgsl};
+use crate::model::{checks, rows};
 use crate::shaders::shader;
 use glam::{DMat2, DVec2};
 use std::f64::consts::PI;
@@ -50,8 +50,7 @@ struct Sum {
     bounds: Bounds,
     /// The numbers that the polynomial was given by, whatever the semi-diameter.
     definition: Vec<f64>,
-    /// As shaders/shapes/freeform.wgsl reads them: the number of rows, then from the last row to the first the number of
-    /// coefficients, and these from the last to the first.
+    /// As shaders/shapes/freeform.wgsl reads them ([`rows::backwards`]).
     table: Vec<f64>,
 }
 
@@ -92,11 +91,7 @@ impl Freeform {
         let conic = Profile::new(radius, conic, aperture_radius, 2, &[]);
         let rows = expanded(aperture_radius, polynomial);
         let bounds = bounds(&conic, &rows);
-        let mut table = vec![rows.len() as f64];
-        for row in rows.iter().rev() {
-            table.push(row.len() as f64);
-            table.extend(row.iter().rev());
-        }
+        let table = rows::backwards(&rows);
         Freeform {
             conic,
             sum: Arc::new(Sum { rows, bounds, definition: polynomial.definition.clone(), table }),

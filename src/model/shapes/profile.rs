@@ -41,8 +41,6 @@ struct At {
 pub(super) struct Ring {
     /// Its inner radius \[mm\].
     pub from: f64,
-    /// Its outer radius \[mm\].
-    pub to: f64,
     /// Bounds.
     pub bounds: Bounds,
 }
@@ -186,7 +184,7 @@ impl Profile {
                 slope: largest(|at| at.slope, middle.slope + tip, most.bend * half),
                 bend: along.max(largest(|at| at.across, middle.across, steepness)),
             };
-            Ring { from, to, bounds }
+            Ring { from, bounds }
         })
     }
 }
@@ -246,14 +244,7 @@ impl Sag for Profile {
     }
 
     fn bounds(&self) -> Bounds {
-        let none = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
-        let all = self.rings().fold(none, |all, Ring { bounds, .. }| Bounds {
-            lowest: all.lowest.min(bounds.lowest),
-            highest: all.highest.max(bounds.highest),
-            slope: all.slope.max(bounds.slope),
-            bend: all.bend.max(bounds.bend),
-        });
-        all.with_room(self.aperture_radius)
+        Bounds::over(self.rings().map(|ring| ring.bounds)).with_room(self.aperture_radius)
     }
 }
 

@@ -39,6 +39,17 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// Bounds that hold where any of these do, and at height 0.
+    pub fn over(parts: impl Iterator<Item = Bounds>) -> Self {
+        let none = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
+        parts.fold(none, |all, part| Bounds {
+            lowest: all.lowest.min(part.lowest),
+            highest: all.highest.max(part.highest),
+            slope: all.slope.max(part.slope),
+            bend: all.bend.max(part.bend),
+        })
+    }
+
     /// With room for rounding, and within what is of use.
     pub fn with_room(self, aperture_radius: f64) -> Self {
         let room = 1e-3 * (self.highest - self.lowest) + 1e-6 * aperture_radius;

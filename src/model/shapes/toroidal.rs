@@ -92,7 +92,7 @@ impl Toroidal {
         /// The least sqrt(w^2 - c^2 x^2): the slope grows with its inverse.
         const LEAST: f64 = 0.01;
         let (c, rim) = (self.curvature_x, ROOM * self.profile.aperture_radius);
-        self.profile.rings().map(move |Ring { from, bounds, .. }| {
+        self.profile.rings().map(move |Ring { from, bounds }| {
             let x = (rim * rim - from * from).max(0.0).sqrt();
             let [one, other] = [bounds.lowest, bounds.highest].map(|height| 1.0 - c * height);
             let (least, most) = (one.min(other), one.max(other));
@@ -168,13 +168,6 @@ impl Sag for Toroidal {
     }
 
     fn bounds(&self) -> Bounds {
-        let none = Bounds { lowest: 0.0, highest: 0.0, slope: 0.0, bend: 0.0 };
-        let all = self.strips().flatten().fold(none, |all, strip| Bounds {
-            lowest: all.lowest.min(strip.lowest),
-            highest: all.highest.max(strip.highest),
-            slope: all.slope.max(strip.slope),
-            bend: all.bend.max(strip.bend),
-        });
-        all.with_room(self.profile.aperture_radius)
+        Bounds::over(self.strips().flatten()).with_room(self.profile.aperture_radius)
     }
 }

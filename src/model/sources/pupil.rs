@@ -9,7 +9,7 @@
 
 use crate::Result;
 use crate::model::sources::{Emission, Entry, SourceFunction, SourceKind, SourceWgsl, written};
-use crate::model::{Outline, checks};
+use crate::model::{Outline, checks, rows};
 use crate::shaders::shader;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -79,16 +79,9 @@ impl Aim {
         Ok(())
     }
 
-    /// Its tables for shaders/sources/aimed.table.wgsl: for each the number of rows; then, from the last row to the first, the
-    /// number of coefficients, and these from the last to the first.
+    /// Its tables for shaders/sources/aimed.table.wgsl, one after the other.
     fn numbers(&self) -> Vec<f64> {
-        let of_row = |row: &Vec<f64>| {
-            std::iter::once(row.len() as f64).chain(row.iter().rev().copied()).collect::<Vec<f64>>()
-        };
-        let of_rows = |rows: &Vec<Vec<f64>>| {
-            std::iter::once(rows.len() as f64).chain(rows.iter().rev().flat_map(of_row)).collect::<Vec<f64>>()
-        };
-        self.tables().into_iter().flat_map(|(_, rows)| of_rows(rows)).collect()
+        self.tables().into_iter().flat_map(|(_, rows)| rows::backwards(rows)).collect()
     }
 
     /// More than what each table adds anywhere.

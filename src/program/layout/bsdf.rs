@@ -32,7 +32,7 @@ impl Branch {
 }
 
 /// Adds what shaders/stages/scatter.on.wgsl and shaders/bsdfs/ read of a surface.
-pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind]) {
+pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind], places: &Places) {
     if kinds.is_empty() {
         return;
     }
@@ -50,7 +50,8 @@ pub fn put_columns(records: &mut Records, ir: &SceneIr, kinds: &[BsdfKind]) {
         records.real(name, values);
     }
     if kinds.iter().any(|kind| kind.has_table()) {
-        records.uint("bsdf_table", table_starts(ir));
+        let start_of = |bsdf: &Bsdf| places.start_of(&bsdf.table()).unwrap_or(0) as u32;
+        records.uint("bsdf_table", bsdfs().map(|bsdf| bsdf.map_or(0, start_of)));
     }
     for (name, values) in columns(ir, kinds, |bsdf| bsdf.counts()) {
         records.uint(name, values);
@@ -78,40 +79,4 @@ fn columns<T: Copy + Default>(
     };
     let column = |name| (name, ir.surfaces.iter().map(|surface| value(surface, name)).collect());
     names.into_iter().map(column).collect()
-}
-
-/// Surfaces of equal BSDFs share a table: lenses by the dozen have the same polish.
-fn distinct(ir: &SceneIr) -> Vec<&Bsdf> {
-    let mut distinct: Vec<&Bsdf> = Vec::new();
-    for Scatter { bsdf, .. } in scatters(ir).filter(|scatter| scatter.bsdf.kind().has_table()) {
-        if !distinct.contains(&bsdf) {
-            distinct.push(bsdf);
-        }
-    }
-    distinct
-}
-
-/// Where each surface's table begins.
-fn table_starts(ir: &SceneIr) -> Vec<u32> {
-    let distinct = distinct(ir);
-    let mut next = Places::of(ir).num_numbers() as u32;
-    let starts: Vec<u32> = distinct
-        .iter()
-        .map(|bsdf| {
-            let start = next;
-            next += bsdf.table().len() as u32;
-            start
-        })
-        .collect();
-    let start_of = |surface: &Surface| {
-        let bsdf = &surface.scatter.as_ref()?.bsdf;
-        distinct.iter().position(|other| *other == bsdf).map(|i| starts[i])
-    };
-    ir.surfaces.iter().map(|surface| start_of(surface).unwrap_or(0)).collect()
-}
-
-/// All tables, one after the other: in the buffer of shaders/optics/tables.wgsl those of shapes come before, and those of
-/// coatings after.
-pub fn tables(ir: &SceneIr) -> Vec<f64> {
-    distinct(ir).into_iter().flat_map(|bsdf| bsdf.table()).collect()
 }

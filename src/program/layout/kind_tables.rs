@@ -1,18 +1,20 @@
-//! Tables of shapes and sources for the shaders: they are the first part of the buffer of tables.
+//! The buffer of shaders/optics/tables.wgsl: tables of shapes and sources, then those of BSDFs and of coatings.
 
 use crate::error::{Error, Result};
-use crate::model::{SceneIr, Shape, Source};
+use crate::model::{Coating, SceneIr, Shape, Source};
 use std::collections::HashMap;
 
 /// Most numbers before the last table of a shape or a source: places of tables are reals, which f32 has exactly up to there.
 const MAX_PLACE: usize = 1 << 24;
 
-/// Where the table of each shape and source begins. Shapes of equal tables share them.
+/// Where each table begins. Equal tables are one: lenses by the dozen have the same polish, and the same film.
 #[derive(Debug)]
 pub struct Places {
     /// By the bits of a table's numbers.
     starts: HashMap<Vec<u64>, usize>,
     numbers: Vec<f64>,
+    /// How many numbers shapes and sources have, whose places are reals.
+    num_of_reals: usize,
 }
 
 fn bits(table: &[f64]) -> Vec<u64> {
@@ -22,12 +24,22 @@ fn bits(table: &[f64]) -> Vec<u64> {
 impl Places {
     /// Those of a scene.
     pub fn of(ir: &SceneIr) -> Self {
-        let mut places = Places { starts: HashMap::new(), numbers: Vec::new() };
+        let mut places = Places { starts: HashMap::new(), numbers: Vec::new(), num_of_reals: 0 };
         for table in ir.surfaces.iter().filter_map(|surface| surface.shape.table()) {
             places.add(table);
         }
         for source in &ir.sources {
             places.add(&source.kind.table(&ir.wavelengths));
+        }
+        places.num_of_reals = places.numbers.len();
+        let scatters = ir.surfaces.iter().filter_map(|surface| surface.scatter.as_ref());
+        for scatter in scatters.filter(|scatter| scatter.bsdf.kind().has_table()) {
+            places.add(&scatter.bsdf.table());
+        }
+        // Where a coating is a table, all are.
+        let coatings = || ir.surfaces.iter().filter_map(|surface| surface.coating.as_ref());
+        if coatings().any(Coating::is_tabulated) {
+            coatings().for_each(|coating| places.add(&coating.tabulated().numbers()));
         }
         places
     }
@@ -41,8 +53,9 @@ impl Places {
         }
     }
 
-    fn start_of(&self, table: &[f64]) -> Option<f64> {
-        self.starts.get(&bits(table)).map(|start| *start as f64)
+    /// Where a table begins.
+    pub fn start_of(&self, table: &[f64]) -> Option<usize> {
+        self.starts.get(&bits(table)).copied()
     }
 
     /// The numbers that a shape's functions take, with the place of its table in that of the first.
@@ -50,7 +63,7 @@ impl Places {
         let mut arguments = shape.arguments();
         let start = shape.table().and_then(|table| self.start_of(table));
         if let (Some(start), Some(first)) = (start, arguments.first_mut()) {
-            *first = start;
+            *first = start as f64;
         }
         arguments
     }
@@ -60,22 +73,17 @@ impl Places {
         let mut arguments = source.kind.arguments();
         let start = self.start_of(&source.kind.table(wavelengths));
         if let (Some(start), Some(last)) = (start, arguments.last_mut()) {
-            *last = start;
+            *last = start as f64;
         }
         arguments
-    }
-
-    /// How many numbers all tables have.
-    pub fn num_numbers(&self) -> usize {
-        self.numbers.len()
     }
 
     /// All tables, one after the other.
     ///
     /// # Errors
-    /// [`Error::Usage`] if they are too many to have places.
+    /// [`Error::Usage`] if those of shapes and sources are too many to have places.
     pub fn numbers(self) -> Result<Vec<f64>> {
-        match self.numbers.len() {
+        match self.num_of_reals {
             num if num > MAX_PLACE => Err(Error::Usage(format!(
                 "apertures and coefficients of the scene's surfaces take {num} numbers; give surfaces the same ones, or at most {MAX_PLACE}"
             ))),

@@ -214,6 +214,7 @@ pub fn is_rotated(rotation: DMat3) -> bool {
 /// The surfaces' records.
 pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Records {
     let mut records = Records::new("Surface", "surface", bindings::SURFACES);
+    let places = Places::of(ir);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
     put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
     // Of a shape that is no quadric they are not read.
@@ -229,7 +230,6 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     }
     if features.has_own_normals() {
         records.uint("shape", ir.surfaces.iter().map(|s| s.shape.kind().code()));
-        let places = Places::of(ir);
         let arguments = ir.surfaces.iter().map(|s| places.arguments(&s.shape));
         put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
     }
@@ -243,14 +243,14 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
         records.real("reflectance", ir.surfaces.iter().map(|s| reflectance(s, 0)));
     }
     if features.tabulated_coatings {
-        coating::put_columns(&mut records, ir);
+        coating::put_columns(&mut records, ir, &places);
     } else if features.coated {
         records.uint("coated", ir.surfaces.iter().map(|s| u32::from(s.coating.is_some())));
     }
     if features.coated && !features.tabulated_coatings && !features.spectral_reflectance {
         records.real("coating_pass", ir.surfaces.iter().map(|s| coating_pass(s, 0)));
     }
-    bsdf::put_columns(&mut records, ir, &features.bsdfs);
+    bsdf::put_columns(&mut records, ir, &features.bsdfs, &places);
     records
 }
 
