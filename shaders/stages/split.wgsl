@@ -155,7 +155,6 @@ fn child(parent: Ray, weight: real) -> Ray {
 // The key of a ray of a family, whose number stands in `index` above its position in the range. ray_id = launched ray +
 // number * 2^40.
 fn family_key(index: u32) -> RayKey {
-    let lo = range.first_lo + (index & ((1u << INDEX_BITS) - 1u));
-    let hi = range.first_hi + select(0u, 1u, lo < range.first_lo);
-    return key_of_id(lo, hi + ((index >> INDEX_BITS) << 8u));
+    let id = launched_id(index & ((1u << INDEX_BITS) - 1u));
+    return key_of_id(id.x, id.y + ((index >> INDEX_BITS) << 8u));
 }

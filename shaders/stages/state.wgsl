@@ -72,7 +72,7 @@ fn nearer(best: Hit, distance: real, primitive: u32) -> Hit {
 }
 
 // The rays that one dispatch traces: first..first+count of one source, or as many that are listed
-// (software/path/ids.listed.wgsl).
+// (stages/ids.listed.wgsl).
 struct Range {
     first_lo: u32,
     first_hi: u32,

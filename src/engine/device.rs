@@ -30,6 +30,8 @@ pub(crate) struct DeviceState {
     pub(super) counters: DeviceSums,
     /// Rows for the host, where the scene or the user asks for them.
     pub(super) events: Option<wgpu::Buffer>,
+    /// The table of paths, where there is one.
+    pub(super) paths: Option<wgpu::Buffer>,
 }
 
 /// The buffers of the stages that follow the rays in a queue.
@@ -46,6 +48,7 @@ impl DeviceState {
         batch: u32,
         stages: Arc<Stages>,
         additions: &Additions,
+        path_words: Option<u64>,
     ) -> Result<Self> {
         let compiler = &stages.compiler;
         let [scene_layout, queue_layout] = &compiler.layouts;
@@ -65,6 +68,7 @@ impl DeviceState {
             }
             false => None,
         };
+        let paths = path_words.map(|words| gpu.buffer("the table of paths", 4 * words)).transpose()?;
         let is_image = |number: u32| {
             let is_it = |binding: &gpu::compute::Binding| {
                 (binding.group, binding.number) == (bindings::SCENE, number)
@@ -94,6 +98,7 @@ impl DeviceState {
             scene.push((bindings::SOURCE, &source));
         }
         scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
+        scene.extend(paths.as_ref().map(|paths| (bindings::PATHS, paths)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let group = |added: &Vec<(u32, wgpu::Buffer)>| {
             let added = added.iter().map(|(number, buffer)| (*number, buffer));
@@ -128,6 +133,7 @@ impl DeviceState {
             tops,
             counters,
             events,
+            paths,
         })
     }
 
@@ -143,17 +149,29 @@ impl DeviceState {
 
     /// Passes the sums to `intake`, and clears them.
     pub(crate) fn drain(&self, intake: &mut Intake) -> Result<()> {
-        let Gpu { device, queue, .. } = &self.gpu;
         self.counters.read(&self.gpu, |counter, count| intake.count(counter, count as u64))?;
         for sums in [Some(&self.sums), self.tops.as_ref()].into_iter().flatten() {
             sums.read(&self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
         }
+        self.clear_sums();
+        Ok(())
+    }
+
+    /// Forgets the rows for the host of a dispatch.
+    pub(crate) fn forget_rows(&self) {
+        if self.keeps_rows() {
+            self.gpu.queue.write_buffer(&self.counts, 0, &[0; 12]);
+        }
+    }
+
+    /// Clears the sums.
+    pub(crate) fn clear_sums(&self) {
+        let Gpu { device, queue, .. } = &self.gpu;
         let mut encoder = device.create_command_encoder(&Default::default());
         for sums in [Some(&self.sums), self.tops.as_ref(), Some(&self.counters)].into_iter().flatten() {
             sums.clear(&mut encoder);
         }
         queue.submit([encoder.finish()]);
-        Ok(())
     }
 
     /// True if the driver has left a loop early since the last call.

@@ -20,6 +20,7 @@ pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mu
         intake.finish(engine.plan.reached_marks());
     }
     strategy.drain(engine, tally)?;
+    engine.drain_paths(tally)?;
     let Undrained { launched, rays, .. } = std::mem::take(&mut engine.undrained);
     tally.launched += launched;
     tally.rays += &rays;

@@ -180,6 +180,9 @@ impl<'a> Intake<'a> {
         }
         let saturated = layout.cells.saturated.map(|counter| layout.other_counter(counter));
         tally.split_budget_saturated |= saturated.is_some_and(|counter| counters[counter] != 0);
+        if let Some(filtered) = layout.cells.filtered {
+            tally.filtered_out += flux_sum(filtered as usize);
+        }
         let Some(moments) = layout.cells.moments else { return };
         tally.moments_overflowed |= sums[layout.other_sum(moments.large_squares)] >= LARGE_SQUARES_LIMIT;
         let Some(totals) = moments.totals else { return };
@@ -210,6 +213,7 @@ mod tests {
             detectors: vec![13, 16],
             num_cells: 17,
             reached: 17,
+            filtered: None,
             saturated: Some(20),
             num_counters: 21,
             moments: None,

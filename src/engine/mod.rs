@@ -26,10 +26,13 @@ pub mod moments;
 pub mod options;
 pub mod pace;
 pub mod passes;
+pub mod path_table;
+pub mod paths;
 pub mod plan;
 pub mod prepare;
 pub mod rates;
 pub mod rows;
+pub mod sequences;
 pub mod shelf;
 pub mod stages;
 pub mod strategy;
@@ -41,6 +44,7 @@ pub mod wavefront;
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch_size::DispatchSize;
+use crate::engine::path_table::PathTable;
 use crate::engine::plan::Plan;
 use crate::engine::rows::Rows;
 use crate::engine::undrained::Undrained;
@@ -66,6 +70,8 @@ pub(crate) struct Engine<'a> {
     pub(crate) undrained: Undrained,
     /// Rows for the host that are not yet in a tally.
     pub(crate) rows: Rows,
+    /// The table of paths, where light is summed up by its path.
+    pub(crate) path_table: Option<PathTable>,
     /// Times the stages, if the user asked for that.
     pub(crate) profile: Option<Profile>,
     /// A pass ends at this position, if the position lies ahead.
@@ -87,6 +93,7 @@ impl<'a> Engine<'a> {
             ir,
             device,
             size: plan.dispatch_size(),
+            path_table: PathTable::of(&plan),
             plan,
             pass_time: PASS_TIME,
             undrained: Undrained::default(),
@@ -104,6 +111,7 @@ impl<'a> Engine<'a> {
         self.plan.options.seed = seed;
         self.plan.program.set_seed(seed);
         self.devices(others).for_each(|device| device.set_draws(&self.plan.program.rng_table));
+        self.path_table.iter_mut().for_each(|table| table.set_seed(seed));
     }
 
     /// The engine's device, and others.

@@ -3,9 +3,13 @@
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, Gpu};
-use crate::model::depth;
+use crate::model::{PathFilter, depth};
 use crate::program::{PathSampling, Precision, Sampler};
 use crate::result::RunInfo;
+use std::sync::Arc;
+
+/// Most rows of the table of paths, unless told.
+pub const DEFAULT_PATH_ROWS: u32 = 1 << 18;
 
 /// Options of a trace, with Optiland's defaults.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +35,14 @@ pub struct TraceOptions {
     pub precision: Precision,
     /// Which paths are recorded.
     pub paths: RecordPaths,
+    /// Light is summed up by its path, in a table.
+    pub path_table: bool,
+    /// The table has rows for rays that no detector records, too: absorbed, missed, ended by the depth limit or roulette.
+    pub path_ends: bool,
+    /// Most rows of the table of paths.
+    pub path_rows: u32,
+    /// Maps, spectra, ray databases and detected flux have only the light whose path matches.
+    pub path_filter: Option<Arc<PathFilter>>,
     /// Whether second moments are summed as well, so that results have standard errors.
     pub standard_error: StandardError,
     /// True: the scene is compiled in. False: it lies in tables. `None`: its size decides.
@@ -123,6 +135,10 @@ impl Default for TraceOptions {
             batch_size: None,
             precision: Precision::F64,
             paths: RecordPaths::None,
+            path_table: false,
+            path_ends: false,
+            path_rows: DEFAULT_PATH_ROWS,
+            path_filter: None,
             standard_error: StandardError::Auto,
             baked: None,
             sampler: Sampler::Pcg,

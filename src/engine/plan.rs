@@ -18,7 +18,7 @@ use crate::program::layout::numbers::lie_in_uniforms;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::Extend;
-use crate::program::{self, Precision, Program, ProgramOptions, RayRange};
+use crate::program::{self, PathSums, Precision, Program, ProgramOptions, RayRange};
 use crate::result::{FluxSum, QUANTA_PER_WEIGHT, RaySet, RaySpan, Tally};
 use std::sync::Arc;
 
@@ -121,6 +121,9 @@ fn plain(
         most_rays_per_invocation: 1,
         vector_lanes: gpu.vector_lanes(),
         paths: options.paths.sampling(options.budget()),
+        path_sums: if options.path_table { PathSums::Totals } else { PathSums::None },
+        path_ends: options.path_ends,
+        path_filter: options.path_filter.clone(),
         weights,
         sampler: options.sampler,
         moments: moments.on_device(),
@@ -133,13 +136,34 @@ impl Plan {
     /// The program on a device, for which its stages are compiled.
     pub(crate) fn open(&self, gpu: &Gpu, additions: &Additions) -> Result<DeviceState> {
         let stages = Stages::new(gpu, &self.program, self.options.strict.holds(&gpu.info), additions)?;
-        DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), additions)
+        DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), additions, self.path_table_words())
     }
 
     /// The size of dispatches, before any was timed.
     pub(crate) fn dispatch_size(&self) -> DispatchSize {
         let Plan { program, limits, batch, .. } = self;
         DispatchSize::new(*batch, limits.least_rays(program), counts_per_ray(program))
+    }
+
+    /// Most deposits of one launched ray that a table of paths tells apart. A ray that detectors let pass may make one at
+    /// each of its events.
+    pub(crate) fn path_deposits_per_ray(&self) -> u64 {
+        match self.program.features.transmissive || self.program.splitting.is_some() {
+            true => counts_per_ray(&self.program),
+            false => 1,
+        }
+    }
+
+    /// Slots of the largest table of paths: twice the number of rows, or of deposits if these are fewer.
+    pub(crate) fn most_path_slots(&self) -> u32 {
+        let deposits = self.num_rays.saturating_mul(self.path_deposits_per_ray());
+        let rows = u64::from(self.options.path_rows).min(deposits);
+        (2 * rows.max(32)).next_power_of_two() as u32
+    }
+
+    /// The words of the largest table of paths, if there is one.
+    pub(crate) fn path_table_words(&self) -> Option<u64> {
+        self.program.path_table.map(|layout| layout.words(self.most_path_slots()))
     }
 
     /// The number of rays done at a position.
@@ -210,11 +234,15 @@ impl Plan {
 
     /// What counts determine, beside themselves.
     pub(crate) fn counted(&self) -> Counted {
-        let square = square_of_birth_weight(self.rays[0].weight, self.options.precision);
         Counted {
             quanta: self.program.constant_weights.then(|| self.birth_quanta(0)),
-            square: (self.moments == MomentSource::Hits).then_some(square),
+            square: (self.moments == MomentSource::Hits).then(|| self.square_of_birth_weight()),
         }
+    }
+
+    /// The square of the weight that rays of the first source are born with, as the device rounds it.
+    pub(crate) fn square_of_birth_weight(&self) -> u128 {
+        square_of_birth_weight(self.rays[0].weight, self.options.precision)
     }
 }
 

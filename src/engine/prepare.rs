@@ -27,7 +27,8 @@ pub(crate) fn prepare_on_shelf<'a>(
     let limits = |program: &Program| DispatchLimits::of(program);
     let plan = Draft::new(gpu, ir, options)?.compose(gpu, ir, &NoExtension, parse, limits)?;
     let stages = shelf.stages(gpu, &plan.program, options.strict.holds(&gpu.info))?;
-    let device = DeviceState::new(gpu, &plan.program, plan.batch, stages, &Additions::default())?;
+    let words = plan.path_table_words();
+    let device = DeviceState::new(gpu, &plan.program, plan.batch, stages, &Additions::default(), words)?;
     Ok(Engine::new(gpu, ir, plan, device))
 }
 

@@ -17,10 +17,10 @@ pub(crate) struct Rows {
 }
 
 /// A row as the device wrote it. Positions are relative to the scene's centre.
-struct DeviceEvent {
-    kind: u32,
-    subject: u32,
-    row: RayRow,
+pub(super) struct DeviceEvent {
+    pub(super) kind: u32,
+    pub(super) subject: u32,
+    pub(super) row: RayRow,
 }
 
 impl Rows {
@@ -73,7 +73,7 @@ impl Rows {
 }
 
 /// A function that decodes the rows of the range that began at ray `first`.
-fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
+pub(super) fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
     let at = |field: &str| layout.offset(field);
     let [kind, subject, index, bounce, wavelength] =
         [at("kind")?, at("subject")?, at("index")?, at("bounce")?, at("wavelength")?];

@@ -139,6 +139,22 @@ impl Engine<'_> {
     }
 }
 
+/// Submits a range to a device, outside of a trace.
+pub(super) fn submit_alone(
+    device: &DeviceState,
+    plan: &Plan,
+    range: &RayRange,
+    num_submissions: usize,
+) -> Result<()> {
+    write_range(device, &plan.program, range)?;
+    let way = Route::plain(&plan.program, 0);
+    let rays_per_workgroup = plan.options.workgroup_size * way.rays_per_invocation;
+    let workgroups = grid(range.count.div_ceil(rays_per_workgroup), &device.gpu);
+    let stages = stages(device, plan, way, workgroups)?;
+    submit(&device.gpu, &stages, stages.len().div_ceil(num_submissions), None);
+    device.gpu.check()
+}
+
 /// Writes to a device which rays its next dispatch traces.
 fn write_range(device: &DeviceState, program: &Program, range: &RayRange) -> Result<()> {
     let queue = &device.gpu.queue;

@@ -26,6 +26,7 @@ pub(crate) fn trace<'a>(
     let mut at = engine.plan.position_after(&begun)?;
     check_shape(engine.ir, &begun)?;
     let (mut tally, num_rays) = (begun, engine.plan.num_rays);
+    engine.begin_paths(&mut tally)?;
     let mut pass_rays = u64::from(strategy.range_rays(engine));
     let mut pace = Pace::default();
     let start = Instant::now();
@@ -38,7 +39,7 @@ pub(crate) fn trace<'a>(
             pass_rays = engine.next_pass_rays(strategy.range_rays(engine), end - at, time);
         }
         at = end;
-        if engine.may_overflow(pass_rays) {
+        if engine.may_overflow(pass_rays) || engine.path_table_is_full() {
             drain(engine, strategy, &mut tally)?;
         }
         let (done, elapsed) = (engine.plan.done(at), start.elapsed());
@@ -50,6 +51,7 @@ pub(crate) fn trace<'a>(
         strategy.look_ahead(engine, num_rays - at, pace.seconds_for(num_rays - at))?;
     }
     drain(engine, strategy, &mut tally)?;
+    engine.finish_paths(&mut tally)?;
     if engine.plan.rays.len() > 1 {
         tally.sort_rows(engine.ir);
     }
@@ -72,6 +74,7 @@ fn trace_pass(engine: &mut Engine, strategy: &mut dyn Strategy, first: u64, end:
     if engine.undrained.should_ask_after_pass() {
         engine.learn_reached(strategy)?;
         engine.check_loops(strategy)?;
+        engine.check_paths()?;
     }
     Ok(start.elapsed())
 }

@@ -16,9 +16,11 @@ mod list;
 pub(crate) mod mesh;
 pub(crate) mod place;
 mod precision;
+pub mod path_filter;
 pub mod primitives;
 pub mod ray_id;
 mod rows;
+pub mod sequence;
 pub mod shapes;
 pub mod sources;
 pub mod surface_optics;
@@ -33,7 +35,9 @@ pub use crate::model::detectors::{
     Detection, DetectorFunction, DetectorKind, FAR_FIELD_RADIUS, FarField, RayDatabase, Spectral,
 };
 pub use crate::model::mesh::{Mesh, area_vector, unit_normal};
+pub use crate::model::path_filter::PathFilter;
 pub use crate::model::precision::Precision;
+pub use crate::model::sequence::{End, Sequence, SequenceKey, Step, StepKind};
 pub use crate::model::shapes::{
     Annulus, Aperture, ClippedConic, Conic, Frustum, MeshId, Outline, Profile, Shape, ShapeKind, Sphere,
 };
@@ -60,6 +64,16 @@ pub struct SceneIr {
     pub detectors: Vec<Detector>,
     /// How rare branches are sampled.
     pub sampling: Sampling,
+}
+
+impl SceneIr {
+    /// The name of a surface: Optiland's label, such as `L1.front`; `component_3` if it has none.
+    pub fn surface_name(&self, surface: usize) -> String {
+        match self.surfaces[surface].name.as_str() {
+            "" => format!("component_{surface}"),
+            name => name.to_string(),
+        }
+    }
 }
 
 /// A local coordinate system: `global = rotation * local + origin`.

@@ -7,12 +7,13 @@ use crate::model::{Detector, SceneIr, SourceFunction, Surface};
 use crate::program::features::Features;
 use crate::program::geometry::{bvh, contact, mesh, tree};
 use crate::program::layout::kind_tables::Places;
+use crate::program::layout::paths::PathTableLayout;
 use crate::program::layout::reals::{StructLayout, put_real};
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::sums::SumBuffers;
 use crate::program::layout::tables::Cells;
 use crate::program::layout::{bindings, rng, tables};
-use crate::program::options::{PathSampling, ProgramOptions, RayRange};
+use crate::program::options::{PathSampling, PathSums, ProgramOptions, RayRange};
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::composition::Composition;
@@ -46,6 +47,8 @@ pub struct Program {
     pub buffers: Vec<(u32, Vec<u8>)>,
     /// Every ray has at all times the weight that all are born with: sums are counts of it.
     pub constant_weights: bool,
+    /// What the rows of the table of paths are, where there is one.
+    pub path_table: Option<PathTableLayout>,
     /// Largest number of rows for the host that one launched ray can make, its children's included.
     pub max_events_per_ray: u64,
     /// Per source, the uniform that a dispatch of its rays reads; none for a single source, which is compiled in.
@@ -116,7 +119,8 @@ impl Program {
         let composition = Composition::of(&scene, &sums);
         let parsed = parse(composition.compose(extension.as_ref())?, scene.options.precision)?;
         let numbers = composition.numbers.bytes(&parsed.module)?;
-        let Prepared { options, features, splitting, centre, cells, constant_weights, .. } = scene;
+        let Prepared { options, features, splitting, centre, cells, constant_weights, path_table, .. } = scene;
+        let path_table = options.has_path_table().then_some(path_table);
         let mut program = Program {
             parsed,
             max_events_per_ray: max_events_per_ray(ir, &features, &options),
@@ -130,6 +134,7 @@ impl Program {
             rng_table: Vec::new(),
             buffers: Vec::new(),
             constant_weights,
+            path_table,
             source_uniforms: Vec::new(),
             first_step: [0; 4],
         };
@@ -316,6 +321,7 @@ fn max_events_per_ray(ir: &SceneIr, features: &Features, options: &ProgramOption
         0
     };
     // Birth, every event, death.
-    let path = if options.paths == PathSampling::None { 0 } else { options.max_depth + 2 };
+    let is_told = options.paths != PathSampling::None || options.path_sums == PathSums::Told;
+    let path = if is_told { options.max_depth + 2 } else { 0 };
     u64::from(recorded + path)
 }

@@ -11,6 +11,11 @@ pub const DETECTOR: u32 = 3;
 /// It ends, by one of the fates below.
 pub const DEATH: u32 = 4;
 
+/// A part of a path, told for the table of paths (shaders/paths/sums.told.wgsl).
+pub const PATH_STEP: u32 = 5;
+/// The end of such a path.
+pub const PATH_END: u32 = 6;
+
 /// Nothing was met any more.
 pub const ESCAPED: u32 = 3;
 /// The ray had as many events as it may have.

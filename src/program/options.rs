@@ -1,12 +1,12 @@
 //! How a program is specialised, and which rays a dispatch of it traces.
 
-use crate::model::Precision;
-use crate::model::SceneIr;
+use crate::model::{PathFilter, Precision, SceneIr};
 use crate::program::features::Features;
 use crate::program::layout::records::Records;
 use crate::program::layout::rng::Sampler;
 use crate::program::layout::tables;
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Up to so many primitives the scene is compiled in; above, it lies in tables, and a tree finds the nearest. On lavapipe
 /// (Zen 3, both ways in turns) lenses in a row, whose boxes most rays cross, are traced as fast by the tree from some 45
@@ -30,6 +30,21 @@ pub enum PathSampling {
     },
     /// All.
     All,
+}
+
+/// What becomes of the paths of all rays.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum PathSums {
+    /// Nothing.
+    #[default]
+    None,
+    /// Light is summed up by its path (shaders/paths/sums.totals.wgsl).
+    Totals,
+    /// Light of some paths is summed up in so many maps, and the places of all that has a slot
+    /// (shaders/paths/sums.maps.wgsl).
+    Maps(u32),
+    /// The host is told what happened to each ray (shaders/paths/sums.told.wgsl).
+    Told,
 }
 
 /// How a program is specialised.
@@ -61,6 +76,12 @@ pub struct ProgramOptions {
     pub vector_lanes: u32,
     /// Which paths are recorded.
     pub paths: PathSampling,
+    /// What becomes of the paths of all rays.
+    pub path_sums: PathSums,
+    /// The ends of rays that no detector records have rows in the table of paths, too.
+    pub path_ends: bool,
+    /// Light whose path does not match is on no map.
+    pub path_filter: Option<Arc<PathFilter>>,
     /// The weight that each source's rays are born with.
     pub weights: Vec<f64>,
     /// What the draws are.
@@ -168,9 +189,19 @@ impl ProgramOptions {
         (FEW_EVENTS / self.events_per_dispatch).clamp(1, self.most_rays_per_invocation.max(1))
     }
 
+    /// True if the paths of rays are followed, for their sums or for a filter.
+    pub fn follows_paths(&self) -> bool {
+        self.path_sums != PathSums::None || self.path_filter.is_some()
+    }
+
+    /// True if there is a table of paths.
+    pub fn has_path_table(&self) -> bool {
+        matches!(self.path_sums, PathSums::Totals | PathSums::Maps(_))
+    }
+
     /// True if rows go to the host: rays of a database, or events of paths.
     pub fn has_events(&self, features: &Features) -> bool {
-        features.stores_rays() || self.paths != PathSampling::None
+        features.stores_rays() || self.paths != PathSampling::None || self.path_sums == PathSums::Told
     }
 }
 

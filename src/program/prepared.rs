@@ -7,9 +7,10 @@ use crate::program::features::Features;
 use crate::program::geometry::contact::Contacts;
 use crate::program::geometry::{bvh, mesh, tree};
 use crate::program::layout::kind_tables::Places;
+use crate::program::layout::paths::PathTableLayout;
 use crate::program::layout::splitting::Splitting;
 use crate::program::layout::tables::{Cells, FacetTable};
-use crate::program::options::{ProgramOptions, SecondMoments};
+use crate::program::options::{PathSums, ProgramOptions, SecondMoments};
 use glam::DVec3;
 
 /// What compositions and their extensions are made from.
@@ -41,6 +42,8 @@ pub struct Prepared<'a> {
     pub tree: Option<tree::PrimitiveTree>,
     /// Every ray has at all times the weight that all are born with.
     pub constant_weights: bool,
+    /// What the rows of the table of paths are.
+    pub path_table: PathTableLayout,
 }
 
 impl<'a> Prepared<'a> {
@@ -56,10 +59,15 @@ impl<'a> Prepared<'a> {
             options.events_per_dispatch = options.max_depth;
         }
         let centre = centre_of(ir);
-        let cells = match options.moments {
-            SecondMoments::None => Cells::of(ir),
-            SecondMoments::Squares => Cells::of(ir).with_moments(ir)?,
-            SecondMoments::Replicates => Cells::of(ir).with_replicates(ray_id::NUM_REPLICATES)?,
+        let cells = match options.path_filter {
+            None => Cells::of(ir),
+            Some(_) => Cells::of(ir).with_filtered(),
+        };
+        let cells = match (options.path_sums, options.moments) {
+            (PathSums::Maps(num), _) => cells.with_replicates(num)?,
+            (_, SecondMoments::None) => cells,
+            (_, SecondMoments::Squares) => cells.with_moments(ir)?,
+            (_, SecondMoments::Replicates) => cells.with_replicates(ray_id::NUM_REPLICATES)?,
         };
         let has_tree = !options.tree_primitives(ir).is_empty();
         // Of meshes that no surface has nothing is searched.
@@ -80,7 +88,14 @@ impl<'a> Prepared<'a> {
         let constant_weights = features.whole_weights
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
+        let path_table = match options.path_sums {
+            PathSums::Maps(_) => PathTableLayout::of_maps(ir, options.path_ends),
+            PathSums::None | PathSums::Totals | PathSums::Told => {
+                PathTableLayout::of_totals(ir, options.path_ends, constant_weights)
+            }
+        };
         Ok(Prepared {
+            path_table,
             ir,
             places: Places::of(ir),
             options,

@@ -20,6 +20,7 @@ pub(crate) mod names;
 pub mod npz;
 pub mod npz_files;
 pub mod output;
+mod path_tally;
 pub mod png;
 pub mod ray_paths;
 mod ray_set;
@@ -42,6 +43,7 @@ pub use crate::result::detectors::{
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
 pub use crate::result::flux_unit::FluxUnit;
 pub use crate::result::ledger::{Entry, Ledger};
+pub use crate::result::path_tally::{PathSum, PathTally};
 pub use crate::result::ray_paths::{PathColumns, RayPaths};
 pub use crate::result::ray_set::{RaySet, RaySpan};
 pub use crate::result::report::Report;

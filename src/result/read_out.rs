@@ -85,7 +85,7 @@ fn surfaces(ir: &SceneIr, tally: &Tally, unit: FluxUnit) -> Vec<SurfaceResult> {
         .zip(&tally.surfaces)
         .enumerate()
         .map(|(index, (surface, sums))| SurfaceResult {
-            name: if surface.name.is_empty() { format!("component_{index}") } else { surface.name.clone() },
+            name: ir.surface_name(index),
             kind: match surface.interaction {
                 Interaction::Refractive => "refractive",
                 Interaction::Reflective { .. } => "reflective",

@@ -6,7 +6,7 @@ use std::ops::AddAssign;
 use serde::{Deserialize, Serialize};
 
 use crate::model::{Detector, SceneIr};
-use crate::result::RaySet;
+use crate::result::{PathTally, RaySet};
 
 /// Number of events and the quanta that they took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,6 +59,10 @@ pub struct Tally {
     pub moments_overflowed: bool,
     /// Events of the recorded paths.
     pub paths: Vec<PathEvent>,
+    /// Rays that ended on detectors, and were kept from maps by a filter.
+    pub filtered_out: FluxSum,
+    /// Light by its path, where it was summed up so.
+    pub path_sums: Option<PathTally>,
 }
 
 /// The sums of one detector.
@@ -197,6 +201,10 @@ impl AddAssign<&Tally> for Tally {
         self.invalid_deposits += other.invalid_deposits;
         self.moments_overflowed |= other.moments_overflowed;
         self.paths.extend_from_slice(&other.paths);
+        self.filtered_out += other.filtered_out;
+        if let Some(others) = &other.path_sums {
+            *self.path_sums.get_or_insert_default() += others;
+        }
     }
 }
 

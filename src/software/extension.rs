@@ -94,7 +94,7 @@ impl SoftwareExtension {
 impl Extension for SoftwareExtension {
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
         match slot {
-            "stages/ids" => self.main_path.as_ref().map(|_| shader!("software/path/ids.listed.wgsl")),
+            "stages/ids" => self.main_path.as_ref().map(|_| shader!("stages/ids.listed.wgsl")),
             "sums/ends" => self.end_log.as_ref().map(|_| shader!("software/log/ends.logged.wgsl")),
             "sums/passes" => self.logs_passes().then_some(shader!("software/log/passes.logged.wgsl")),
             _ => None,

@@ -87,7 +87,7 @@ impl Software {
         let mut shared = Vec::new();
         if SoftwareExtension::of_program(program).main_path.is_some() {
             let ids = gpu.buffer("rejected rays", u64::from(plan.batch) * 8)?;
-            shared.push((bindings::REJECTED, ids.clone()));
+            shared.push((bindings::LISTED_IDS, ids.clone()));
             self.ids.push(ids);
         }
         let logs = logs.bindings().map(|(number, log)| (number, log.clone()));
@@ -191,9 +191,9 @@ fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
 }
 
 impl Strategy for Software {
-    /// Stages of paths have the scene's numbers compiled in.
+    /// Stages of paths have the scene's numbers compiled in. The plain loop sums up light by its path.
     fn takes(&self, _ir: &SceneIr, options: &TraceOptions) -> bool {
-        !options.live
+        !options.live && !options.path_table && options.path_filter.is_none()
     }
 
     fn specialise(

@@ -9,11 +9,13 @@ use crate::engine::{Engine, wavefront};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::gpu::profile::Profile;
-use crate::model::SceneIr;
+use crate::model::{SceneIr, Sequence};
 use crate::program::Program;
 use crate::result::{Recorded, Recording, StageTime, Tally};
 #[cfg(feature = "software")]
 use crate::software::{Choices, Software};
+use glam::DVec3;
+use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 pub mod auto_precision;
@@ -205,6 +207,11 @@ impl<'a> Tracer<'a> {
     /// [`crate::Error::Usage`] if `begun` is not the beginning of this trace.
     pub fn position_after(&self, begun: &Tally) -> Result<u64> {
         self.engine.plan.position_after(begun)
+    }
+
+    /// Where some ray came to the end of each path that this tracer found, in the scene's frame \[mm\].
+    pub fn found_paths(&self) -> HashMap<&Sequence, DVec3> {
+        self.engine.found_paths()
     }
 
     /// A tally without rays, in the scene's shape.

@@ -417,7 +417,7 @@ fn host_fills_the_buffers_that_shaders_declare() {
         bindings::EVENTS,
         bindings::SOURCE,
         bindings::LOG,
-        bindings::REJECTED,
+        bindings::LISTED_IDS,
     ];
     for tier in Tier::all() {
         for (name, variant) in

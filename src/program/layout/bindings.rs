@@ -62,10 +62,12 @@ numbers! { "BINDING_", BINDINGS:
     LOG = 20;
     /// Which facets of meshes are in contact.
     FACETS = 21;
-    /// The ids of rejected rays.
-    REJECTED = 22;
+    /// The ids of the rays of a dispatch, where these are listed.
+    LISTED_IDS = 22;
     /// The scene's numbers, where these are live.
     NUMBERS = 23;
+    /// The table of paths.
+    PATHS = 24;
     /// The word that compilers must not know to be zero (shaders/math/df64.wgsl).
     DF64_ZERO = 30;
     /// The second of all parts of sums that are cut. It ends the list: the others follow it.

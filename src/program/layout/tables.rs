@@ -23,6 +23,8 @@ const SHAPE_ARGUMENTS: usize = 4;
 pub struct Cells {
     /// First cell of the surfaces; before it lie the ledger's bins.
     pub surfaces: u32,
+    /// The cell of light that a filter keeps from maps; behind the surfaces'.
+    pub filtered: Option<u32>,
     /// First cell of each detector.
     pub detectors: Vec<u32>,
     /// Number of cells.
@@ -105,6 +107,7 @@ impl Cells {
         let num_counters = next + primitives + u32::from(saturated.is_some());
         Cells {
             surfaces,
+            filtered: None,
             detectors,
             num_cells: next,
             reached: next,
@@ -118,6 +121,22 @@ impl Cells {
 }
 
 impl Cells {
+    /// With a cell for what a filter keeps from maps, in front of the detectors' cells.
+    #[must_use]
+    pub fn with_filtered(self) -> Self {
+        let detectors: Vec<u32> = self.detectors.iter().map(|first| first + 1).collect();
+        Cells {
+            filtered: Some(detectors.first().map_or(self.num_cells, |first| first - 1)),
+            detectors,
+            num_cells: self.num_cells + 1,
+            reached: self.reached + 1,
+            saturated: self.saturated.map(|counter| counter + 1),
+            num_counters: self.num_counters + 1,
+            num_sums: self.num_sums + 1,
+            ..self
+        }
+    }
+
     /// With the detectors' cells `num` times.
     ///
     /// # Errors

@@ -34,6 +34,7 @@ impl Composition<'_> {
         extension.add(self, &mut text)?;
         text.composed("program::wgsl::bins", &self.bins(extension));
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
+        self.follow_paths(&mut text);
         text.composed("program::layout::numbers", &self.numbers.declaration());
         self.sums.cut(bindings::declared(&text.into_string()))
     }

@@ -7,6 +7,7 @@ pub(crate) mod constants;
 mod dispatch;
 pub mod extension;
 pub mod library;
+mod paths;
 mod rows;
 mod search;
 pub mod text;

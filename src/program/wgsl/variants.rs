@@ -5,7 +5,7 @@ use crate::model::Precision;
 use crate::model::SourceFunction;
 use crate::program::features::Features;
 use crate::program::layout::tables::ReachedMarks;
-use crate::program::options::{PathSampling, ProgramOptions, SecondMoments};
+use crate::program::options::{PathSampling, PathSums, ProgramOptions, SecondMoments};
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::extension::Extension;
 use crate::shaders::{ShaderFile, shader};
@@ -68,6 +68,7 @@ macro_rules! twin {
 const SLOTS: &[Slot] = slots! { c;
     // Stem                     [files]                               filled where => by
     "stages/ids"                [range]                               true => range;
+    "stages/launched"           [range]                               c.f.splits => range;
     "stages/rays"               [one, several @ "software/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
     "stages/rounds"             [many @ "software/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
     "stages/scatter"            [on, none]                            true => either(!c.f.bsdfs.is_empty(), on, none);
@@ -134,7 +135,11 @@ const SLOTS: &[Slot] = slots! { c;
         ReachedMarks::Bits => bits,
         ReachedMarks::Counters => counters,
     };
-    "sums/replicates"           [on, none]                            true => either(c.o.moments == SecondMoments::Replicates, on, none);
+    "sums/replicates"           [on, by_path, none]                   true => match (c.o.path_sums, c.o.moments) {
+        (PathSums::Maps(_), _) => by_path,
+        (_, SecondMoments::Replicates) => on,
+        (_, SecondMoments::None | SecondMoments::Squares) => none,
+    };
     "sums/moments"              [on, none]                            true => either(c.has_squares(), on, none);
     "sums/visits"               [on, none]                            c.has_squares() => either(c.f.transmissive || c.f.splits, on, none);
 

@@ -1,0 +1,8 @@
+// The rays of a dispatch are those of a list of ids (low word, high word), such as the rays that the main path rejected.
+// Twin of ids.range.wgsl.
+@group(GROUP_SCENE) @binding(BINDING_LISTED_IDS) var<storage, read> listed_ids: array<vec2<u32>>;
+
+fn key_of(index: u32) -> RayKey {
+    let id = listed_ids[index];
+    return key_of_id(id.x, id.y);
+}

@@ -1,0 +1,173 @@
+//! Finds the sequences of paths: traces one ray of each path again, by a program that tells what happens to the ray.
+
+use crate::engine::device::{DeviceState, stride_of};
+use crate::engine::dispatch_size::DispatchSize;
+use crate::engine::limits::DispatchLimits;
+use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::plan::{Draft, Plan};
+use crate::engine::rows::decoder;
+use crate::engine::stages::{Additions, Stages};
+use crate::engine::submit::submit_alone;
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::model::sequence::{End, Sequence, SequenceKey, Step};
+use crate::model::{SceneIr, ray_id};
+use crate::program::layout::bindings;
+use crate::program::layout::paths::Slot;
+use crate::program::layout::reals::StructLayout;
+use crate::program::parsed::Parsed;
+use crate::program::prepared::Prepared;
+use crate::program::wgsl::extension::{Extend, Extension};
+use crate::program::{PathSums, Program, RayRange, SecondMoments, events};
+use crate::shaders::{ShaderFile, shader};
+use glam::DVec3;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// A path that was found again.
+#[derive(Debug, Clone)]
+pub(crate) struct Found {
+    pub(crate) sequence: Sequence,
+    /// Where the ray came to the path's end, in the scene's frame \[mm\].
+    pub(crate) position: DVec3,
+}
+
+/// A program that tells what happens to rays of a list.
+pub(crate) struct Teller {
+    plan: Plan,
+    device: DeviceState,
+    ids: wgpu::Buffer,
+}
+
+/// The rays of a dispatch are those of a list.
+#[derive(Debug)]
+struct ListedIds;
+
+impl Extension for ListedIds {
+    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
+        match slot {
+            "stages/ids" => Some(shader!("stages/ids.listed.wgsl")),
+            "stages/launched" => Some(shader!("stages/launched.listed.wgsl")),
+            _ => None,
+        }
+    }
+}
+
+impl Extend for ListedIds {
+    fn extension(&self, _scene: &Prepared) -> Arc<dyn Extension> {
+        Arc::new(ListedIds)
+    }
+}
+
+/// Most rays of a list.
+const MOST_LISTED: u32 = 1 << 14;
+
+impl Teller {
+    /// Compiles the program.
+    pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
+        let options = TraceOptions {
+            path_table: false,
+            standard_error: StandardError::Off,
+            batch_size: Some(MOST_LISTED),
+            ..options.clone()
+        };
+        let mut draft = Draft::new(gpu, ir, &options)?;
+        draft.program.path_sums = PathSums::Told;
+        draft.program.moments = SecondMoments::None;
+        let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
+        let limits = |program: &Program| DispatchLimits { processors: 1, ..DispatchLimits::of(program) };
+        let plan = draft.compose(gpu, ir, &ListedIds, parse, limits)?;
+        let stages = Stages::new(gpu, &plan.program, options.strict.holds(&gpu.info), &Additions::default())?;
+        let ids = gpu.buffer("listed rays", u64::from(plan.batch) * 8)?;
+        let additions = Additions { groups: vec![vec![(bindings::LISTED_IDS, ids.clone())]], stages: Vec::new() };
+        let device = DeviceState::new(gpu, &plan.program, plan.batch, Arc::new(stages), &additions, None)?;
+        Ok(Teller { plan, device, ids })
+    }
+
+    /// Sets the seed of the draws.
+    pub(crate) fn set_seed(&mut self, seed: u64) {
+        self.plan.program.set_seed(seed);
+        self.device.set_draws(&self.plan.program.rng_table);
+    }
+
+    /// The sequences of these keys. Each slot names a ray that took the path.
+    pub(crate) fn tell(&mut self, slots: &[(SequenceKey, Slot)]) -> Result<HashMap<SequenceKey, Found>> {
+        let mut found = HashMap::new();
+        for source in 0..self.plan.rays.len() {
+            let of_source = slots.iter().filter(|(_, slot)| slot.source as usize == source);
+            let mut rays: Vec<u64> = of_source.map(|(_, slot)| slot.ray).collect();
+            rays.sort_unstable();
+            rays.dedup();
+            for rays in rays.chunks(self.plan.batch as usize) {
+                self.tell_rays(source, rays, &mut found)?;
+            }
+        }
+        match slots.iter().find(|(key, slot)| found.get(key).is_none_or(|path| path.sequence.end != slot.end)) {
+            None => Ok(found),
+            Some((_, slot)) => Err(Error::Internal(format!(
+                "ray {} was traced again, and did not take the path that the table has of it",
+                slot.ray
+            ))),
+        }
+    }
+
+    fn tell_rays(
+        &mut self,
+        source: usize,
+        rays: &[u64],
+        found: &mut HashMap<SequenceKey, Found>,
+    ) -> Result<()> {
+        let gpu = self.device.gpu.clone();
+        let words: Vec<u8> = rays.iter().flat_map(|id| id.to_le_bytes()).collect();
+        gpu.queue.write_buffer(&self.ids, 0, &words);
+        let range = RayRange { first: 0, count: rays.len() as u32, source, log_stride: 0, reached: 0 };
+        let size = DispatchSize::new(self.plan.batch, 1, 1);
+        submit_alone(&self.device, &self.plan, &range, size.submissions())?;
+        let counts = gpu.read(&self.device.counts, 12)?;
+        let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
+        gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
+        let Some(buffer) = &self.device.events else {
+            return Err(Error::Internal("a program that tells paths has no events".into()));
+        };
+        let size = u64::from(num_events) * stride_of(&self.plan.program, "Event")?;
+        if size > buffer.size() {
+            return Err(Error::Internal(format!("{num_events} events of paths do not fit the buffer")));
+        }
+        let layout = StructLayout::of(&self.plan.program.module, "Event")?;
+        let bytes = gpu.read(buffer, size)?;
+        let mut steps = HashMap::new();
+        let mut ends = Vec::new();
+        for event in bytes.chunks_exact(layout.stride).map(decoder(&self.plan, &layout, 0)?) {
+            // The place in the list, and the number within the family.
+            let splits = self.plan.program.splitting.is_some();
+            let (place, number) = ray_id::order(event.row.ray_id, splits);
+            match event.kind {
+                events::PATH_STEP => {
+                    steps.insert((place, number, event.row.bounce), event.subject);
+                }
+                events::PATH_END => ends.push((place, number, event)),
+                _ => {}
+            }
+        }
+        for (place, number, end) in ends {
+            // What happened to a ray before it came into being happened to the ray from which it was split.
+            let of_lineage = |bounce: u32| {
+                let number = number & ((1 << (bounce + 1).min(ray_id::NUMBER_BITS)) - 1);
+                steps.get(&(place, number, bounce)).and_then(|code| Step::of_code(*code))
+            };
+            let Some(end_of_path) = End::of_code(end.subject) else {
+                return Err(Error::Internal(format!("a path has the unknown end {}", end.subject)));
+            };
+            let sequence = Sequence {
+                source: source as u32,
+                steps: (0..end.row.bounce).filter_map(of_lineage).collect(),
+                end: end_of_path,
+            };
+            found.insert(
+                sequence.key(),
+                Found { sequence, position: DVec3::from_array(end.row.position) },
+            );
+        }
+        Ok(())
+    }
+}

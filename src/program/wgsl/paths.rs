@@ -1,0 +1,283 @@
+//! Composes how the paths of rays are followed (shaders/paths): what words a path has, and how a filter decides.
+
+use crate::model::path_filter::{Count, Events, Mark, Part, Pattern, Term};
+use crate::model::{PathFilter, StepKind};
+use crate::program::options::PathSums;
+use crate::program::wgsl::composition::Composition;
+use crate::program::wgsl::constants::Constants;
+use crate::program::wgsl::text::Text;
+use crate::shaders::{ShaderFile, shader};
+use std::fmt::Write;
+
+/// Words of a sequence's key, the first of a path.
+const KEY_WORDS: usize = 3;
+
+/// The bit of a path's marks that says that the path has an event.
+const HAS_EVENT: u32 = 31;
+
+/// Functions of the loop whose place those of shaders/paths take: the head of the declaration, and the head under
+/// another name.
+const REPLACED: [(&str, &str); 10] = [
+    ("fn generate(", "fn plain_generate("),
+    ("fn interact(", "fn plain_interact("),
+    ("fn leave_boundary(", "fn plain_leave_boundary("),
+    ("fn splat(", "fn plain_splat("),
+    ("fn deposit_fate(", "fn plain_deposit_fate("),
+    ("fn sample_bsdf(", "fn plain_sample_bsdf("),
+    ("fn child(", "fn plain_child("),
+    ("fn restore_triangle(", "fn plain_restore_triangle("),
+    ("fn queued(ray: Ray) -> QueuedRay", "fn plain_queued(ray: Ray) -> RayInQueue"),
+    ("fn unqueued(q: QueuedRay)", "fn plain_unqueued(q: RayInQueue)"),
+];
+
+/// The entry of a queue, which then is a part of the entry.
+const QUEUE_ENTRY: [(&str, &str); 2] =
+    [("struct QueuedRay {", "struct RayInQueue {"), ("return QueuedRay(pack_ray", "return RayInQueue(pack_ray")];
+
+impl Composition<'_> {
+    /// Makes the functions of the loop follow the paths of rays, if that is asked for. What the loop has for them
+    /// without paths stays in the text under another name.
+    pub(super) fn follow_paths(&self, text: &mut Text) {
+        if !self.options.follows_paths() {
+            return;
+        }
+        REPLACED.iter().chain(&QUEUE_ENTRY).for_each(|(before, after)| text.rename(before, after));
+        text.files(self.path_files());
+        text.composed("program::wgsl::paths", &self.path_functions());
+    }
+
+    /// The files that paths need. They come after the renaming: they declare what was renamed.
+    fn path_files(&self) -> Vec<ShaderFile> {
+        let (features, options) = (&self.features, &self.options);
+        let sums = match options.path_sums {
+            PathSums::None => shader!("paths/sums.none.wgsl"),
+            PathSums::Totals => shader!("paths/sums.totals.wgsl"),
+            PathSums::Maps(_) => shader!("paths/sums.maps.wgsl"),
+            PathSums::Told => shader!("paths/sums.told.wgsl"),
+        };
+        let files = [
+            (true, shader!("paths/followed.wgsl")),
+            (true, sums),
+            (options.path_sums != PathSums::None, shader!("paths/sequence.wgsl")),
+            (options.has_path_table(), shader!("paths/table.wgsl")),
+            (options.path_filter.is_some(), shader!("paths/filter_out.wgsl")),
+            (!features.bsdfs.is_empty(), shader!("paths/lobes.wgsl")),
+            (features.splits, shader!("paths/families.wgsl")),
+            (options.has_queue(), shader!("paths/queued.wgsl")),
+        ];
+        files.into_iter().filter(|(is_needed, _)| *is_needed).map(|(_, file)| file).collect()
+    }
+
+    fn path_functions(&self) -> String {
+        let has_key = self.options.path_sums != PathSums::None;
+        let filter = self.options.path_filter.as_deref();
+        let state = filter.map(|filter| FilterState::of(filter, if has_key { KEY_WORDS } else { 0 }));
+        let num_words = state.as_ref().map_or(KEY_WORDS, |state| state.end());
+        let mut constants = Constants::default();
+        constants.uint("PATH_WORDS", num_words.max(1) as u32);
+        constants.uint("NUM_DETECTORS", self.ir.detectors.len() as u32);
+        constants.bool("PATHS_HAVE_ENDS", self.options.path_ends);
+        if self.options.has_path_table() {
+            constants.uint("NUM_ENDS", self.path_table.num_ends);
+            constants.uint("PATH_ROW_WORDS", self.path_table.row_words);
+            constants.bool("PATH_WEIGHTS_VARY", !self.constant_weights);
+            let index_bits = self.splitting.map_or(u32::BITS, |splitting| splitting.index_bits());
+            constants.uint("PATH_INDEX_MASK", u32::MAX >> (u32::BITS - index_bits));
+        }
+        if let Some(filtered) = self.cells.filtered {
+            constants.uint("CELL_FILTERED", filtered);
+        }
+        let mut text = constants.text().to_string();
+        let [begin, extend] = if has_key {
+            ["    begin_key();\n", "    extend_key(kind, number);\n"]
+        } else {
+            ["", ""]
+        };
+        let (mut begin, mut extend) = (begin.to_string(), extend.to_string());
+        let mut keeps = "    return true;\n".to_string();
+        match &state {
+            Some(state) => {
+                state.functions(&mut text);
+                begin.push_str(&state.begin());
+                extend.push_str(&state.extend());
+                keeps = state.keeps();
+            }
+            None => text.push_str("fn filter_out(weight: real, ends: bool) {}\n"),
+        }
+        let _ = write!(
+            text,
+            "fn begin_path() {{\n{begin}}}\n\
+             fn extend_path(kind: u32, number: u32) {{\n{extend}}}\n\
+             fn keeps_path(index: u32) -> bool {{\n{keeps}}}\n"
+        );
+        text
+    }
+}
+
+/// Where a filter keeps its state among the words of a path: marks, numbers of events, and places in patterns.
+struct FilterState<'a> {
+    filter: &'a PathFilter,
+    counts: Vec<Count>,
+    first: usize,
+}
+
+impl<'a> FilterState<'a> {
+    fn of(filter: &'a PathFilter, first: usize) -> Self {
+        FilterState { filter, counts: filter.counts(), first }
+    }
+
+    fn marks(&self) -> String {
+        format!("path[{}]", self.first)
+    }
+
+    fn count(&self, number: usize) -> String {
+        format!("path[{}]", self.first + 1 + number)
+    }
+
+    fn places(&self, number: usize) -> String {
+        format!("path[{}]", self.first + 1 + self.counts.len() + number)
+    }
+
+    /// The word after the last.
+    fn end(&self) -> usize {
+        self.first + 1 + self.counts.len() + self.filter.patterns.len()
+    }
+
+    /// Which parts of a pattern a part of a path matches, and the places in the pattern after that.
+    fn functions(&self, text: &mut String) {
+        for (number, pattern) in self.filter.patterns.iter().enumerate() {
+            let _ = writeln!(
+                text,
+                "fn places_{number}_after(kind: u32, number: u32) -> u32 {{\n    var matched = 0u;"
+            );
+            for (bit, condition) in bits_of_parts(pattern) {
+                let _ = writeln!(text, "    matched |= select(0u, {}u, {condition});", 1_u32 << bit);
+            }
+            let (places, anywhere) = (self.places(number), pattern.anywhere());
+            let _ = writeln!(
+                text,
+                "    let next = ({places} & {anywhere}u) | (({places} & matched) << 1u);\n    \
+                 return next | ((next & {anywhere}u) << 1u);\n}}"
+            );
+        }
+    }
+
+    fn begin(&self) -> String {
+        let mut text = format!("    {} = 0u;\n", self.marks());
+        for number in 0..self.counts.len() {
+            let _ = writeln!(text, "    {} = 0u;", self.count(number));
+        }
+        for (number, pattern) in self.filter.patterns.iter().enumerate() {
+            let _ = writeln!(text, "    {} = {}u;", self.places(number), pattern.start());
+        }
+        text
+    }
+
+    fn extend(&self) -> String {
+        let marks = self.marks();
+        let mut text = String::new();
+        for (bit, mark) in self.filter.marks.iter().enumerate() {
+            let bit = 1_u32 << bit;
+            let _ = match mark {
+                Mark::Source(sources) => {
+                    let is_it = part_of("FROM_SOURCE", sources);
+                    writeln!(text, "    {marks} |= select(0u, {bit}u, {is_it});")
+                }
+                Mark::Some(events) => {
+                    writeln!(text, "    {marks} |= select(0u, {bit}u, {});", is_step(events))
+                }
+                Mark::First(events) => {
+                    let is_first = format!("(({marks} >> {HAS_EVENT}u) == 0u)");
+                    writeln!(text, "    {marks} |= select(0u, {bit}u, {is_first} & {});", is_step(events))
+                }
+                Mark::Last(events) => {
+                    writeln!(text, "    {marks} = ({marks} & {}u) | select(0u, {bit}u, {});", !bit, is_step(events))
+                }
+            };
+        }
+        let _ = writeln!(text, "    {marks} |= select(0u, {}u, kind < FROM_SOURCE);", 1_u32 << HAS_EVENT);
+        for (number, count) in self.counts.iter().enumerate() {
+            let kinds = is_kind(count.kinds());
+            let _ = writeln!(text, "    {} += select(0u, 1u, {kinds});", self.count(number));
+        }
+        for number in 0..self.filter.patterns.len() {
+            let _ = writeln!(text, "    {} = places_{number}_after(kind, number);", self.places(number));
+        }
+        text
+    }
+
+    fn keeps(&self) -> String {
+        let mut text = "    let kind = select(ON_DETECTOR, ELSEWHERE, index == NONE);\n".to_string();
+        for (number, pattern) in self.filter.patterns.iter().enumerate() {
+            let last = pattern.0.len();
+            let _ = writeln!(
+                text,
+                "    let matches_{number} = (places_{number}_after(kind, index) >> {last}u) != 0u;"
+            );
+        }
+        let _ = writeln!(text, "    return {};", self.holds(&self.filter.root));
+        text
+    }
+
+    fn holds(&self, term: &Term) -> String {
+        let joined = |terms: &[Term], sign: &str| {
+            let terms: Vec<String> = terms.iter().map(|term| self.holds(term)).collect();
+            format!("({})", terms.join(sign))
+        };
+        match term {
+            Term::Not(inner) => format!("!{}", self.holds(inner)),
+            Term::All(terms) => joined(terms, " & "),
+            Term::Any(terms) => joined(terms, " | "),
+            Term::Compare(count, comparison, constant) => {
+                let number = self.counts.iter().position(|known| known == count).unwrap_or_default();
+                format!("({} {} {constant}u)", self.count(number), comparison.sign())
+            }
+            Term::Marked(bit) => format!("(({} & {}u) != 0u)", self.marks(), 1_u32 << bit),
+            Term::Matches(number) => format!("matches_{number}"),
+        }
+    }
+}
+
+/// The bits of a pattern's parts, and the conditions under which a part of a path matches them.
+fn bits_of_parts(pattern: &Pattern) -> Vec<(usize, String)> {
+    let condition = |part: &Part| match part {
+        Part::Anything => None,
+        Part::Source(sources) => Some(part_of("FROM_SOURCE", sources)),
+        Part::Step(events) => Some(is_step(events)),
+        Part::Detector(detectors) => Some(part_of("ON_DETECTOR", detectors)),
+    };
+    let parts = pattern.0.iter().enumerate();
+    parts.filter_map(|(at, part)| Some((at, condition(part)?))).collect()
+}
+
+fn is_step(events: &Events) -> String {
+    format!("({} & {})", is_kind(&events.kinds), is_number(&events.surfaces))
+}
+
+fn part_of(kind: &str, numbers: &[u32]) -> String {
+    format!("((kind == {kind}) & {})", is_number(numbers))
+}
+
+fn is_kind(kinds: &[StepKind]) -> String {
+    match kinds.len() == StepKind::ALL.len() {
+        true => "(kind < FROM_SOURCE)".into(),
+        false => any(kinds.iter().map(|kind| format!("(kind == {}u)", *kind as u32))),
+    }
+}
+
+/// True if `number` is one of these, which ascend: neighbours are asked for at once.
+fn is_number(numbers: &[u32]) -> String {
+    let runs = numbers.chunk_by(|a, b| a + 1 == *b);
+    any(runs.map(|run| match run {
+        [one] => format!("(number == {one}u)"),
+        run => {
+            let (first, last) = (run[0], run[run.len() - 1]);
+            format!("((number >= {first}u) & (number <= {last}u))")
+        }
+    }))
+}
+
+fn any(conditions: impl Iterator<Item = String>) -> String {
+    let conditions: Vec<String> = conditions.collect();
+    if conditions.is_empty() { "false".into() } else { format!("({})", conditions.join(" | ")) }
+}
