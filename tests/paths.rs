@@ -7,8 +7,8 @@
 
 mod zoo;
 
-use nsq_gpu::TraceOptions;
-use nsq_gpu::model::{End, SceneIr};
+use nsq_gpu::{TraceOptions, Tracer};
+use nsq_gpu::model::{End, PathFilter, SceneIr};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{PathSum, PathTally, Tally};
 
@@ -53,7 +53,6 @@ fn rows_add_up_to_what_detectors_and_ends_have_in_every_scene() {
             2 => (zoo::portable_gpu(), Precision::F32),
             _ => (zoo::portable_gpu(), Precision::F64),
         };
-        eprintln!("{name}");
         let plain = zoo::trace_on(gpu, &ir, &zoo::options(3000, 16, precision));
         for has_ends in [false, true] {
             let options = TraceOptions { path_ends: has_ends, ..with_table(3000, precision) };
@@ -65,4 +64,111 @@ fn rows_add_up_to_what_detectors_and_ends_have_in_every_scene() {
             assert_eq!(tally, plain, "{what}: other sums change");
         }
     }
+}
+
+/// Expressions that every scene can have, with names of its surfaces, sources and detectors.
+fn expressions(ir: &SceneIr) -> Vec<String> {
+    let surface = |at: usize| ir.surface_name(at % ir.surfaces.len());
+    let source = &ir.sources[ir.sources.len() - 1].name;
+    let detector = &ir.detectors[0].name;
+    vec![
+        "reflections == 0".into(),
+        "reflections == 2 or scatterings > 0".into(),
+        "transmissions >= 2 and events < 7".into(),
+        format!("hit({0:?}) and not last({0:?})", surface(1)),
+        format!("first({:?}) or reflected({:?}) and events != 3", surface(0), surface(1)),
+        format!("source({source:?}) and (transmitted({:?}) or scattered('*'))", surface(2)),
+        format!("sequence(\"* > R * > * > {detector}\")"),
+        format!("sequence(\"{source} > * {} > *\") or sequence(\"* > T * > T * > {detector}\")", surface(0)),
+    ]
+}
+
+/// What a filter keeps and what its opposite keeps add up to all light, cell by cell. The light that is kept is that of the
+/// rows whose sequences match, by the evaluation on the host.
+#[test]
+fn a_filter_and_its_opposite_add_up_to_the_whole_map() {
+    for (k, name) in zoo::scenes().into_iter().enumerate() {
+        let ir = zoo::load(&name);
+        let all = expressions(&ir);
+        let expression = &all[k % all.len()];
+        let (gpu, precision) = match k % 3 {
+            0 => (zoo::gpu(), Precision::F32),
+            1 => (zoo::portable_gpu(), Precision::F64),
+            _ => (zoo::gpu(), Precision::F64),
+        };
+        let whole = zoo::trace_on(gpu, &ir, &with_table(2000, precision));
+        let filtered = |text: &str| {
+            let filter = PathFilter::parse(text, &ir).unwrap();
+            let options =
+                TraceOptions { path_filter: Some(filter.clone().into()), ..with_table(2000, precision) };
+            let tally = zoo::trace_on(gpu, &ir, &options);
+            assert!(sums(&tally).rows.keys().all(|sequence| filter.keeps(sequence)), "{name}: {text}");
+            assert_rows_add_up(&ir, &tally, false, &format!("{name}: {text}"));
+            let ledger = zoo::result_of(&ir, &options, &tally).ledger;
+            assert_eq!(ledger.imbalance_quanta, 0, "{name}: {text}");
+            let kept = sums(&whole).rows.iter().filter(|(sequence, _)| filter.keeps(sequence));
+            assert!(kept.eq(&sums(&tally).rows), "{name}: {text}");
+            tally
+        };
+        let (kept, others) = (filtered(expression), filtered(&format!("not ({expression})")));
+        for (number, detector) in whole.detectors.iter().enumerate() {
+            let mut sum = kept.detectors[number].clone();
+            sum += &others.detectors[number];
+            assert_eq!((&sum.quanta, &sum.hits), (&detector.quanta, &detector.hits), "{name}: {expression}");
+            assert_eq!(sum.recorded, detector.recorded, "{name}: {expression}");
+        }
+        assert_eq!(kept.escaped, whole.escaped);
+        let ends = whole.detectors.iter().zip(&ir.detectors).filter(|(_, detector)| detector.absorb);
+        let ended: u64 = ends.map(|(sums, _)| sums.total().count).sum();
+        assert_eq!(kept.filtered_out.count + others.filtered_out.count, ended, "{name}: {expression}");
+    }
+}
+
+/// The same table for one part and for several, whether a part has room for its sequences or not.
+#[test]
+fn parts_have_the_table_of_the_whole_also_where_sequences_are_more_than_rows() {
+    for (name, path_rows, precision) in
+        [("kaleidoscope", 100, Precision::F32), ("integrating_sphere", 1 << 18, Precision::F64), ("kaleidoscope", 12, Precision::F64)]
+    {
+        let ir = zoo::load(name);
+        let options = TraceOptions { path_rows, path_ends: true, max_depth: 12, ..with_table(20_000, precision) };
+        let whole = zoo::trace(&ir, &options);
+        assert_rows_add_up(&ir, &whole, true, name);
+        let whole = sums(&whole);
+        assert_eq!(whole.is_closed, path_rows < 1000, "{name}: {} rows", whole.rows.len());
+        for num_parts in [2, 7] {
+            let mut sum = PathTally::new(path_rows);
+            for part in 0..num_parts {
+                let (first_ray, end) = (20_000 * part / num_parts, 20_000 * (part + 1) / num_parts);
+                let options = TraceOptions {
+                    first_ray,
+                    num_rays: end - first_ray,
+                    of_rays: Some(20_000),
+                    ..options.clone()
+                };
+                let part = Tracer::new(zoo::gpu(), &ir, &options).unwrap().trace(|_| true).unwrap();
+                sum += sums(&part);
+            }
+            assert_eq!(&sum, whole, "{name} in {num_parts} parts");
+        }
+    }
+}
+
+/// A table that begins too small is made larger, and no deposit is lost or counted twice. The light of a table with few
+/// rows is that of a table with many, row by row.
+#[test]
+fn a_table_that_was_full_has_the_rows_of_one_that_was_not() {
+    let ir = zoo::load("kaleidoscope");
+    let traced = |batch_size, path_rows| {
+        let options = TraceOptions { batch_size: Some(batch_size), path_rows, max_depth: 40, ..with_table(100_000, Precision::F32) };
+        let tally = zoo::trace(&ir, &options);
+        assert_rows_add_up(&ir, &tally, false, "kaleidoscope");
+        tally
+    };
+    let (whole, in_batches, closed) = (traced(1 << 16, 1 << 18), traced(3000, 1 << 18), traced(1 << 16, 1000));
+    assert!(sums(&whole).rows.len() > 4096, "{} rows do not fill the first table", sums(&whole).rows.len());
+    assert_eq!(whole, in_batches);
+    let closed = sums(&closed);
+    assert!(closed.is_closed && closed.rows.len() <= 1000 && !closed.other.is_empty());
+    assert!(closed.rows.iter().all(|(sequence, sum)| sums(&whole).rows[sequence] == *sum));
 }

@@ -165,9 +165,18 @@ impl TraceOptions {
         self.of_rays.unwrap_or(self.num_rays)
     }
 
+    /// True if arithmetic is strict on this adapter. Light by its path asks for that where it is possible: a ray that is
+    /// traced again, by another shader, must take the same path.
+    pub(crate) fn is_strict(&self, adapter: &AdapterInfo) -> bool {
+        match self.strict {
+            Strict::Auto if self.path_table => adapter.strict,
+            strict => strict.holds(adapter),
+        }
+    }
+
     /// The driver, and whether it rounds strictly: both decide about the last bits.
     pub fn driver(&self, adapter: &AdapterInfo) -> String {
-        let rounding = if self.strict.holds(adapter) { ", strict" } else { "" };
+        let rounding = if self.is_strict(adapter) { ", strict" } else { "" };
         format!("{}{rounding}", adapter.driver)
     }
 

@@ -130,8 +130,11 @@ impl Engine<'_> {
         } else {
             let slots = reading.rows.iter().map(|(key, slot, _)| (*key, *slot));
             table.learn(self.gpu, self.ir, &self.plan, slots)?;
-            for (key, _, sum) in reading.rows {
-                *added.rows.entry(table.known[&key].sequence.clone()).or_default() += sum;
+            for (key, slot, sum) in reading.rows {
+                match table.known.get(&key) {
+                    Some(found) => *added.rows.entry(found.sequence.clone()).or_default() += sum,
+                    None => *added.other.entry(slot.end).or_default() += sum,
+                }
             }
         }
         for (end, sum) in End::all(self.ir).into_iter().zip(reading.other).filter(|(_, sum)| sum.count > 0) {
@@ -193,7 +196,7 @@ impl Engine<'_> {
         ranked.truncate(table.most_rows as usize);
         table.learn(self.gpu, self.ir, &self.plan, ranked.iter().map(|(key, slot, _)| (*key, *slot)))?;
         let mut chosen: Vec<Sequence> =
-            ranked.iter().map(|(key, ..)| table.known[key].sequence.clone()).collect();
+            ranked.iter().filter_map(|(key, ..)| Some(table.known.get(key)?.sequence.clone())).collect();
         chosen.sort_unstable();
         Ok(chosen)
     }

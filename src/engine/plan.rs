@@ -135,7 +135,7 @@ fn plain(
 impl Plan {
     /// The program on a device, for which its stages are compiled.
     pub(crate) fn open(&self, gpu: &Gpu, additions: &Additions) -> Result<DeviceState> {
-        let stages = Stages::new(gpu, &self.program, self.options.strict.holds(&gpu.info), additions)?;
+        let stages = Stages::new(gpu, &self.program, self.options.is_strict(&gpu.info), additions)?;
         DeviceState::new(gpu, &self.program, self.batch, Arc::new(stages), additions, self.path_table_words())
     }
 

@@ -26,7 +26,7 @@ pub(crate) fn prepare_on_shelf<'a>(
     let parse = |wgsl, precision| shelf.parsed(wgsl, precision);
     let limits = |program: &Program| DispatchLimits::of(program);
     let plan = Draft::new(gpu, ir, options)?.compose(gpu, ir, &NoExtension, parse, limits)?;
-    let stages = shelf.stages(gpu, &plan.program, options.strict.holds(&gpu.info))?;
+    let stages = shelf.stages(gpu, &plan.program, options.is_strict(&gpu.info))?;
     let words = plan.path_table_words();
     let device = DeviceState::new(gpu, &plan.program, plan.batch, stages, &Additions::default(), words)?;
     Ok(Engine::new(gpu, ir, plan, device))

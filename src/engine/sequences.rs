@@ -37,6 +37,7 @@ pub(crate) struct Teller {
     plan: Plan,
     device: DeviceState,
     ids: wgpu::Buffer,
+    is_strict: bool,
 }
 
 /// The rays of a dispatch are those of a list.
@@ -65,6 +66,7 @@ const MOST_LISTED: u32 = 1 << 14;
 impl Teller {
     /// Compiles the program.
     pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
+        let is_strict = options.is_strict(&gpu.info);
         let options = TraceOptions {
             path_table: false,
             standard_error: StandardError::Off,
@@ -77,11 +79,11 @@ impl Teller {
         let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
         let limits = |program: &Program| DispatchLimits { processors: 1, ..DispatchLimits::of(program) };
         let plan = draft.compose(gpu, ir, &ListedIds, parse, limits)?;
-        let stages = Stages::new(gpu, &plan.program, options.strict.holds(&gpu.info), &Additions::default())?;
+        let stages = Stages::new(gpu, &plan.program, is_strict, &Additions::default())?;
         let ids = gpu.buffer("listed rays", u64::from(plan.batch) * 8)?;
         let additions = Additions { groups: vec![vec![(bindings::LISTED_IDS, ids.clone())]], stages: Vec::new() };
         let device = DeviceState::new(gpu, &plan.program, plan.batch, Arc::new(stages), &additions, None)?;
-        Ok(Teller { plan, device, ids })
+        Ok(Teller { plan, device, ids, is_strict })
     }
 
     /// Sets the seed of the draws.
@@ -90,7 +92,8 @@ impl Teller {
         self.device.set_draws(&self.plan.program.rng_table);
     }
 
-    /// The sequences of these keys. Each slot names a ray that took the path.
+    /// The sequences of these keys. Each slot names a ray that took the path. Where arithmetic is not strict, another shader
+    /// may round a ray onto another path: the sequence is then not found.
     pub(crate) fn tell(&mut self, slots: &[(SequenceKey, Slot)]) -> Result<HashMap<SequenceKey, Found>> {
         let mut found = HashMap::new();
         for source in 0..self.plan.rays.len() {
@@ -102,7 +105,8 @@ impl Teller {
                 self.tell_rays(source, rays, &mut found)?;
             }
         }
-        match slots.iter().find(|(key, slot)| found.get(key).is_none_or(|path| path.sequence.end != slot.end)) {
+        let is_missing = |(key, _): &&(SequenceKey, Slot)| !found.contains_key(key);
+        match slots.iter().find(is_missing).filter(|_| self.is_strict) {
             None => Ok(found),
             Some((_, slot)) => Err(Error::Internal(format!(
                 "ray {} was traced again, and did not take the path that the table has of it",

@@ -18,7 +18,7 @@ pub struct Entry {
 }
 
 /// launched + roulette_gain + importance_gain + bsdf_gain = detected + absorbed + surface + coating + bsdf + bulk
-/// + escaped + depth + roulette_loss + importance_loss, in quanta.
+/// + escaped + depth + roulette_loss + importance_loss + filtered_out, in quanta.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
     /// Rays launched.
@@ -49,6 +49,9 @@ pub struct Ledger {
     pub roulette_loss: Entry,
     /// Weight lost where a branch was drawn more often than its share.
     pub importance_loss: Entry,
+    /// Recorded by no detector, because a filter of paths kept the rays that ended on detectors from maps.
+    #[serde(default)]
+    pub filtered_out: Entry,
     /// Read in passing by transmissive detectors: a memo, no part of the balance.
     pub tapped: Entry,
     /// Sources minus destinations \[quanta\]; anything but 0 is a defect of this program.
@@ -102,6 +105,7 @@ impl Ledger {
             depth: entry(tally.depth_killed),
             roulette_loss: entry(tally.roulette_loss),
             importance_loss: entry(tally.importance_loss),
+            filtered_out: entry(tally.filtered_out),
             tapped: entry(detectors(false)),
             imbalance_quanta: 0,
             imbalance_flux: 0.0,
@@ -129,7 +133,7 @@ impl Ledger {
     }
 
     /// Where it went.
-    pub fn destinations(&self) -> [(&'static str, Entry); 10] {
+    pub fn destinations(&self) -> [(&'static str, Entry); 11] {
         [
             ("detected", self.detected),
             ("absorbed", self.absorbed),
@@ -141,6 +145,7 @@ impl Ledger {
             ("depth limit", self.depth),
             ("roulette loss", self.roulette_loss),
             ("importance loss", self.importance_loss),
+            ("filtered out", self.filtered_out),
         ]
     }
 

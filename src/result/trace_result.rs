@@ -83,7 +83,8 @@ impl TraceResult {
             - self.total_flux_absorbed
             - self.total_flux_bulk_absorbed
             - self.total_flux_escaped
-            - self.total_flux_lost;
+            - self.total_flux_lost
+            - self.ledger.filtered_out.flux;
         self.fraction_of_launched(unaccounted.abs())
     }
 }

@@ -18,6 +18,7 @@ mod mesh_files;
 mod meshes;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
 mod parameters;
+pub mod path_filter;
 mod surfaces;
 mod text;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
