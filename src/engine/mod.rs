@@ -26,6 +26,7 @@ pub mod moments;
 pub mod options;
 pub mod pace;
 pub mod passes;
+pub mod path_maps;
 pub mod path_table;
 pub mod paths;
 pub mod plan;

@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 
 pub mod auto_precision;
 pub mod checkpoint;
+pub mod paths;
 pub mod stopping;
 
 pub use crate::engine::options::{RecordPaths, StandardError, Strict, TraceOptions};

@@ -1,0 +1,326 @@
+//! Which path light took: a table with the strongest paths first.
+
+use crate::model::sequence::{End, Sequence, Step, StepKind};
+use crate::model::surface_optics::splits;
+use crate::model::SceneIr;
+use crate::result::{FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Which sequences make one row.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Grouping {
+    /// Each sequence is a row.
+    #[default]
+    Sequence,
+    /// Sequences whose light was reflected and scattered by the same faces in the same order are a row: a ghost.
+    Faces,
+    /// Sequences with equally many reflections and scatterings are a row.
+    Order,
+}
+
+/// By what rows are sorted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sorting {
+    /// The most flux first.
+    #[default]
+    Flux,
+    /// The highest peak of irradiance first; then rows without one, by flux.
+    Peak,
+}
+
+/// One row: the light of one path, or of several that belong together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LightPath {
+    /// The place in the table, from 1 on.
+    pub rank: u32,
+    /// Flux \[W\].
+    pub flux: f64,
+    /// The fraction of all light that came to the row's end, such as its detector.
+    pub share: f64,
+    /// Standard error of the flux \[W\]; null where it is not known. Where a ray can bring light by several of the row's
+    /// sequences, it is an upper bound.
+    pub standard_error: Option<f64>,
+    /// Rays that brought the light.
+    pub num_rays: u64,
+    /// Specular reflections along the path.
+    pub reflections: u32,
+    /// Scatterings along the path.
+    pub scatterings: u32,
+    /// The detector; null where the light ended elsewhere.
+    pub detector: Option<String>,
+    /// The path, from its source to its end. Where several are a row, `*` stands for what they need not share.
+    pub sequence: String,
+    /// What happened, and where: `T` transmitted, `R` reflected, `ST` scattered through, `SR` scattered back,
+    /// `A` absorbed, `M` missed. Where several paths are a row, only what they share.
+    pub steps: Vec<[String; 2]>,
+    /// An expression that keeps this row's light alone (`--where`); null where the light ended on no detector.
+    #[serde(rename = "where")]
+    pub filter: Option<String>,
+    /// The centre of the light on the detector, in the detector's frame \[mm\]; null where it was not summed up.
+    pub centroid: Option<[f64; 2]>,
+    /// The root of the mean square of distances from the centroid \[mm\]; null where it was not summed up.
+    pub rms_radius: Option<f64>,
+    /// The irradiance of the row's brightest pixel \[W/mm^2\]; null where the row has no map.
+    pub peak_irradiance: Option<f64>,
+}
+
+/// Light without a row of its own, by its end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OtherLight {
+    /// The detector; null where the light ended elsewhere.
+    pub detector: Option<String>,
+    /// Where the light ended.
+    pub end: String,
+    /// Flux \[W\].
+    pub flux: f64,
+    /// The fraction of all light that came to this end.
+    pub share: f64,
+    /// Rays that brought the light.
+    pub num_rays: u64,
+}
+
+/// The table.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct PathTable {
+    /// Which sequences make a row.
+    pub group: Grouping,
+    /// The rows, sorted.
+    pub paths: Vec<LightPath>,
+    /// Light without a row, because there were more sequences than the table may have rows.
+    pub other: Vec<OtherLight>,
+}
+
+/// Where the light of a sequence lies on its detector, about a point: sums of weight times x, y and their squares.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Places {
+    /// The point \[mm\].
+    pub about: [f64; 2],
+    /// Sums of weight times distance \[2^-52 mm\].
+    pub first: [i128; 2],
+    /// The sum of weight times the square of the distance \[2^-52 mm^2\].
+    pub second: i128,
+}
+
+/// A row, with the sequences that make it.
+#[derive(Debug, Clone)]
+pub struct Group<'a> {
+    /// What the sequences share.
+    pub row: LightPath,
+    /// The sequences, ascending.
+    pub sequences: Vec<&'a Sequence>,
+}
+
+/// What the sequences of a row have in common.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Common<'a> {
+    Sequence(&'a Sequence),
+    Faces(End, Vec<Step>),
+    Order(End, usize, usize),
+}
+
+/// Groups the rows of a tally, with the most flux first. Rows of equal flux keep the order of their sequences.
+pub fn groups<'a>(
+    ir: &SceneIr,
+    tally: &Tally,
+    sums: &'a PathTally,
+    unit: FluxUnit,
+    grouping: Grouping,
+    has_errors: bool,
+) -> Vec<Group<'a>> {
+    let mut groups: BTreeMap<Common, Vec<(&Sequence, &PathSum)>> = BTreeMap::new();
+    for (sequence, sum) in &sums.rows {
+        let common = match grouping {
+            Grouping::Sequence => Common::Sequence(sequence),
+            Grouping::Faces => Common::Faces(sequence.end, turns(sequence)),
+            Grouping::Order => Common::Order(sequence.end, sequence.reflections(), sequence.scatterings()),
+        };
+        groups.entry(common).or_default().push((sequence, sum));
+    }
+    let launched = tally.rays.counts(ir.sources.len());
+    let totals: BTreeMap<End, u128> =
+        End::all(ir).into_iter().map(|end| (end, sums.total(end).quanta)).collect();
+    // Only where rays are split or pass detectors can a ray come to one end by several sequences.
+    let is_exclusive = !splits(ir) && ir.detectors.iter().all(|detector| detector.absorb);
+    let mut rows: Vec<(u128, Group)> = groups
+        .into_iter()
+        .map(|(common, members)| {
+            let (first, _) = members[0];
+            let mut sum = PathSum::default();
+            members.iter().for_each(|(_, member)| sum += **member);
+            let error = (has_errors && !sums.squares_overflowed).then(|| {
+                let quanta = error_of(&members, &launched, is_exclusive);
+                unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT)
+            });
+            let (sequence, steps, filter) = described(ir, &common, first);
+            let row = LightPath {
+                rank: 0,
+                flux: unit.watts(sum.quanta),
+                share: sum.quanta as f64 / (totals[&first.end].max(1)) as f64,
+                standard_error: error.filter(|error| error.is_finite()),
+                num_rays: sum.count,
+                reflections: first.reflections() as u32,
+                scatterings: first.scatterings() as u32,
+                detector: first.end.detector().map(|number| ir.detectors[number].name.clone()),
+                sequence,
+                steps,
+                filter,
+                centroid: None,
+                rms_radius: None,
+                peak_irradiance: None,
+            };
+            (sum.quanta, Group { row, sequences: members.iter().map(|(sequence, _)| *sequence).collect() })
+        })
+        .collect();
+    rows.sort_by_key(|(quanta, _)| std::cmp::Reverse(*quanta));
+    let ranked = (1..).zip(rows).map(|(rank, (_, group))| Group { row: LightPath { rank, ..group.row }, ..group });
+    ranked.collect()
+}
+
+/// The standard error of a sum over sequences \[quanta\]. Where each ray comes by one sequence at most, the squares of the
+/// rays of a source add up. Else the errors of the sequences do, which are never too small.
+fn error_of(members: &[(&Sequence, &PathSum)], launched: &[u64], is_exclusive: bool) -> f64 {
+    let mut of_sources: BTreeMap<u32, PathSum> = BTreeMap::new();
+    for (sequence, sum) in members {
+        *of_sources.entry(sequence.source).or_default() += **sum;
+    }
+    let error = |source: u32, sum: &PathSum| {
+        let num_rays = launched[source as usize];
+        let scale = num_rays as f64 / (num_rays as f64 - 1.0);
+        (sum.variance(num_rays) * scale).sqrt()
+    };
+    match is_exclusive || members.len() == 1 {
+        true => of_sources.iter().map(|(source, sum)| error(*source, sum).powi(2)).sum::<f64>().sqrt(),
+        false => members.iter().map(|(sequence, sum)| error(sequence.source, sum)).sum(),
+    }
+}
+
+/// The events that turned the light otherwise than by refraction.
+fn turns(sequence: &Sequence) -> Vec<Step> {
+    sequence.steps.iter().filter(|step| step.kind != StepKind::Transmitted).copied().collect()
+}
+
+/// The text, the steps and the filter of a row.
+fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[String; 2]>, Option<String>) {
+    let is_detected = first.end.detector().is_some();
+    let end = Sequence { steps: Vec::new(), ..first.clone() }.text(ir);
+    let end = end.rsplit(" > ").next().unwrap_or_default().to_string();
+    let counts = format!(
+        "reflections == {} and scatterings == {}",
+        first.reflections(),
+        first.scatterings()
+    );
+    match common {
+        Common::Sequence(sequence) => {
+            let text = sequence.text(ir);
+            let filter = is_detected.then(|| format!("sequence(\"{text}\")"));
+            (text, sequence.named_steps(ir), filter)
+        }
+        Common::Faces(_, turns) => {
+            let steps = Sequence { steps: turns.clone(), ..first.clone() }.named_steps(ir);
+            let turns = steps.iter().filter(|[letters, _]| !["A", "M"].contains(&letters.as_str()));
+            let mut parts: Vec<String> = vec!["*".into()];
+            for [letters, name] in turns {
+                parts.extend([format!("{letters} {name}"), "*".into()]);
+            }
+            parts.push(end);
+            let text = parts.join(" > ");
+            let filter = is_detected.then(|| format!("sequence(\"{text}\") and {counts}"));
+            (text, steps, filter)
+        }
+        Common::Order(..) => {
+            let plural = |number: usize, word: &str| format!("{number} {word}{}", if number == 1 { "" } else { "s" });
+            let (reflections, scatterings) = (first.reflections(), first.scatterings());
+            let text = format!("{}, {} > {end}", plural(reflections, "reflection"), plural(scatterings, "scattering"));
+            let filter = is_detected.then(|| format!("{counts} and sequence(\"* > {end}\")"));
+            (text, Vec::new(), filter)
+        }
+    }
+}
+
+impl PathTable {
+    /// The table of rows, with the light that has none.
+    pub fn new(
+        ir: &SceneIr,
+        sums: &PathTally,
+        unit: FluxUnit,
+        grouping: Grouping,
+        rows: impl IntoIterator<Item = LightPath>,
+    ) -> PathTable {
+        let other = sums.other.iter().map(|(end, sum)| {
+            let total = sums.total(*end).quanta.max(1);
+            let of_end = Sequence { source: 0, steps: Vec::new(), end: *end }.text(ir);
+            OtherLight {
+                detector: end.detector().map(|number| ir.detectors[number].name.clone()),
+                end: of_end.rsplit(" > ").next().unwrap_or_default().to_string(),
+                flux: unit.watts(sum.quanta),
+                share: sum.quanta as f64 / total as f64,
+                num_rays: sum.count,
+            }
+        });
+        PathTable { group: grouping, paths: rows.into_iter().collect(), other: other.collect() }
+    }
+
+    /// As comma-separated values with a heading.
+    pub fn to_csv(&self) -> String {
+        let mut text = String::from(
+            "rank,flux_W,share,standard_error_W,num_rays,reflections,scatterings,detector,centroid_x_mm,centroid_y_mm,\
+             rms_radius_mm,peak_irradiance_W_mm2,sequence\n",
+        );
+        let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
+        let quoted = |text: &str| match text.contains([',', '"', '\n']) {
+            true => format!("\"{}\"", text.replace('"', "\"\"")),
+            false => text.to_string(),
+        };
+        for row in &self.paths {
+            let fields = [
+                row.rank.to_string(),
+                format!("{:e}", row.flux),
+                format!("{:e}", row.share),
+                number(row.standard_error),
+                row.num_rays.to_string(),
+                row.reflections.to_string(),
+                row.scatterings.to_string(),
+                quoted(row.detector.as_deref().unwrap_or_default()),
+                number(row.centroid.map(|[x, _]| x)),
+                number(row.centroid.map(|[_, y]| y)),
+                number(row.rms_radius),
+                number(row.peak_irradiance),
+                quoted(&row.sequence),
+            ];
+            text += &(fields.join(",") + "\n");
+        }
+        text
+    }
+}
+
+impl Places {
+    /// The centroid and the RMS radius of light \[mm\] that several sequences brought: their sums and their places.
+    pub fn spot(parts: &[(PathSum, Places)]) -> Option<([f64; 2], f64)> {
+        let weight: f64 = parts.iter().map(|(sum, _)| sum.quanta as f64).sum();
+        if weight == 0.0 {
+            return None;
+        }
+        let mean = |part: &(PathSum, Places), axis: usize| {
+            let (sum, places) = part;
+            places.about[axis] + places.first[axis] as f64 / sum.quanta as f64
+        };
+        let share = |(sum, _): &(PathSum, Places)| sum.quanta as f64 / weight;
+        let lit: Vec<(PathSum, Places)> = parts.iter().filter(|(sum, _)| sum.quanta > 0).copied().collect();
+        let centroid = [0, 1].map(|axis| lit.iter().map(|part| share(part) * mean(part, axis)).sum::<f64>());
+        let square: f64 = lit
+            .iter()
+            .map(|part| {
+                let (sum, places) = part;
+                let quanta = sum.quanta as f64;
+                let offsets = places.first.map(|first| first as f64 / quanta);
+                let within = places.second as f64 / quanta - offsets[0].powi(2) - offsets[1].powi(2);
+                let between = (mean(part, 0) - centroid[0]).powi(2) + (mean(part, 1) - centroid[1]).powi(2);
+                share(part) * (within.max(0.0) + between)
+            })
+            .sum();
+        Some((centroid, square.sqrt()))
+    }
+}

@@ -1,0 +1,214 @@
+//! Which path light took: from the sums of a trace to a table, with maps of the strongest paths by a second trace.
+
+use crate::engine::path_maps::{PathMaps, Watched, trace_maps};
+use crate::engine::options::TraceOptions;
+use crate::error::Result;
+use crate::gpu::Gpu;
+use crate::model::{SceneIr, Sequence};
+use crate::program::Sampler;
+use crate::result::paths::{Group, Places, groups};
+use crate::result::{DetectorTally, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting, Tally};
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// Most cells of all maps in one trace.
+const MOST_CELLS: usize = 1 << 25;
+
+/// How a table is made.
+#[derive(Debug, Clone, Default)]
+pub struct TableOptions {
+    /// Which sequences make a row.
+    pub group: Grouping,
+    /// By what rows are sorted.
+    pub sort: Sorting,
+    /// The detector whose light is listed, by its number; all if none.
+    pub detector: Option<usize>,
+    /// So many rows, from the first on, have a map, and with it a peak.
+    pub num_maps: usize,
+}
+
+/// The map of a row's light on its detector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathMap {
+    /// The detector's number.
+    pub detector: usize,
+    /// The detector's sums of the row's light.
+    pub sums: DetectorTally,
+}
+
+/// A table, and the maps of its first rows.
+#[derive(Debug)]
+pub struct Traced {
+    /// The table.
+    pub table: PathTable,
+    /// The maps, by the rows' ranks less 1; none for light that ended on no detector.
+    pub maps: Vec<Option<PathMap>>,
+    /// Per row, a sequence of the row.
+    pub sequences: Vec<Sequence>,
+    /// False if the second trace was ended before its last ray.
+    pub is_whole: bool,
+}
+
+/// The unit of flux of a trace.
+pub fn flux_unit(ir: &SceneIr, tally: &Tally, num_rays: u64) -> FluxUnit {
+    let emitted: f64 = ir.sources.iter().map(|source| source.total_flux).sum();
+    let is_partial = tally.launched.count < num_rays;
+    FluxUnit::new(emitted, if is_partial { tally.launched.count } else { num_rays })
+}
+
+/// The table of a tally, without maps.
+pub fn table(
+    ir: &SceneIr,
+    tally: &Tally,
+    unit: FluxUnit,
+    sampler: Sampler,
+    options: &TableOptions,
+) -> PathTable {
+    let Some(sums) = &tally.path_sums else { return PathTable::default() };
+    let groups = listed(ir, tally, sums, unit, sampler, options);
+    PathTable::new(ir, &kept(sums, options), unit, options.group, groups.into_iter().map(|group| group.row))
+}
+
+/// The light that is listed: that of one detector, or all.
+fn kept(sums: &PathTally, options: &TableOptions) -> PathTally {
+    let mut sums = sums.clone();
+    if options.detector.is_some() {
+        sums.other.retain(|end, _| end.detector() == options.detector);
+    }
+    sums
+}
+
+fn listed<'a>(
+    ir: &SceneIr,
+    tally: &Tally,
+    sums: &'a PathTally,
+    unit: FluxUnit,
+    sampler: Sampler,
+    options: &TableOptions,
+) -> Vec<Group<'a>> {
+    let all = groups(ir, tally, sums, unit, options.group, sampler == Sampler::Pcg);
+    let is_listed = |group: &Group| {
+        options.detector.is_none_or(|detector| group.sequences[0].end.detector() == Some(detector))
+    };
+    (1..)
+        .zip(all.into_iter().filter(is_listed))
+        .map(|(rank, group)| Group { row: LightPath { rank, ..group.row }, ..group })
+        .collect()
+}
+
+/// The table of a tally, with maps of its first rows from a second trace of the same rays. `found` has a point where a ray
+/// of each sequence arrived ([`crate::Tracer::found_paths`]). `keep_going` is asked after each dispatch.
+///
+/// # Errors
+/// [`crate::Error::Device`] if the device fails.
+pub fn table_with_maps(
+    gpu: &Gpu,
+    ir: &SceneIr,
+    trace: &TraceOptions,
+    tally: &Tally,
+    found: &HashMap<&Sequence, DVec3>,
+    options: &TableOptions,
+    mut keep_going: impl FnMut() -> bool,
+) -> Result<Traced> {
+    let empty = PathTally::default();
+    let sums = tally.path_sums.as_ref().unwrap_or(&empty);
+    let unit = flux_unit(ir, tally, trace.num_rays);
+    let groups = listed(ir, tally, sums, unit, trace.sampler, options);
+    let num_cells: usize = ir.detectors.iter().map(|detector| detector.num_cells().max(1)).sum();
+    let per_trace = (MOST_CELLS / num_cells).clamp(1, options.num_maps.max(1));
+    let num_maps = options.num_maps.min(groups.len());
+    let mut maps: Vec<Option<PathMap>> = Vec::new();
+    let mut places: HashMap<&Sequence, Places> = HashMap::new();
+    let mut is_whole = true;
+    // At least one trace, which tells where the light of all rows lies.
+    for first in (0..num_maps.max(1)).step_by(per_trace) {
+        let last = (first + per_trace).min(num_maps);
+        let mut watched = Vec::new();
+        for (rank, group) in groups.iter().enumerate() {
+            let map = (first..last).contains(&rank).then(|| (rank - first) as u32);
+            let is_watched = |sequence: &&&Sequence| sequence.end.detector().is_some() && (map.is_some() || first == 0);
+            watched.extend(group.sequences.iter().filter(is_watched).map(|sequence| Watched {
+                sequence,
+                about: about(ir, sequence, found),
+                map,
+            }));
+        }
+        let num = (last - first).max(1) as u32;
+        let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
+            trace_maps(gpu, ir, trace, &tally.rays, &watched, num, &mut keep_going)?;
+        is_whole &= is_done;
+        if first == 0 {
+            places.extend(watched.iter().map(|path| path.sequence).zip(of_watched));
+        }
+        for rank in first..last {
+            let detector = groups[rank].sequences[0].end.detector();
+            maps.push(detector.map(|number| map_of(ir, &second, number, rank - first)));
+        }
+        if !is_done {
+            break;
+        }
+    }
+    let mut rows: Vec<LightPath> = Vec::new();
+    for (rank, group) in groups.iter().enumerate() {
+        let mut row = group.row.clone();
+        let has_places = |sequence: &&&Sequence| {
+            is_whole
+                && sequence.end.detector().is_some_and(|number| ir.detectors[number].kind.is_placed())
+        };
+        let parts: Vec<(PathSum, Places)> = group
+            .sequences
+            .iter()
+            .filter(has_places)
+            .filter_map(|sequence| Some((sums.rows[*sequence], *places.get(sequence)?)))
+            .collect();
+        if let Some((centroid, rms_radius)) = Places::spot(&parts) {
+            (row.centroid, row.rms_radius) = (Some(centroid), Some(rms_radius));
+        }
+        let map = maps.get(rank).and_then(Option::as_ref).filter(|_| is_whole);
+        row.peak_irradiance = map.and_then(|map| peak_irradiance(ir, map, unit));
+        rows.push(row);
+    }
+    let mut order: Vec<usize> = (0..rows.len()).collect();
+    if options.sort == Sorting::Peak {
+        let peak = |row: usize| rows[row].peak_irradiance.unwrap_or(-1.0);
+        order.sort_by(|&a, &b| peak(b).total_cmp(&peak(a)));
+    }
+    let sorted: Vec<LightPath> =
+        (1..).zip(&order).map(|(rank, &row)| LightPath { rank, ..rows[row].clone() }).collect();
+    let maps = order.iter().map(|&row| maps.get(row).cloned().flatten()).collect();
+    let sequences = order.iter().map(|&row| groups[row].sequences[0].clone()).collect();
+    let table = PathTable::new(ir, &kept(sums, options), unit, options.group, sorted);
+    Ok(Traced { table, maps, sequences, is_whole })
+}
+
+/// A point where light of a sequence arrived, in the detector's frame \[mm\]; the origin where none is known.
+fn about(ir: &SceneIr, sequence: &Sequence, found: &HashMap<&Sequence, DVec3>) -> [f64; 2] {
+    let (Some(number), Some(position)) = (sequence.end.detector(), found.get(sequence)) else {
+        return [0.0; 2];
+    };
+    let frame = ir.detectors[number].frame;
+    let local = frame.rotation.transpose() * (*position - frame.origin);
+    [local.x, local.y]
+}
+
+fn map_of(ir: &SceneIr, second: &Tally, number: usize, map: usize) -> PathMap {
+    let num_cells = ir.detectors[number].num_cells();
+    let (size, sums) = (num_cells.max(1), &second.detectors[number].replicates);
+    let quanta = sums.get(map * size..(map + 1) * size).unwrap_or_default().to_vec();
+    let sums = DetectorTally {
+        hits: vec![0; num_cells],
+        quanta: if num_cells > 0 { quanta } else { Vec::new() },
+        ..DetectorTally::default()
+    };
+    PathMap { detector: number, sums }
+}
+
+/// The irradiance of the brightest pixel \[W/mm^2\]; none where the detector has no pixels.
+fn peak_irradiance(ir: &SceneIr, map: &PathMap, unit: FluxUnit) -> Option<f64> {
+    let kind = &ir.detectors[map.detector].kind;
+    let grid = kind.grid()?;
+    let pixels = map.sums.quanta.chunks(kind.num_bins().max(1) as usize);
+    let pixels = pixels.map(|bins| bins.iter().sum::<u128>());
+    let area = grid.width * grid.height / (f64::from(grid.num_pixels_x) * f64::from(grid.num_pixels_y));
+    Some(unit.watts(pixels.max()?) / area)
+}
