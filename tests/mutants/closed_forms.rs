@@ -792,8 +792,8 @@ fn scatter_gain(bench: &Bench) -> Outcome {
     }
 }
 
-/// Of K-correlation lobes of each slope as many rays lie within each cone as the lobe's integral says; and every single
-/// ray lies where its draw says, in f32 to a few digits of the last.
+/// Of K-correlation lobes of each slope as many rays lie within each cone as the lobe's integral says, a half of them at
+/// x > 0. And every single ray lies in f32 where it lies in f64.
 fn k_correlation(bench: &Bench) -> Outcome {
     const NUM_RAYS: u64 = 50_000;
     let lobe = |s: f64| KCorrelation { b0: 1.0, b: 5.0, s, transmissive_fraction: 0.0 };
@@ -810,20 +810,25 @@ fn k_correlation(bench: &Bench) -> Outcome {
             setting.options.precision = precision;
             let tally = bench.tally(&ir, &setting);
             let rows = tally.detectors[0].rows.iter();
-            let of_row = |row: &RayRow| (row.ray_id, row.direction[0].hypot(row.direction[1]));
+            let of_row = |row: &RayRow| (row.ray_id, DVec2::new(row.direction[0], row.direction[1]));
             rows.filter(|row| row.weight > 0.0).map(of_row).collect::<std::collections::BTreeMap<_, _>>()
         };
         let (exact, single) = (offsets(Precision::F64), offsets(Precision::F32));
         for beta in [0.02, 0.08, 0.2, 0.5, 0.999] {
-            let within = exact.values().filter(|offset| **offset <= beta).count() as f64 / NUM_RAYS as f64;
+            let drawn: Vec<&DVec2> = exact.values().filter(|offset| offset.length() <= beta).collect();
+            let share = |count: usize| count as f64 / NUM_RAYS as f64;
             let expected = lobe(s).scattered_within(beta) / lobe(s).scattered_within(2.0);
-            near(&format!("share within {beta} of slope {s}"), within, expected, NUM_RAYS, 1.0)?;
+            near(&format!("share within {beta} of slope {s}"), share(drawn.len()), expected, NUM_RAYS, 1.0)?;
+            let right = drawn.iter().filter(|offset| offset.x > 0.0).count();
+            near(&format!("a half within {beta} of slope {s}"), share(right), 0.5 * expected, NUM_RAYS, 1.0)?;
         }
         for (ray, offset) in &exact {
             // Next to the rim of the unit disk, rounding decides.
-            let found = single.get(ray).copied().unwrap_or(if *offset > 0.9999 { *offset } else { 0.0 });
-            if (found - offset).abs() > 3e-6 * offset {
-                return Err(format!("ray {ray} of slope {s} lies at {found} in f32, at {offset} in f64"));
+            let length = offset.length();
+            let found =
+                single.get(ray).map_or(if length > 0.9999 { length } else { 0.0 }, |found| found.length());
+            if (found - length).abs() > 3e-6 * length {
+                return Err(format!("ray {ray} of slope {s} lies at {found} in f32, at {length} in f64"));
             }
         }
     }
