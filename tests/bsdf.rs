@@ -8,7 +8,9 @@
 
 mod zoo;
 
-use nsq_gpu::model::{Bsdf, BsdfTable, Coating, HarveyShack, SceneIr, SimpleCoating, Tabulated};
+use nsq_gpu::model::{
+    Bsdf, BsdfTable, Coating, HarveyShack, KCorrelation, Lambertian, SceneIr, SimpleCoating, Tabulated,
+};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::DetectorData;
 use nsq_gpu::{Scene, TraceOptions, TraceResult};
@@ -244,6 +246,183 @@ fn sky_behind() -> Value {
     json!({ "type": "far_field", "name": "behind", "cs": { "z": 20.0 }, "num_bins_theta": 9, "num_bins_phi": 8 })
 }
 
+// K-correlation
+
+fn k_correlation(b0: f64, b: f64, s: f64) -> KCorrelation {
+    KCorrelation { b0, b, s, transmissive_fraction: 0.0 }
+}
+
+/// Midpoints of equal steps in ln(1 + B beta), where the lobe is smooth.
+#[test]
+fn the_closed_form_of_a_k_correlation_lobe_is_its_integral() {
+    for (b, s) in
+        [(0.1, 3.0), (5.0, 0.0), (20.0, 1.0), (20.0, 2.0), (20.0, 2.0 + 1e-9), (500.0, 2.5), (1e4, 8.0)]
+    {
+        let lobe = k_correlation(0.25, b, s);
+        for beta in [0.01, 0.5, 1.0, 2.0] {
+            let steps = 20_000;
+            let width = (b * beta).ln_1p() / f64::from(steps);
+            let density = |i: u32| {
+                let z = width * (f64::from(i) + 0.5);
+                let beta = z.exp_m1() / b;
+                0.25 / (1.0 + (b * beta).powi(2)).powf(0.5 * s) * 2.0 * PI * beta * z.exp() / b
+            };
+            let expected = (0..steps).map(density).sum::<f64>() * width;
+            let found = lobe.scattered_within(beta);
+            assert!(
+                (found / expected - 1.0).abs() < 1e-6,
+                "B = {b}, s = {s}, {beta}: {found}, not {expected}"
+            );
+        }
+        for share in [1e-9, 1e-3, 0.2, 0.5, 0.9, 1.0 - 1e-6] {
+            let found = lobe.scattered_within(lobe.offset(share)) / lobe.scattered_within(2.0);
+            assert!((found / share - 1.0).abs() < 1e-11, "B = {b}, s = {s}, share {share}: {found}");
+        }
+    }
+}
+
+#[test]
+fn a_k_correlation_mirror_draws_the_lobe() {
+    let (b, num_theta, num_rays) = (10.0, 45, 100_000);
+    for s in [0.0, 1.0, 2.0, 2.5, 6.0] {
+        let bsdf = json!({ "type": "k_correlation", "b0": 1.0, "B": b, "s": s });
+        let ir = scene(pencil(0.0), &[scatterer(bsdf)], &[sky(-20.0, num_theta)]);
+        let lobe = k_correlation(1.0, b, s);
+        let cdf = |theta: f64| lobe.scattered_within(theta.sin()) / lobe.scattered_within(2.0);
+        let edge = |i: u32| FRAC_PI_2 * f64::from(i) / f64::from(num_theta);
+        let mut expected: Vec<f64> = (0..num_theta).map(|i| cdf(edge(i + 1)) - cdf(edge(i))).collect();
+        let lost = 1.0 - cdf(FRAC_PI_2);
+        expected[0] += lost;
+        expected.iter_mut().for_each(|share| *share *= num_rays as f64);
+        for precision in [Precision::F32, Precision::Df64, Precision::F64] {
+            let p = probability(&hits_by_theta(&ir, num_rays, precision), &expected);
+            assert!(p > 1e-4, "{precision:?}, s = {s}: p = {p:e}");
+            let sigma = (lost * (1.0 - lost) / num_rays as f64).sqrt();
+            let deviation = (1.0 - flux(&trace(&ir, num_rays, precision), "sky") - lost) / sigma.max(1e-9);
+            assert!(deviation.abs() < 4.0, "{precision:?}, s = {s}: {deviation} sigma");
+        }
+        expected.swap(0, 1);
+        let swapped = probability(&hits_by_theta(&ir, num_rays, Precision::F64), &expected);
+        assert!(swapped < 1e-9, "the test is blind");
+    }
+}
+
+/// Of 1e5 rays the last is drawn with 1e-5 left of 1, where f32 has lost digits that come back in the offset.
+#[test]
+fn f32_and_df64_draw_the_offsets_of_f64() {
+    let database =
+        json!({ "type": "ray_database", "name": "all", "cs": { "z": -20.0 }, "width": 1e9, "height": 1e9 });
+    for (b, s) in [(0.5, 3.0), (30.0, 1.0), (30.0, 2.0), (30.0, 2.25), (1e3, 3.0), (1e6, 2.5), (50.0, 40.0)] {
+        let bsdf = json!({ "type": "k_correlation", "b0": 1.0, "B": b, "s": s });
+        let ir = scene(pencil(0.0), &[scatterer(bsdf)], std::slice::from_ref(&database));
+        let offsets = |precision| {
+            let tally = zoo::trace(&ir, &zoo::options(100_000, 79, precision));
+            let mut rows = tally.detectors[0].rows.clone();
+            rows.sort_by_key(|row| row.ray_id);
+            rows.iter().map(|row| (row.weight, row.direction[0].hypot(row.direction[1]))).collect::<Vec<_>>()
+        };
+        let exact = offsets(Precision::F64);
+        for (precision, limit) in [(Precision::F32, 3e-6), (Precision::Df64, 2e-13)] {
+            let worst = offsets(precision)
+                .iter()
+                .zip(&exact)
+                // At the rim of the unit disk rounding decides whether a direction lies in it.
+                .filter(|(_, exact)| exact.0 > 0.0 && exact.1 < 0.999)
+                .map(|(found, exact)| (found.1 - exact.1).abs() / exact.1)
+                .fold(0.0, f64::max);
+            eprintln!("B = {b}, s = {s}, {precision:?}: {worst:.1e}");
+            assert!(worst < limit, "B = {b}, s = {s}, {precision:?}: {worst:e}");
+        }
+    }
+}
+
+// Levels
+
+/// What scatters into a ring about the normal is the BSDF that is written, whatever the lobe.
+#[test]
+fn a_scatter_fraction_of_tis_gives_the_bsdf_its_own_level() {
+    let (num_theta, num_rays) = (18, 400_000);
+    let table = BsdfTable {
+        theta_i: vec![0.0, 90.0],
+        theta_s: vec![0.0, 30.0, 90.0],
+        values: vec![0.2, 0.1, 0.0, 0.2, 0.1, 0.0],
+    };
+    let k = k_correlation(30.0, 30.0, 2.0);
+    let cases: [(Value, &dyn Fn(f64) -> f64); 4] = [
+        // A / (B + beta^g) with A = 0.01, B = 1e-3, g = 1.5.
+        (json!({ "type": "harvey_shack", "b0": 10.0, "l0": 1e-2, "s": 1.5 }), &|sine| {
+            0.01 / (1e-3 + sine.powf(1.5))
+        }),
+        (json!({ "type": "k_correlation", "b0": k.b0, "B": k.b, "s": k.s }), &|sine| {
+            k.b0 / (1.0 + (k.b * sine).powi(2))
+        }),
+        (json!({ "type": "lambertian", "reflectance_value": 0.3 }), &|_| 0.3 / PI),
+        (tabulated(&table, 0.0), &|sine| bilinear(&table, 0.0, sine.asin().to_degrees())),
+    ];
+    for (bsdf, value) in cases {
+        let mirror = plane(
+            json!({ "interaction": "reflective", "reflectance": 1.0, "bsdf": bsdf, "scatter_fraction": "tis" }),
+        );
+        let ir = scene(pencil(0.0), &[mirror], &[sky(-20.0, num_theta)]);
+        let result = trace(&ir, num_rays, Precision::F64);
+        let DetectorData::FarField(found) = &result.detector("sky").unwrap().data else { panic!() };
+        for i in 1..num_theta as usize {
+            let edges = [i, i + 1].map(|i| FRAC_PI_2 * i as f64 / f64::from(num_theta));
+            let steps = 1000;
+            let step = (edges[1] - edges[0]) / f64::from(steps);
+            let light = |j: i32| {
+                let theta = edges[0] + step * (f64::from(j) + 0.5);
+                value(theta.sin()) * 2.0 * PI * theta.sin() * theta.cos() * step
+            };
+            let expected = (0..steps).map(light).sum::<f64>();
+            let solid_angle = 2.0 * PI / 8.0 * (edges[0].cos() - edges[1].cos());
+            let in_ring = found.intensity.row(i).sum() * solid_angle;
+            // Weights stay below 2.
+            let sigma = (2.0 * expected / num_rays as f64).sqrt();
+            assert!(
+                (in_ring - expected).abs() < 4.5 * sigma,
+                "{bsdf}, ring {i}: {in_ring}, not {expected} +- {sigma}"
+            );
+        }
+    }
+}
+
+/// `tis` is no more than a number, and a lobe of the total integrated scatter 1.
+#[test]
+fn tis_is_a_fraction_and_a_lobe() {
+    let scatter = |bsdf: Value| {
+        let mirror = plane(
+            json!({ "interaction": "reflective", "reflectance": 1.0, "bsdf": bsdf, "scatter_fraction": "tis" }),
+        );
+        scene(pencil(0.0), &[mirror], &[sky(-20.0, 9)]).surfaces.remove(0).scatter.unwrap()
+    };
+    let lobe = HarveyShack { b0: 0.5, l0: 0.05, s: 2.0, transmissive_fraction: 0.25 };
+    let found = scatter(
+        json!({ "type": "harvey_shack", "b0": 0.5, "l0": 0.05, "s": 2.0, "transmissive_fraction": 0.25 }),
+    );
+    assert_eq!((found.fraction, found.bsdf), (lobe.distribution().1, Bsdf::HarveyShack(lobe)));
+    let lobe = k_correlation(0.5, 20.0, 2.5);
+    let found = scatter(json!({ "type": "k_correlation", "b0": 0.5, "B": 20.0, "s": 2.5 }));
+    assert_eq!((found.fraction, found.bsdf), (lobe.scattered_within(2.0), Bsdf::KCorrelation(lobe)));
+    let found =
+        scatter(json!({ "type": "lambertian", "reflectance_value": 0.5, "transmissive_fraction": 0.25 }));
+    let white = Lambertian { reflectance_value: 1.0, transmissive_fraction: 0.25 };
+    assert_eq!((found.fraction, found.bsdf), (0.5, Bsdf::Lambertian(white)));
+    let table = BsdfTable {
+        theta_i: vec![0.0, 90.0],
+        theta_s: vec![0.0, 90.0],
+        values: vec![0.25 / PI, 0.25 / PI, 0.0, 0.5 / PI],
+    };
+    let found = scatter(tabulated(&table, 0.25));
+    let Bsdf::Tabulated(level) = &found.bsdf else { panic!() };
+    assert!((found.fraction - 0.25).abs() < 1e-15 && (level.table.albedo(0) - 1.0).abs() < 1e-15);
+    assert_eq!((level.table.values[2], level.transmissive_fraction), (0.0, 0.25));
+    assert!((level.table.values[3] - 2.0 / PI).abs() < 1e-15);
+    let whole =
+        BsdfTable { theta_i: vec![0.0, 90.0], theta_s: vec![0.0, 45.0, 90.0], values: vec![1.0 / PI; 6] };
+    assert_eq!(scatter(tabulated(&whole, 0.0)).fraction, 1.0, "whatever the sum rounds to");
+}
+
 // Tabulated
 
 /// Bilinear interpolation, as written here; 0 beyond the table.
@@ -400,6 +579,10 @@ fn doubtful_finishes_are_warned_of() {
     assert!(
         warnings(scatterer(wide)).contains("32.0 % of what it scatters at normal incidence has no direction")
     );
+    let needle = json!({ "type": "k_correlation", "b0": 1.0, "B": 1e8, "s": 3.0 });
+    assert!(warnings(scatterer(needle)).contains("which `f32` cannot resolve"));
+    let broad = json!({ "type": "k_correlation", "b0": 1.0, "B": 100.0, "s": 1.5 });
+    assert!(warnings(scatterer(broad)).contains("a larger B or a larger s narrows it"));
     let haze =
         json!({ "type": "harvey_shack", "b0": 1.0, "l0": 0.01, "s": 4.0, "transmissive_fraction": 0.25 });
     assert_eq!(warnings(scatterer(haze.clone())), "");

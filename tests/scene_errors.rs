@@ -475,8 +475,51 @@ fn scatter_models_without_meaning_are_refused() {
         &["scatters nothing", "larger l0"],
     );
     refused_bsdf(r#"{"type": "harvey_shack", "b0": 1, "l0": 0, "s": 2}"#, ".l0", &["out of range"]);
+    refused_bsdf(
+        r#"{"type": "k_correlation", "b0": 0, "B": 9, "s": 2}"#,
+        "",
+        &["scatters nothing", "b0 > 0"],
+    );
+    refused_bsdf(r#"{"type": "k_correlation", "b0": 1, "B": 0, "s": 2}"#, ".B", &["0 is out of range"]);
+    refused_bsdf(
+        r#"{"type": "k_correlation", "b0": 1, "B": 9, "s": -1}"#,
+        ".s",
+        &["-1 is out of range", "0 to 1000"],
+    );
+    refused_bsdf(r#"{"type": "k_correlation", "b0": 1, "b": 9, "s": 2}"#, ".b", &["unknown key `b`"]);
+    refused_bsdf(
+        r#"{"type": "k_correlation", "b0": 1e-300, "B": 1e12, "s": 1000}"#,
+        "",
+        &["scatters nothing", "smaller B"],
+    );
     let half = r#""coating": null, "scatter_fraction": 1.5"#;
     refused(r#""coating": null"#, half, "nsq_gpu.surfaces[0].scatter_fraction", &["1.5"]);
+}
+
+#[test]
+fn tis_without_meaning_is_refused() {
+    let place = "nsq_gpu.surfaces[0].scatter_fraction";
+    let tis = |bsdf: &str| format!(r#""scatter_fraction": "tis", "bsdf": {bsdf}"#);
+    let null = r#""bsdf": null"#;
+    refused(null, &tis("null"), place, &["the surface has none", "give a `bsdf`"]);
+    refused(null, &tis(r#"{"type": "specular"}"#), place, &["`specular`", "a number from 0 to 1"]);
+    let bright = r#"{"type": "harvey_shack", "b0": 500, "l0": 0.05, "s": 2}"#;
+    refused(
+        null,
+        &tis(bright),
+        place,
+        &["is 28.9747", "more light than there is", "0.034513 times the height or less"],
+    );
+    let bright = r#"{"type": "k_correlation", "b0": 1, "B": 1, "s": 2}"#;
+    refused(null, &tis(bright), place, &["is 5.056198", "0.197777 times the height or less"]);
+    let table =
+        r#"{"type": "tabulated", "theta_i": [0, 90], "theta_s": [0, 90], "bsdf": [[0, 0], [0.1, 0.1]]}"#;
+    refused(null, &tis(table), place, &["scatters nothing at normal incidence"]);
+    let table =
+        r#"{"type": "tabulated", "theta_i": [5, 90], "theta_s": [0, 90], "bsdf": [[0.1, 0.1], [0.1, 0.1]]}"#;
+    refused(null, &tis(table), place, &["scatters nothing at normal incidence"]);
+    refused(null, &tis(r#"{"type": "lambertian", "reflectance_value": 0}"#), place, &["scatters nothing"]);
+    refused(null, r#""bsdf": null, "scatter_fraction": "tiss""#, place, &["unknown value \"tiss\"", "tis"]);
 }
 
 #[test]

@@ -320,9 +320,17 @@ fn a_scene_file_is_read_from_its_path() {
 #[test]
 fn the_schema_describes_every_type() {
     let schema = nsq_gpu::scene::schema().to_string();
-    for word in
-        ["lens", "far_field", "harvey_shack", "thickness1", "nsq_gpu", "additionalProperties", "frustum"]
-    {
+    for word in [
+        "lens",
+        "far_field",
+        "harvey_shack",
+        "k_correlation",
+        "tis",
+        "thickness1",
+        "nsq_gpu",
+        "additionalProperties",
+        "frustum",
+    ] {
         assert!(schema.contains(&format!("\"{word}\"")), "{word}");
     }
     assert!(!schema.contains(r"\\["), "escapes of the code's documentation");

@@ -1,7 +1,7 @@
 """Scene files -> live scenes.
 
 Optiland's own ``from_json`` knows nothing of the ``nsq_gpu`` block and leaves a source's medium as a string. This
-module imports no other one of the package, but where a scene has a source, a shape or a coating of its own: ``nsq-gpu bench`` carries it alone.
+module imports no other one of the package, but where a scene has a source, a shape, a coating or a scattering law of its own: ``nsq-gpu bench`` carries it alone.
 
 Which materials are one object matters to Optiland, because its medium stack compares identities: every component of
 version 1 resolves its own catalog glass, a medium of the block is one object per name, and the block's surfaces and
@@ -251,10 +251,9 @@ def _add_compound(scene: NSQScene, spec: Json, overrides: Json, materials: Mater
 
 
 def _surface_config(spec: Json, folder: Path) -> SurfaceConfig:
-    interaction, fraction = spec.get("interaction"), spec.get("scatter_fraction")
+    interaction = spec.get("interaction")
     return SurfaceConfig(
-        bsdf=_bsdf(spec.get("bsdf"), folder),
-        scatter_fraction=1.0 if fraction is None else fraction,
+        **_scattering(spec, folder),
         coating=_coating(spec.get("coating")),
         interaction=InteractionType(interaction) if interaction else None,
         aperture_radius=spec.get("aperture_radius"),
@@ -283,12 +282,28 @@ def _coating(spec: Json | None) -> BaseCoating | None:
     return SimpleCoating(transmittance=spec["transmittance"], reflectance=spec["reflectance"])
 
 
+def _scattering(spec: Json, folder: Path) -> Json:
+    """Return the ``bsdf`` and the ``scatter_fraction`` of a surface."""
+    bsdf, fraction = _bsdf(spec.get("bsdf"), folder), spec.get("scatter_fraction")
+    if fraction != "tis":
+        return {"bsdf": bsdf, "scatter_fraction": 1.0 if fraction is None else fraction}
+    if bsdf is None:
+        raise ValueError("scatter_fraction is 'tis', the total integrated scatter of a bsdf, and the surface has none")
+    from nsq_gpu.bsdf import by_tis
+
+    return by_tis(bsdf)
+
+
 def _bsdf(spec: Json | None, folder: Path) -> Any:
     if spec is None:
         return None
     parameters = {key: value for key, value in spec.items() if key != "type"}
     if spec["type"] == "tabulated":
         return _tabulated(spec, folder)
+    if spec["type"] == "k_correlation":
+        from nsq_gpu.bsdf import KCorrelation
+
+        return KCorrelation(**parameters)
     models: dict[str, Any] = {"lambertian": LambertianBSDF, "harvey_shack": HarveyShackBSDF, "specular": SpecularBRDF}
     return models[spec["type"]](**parameters)
 
@@ -310,17 +325,17 @@ def _tabulated(spec: Json, folder: Path) -> TabulatedBSDF:
 def _raw_surface(spec: Json, materials: Materials, folder: Path) -> BaseComponent:
     frame, shape, name = _frame(spec["cs"]), _shape(spec["shape"], folder), spec["name"]
     front = materials.shared(spec.get("material_front"))
-    scatter = {"bsdf": _bsdf(spec.get("bsdf"), folder), "scatter_fraction": spec.get("scatter_fraction", 1.0)}
+    if spec["interaction"] not in ("refractive", "reflective"):
+        return AbsorbingComponent(frame, shape, front, name=name)
+    scatter = _scattering(spec, folder)
     if spec["interaction"] == "refractive":
         back = materials.shared(spec.get("material_back"))
         return RefractiveComponent(frame, shape, front, back, name=name, coating=_coating(spec.get("coating")),
                                    **scatter)
-    if spec["interaction"] == "reflective":
-        # The file gives either of the two; Optiland takes a coating as a reflectance.
-        coating = _coating(spec.get("coating"))
-        reflects = reflectance(spec["reflectance"]) if coating is None else coating
-        return ReflectiveComponent(frame, shape, reflects, material_front=front, name=name, **scatter)
-    return AbsorbingComponent(frame, shape, front, name=name)
+    # The file gives either of the two; Optiland takes a coating as a reflectance.
+    coating = _coating(spec.get("coating"))
+    reflects = reflectance(spec["reflectance"]) if coating is None else coating
+    return ReflectiveComponent(frame, shape, reflects, material_front=front, name=name, **scatter)
 
 
 def _shape(spec: Json, folder: Path) -> Any:

@@ -35,8 +35,9 @@ from tests.test_export import WALKS, With, document
 
 #: Where a file says which variant it means.
 KEYS = ("type", "interaction", "splat", "profile", "reflect_prob", "outline", "zernike_type")
-#: Variants that people may write and the exporter does not: n and k of a live material are evaluated.
-BY_HAND = {("Medium", "catalog"), ("Material", "catalog")}
+#: Variants that people may write and the exporter does not: n and k of a live material are evaluated, and a live surface has
+#: a number.
+BY_HAND = {("Medium", "catalog"), ("Material", "catalog"), ("ScatterFraction", "tis")}
 
 
 @pytest.fixture(scope="module")

@@ -44,6 +44,7 @@ from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.configs import CollimatedSourceConfig, ExtendedSourceConfig, PointSourceConfig
 
 from nsq_gpu import UnsupportedSceneError, export_scene
+from nsq_gpu.bsdf import KCorrelation
 from nsq_gpu.export import export, to_json
 from nsq_gpu.export.surfaces import BSDFS, SHAPES
 from nsq_gpu.scene_file import scene_from_dict
@@ -329,6 +330,8 @@ WALKS: dict[type, tuple[Build, Json, Json]] = {
         "reflectance_value": 0.5, "transmissive_fraction": 0.3}),
     HarveyShackBSDF: (lambda **fields: with_bsdf(HarveyShackBSDF, **fields), {"b0": 0.1, "l0": 0.1, "s": 2.0}, {
         "b0": 0.2, "l0": 0.2, "s": 3.0, "transmissive_fraction": 0.3}),
+    KCorrelation: (lambda **fields: with_bsdf(KCorrelation, **fields), {"b0": 0.1, "B": 10.0, "s": 2.0}, {
+        "b0": 0.2, "B": 5.0, "s": 3.0, "transmissive_fraction": 0.3}),
     PlaneGeometry: (lambda **fields: with_surface(PlaneGeometry, **fields), {}, {}),
     FinitePlaneGeometry: (lambda **fields: with_surface(FinitePlaneGeometry, **fields), {}, {
         "width": 9.0, "height": 9.0, "aperture_radius": 4.0}),
@@ -417,6 +420,7 @@ UNSEEN = {
     (AbsorbingComponent, "material_front"): "nothing is left to travel in it",
     (ReflectiveComponent, "material_front"): "a reflected ray stays in the medium that it came through",
     (HarveyShackBSDF, "b0"): "the lobe's shape depends on l0 and s alone",
+    (KCorrelation, "b0"): "the lobe's shape depends on B and s alone",
 }
 
 

@@ -14,9 +14,12 @@ torch = pytest.importorskip("torch")
 
 import optiland.backend as be  # noqa: E402
 from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
+from optiland.nonsequential.bsdf import HarveyShackBSDF  # noqa: E402
 
+from nsq_gpu.bsdf import ABg, KCorrelation  # noqa: E402
 from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
+from tests.test_bsdf import lens_and_mirror  # noqa: E402
 from tests.test_convert import pupil_scene  # noqa: E402
 
 NUM_RAYS = 20_000
@@ -67,3 +70,16 @@ def test_shapes_and_sources_of_the_package() -> None:
     for name, expected in ours.items():
         assert expected.sum() > 0.0
         np.testing.assert_allclose(be.to_numpy(theirs.detectors[name].irradiance), expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("bsdf", [ABg(0.01, 1e-3, 1.5, 0.4), KCorrelation(0.3, 12.0, 2.5, 0.4), KCorrelation(0.3, 12.0, 2.0)])
+def test_scattering_laws_of_the_package(bsdf: HarveyShackBSDF) -> None:
+    scene = lens_and_mirror(bsdf=bsdf, scatter_fraction=0.5)
+    ours = np.array(scene.trace(5000, seed=3, backend=live.backend()).detectors["screen"].irradiance)
+    be.set_backend("torch")
+    be.set_precision("float64")
+    with torch.no_grad():
+        theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3)).detectors["screen"].irradiance
+    assert ours.sum() > 0.0
+    np.testing.assert_allclose(be.to_numpy(theirs), ours, rtol=1e-9, atol=1e-12)

@@ -27,7 +27,7 @@ pub mod surface_optics;
 pub mod written;
 
 pub use crate::model::bsdfs::{
-    Bsdf, BsdfKind, BsdfTable, HarveyShack, Lambertian, Scatter, Specular, Tabulated,
+    Bsdf, BsdfKind, BsdfTable, HarveyShack, KCorrelation, Lambertian, Scatter, Specular, Tabulated,
 };
 pub use crate::model::coating::{Coating, CoatingRow, SimpleCoating, TabulatedCoating};
 pub use crate::model::detectors::grid::{PixelGrid, Splat};

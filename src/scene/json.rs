@@ -220,8 +220,8 @@ pub struct RawSurface {
     #[serde(default)]
     pub bsdf: Option<Bsdf>,
     /// Fraction of the rays that the scatter model takes.
-    #[serde(default = "one")]
-    pub scatter_fraction: f64,
+    #[serde(default)]
+    pub scatter_fraction: ScatterFraction,
     /// Coating; of a reflective surface its reflectance counts.
     #[serde(default)]
     pub coating: Option<Coating>,
@@ -295,12 +295,42 @@ pub struct Override {
     /// Scatter model.
     pub bsdf: Option<Bsdf>,
     /// Fraction of the rays that the scatter model takes; 1 if null.
-    pub scatter_fraction: Option<f64>,
+    pub scatter_fraction: Option<ScatterFraction>,
     /// Coating; of a reflective surface its reflectance counts.
     pub coating: Option<Coating>,
 }
 
 pub use crate::model::bsdfs::Written as Bsdf;
+
+/// Fraction of the rays that a scatter model takes.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ScatterFraction {
+    /// The scatter model's own total integrated scatter, so that the surface has the BSDF that is written.
+    Tis,
+    /// A number.
+    #[serde(rename = "$number")]
+    Constant(f64),
+}
+
+impl Default for ScatterFraction {
+    fn default() -> Self {
+        ScatterFraction::Constant(1.0)
+    }
+}
+
+impl JsonSchema for ScatterFraction {
+    fn schema_name() -> Cow<'static, str> {
+        "ScatterFraction".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "a fraction of the rays, or `tis`: the scatter model's own total integrated scatter",
+            "oneOf": [{ "const": "tis" }, { "type": "number", "minimum": 0, "maximum": 1 }],
+        })
+    }
+}
 
 /// A coating, by its `type`.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -381,8 +411,4 @@ impl JsonSchema for ReflectProb {
             "oneOf": [{ "enum": ["fresnel", "auto"] }, { "type": "number", "minimum": 0, "maximum": 1 }],
         })
     }
-}
-
-fn one() -> f64 {
-    1.0
 }

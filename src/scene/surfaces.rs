@@ -11,7 +11,7 @@ use crate::model::{self, Frame};
 use crate::scene::compounds::Part;
 use crate::scene::frame::{frame_of, moved};
 use crate::scene::json::{
-    Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, SceneFile,
+    Bsdf, Coating, Interaction, Material, Override, RawSurface, Reflectance, ScatterFraction, SceneFile,
 };
 use crate::scene::meshes::{Meshes, Placed};
 use crate::{Error, Result};
@@ -89,7 +89,7 @@ fn finish(
         default_reflectance: own.as_ref(),
         coating: change.and_then(|change| change.coating.as_ref()),
         bsdf: change.and_then(|change| change.bsdf.as_ref()),
-        scatter_fraction: change.and_then(|change| change.scatter_fraction).unwrap_or(1.0),
+        scatter_fraction: change.and_then(|change| change.scatter_fraction).unwrap_or_default(),
     };
     let interaction = finish.interaction(&place, wavelengths)?;
     let back = if part.interaction == Interaction::Refractive { part.back } else { part.front.clone() };
@@ -147,7 +147,7 @@ struct Finish<'a> {
     default_reflectance: Option<&'a Reflectance>,
     coating: Option<&'a Coating>,
     bsdf: Option<&'a Bsdf>,
-    scatter_fraction: f64,
+    scatter_fraction: ScatterFraction,
 }
 
 impl Finish<'_> {
@@ -209,20 +209,57 @@ impl Finish<'_> {
                     .push(format!("the {what} of {} is ignored, because it is `absorbing`", quoted(name)));
             }
         }
-        if self.scatter_fraction < 1.0 && self.bsdf.is_none() {
-            reading.warnings.push(format!(
+        match (self.bsdf, self.scatter_fraction) {
+            (None, ScatterFraction::Constant(fraction)) if fraction < 1.0 => reading.warnings.push(format!(
                 "the scatter_fraction of {} changes nothing, because it has no `bsdf`",
                 quoted(name)
-            ));
+            )),
+            (None, ScatterFraction::Tis) => {
+                return Err(Error::scene(
+                    key_of(place, "scatter_fraction"),
+                    "`tis` is the total integrated scatter of a BSDF, and the surface has none",
+                    "give a `bsdf`, or remove scatter_fraction",
+                ));
+            }
+            _ => {}
         }
         match self.bsdf {
             Some(bsdf) if !absorbs => {
                 let surface = Labelled { name, place: &key_of(place, "bsdf") };
                 let bsdf = bsdf.bsdf(&surface, reading)?;
-                Ok(Some(model::Scatter { fraction: self.scatter_fraction, bsdf }))
+                Ok(Some(match self.scatter_fraction {
+                    ScatterFraction::Constant(fraction) => model::Scatter { fraction, bsdf },
+                    ScatterFraction::Tis => by_tis(&bsdf, key_of(place, "scatter_fraction"))?,
+                }))
             }
             _ => Ok(None),
         }
+    }
+}
+
+/// Scattering of the level that the BSDF was written with.
+fn by_tis(bsdf: &model::Bsdf, place: String) -> Result<model::Scatter> {
+    let Some((tis, bsdf)) = bsdf.by_tis() else {
+        return Err(Error::scene(
+            place,
+            "a `specular` BSDF has no total integrated scatter",
+            "give a number from 0 to 1",
+        ));
+    };
+    /// Sums round.
+    const HIGHEST: f64 = 1.0 + 1e-9;
+    match tis {
+        tis if tis > HIGHEST => Err(Error::scene(
+            place,
+            format!("the total integrated scatter of the BSDF is {tis:.6}, more light than there is"),
+            format!("give a BSDF of {:.6} times the height or less, or a number from 0 to 1", 1.0 / tis),
+        )),
+        tis if tis > 0.0 => Ok(model::Scatter { fraction: tis.min(1.0), bsdf }),
+        _ => Err(Error::scene(
+            place,
+            "the BSDF scatters nothing at normal incidence, where `tis` is taken",
+            "give a BSDF that does, or a number from 0 to 1",
+        )),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::model::checks::{between, conic_constant, fraction, position, radius, 
 use crate::model::place::{did_you_mean, key_of, quoted};
 use crate::scene::json::{
     Block, Component, CoordinateSystem, Detector, Doublet, Lens, Medium, Mirror, Override, RawSurface,
-    ReflectProb, Reflectance, SamplingPolicy, SceneFile, Source, Spectrum,
+    ReflectProb, Reflectance, SamplingPolicy, ScatterFraction, SceneFile, Source, Spectrum,
 };
 
 /// Wavelengths above are nanometres by mistake \[um\]; Optiland's limit.
@@ -372,7 +372,7 @@ fn check_raw_surface(place: &str, surface: &RawSurface) -> Result<()> {
     surface.shape.check(&|key| key_of(&at("shape"), key))?;
     surface.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
     surface.bsdf.as_ref().map_or(Ok(()), |bsdf| bsdf.check(&|key| key_of(&at("bsdf"), key)))?;
-    fraction(at("scatter_fraction"), surface.scatter_fraction)?;
+    check_scatter_fraction(at("scatter_fraction"), surface.scatter_fraction)?;
     surface.coating.as_ref().map_or(Ok(()), |coating| coating.check(&at("coating")))
 }
 
@@ -381,8 +381,16 @@ fn check_override(place: &str, change: &Override) -> Result<()> {
     change.aperture_radius.map_or(Ok(()), |r| size(at("aperture_radius"), r))?;
     change.reflectance.as_ref().map_or(Ok(()), |r| check_reflectance(&at("reflectance"), r))?;
     change.bsdf.as_ref().map_or(Ok(()), |bsdf| bsdf.check(&|key| key_of(&at("bsdf"), key)))?;
-    change.scatter_fraction.map_or(Ok(()), |f| fraction(at("scatter_fraction"), f))?;
+    change.scatter_fraction.map_or(Ok(()), |f| check_scatter_fraction(at("scatter_fraction"), f))?;
     change.coating.as_ref().map_or(Ok(()), |coating| coating.check(&at("coating")))
+}
+
+fn check_scatter_fraction(place: String, value: ScatterFraction) -> Result<()> {
+    match value {
+        ScatterFraction::Constant(value) => fraction(place, value),
+        // What it amounts to is known where the scatter model is made.
+        ScatterFraction::Tis => Ok(()),
+    }
 }
 
 fn check_detector_extras(block: &Block, file: &SceneFile) -> Result<()> {

@@ -10,9 +10,9 @@ use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::sources::Aim;
 use nsq_gpu::model::{
     Aperture, Bsdf, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic, Detector, DetectorKind,
-    Extended, FarField, Frame, Interaction, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil,
-    RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral,
-    Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
+    Extended, FarField, Frame, Interaction, KCorrelation, Medium, Mesh, MeshId, Outline, PixelGrid, Point,
+    Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source,
+    SourceKind, Spectral, Spectrum, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::layout::rng;
 use nsq_gpu::program::{Precision, Sampler};
@@ -48,6 +48,7 @@ pub fn named(name: &str) -> Option<fn(&Bench) -> Outcome> {
         "coating by angle" => coating_by_angle,
         "simple coating beside a table" => simple_coating_beside_a_table,
         "scatter gain" => scatter_gain,
+        "K-correlation" => k_correlation,
         "split plate" => split_plate,
         "split faint" => split_faint,
         "split draws" => split_draws,
@@ -789,6 +790,49 @@ fn scatter_gain(bench: &Bench) -> Outcome {
     } else {
         Err(format!("gain {}, {} quanta missing", ledger.bsdf_gain.flux, ledger.imbalance_quanta))
     }
+}
+
+/// Of K-correlation lobes of each slope as many rays lie within each cone as the lobe's integral says, a half of them at
+/// x > 0. And every single ray lies in f32 where it lies in f64.
+fn k_correlation(bench: &Bench) -> Outcome {
+    const NUM_RAYS: u64 = 50_000;
+    let lobe = |s: f64| KCorrelation { b0: 1.0, b: 5.0, s, transmissive_fraction: 0.0 };
+    for s in [1.0, 2.0, 2.5, 6.0] {
+        let mut mirror = plane("mirror", 5.0, Interaction::Reflective { reflectance: vec![1.0] }, 0, 0);
+        mirror.scatter = Some(Scatter { fraction: 1.0, bsdf: Bsdf::KCorrelation(lobe(s)) });
+        let source = SourceKind::Point(Point { half_angle: 0.0 });
+        let mut ir = scene(source, vec![mirror], vec![database("back", -10.0)]);
+        let everywhere = RayDatabase { width: 1e9, height: 1e9, max_rays: None };
+        ir.detectors[0].kind = DetectorKind::RayDatabase(everywhere);
+        let offsets = |precision| {
+            let mut setting = Setting::default();
+            setting.options.num_rays = NUM_RAYS;
+            setting.options.precision = precision;
+            let tally = bench.tally(&ir, &setting);
+            let rows = tally.detectors[0].rows.iter();
+            let of_row = |row: &RayRow| (row.ray_id, DVec2::new(row.direction[0], row.direction[1]));
+            rows.filter(|row| row.weight > 0.0).map(of_row).collect::<std::collections::BTreeMap<_, _>>()
+        };
+        let (exact, single) = (offsets(Precision::F64), offsets(Precision::F32));
+        for beta in [0.02, 0.08, 0.2, 0.5, 0.999] {
+            let drawn: Vec<&DVec2> = exact.values().filter(|offset| offset.length() <= beta).collect();
+            let share = |count: usize| count as f64 / NUM_RAYS as f64;
+            let expected = lobe(s).scattered_within(beta) / lobe(s).scattered_within(2.0);
+            near(&format!("share within {beta} of slope {s}"), share(drawn.len()), expected, NUM_RAYS, 1.0)?;
+            let right = drawn.iter().filter(|offset| offset.x > 0.0).count();
+            near(&format!("a half within {beta} of slope {s}"), share(right), 0.5 * expected, NUM_RAYS, 1.0)?;
+        }
+        for (ray, offset) in &exact {
+            // Next to the rim of the unit disk, rounding decides.
+            let length = offset.length();
+            let found =
+                single.get(ray).map_or(if length > 0.9999 { length } else { 0.0 }, |found| found.length());
+            if (found - length).abs() > 3e-6 * length {
+                return Err(format!("ray {ray} of slope {s} lies at {found} in f32, at {length} in f64"));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn database(name: &str, z: f64) -> Detector {

@@ -38,7 +38,7 @@ pub const DETECTORS: [&str; 7] = [
     "ray database",
 ];
 
-/// What surfaces do beside Fresnel's laws and reflection. A lobe to the far side is a matter of the same function.
+/// What surfaces do beside Fresnel's laws and reflection, of what Optiland has. A lobe to the far side is a matter of the same function.
 pub const FINISHES: [&str; 5] = ["coating", "specular", "Lambertian", "Harvey-Shack", "tabulated"];
 
 /// The finishes of a surface, of [`FINISHES`].
@@ -48,6 +48,7 @@ pub fn of_finish(surface: &Surface) -> Vec<&'static str> {
         Bsdf::Lambertian(_) => "Lambertian",
         Bsdf::HarveyShack(_) => "Harvey-Shack",
         Bsdf::Tabulated(_) => "tabulated",
+        Bsdf::KCorrelation(_) => "K-correlation",
     });
     bsdf.into_iter().chain(surface.coating.as_ref().map(|_| "coating")).collect()
 }

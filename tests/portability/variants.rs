@@ -8,10 +8,10 @@ use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
 use nsq_gpu::model::sources::Aim;
 use nsq_gpu::model::{
     Annulus, Aperture, Bsdf, BsdfKind, BsdfTable, ClippedConic, Coating, CoatingRow, Collimated, Conic,
-    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, Lambertian, Medium,
-    Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb, Sampling, Scatter,
-    SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular, Sphere, Splat, Surface,
-    Tabulated, TabulatedCoating,
+    Detector, DetectorKind, Extended, FarField, Frame, Frustum, HarveyShack, Interaction, KCorrelation,
+    Lambertian, Medium, Mesh, MeshId, Outline, PixelGrid, Point, Profile, Pupil, RayDatabase, ReflectProb,
+    Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
+    Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
 use nsq_gpu::program::{
     PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
@@ -144,7 +144,8 @@ fn bsdf_after(kind: BsdfKind) -> Option<BsdfKind> {
         BsdfKind::Specular => Some(BsdfKind::Lambertian),
         BsdfKind::Lambertian => Some(BsdfKind::HarveyShack),
         BsdfKind::HarveyShack => Some(BsdfKind::Tabulated),
-        BsdfKind::Tabulated => None,
+        BsdfKind::Tabulated => Some(BsdfKind::KCorrelation),
+        BsdfKind::KCorrelation => None,
     }
 }
 
@@ -707,6 +708,9 @@ pub fn bsdf_of(kind: BsdfKind, transmissive_fraction: f64) -> Bsdf {
             },
             transmissive_fraction,
         }),
+        BsdfKind::KCorrelation => {
+            Bsdf::KCorrelation(KCorrelation { b0: 0.5, b: 8.0, s: 3.0, transmissive_fraction })
+        }
     };
     assert_eq!(bsdf.kind(), kind);
     bsdf

@@ -19,6 +19,7 @@ from optiland.nonsequential.components.geometry.mesh.mesh_geometry import MeshGe
 from optiland.nonsequential.components.reflective import ReflectiveComponent
 from optiland.nonsequential.components.refractive import RefractiveComponent
 
+from nsq_gpu.bsdf import KCorrelation
 from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, radius, refuse, refuse_type, rows
@@ -247,6 +248,10 @@ def _harvey_shack(model: Any, place: str) -> Json:
     return {"type": "harvey_shack", **_numbers_of(model, ("b0", "l0", "s"), place)}
 
 
+def _k_correlation(model: Any, place: str) -> Json:
+    return {"type": "k_correlation", **_numbers_of(model, ("b0", "B", "s"), place)}
+
+
 def _tabulated(model: Any, place: str) -> Json:
     # The values that are sampled, not the file that they came from, which may have changed since.
     theta_i, theta_s = (numbers(axis, f"{place}: {name}")
@@ -258,6 +263,7 @@ def _tabulated(model: Any, place: str) -> Json:
 BSDFS: dict[type, Callable[[Any, str], Json]] = {
     LambertianBSDF: _lambertian,
     HarveyShackBSDF: _harvey_shack,
+    KCorrelation: _k_correlation,
     TabulatedBSDF: _tabulated,
 }
 
@@ -271,6 +277,6 @@ def bsdf(model: Any, place: str) -> Json | None:
         return {"type": "specular"}
     write = BSDFS.get(type(model))
     if write is None:
-        raise refuse_type(place, "it", model, "LambertianBSDF, HarveyShackBSDF, TabulatedBSDF or SpecularBRDF")
+        raise refuse_type(place, "it", model, "LambertianBSDF, HarveyShackBSDF, TabulatedBSDF, SpecularBRDF or a law of nsq_gpu.bsdf")
     fraction = number(model.transmissive_fraction, f"{place}: transmissive_fraction")
     return {**write(model, place), "transmissive_fraction": fraction}

@@ -1,6 +1,8 @@
 //! Harvey and Shack's lobe about the mirrored ray: what polish leaves on lenses and mirrors.
 
-use crate::model::bsdfs::{Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, Scattering};
+use crate::model::bsdfs::{
+    Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, SHIFT_INVARIANT, Scattering, other_side, too_wide,
+};
 use crate::model::place::quoted;
 use crate::model::{Interaction, checks};
 use crate::shaders::shader;
@@ -10,8 +12,12 @@ use serde::Deserialize;
 use std::f64::consts::TAU;
 
 /// The lobe.
-pub const HARVEY_SHACK: BsdfWgsl =
-    BsdfWgsl { name: "harvey_shack", file: shader!("bsdfs/harvey_shack.wgsl"), has_table: true };
+pub const HARVEY_SHACK: BsdfWgsl = BsdfWgsl {
+    name: "harvey_shack",
+    file: shader!("bsdfs/harvey_shack.wgsl"),
+    shared: Some(SHIFT_INVARIANT),
+    has_table: true,
+};
 
 /// Knots of a table.
 pub const KNOTS: usize = 4096;
@@ -26,7 +32,7 @@ pub const STEP: f64 = LONGEST_OFFSET / (KNOTS - 1) as f64;
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HarveyShack {
-    /// Peak \[1/sr\]; as in Optiland it changes nothing, the lobe's level is the surface's `scatter_fraction`.
+    /// Peak \[1/sr\]. It counts where the surface's `scatter_fraction` is `tis`; otherwise that sets the lobe's level.
     pub b0: f64,
     /// Shoulder.
     pub l0: f64,
@@ -61,7 +67,6 @@ impl HarveyShack {
     /// all. One about the normal that reaches beyond the unit disk of direction cosines has no direction there, and what
     /// is drawn is lost.
     fn check_lobe(&self, surface: &Labelled<'_>, warnings: &mut Vec<String>) -> Result<()> {
-        const NOTICED: f64 = 0.01;
         let (cumulative, total) = self.distribution();
         if !(total.is_finite() && total > 0.0) {
             let remedy = if self.b0 == 0.0 { "give b0 > 0, or remove the bsdf" } else { "give a larger l0" };
@@ -75,13 +80,7 @@ impl HarveyShack {
             ));
         }
         let lost = 1.0 - cumulative[(1.0 / STEP).round() as usize];
-        if lost > NOTICED {
-            warnings.push(format!(
-                "the lobe of {name} is so wide that {:.1} % of what it scatters at normal incidence has no direction and is \
-                 lost, more at a slant, as in Optiland; a smaller l0 or a larger s narrows it",
-                100.0 * lost
-            ));
-        }
+        warnings.extend(too_wide(surface.name, lost, "a smaller l0 or a larger s"));
         Ok(())
     }
 }
@@ -121,17 +120,11 @@ impl Scattering for HarveyShack {
         true
     }
 
-    /// On a refractive surface the lobe is about the ray that Fresnel's branch sends on, or about the mirror image of
-    /// that ray, on the other side.
+    fn by_tis(&self) -> Option<(f64, Bsdf)> {
+        Some((self.distribution().1, Bsdf::HarveyShack(self.clone())))
+    }
+
     fn warning(&self, surface: &str, interaction: &Interaction) -> Option<String> {
-        let is_swapped = *interaction == Interaction::Refractive && self.transmissive_fraction < 1.0;
-        is_swapped.then(|| {
-            format!(
-                "of what {} scatters, {:.1} % goes to the other side than Fresnel's branch, as in Optiland: a \
-                 transmissive_fraction of 1 blurs both branches where they are",
-                quoted(surface),
-                100.0 * (1.0 - self.transmissive_fraction)
-            )
-        })
+        other_side(surface, interaction, self.transmissive_fraction)
     }
 }

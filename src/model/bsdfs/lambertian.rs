@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 /// Lambert's law.
 pub const LAMBERTIAN: BsdfWgsl =
-    BsdfWgsl { name: "lambertian", file: shader!("bsdfs/lambertian.wgsl"), has_table: false };
+    BsdfWgsl { name: "lambertian", file: shader!("bsdfs/lambertian.wgsl"), shared: None, has_table: false };
 
 /// Cosine-weighted over the hemisphere.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -56,5 +56,10 @@ impl Scattering for Lambertian {
 
     fn is_about_normal(&self) -> bool {
         true
+    }
+
+    fn by_tis(&self) -> Option<(f64, Bsdf)> {
+        let white = Lambertian { reflectance_value: 1.0, ..self.clone() };
+        Some((self.reflectance_value, Bsdf::Lambertian(white)))
     }
 }

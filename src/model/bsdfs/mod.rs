@@ -4,6 +4,7 @@
 //! add one.
 
 pub mod harvey_shack;
+pub mod k_correlation;
 pub mod lambertian;
 #[cfg(test)]
 mod retro;
@@ -11,6 +12,7 @@ pub mod specular;
 pub mod tabulated;
 
 pub use crate::model::bsdfs::harvey_shack::HarveyShack;
+pub use crate::model::bsdfs::k_correlation::KCorrelation;
 pub use crate::model::bsdfs::lambertian::Lambertian;
 pub use crate::model::bsdfs::specular::Specular;
 pub use crate::model::bsdfs::tabulated::{BsdfTable, Tabulated};
@@ -18,7 +20,8 @@ pub use crate::model::bsdfs::tabulated::{BsdfTable, Tabulated};
 use crate::Result;
 use crate::model::Interaction;
 use crate::model::list::kinds;
-use crate::shaders::ShaderFile;
+use crate::model::place::quoted;
+use crate::shaders::{ShaderFile, shader};
 use std::path::Path;
 
 // The numbers are the codes in the shaders, where 0 means no BSDF. The mirror has code 1, but the last place in the
@@ -36,9 +39,11 @@ kinds! {
     Tabulated(tabulated::Tabulated) by Tabulated(4) = TABULATED;
     /// A mirror.
     Specular(specular::Specular) by Specular(1) = SPECULAR;
+    /// b0 / (1 + (B beta)^2)^(s/2) in the distance beta of direction cosines from specular.
+    KCorrelation(k_correlation::KCorrelation) by KCorrelation(5) = K_CORRELATION;
     /// Cat's eyes: the example of docs/adding-a-kind.md.
     #[cfg(test)]
-    Retro(retro::Retro) by #[cfg(test)] Retro(5) = RETRO;
+    Retro(retro::Retro) by #[cfg(test)] Retro(6) = RETRO;
 }
 
 /// Scattering at a surface.
@@ -57,6 +62,8 @@ pub struct BsdfWgsl {
     pub name: &'static str,
     /// The file that holds it.
     pub file: ShaderFile,
+    /// A file that it shares with other kinds.
+    pub shared: Option<ShaderFile>,
     /// True if it reads [`Scattering::table`], which begins at `tables[surface.bsdf_table]`.
     pub has_table: bool,
 }
@@ -94,10 +101,46 @@ pub trait Scattering: std::fmt::Debug {
         false
     }
 
+    /// What `"scatter_fraction": "tis"` means: the share of the rays that scatters, and by what. Together they have the
+    /// level that was written. None if it has no level.
+    fn by_tis(&self) -> Option<(f64, Bsdf)> {
+        None
+    }
+
     /// What the user should know of it on a surface of this name and interaction.
     fn warning(&self, _surface: &str, _interaction: &Interaction) -> Option<String> {
         None
     }
+}
+
+/// What the kinds share whose lobes depend on distances of direction cosines alone.
+const SHIFT_INVARIANT: ShaderFile = shader!("bsdfs/shift_invariant.wgsl");
+
+/// Says how much such a lobe loses that reaches beyond the unit disk of direction cosines, where no direction lies.
+fn too_wide(surface: &str, lost: f64, remedy: &str) -> Option<String> {
+    const NOTICED: f64 = 0.01;
+    (lost > NOTICED).then(|| {
+        format!(
+            "the lobe of {} is so wide that {:.1} % of what it scatters at normal incidence has no direction and is \
+             lost, more at a slant, as in Optiland; {remedy} narrows it",
+            quoted(surface),
+            100.0 * lost
+        )
+    })
+}
+
+/// On a refractive surface such a lobe is about the ray that Fresnel's branch sends on, or about the mirror image of that
+/// ray, on the other side.
+fn other_side(surface: &str, interaction: &Interaction, transmissive_fraction: f64) -> Option<String> {
+    let is_swapped = *interaction == Interaction::Refractive && transmissive_fraction < 1.0;
+    is_swapped.then(|| {
+        format!(
+            "of what {} scatters, {:.1} % goes to the other side than Fresnel's branch, as in Optiland: a \
+             transmissive_fraction of 1 blurs both branches where they are",
+            quoted(surface),
+            100.0 * (1.0 - transmissive_fraction)
+        )
+    })
 }
 
 /// What each file's `Written` does: the numbers of a BSDF as scene files have them.

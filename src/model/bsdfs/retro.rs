@@ -14,6 +14,7 @@ pub const RETRO: BsdfWgsl = BsdfWgsl {
         path: "../tests/fixtures/retro.wgsl",
         text: include_str!("../../../tests/fixtures/retro.wgsl"),
     },
+    shared: None,
     has_table: false,
 };
 

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// The table.
 pub const TABULATED: BsdfWgsl =
-    BsdfWgsl { name: "tabulated", file: shader!("bsdfs/tabulated.wgsl"), has_table: true };
+    BsdfWgsl { name: "tabulated", file: shader!("bsdfs/tabulated.wgsl"), shared: None, has_table: true };
 
 /// Largest file of a table \[bytes\].
 const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -130,6 +130,13 @@ impl Scattering for Tabulated {
 
     fn is_about_normal(&self) -> bool {
         true
+    }
+
+    fn by_tis(&self) -> Option<(f64, Bsdf)> {
+        let tis = if self.table.theta_i[0] == 0.0 { self.table.albedo(0) } else { 0.0 };
+        let values = self.table.values.iter().map(|value| value / tis).collect();
+        let table = BsdfTable { values, ..self.table.clone() };
+        Some((tis, Bsdf::Tabulated(Tabulated { table, ..self.clone() })))
     }
 
     /// Beyond its angles a table is 0.

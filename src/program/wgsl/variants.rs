@@ -207,7 +207,11 @@ impl Composition<'_> {
             }
         }
         files.extend(self.features.sources.iter().map(|name| name.wgsl().file));
-        files.extend(self.features.bsdfs.iter().map(|kind| kind.wgsl().file));
+        for kind in &self.features.bsdfs {
+            let shared =
+                kind.wgsl().shared.filter(|shared| files.iter().all(|known| known.path != shared.path));
+            files.extend(shared.into_iter().chain([kind.wgsl().file]));
+        }
         files
     }
 

@@ -1,0 +1,35 @@
+// K-correlation: b0 / (1 + (B beta)^2)^(s/2), a lobe of shift_invariant.wgsl.
+//
+// Its radial distribution over beta = 0 to 2 has an inverse in closed form. Let p = 1 - s/2, and t = ln(1 + (B beta)^2),
+// which is T at beta = 2. A draw u then has exp(p t) = 1 + u (exp(p T) - 1). The columns of `surface` are
+// k_correlation_width = 1 / B, k_correlation_growth = exp(p T) - 1, k_correlation_rest = exp(p T) and
+// k_correlation_inverse = 1 / p. Where p is 0, t = u T: the growth is then T, and the inverse is 0.
+
+fn sample_k_correlation(s: Scattering, surface: Surface) -> Lobe {
+    let t = k_correlation_logarithm(draw(s.key, BSDF_U1, s.step), surface);
+    return shift_invariant_lobe(s, surface, sqrt(exp_less_1(t)) * surface.k_correlation_width);
+}
+
+// ln(1 + (B beta)^2) of a draw.
+fn k_correlation_logarithm(bits: u32, surface: Surface) -> real {
+    let u = uniform_of(bits);
+    let change = u * surface.k_correlation_growth;
+    if surface.k_correlation_inverse == 0.0 {
+        return change;
+    }
+    // Where the power exp(p t) is near 1, only what it differs by has all its digits. Where it is far below 1, only the
+    // sum of what the draw lacks of 1, and of the rest, has them.
+    if abs(change) < 0.29 {
+        return log_kernel(0.0, change) * surface.k_correlation_inverse;
+    }
+    let lacking = uniform_of(~bits) + 2.3283064365386963e-10;
+    return log_real(lacking + u * surface.k_correlation_rest) * surface.k_correlation_inverse;
+}
+
+// exp(x) - 1 for x >= 0, accurate relative to itself.
+fn exp_less_1(x: real) -> real {
+    if x <= NEAR_ZERO {
+        return x + x * (x * poly_exp(x));
+    }
+    return exp_real(x) - 1.0;
+}
