@@ -14,6 +14,12 @@ pub(crate) fn shown(name: &str) -> String {
     shown
 }
 
+/// Text without control characters, which could garble a terminal.
+pub(crate) fn plain(text: &str) -> String {
+    let escaped = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.to_string() };
+    text.chars().map(escaped).collect()
+}
+
 /// `value` with `digits` significant digits, without trailing zeros; in exponential form outside 1e-4 to 1e9.
 pub(crate) fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {

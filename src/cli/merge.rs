@@ -4,7 +4,7 @@ use crate::cli::console::{read_scene, say};
 use crate::cli::trace::Printed;
 use crate::error::{Error, Result};
 use crate::model::SceneIr;
-use crate::result::{RaySet, RunInfo, Tally, TraceResult, output};
+use crate::result::{PathTally, RaySet, RunInfo, Tally, TraceResult, output};
 use crate::scene::Scene;
 use crate::trace::checkpoint::{Checkpoint, Identity};
 use std::path::{Path, PathBuf};
@@ -55,9 +55,17 @@ pub fn run(args: &Args) -> Result<String> {
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = parts.iter().any(|part| !part.tally.paths.is_empty());
-        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
+        let paths = parts.iter().any(|part| part.tally.path_sums.is_some());
+        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, paths, true))?;
     }
     let merged = merge(&ir, &parts);
+    if merged.tally.path_sums.as_ref().is_some_and(PathTally::is_too_large) {
+        return Err(Error::Usage(
+            "the results have more paths together than their tables have rows, and no part knows which of them then have \
+             rows; trace the parts with a larger --path-rows"
+                .into(),
+        ));
+    }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
     let printed = Printed { json: args.json, pictures: !args.no_pictures };

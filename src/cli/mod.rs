@@ -11,6 +11,7 @@ mod completions;
 mod console;
 pub mod materials;
 mod merge;
+mod paths;
 mod progress;
 mod quantity;
 mod schema;
@@ -53,6 +54,8 @@ enum Command {
     /// Look at a scene while it is traced, or at results.
     #[cfg(feature = "viewer")]
     View(Box<view::Args>),
+    /// List the paths that light took, the strongest first: which surfaces make a ghost, and which scatter.
+    Paths(Box<paths::Args>),
     /// Check a scene file without tracing it.
     Check(check::Args),
     /// List the adapters that can trace.
@@ -87,6 +90,7 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(&args),
+        Command::Paths(args) => paths::run(&args, start),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
         #[cfg(feature = "software")]

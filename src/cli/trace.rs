@@ -3,7 +3,7 @@
 use crate::cli::console::{read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
-use crate::cli::trace_args::{PrecisionArg, TraceArgs, wanted};
+use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs, wanted};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
@@ -94,7 +94,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = args.record_paths.is_some();
-        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, true))?;
+        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, args.trace.paths == PathsArg::On, true))?;
     }
     if let Some(path) = &args.checkpoint {
         checkpoint::check_writable(path)?;
@@ -106,7 +106,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let options = TraceOptions {
         max_depth,
         paths: args.record_paths.unwrap_or(RecordPaths::None),
-        ..args.trace.options()?
+        ..args.trace.options(&ir)?
     }
     .tuned(&gpu.info);
     let (result, tally, identity, checkpointed) = std::thread::scope(|scope| {
@@ -430,7 +430,7 @@ pub(crate) fn end_with_parent(parent: u32) {
 }
 
 /// A flag that Ctrl-C sets. A second Ctrl-C ends the process at once.
-fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
+pub(crate) fn stop_on_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || {

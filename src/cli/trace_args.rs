@@ -3,11 +3,15 @@
 use crate::cli::quantity;
 use crate::count;
 use crate::error::{Error, Result};
-use crate::model::{ReflectProb, Sampling, SceneIr};
+use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
 use crate::trace::auto_precision::Wanted;
 use crate::trace::{StandardError, Strict, TraceOptions};
+use std::sync::Arc;
 use std::time::Duration;
+
+/// Most rows that a table of paths may be asked to have.
+const MOST_PATH_ROWS: u32 = 1 << 22;
 
 /// What is traced, how precisely, and when the trace stops.
 #[derive(Debug, Clone, clap::Args)]
@@ -65,6 +69,17 @@ pub(crate) struct TraceArgs {
     /// Neither fuse nor reorder arithmetic, so that every form of the shaders gives the same bits; only on Vulkan.
     #[arg(long, value_enum, default_value_t = StrictArg::Auto, default_missing_value = "on", num_args = 0..=1, require_equals = true)]
     pub(crate) strict: StrictArg,
+    /// Sum up light by its path: which surfaces reflected it, let it pass or scattered it, from its source to a detector.
+    #[arg(long, value_enum, default_value_t = PathsArg::Off, value_name = "WHEN")]
+    pub(crate) paths: PathsArg,
+    /// Most rows of the table of paths. Where there are more paths, those of most flux among the first 2^20 rays have a
+    /// row, and all other light is summed up by its detector.
+    #[arg(long, value_parser = count::parse, default_value = "262144", value_name = "N")]
+    pub(crate) path_rows: u64,
+    /// Keep only the light whose path matches, on maps, spectra, ray databases and in detected flux:
+    /// "reflections == 2 and not hit(mount)".
+    #[arg(long = "where", value_name = "EXPR")]
+    pub(crate) filter: Option<String>,
     /// Override the scene's rr_start_flux.
     #[arg(long, value_name = "X")]
     pub(crate) rr_start_flux: Option<f64>,
@@ -88,6 +103,15 @@ pub enum PrecisionArg {
     Df64,
     /// 64-bit floats.
     F64,
+}
+
+/// The `--paths` argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PathsArg {
+    /// Paths are summed up.
+    On,
+    /// Paths are not followed.
+    Off,
 }
 
 /// The `--strict` argument.
@@ -150,7 +174,7 @@ impl TraceArgs {
     }
 
     /// The options, but without precision, largest number of events and recorded paths.
-    pub(crate) fn options(&self) -> Result<TraceOptions> {
+    pub(crate) fn options(&self, ir: &SceneIr) -> Result<TraceOptions> {
         let standard_error = match (self.standard_error, self.target_error) {
             (StandardErrorArg::Off, Some(_)) => {
                 return Err(Error::Usage(
@@ -161,7 +185,15 @@ impl TraceArgs {
             (StandardErrorArg::Auto, None) => StandardError::Auto,
             (StandardErrorArg::Off, None) => StandardError::Off,
         };
+        let filter = self.filter.as_ref().map(|text| PathFilter::parse(text, ir)).transpose()?;
+        let path_rows = u32::try_from(self.path_rows).ok().filter(|rows| (1..=MOST_PATH_ROWS).contains(rows));
+        let path_rows = path_rows.ok_or_else(|| {
+            Error::Usage(format!("--path-rows is {}; it must lie in 1..={MOST_PATH_ROWS}", self.path_rows))
+        })?;
         Ok(TraceOptions {
+            path_table: self.paths == PathsArg::On,
+            path_rows,
+            path_filter: filter.map(Arc::new),
             num_rays: self.num_rays,
             seed: self.seed,
             min_flux_fraction: self.min_flux_fraction,

@@ -1,9 +1,10 @@
 //! What one detector recorded.
 
 use crate::error::Result;
+use crate::model::{self, SceneIr};
 use crate::result::detectors::Sums;
 use crate::result::uncertainty::relative_error_of_map;
-use crate::result::{DetectorData, FluxSum};
+use crate::result::{DetectorData, DetectorTally, FluxSum, FluxUnit, Tally, Uncertainty};
 
 /// What one detector recorded.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +39,19 @@ impl Detector {
             num_rays_hit,
             data,
         })
+    }
+
+    /// The result of sums that are a part of what a detector saw, such as the light of one path.
+    pub(crate) fn of_part(
+        ir: &SceneIr,
+        tally: &Tally,
+        unit: FluxUnit,
+        detector: &model::Detector,
+        cells: &DetectorTally,
+    ) -> Result<Self> {
+        let uncertainty = Uncertainty::new(ir, tally, unit);
+        let (uncertainty, wavelengths) = (&uncertainty, &ir.wavelengths);
+        Detector::new(&Sums { detector, cells, rows: None, unit, uncertainty, wavelengths })
     }
 
     /// Standard error of `total_flux` relative to it; none where there is no flux or no error.

@@ -4,5 +4,7 @@
 pub const REPORT: &str = "report.json";
 /// Name of the file of recorded paths.
 pub const RAY_PATHS: &str = "ray_paths.npz";
+/// Name of the file of a table of paths, as comma-separated values.
+pub const PATHS: &str = "paths.csv";
 /// Name of the file of raw sums.
 pub const TALLY: &str = "tally.bin";

@@ -14,7 +14,7 @@ use std::path::{Component, Path, PathBuf};
 use crate::error::{Error, Result};
 use crate::placing::{self, Journal, Lock, Scratch, step};
 use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
-pub use crate::result::names::{RAY_PATHS, REPORT, TALLY};
+pub use crate::result::names::{PATHS, RAY_PATHS, REPORT, TALLY};
 use crate::result::report::Files;
 use crate::result::{Detector, Report, TraceResult, npz_files, png};
 use rayon::prelude::*;
@@ -97,13 +97,14 @@ pub fn file_names<'a>(
     detectors: impl Iterator<Item = &'a str>,
     pictures: bool,
     ray_paths: bool,
+    paths: bool,
     tally: bool,
 ) -> Vec<String> {
     let suffixes = if pictures { &[".npz", ".png"][..] } else { &[".npz"] };
     let stems = file_stems(detectors);
     let of_detectors =
         stems.iter().flat_map(|stem| suffixes.iter().map(move |suffix| format!("{stem}{suffix}")));
-    let others = [(RAY_PATHS, ray_paths), (TALLY, tally), (REPORT, true)];
+    let others = [(RAY_PATHS, ray_paths), (PATHS, paths), (TALLY, tally), (REPORT, true)];
     of_detectors
         .chain(others.iter().filter(|(_, is_written)| *is_written).map(|(name, _)| name.to_string()))
         .collect()
@@ -231,7 +232,7 @@ impl Before {
         if report["program"] == env!("CARGO_PKG_NAME") {
             let detectors = report["detectors"].as_object().into_iter().flat_map(|all| all.values());
             let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
-            let names = of_detectors.chain([&report["ray_paths"]]).filter_map(Value::as_str);
+            let names = of_detectors.chain([&report["ray_paths"], &report["paths_file"]]).filter_map(Value::as_str);
             // A report that somebody has changed could name files elsewhere.
             let is_here = |name: &&str| Path::new(name).file_name() == Some(name.as_ref()) && is_file(name);
             let hash = |name: &str| meta.as_ref().and_then(|meta| meta.files.get(name).cloned());
@@ -414,6 +415,11 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         npz_files::write_ray_paths(&folder.join(RAY_PATHS), result, paths)?;
         files.ray_paths = Some(RAY_PATHS.into());
         names.push(RAY_PATHS.into());
+    }
+    if let Some(table) = &result.paths {
+        write_bytes(&folder.join(PATHS), table.to_csv().as_bytes())?;
+        files.paths = Some(PATHS.into());
+        names.push(PATHS.into());
     }
     if let Some(bytes) = extras.tally {
         write_bytes(&folder.join(TALLY), bytes)?;

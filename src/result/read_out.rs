@@ -5,8 +5,8 @@ use crate::model::{Interaction, SceneIr};
 use crate::result::detectors::Sums;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
-    Detector, Diagnostics, FluxUnit, Ledger, RayPaths, Recorded, RunInfo, SurfaceResult, Tally, TraceResult,
-    Uncertainty, check_shape,
+    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceResult, Tally, TraceResult,
+    Uncertainty, check_shape, paths,
 };
 
 impl TraceResult {
@@ -66,12 +66,22 @@ impl TraceResult {
             relative_error: worst_relative_error(ir, tally).filter(|error| error.is_finite()),
             ledger,
             diagnostics: Diagnostics::default(),
+            paths: path_table(ir, run, tally, unit),
             ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();
         result.diagnostics = Diagnostics::of(ir, &result, tally, &uncertainty);
         Ok(result)
     }
+}
+
+/// The table of paths, each sequence a row.
+fn path_table(ir: &SceneIr, run: &RunInfo, tally: &Tally, unit: FluxUnit) -> Option<PathTable> {
+    let sums = tally.path_sums.as_ref()?;
+    let grouping = Grouping::Sequence;
+    // The errors of Sobol's points are not those of independent draws.
+    let groups = paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg");
+    Some(PathTable::new(ir, sums, unit, grouping, groups.into_iter().map(|group| group.row)))
 }
 
 /// Starts at 0, since the empty sum of floats is -0.

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::result::integrity::{self, Meta};
 use crate::result::output::REPORT;
 use crate::result::stored::{Entry, Stored};
-use crate::result::{Detector, DetectorData, Report, RunInfo, SurfaceResult, TraceResult, report};
+use crate::result::{Detector, DetectorData, PathTable, Report, RunInfo, SurfaceResult, TraceResult, report};
 
 #[derive(Deserialize)]
 struct SurfaceEntry {
@@ -108,6 +108,7 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
         relative_error: report.relative_error,
         ledger: report.ledger,
         diagnostics: report.diagnostics,
+        paths: report.paths.map(|paths| PathTable { paths, other: report.paths_without_row, ..Default::default() }),
         ray_paths: None,
     }
 }

@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::result::StoppedBy;
 use crate::result::integrity::Meta;
+use crate::result::paths::{LightPath, OtherLight};
 use crate::result::{Diagnostics, Ledger, SurfaceResult, TraceResult};
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
@@ -108,6 +109,15 @@ pub struct Report {
     pub ledger: Ledger,
     /// Optiland's diagnostics, and `warnings`: [`Diagnostics`].
     pub diagnostics: Diagnostics,
+    /// Light by its path, each sequence a row, the most flux first: [`LightPath`]. Missing unless it was summed up so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub paths: Option<Vec<LightPath>>,
+    /// Light whose sequence has no row, by its end, where there were more sequences than rows.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paths_without_row: Vec<OtherLight>,
+    /// File of the table of paths, as comma-separated values; missing if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub paths_file: Option<String>,
     /// File of the recorded paths; null if there is none.
     pub ray_paths: Option<String>,
     /// Hashes of the files beside the document, and of itself; missing where no file was written, and in old documents.
@@ -122,6 +132,8 @@ pub struct Files {
     pub detectors: HashMap<String, String>,
     /// `.png` file per detector name.
     pub pictures: HashMap<String, String>,
+    /// File of the table of paths.
+    pub paths: Option<String>,
     /// File of the recorded paths.
     pub ray_paths: Option<String>,
 }
@@ -172,6 +184,9 @@ impl Report {
             surfaces: result.surfaces.iter().map(surface).collect(),
             ledger: result.ledger.clone(),
             diagnostics: result.diagnostics.clone(),
+            paths: result.paths.as_ref().map(|table| table.paths.clone()),
+            paths_without_row: result.paths.as_ref().map_or_else(Vec::new, |table| table.other.clone()),
+            paths_file: files.paths.clone(),
             ray_paths: files.ray_paths.clone(),
             meta: None,
         }

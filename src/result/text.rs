@@ -2,19 +2,24 @@
 
 use std::fmt::Write;
 
-use crate::format::{shown, significant, thousands};
+use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
-use crate::result::{Entry, TraceResult};
+use crate::result::{Entry, PathTable, TraceResult};
+
+/// Rows of the table of paths that a report of a trace shows.
+const TOP_PATHS: usize = 10;
 
 impl TraceResult {
     /// The report: how the trace was run, where the flux went, what the detectors read, whether the ledger closes, and
     /// warnings.
     pub fn report(&self) -> String {
-        [self.header(), self.flux_table(), self.detector_table(), self.ledger_line(), self.warning_list()]
-            .join("\n")
+        let paths = self.paths.as_ref().map(|table| table.text(TOP_PATHS));
+        let parts = [self.header(), self.flux_table(), self.detector_table()];
+        let last = [self.ledger_line(), self.warning_list()];
+        parts.into_iter().chain(paths).chain(last).collect::<Vec<_>>().join("\n")
     }
 
-    fn header(&self) -> String {
+    pub(crate) fn header(&self) -> String {
         let run = &self.run;
         let scene = run.scene.as_ref().map_or(String::new(), |scene| format!(" of {scene}"));
         let partial = if run.partial {
@@ -131,5 +136,60 @@ impl TraceResult {
             [] => "no warnings\n".into(),
             warnings => warnings.iter().map(|warning| format!("warning: {warning}\n")).collect(),
         }
+    }
+}
+
+impl PathTable {
+    /// The first rows for a terminal, and what the others sum up to.
+    pub fn text(&self, top: usize) -> String {
+        let shown_rows = &self.paths[..top.min(self.paths.len())];
+        let has_places = shown_rows.iter().any(|row| row.rms_radius.is_some());
+        let has_peaks = shown_rows.iter().any(|row| row.peak_irradiance.is_some());
+        let mut text = format!(
+            "{:<6}{:>12}{:>12}{:>12}{:>14}",
+            "path", "W", "std. error", "% of end", "rays"
+        );
+        if has_places {
+            let _ = write!(text, "{:>12}{:>12}{:>12}", "x mm", "y mm", "rms mm");
+        }
+        if has_peaks {
+            let _ = write!(text, "{:>14}", "peak W/mm2");
+        }
+        text.push_str("  sequence\n");
+        let known = |value: Option<f64>, digits| value.map_or("-".into(), |value| significant(value, digits));
+        for row in shown_rows {
+            let _ = write!(
+                text,
+                "{:<6}{:>12}{:>12}{:>12}{:>14}",
+                row.rank,
+                significant(row.flux, 5),
+                known(row.standard_error, 2),
+                significant(100.0 * row.share, 4),
+                thousands(row.num_rays),
+            );
+            if has_places {
+                let of_axis = |axis: usize| known(row.centroid.map(|centroid| centroid[axis]), 4);
+                let _ = write!(text, "{:>12}{:>12}{:>12}", of_axis(0), of_axis(1), known(row.rms_radius, 4));
+            }
+            if has_peaks {
+                let _ = write!(text, "{:>14}", known(row.peak_irradiance, 4));
+            }
+            let _ = writeln!(text, "  {}", plain(&row.sequence));
+        }
+        let hidden = &self.paths[shown_rows.len()..];
+        if !hidden.is_empty() {
+            let flux: f64 = hidden.iter().map(|row| row.flux).sum();
+            let _ = writeln!(text, "{} more rows with {} W", thousands(hidden.len() as u64), significant(flux, 5));
+        }
+        for light in &self.other {
+            let _ = writeln!(
+                text,
+                "{} W of {} rays to {} have no row: there are more paths than rows (--path-rows)",
+                significant(light.flux, 5),
+                thousands(light.num_rays),
+                shown(&light.end),
+            );
+        }
+        text
     }
 }

@@ -1,6 +1,6 @@
 //! What users read of a trace, with Optiland's names and meanings.
 
-use crate::result::{Detector, Diagnostics, Ledger, RayPaths, RunInfo};
+use crate::result::{Detector, Diagnostics, Ledger, PathTable, RayPaths, RunInfo};
 
 /// The results of one trace. The flux fields and counts are those of Optiland's `SimulationResult`.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,6 +47,8 @@ pub struct TraceResult {
     pub ledger: Ledger,
     /// Signs that the result should be read with care.
     pub diagnostics: Diagnostics,
+    /// Light by its path, each sequence a row, if it was summed up so.
+    pub paths: Option<PathTable>,
     /// Recorded paths, if any.
     pub ray_paths: Option<RayPaths>,
 }

@@ -213,6 +213,8 @@ fn predict_by(
     trace: impl Fn(&SceneIr, &TraceOptions) -> Result<Tally>,
 ) -> Result<Vec<DetectorError>> {
     let pilot = TraceOptions {
+        path_table: false,
+        path_filter: None,
         num_rays: options.num_rays.min(PILOT_RAYS),
         max_depth: options.max_depth.min(PILOT_DEPTH),
         precision: Precision::F32,

@@ -53,6 +53,10 @@ pub struct Identity {
     pub sampler: String,
     /// Which paths are recorded.
     pub paths: String,
+    /// The table of paths.
+    pub path_table: String,
+    /// The filter of paths.
+    pub path_filter: String,
     /// Whether second moments are summed.
     pub standard_error: String,
     /// Name of the adapter.
@@ -90,6 +94,12 @@ impl Identity {
             precision: options.precision.name().into(),
             sampler: options.sampler.name().into(),
             paths: format!("{:?}", options.paths),
+            path_table: match (options.path_table, options.path_ends) {
+                (false, _) => "none".into(),
+                (true, false) => format!("{} rows", options.path_rows),
+                (true, true) => format!("{} rows with all ends", options.path_rows),
+            },
+            path_filter: options.path_filter.as_ref().map_or("none".into(), |filter| filter.text.clone()),
             standard_error: format!("{:?}", options.standard_error).to_lowercase(),
             adapter: adapter.name.clone(),
             driver: options.driver(adapter),
@@ -121,6 +131,8 @@ impl Identity {
         compare("sampling", &theirs.sampling, &self.sampling);
         compare("standard errors", &theirs.standard_error, &self.standard_error);
         compare("recorded paths", &theirs.paths, &self.paths);
+        compare("table of paths", &theirs.path_table, &self.path_table);
+        compare("filter of paths", &theirs.path_filter, &self.path_filter);
         lines
     }
 
@@ -328,6 +340,8 @@ mod tests {
             precision: "f64".into(),
             sampler: "pcg".into(),
             paths: "None".into(),
+            path_table: "none".into(),
+            path_filter: "none".into(),
             standard_error: "auto".into(),
             adapter: "adapter".into(),
             driver: "driver".into(),

@@ -7,7 +7,9 @@ use crate::gpu::Gpu;
 use crate::model::{SceneIr, Sequence};
 use crate::program::Sampler;
 use crate::result::paths::{Group, Places, groups};
-use crate::result::{DetectorTally, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting, Tally};
+use crate::result::{
+    Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting, Tally,
+};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -41,7 +43,7 @@ pub struct PathMap {
 pub struct Traced {
     /// The table.
     pub table: PathTable,
-    /// The maps, by the rows' ranks less 1; none for light that ended on no detector.
+    /// The maps, by the rows' ranks less 1; none for light that ended on no detector, or on one without a map.
     pub maps: Vec<Option<PathMap>>,
     /// Per row, a sequence of the row.
     pub sequences: Vec<Sequence>,
@@ -67,6 +69,24 @@ pub fn table(
     let Some(sums) = &tally.path_sums else { return PathTable::default() };
     let groups = listed(ir, tally, sums, unit, sampler, options);
     PathTable::new(ir, &kept(sums, options), unit, options.group, groups.into_iter().map(|group| group.row))
+}
+
+/// The map of a row as the result of a detector of this name.
+///
+/// # Errors
+/// [`crate::Error::Internal`] if the map is not one of this scene.
+pub fn detector_of(
+    ir: &SceneIr,
+    tally: &Tally,
+    unit: FluxUnit,
+    map: &PathMap,
+    row: &LightPath,
+    name: String,
+) -> Result<Detector> {
+    let detector = crate::model::Detector { name, ..ir.detectors[map.detector].clone() };
+    let recorded = FluxSum { count: row.num_rays, quanta: 0 };
+    let cells = DetectorTally { recorded, ..map.sums.clone() };
+    Detector::of_part(ir, tally, unit, &detector, &cells)
 }
 
 /// The light that is listed: that of one detector, or all.
@@ -142,6 +162,7 @@ pub fn table_with_maps(
         }
         for rank in first..last {
             let detector = groups[rank].sequences[0].end.detector();
+            let detector = detector.filter(|number| ir.detectors[*number].num_cells() > 0);
             maps.push(detector.map(|number| map_of(ir, &second, number, rank - first)));
         }
         if !is_done {
@@ -195,11 +216,7 @@ fn map_of(ir: &SceneIr, second: &Tally, number: usize, map: usize) -> PathMap {
     let num_cells = ir.detectors[number].num_cells();
     let (size, sums) = (num_cells.max(1), &second.detectors[number].replicates);
     let quanta = sums.get(map * size..(map + 1) * size).unwrap_or_default().to_vec();
-    let sums = DetectorTally {
-        hits: vec![0; num_cells],
-        quanta: if num_cells > 0 { quanta } else { Vec::new() },
-        ..DetectorTally::default()
-    };
+    let sums = DetectorTally { hits: vec![0; num_cells], quanta, ..DetectorTally::default() };
     PathMap { detector: number, sums }
 }
 

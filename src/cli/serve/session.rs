@@ -134,7 +134,7 @@ impl<'a> Job<'a> {
     fn options(&self) -> Result<TraceOptions> {
         let Job { request, ir, gpu, .. } = self;
         let args = &request.args;
-        let options = args.options()?;
+        let options = args.options(ir)?;
         let strict = match options.strict {
             // Only with strict arithmetic a shader with live numbers gives the bits of the command's.
             Strict::Auto if gpu.info.strict => Strict::On,
