@@ -19,6 +19,7 @@
 pub mod accuracy;
 pub mod cases;
 pub mod machine;
+pub mod paths;
 pub mod peers;
 pub mod report;
 pub mod runner;

@@ -7,7 +7,7 @@ use crate::bench::peers::{DrJit, Mitsuba, Optiland};
 #[cfg(feature = "viewer")]
 use crate::bench::report::ViewerResult;
 use crate::bench::runner::measure;
-use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, stability, tuning};
+use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, paths, stability, tuning};
 use crate::cli::console::say;
 use crate::count;
 use crate::engine::tuning::Tuning;
@@ -32,6 +32,9 @@ pub struct Args {
     /// No result changes.
     #[arg(long, conflicts_with_all = ["stability", "accuracy", "quick", "scenes", "runs", "max_rays", "against", "note", "output", "json"])]
     tune: bool,
+    /// Instead of speed: what the table of paths costs, against the plain loop and the usual trace.
+    #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "against", "note", "output", "json"])]
+    paths: bool,
     /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth.
     /// Exit code 6 where that is less than claimed.
     #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
@@ -130,6 +133,9 @@ pub fn run(args: &Args) -> Result<String> {
         return run_accuracy(args);
     }
     let cases = chosen_cases(args)?;
+    if args.paths {
+        return run_paths(args, cases);
+    }
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
@@ -282,6 +288,23 @@ fn run_stability(args: &Args) -> Result<String> {
     }
     crate::cli::console::print(&table)?;
     Err(Error::Tolerance(faults.join("\n")))
+}
+
+/// Measures what the table of paths costs.
+fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
+    let cases = paths::cases(cases)?;
+    crate::cli::console::choose_width(widest(&widths(&cases)?));
+    let gpu = open(args)?;
+    let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
+    let mut table = paths::PathCost::heading();
+    for case in &cases {
+        for precision in precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu) {
+            let cost = paths::measure(&gpu, case, precision, num_runs)?;
+            say(cost.line().trim_end());
+            table += &cost.line();
+        }
+    }
+    Ok(table)
 }
 
 /// Measures in the precision that the adapter traces in by default.

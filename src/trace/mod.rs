@@ -65,6 +65,12 @@ impl<'a> Tracer<'a> {
         Ok(Tracer { engine: prepare_on_shelf(gpu, ir, options, shelf)?, strategy: Box::new(Plain) })
     }
 
+    /// As [`Tracer::new`], in the plain way on every adapter: for measurements.
+    #[doc(hidden)]
+    pub fn plain(gpu: &'a Gpu, ir: &'a SceneIr, options: &TraceOptions) -> Result<Self> {
+        Self::with_strategy(gpu, ir, options, Box::new(Plain), |wgsl| wgsl)
+    }
+
     fn with_strategy(
         gpu: &'a Gpu,
         ir: &'a SceneIr,
