@@ -5,7 +5,7 @@
 use assert_cmd::Command;
 use assert_cmd::cargo::CommandCargoExt;
 use nsq_gpu::gpu::{AdapterChoice, AdapterInfo, Gpu};
-use nsq_gpu::program::{PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments};
+use nsq_gpu::program::{PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments};
 use nsq_gpu::{Error, Scene, TraceOptions, Tracer};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -956,6 +956,9 @@ fn compose(text: &str) -> Result<(), Error> {
             events_per_dispatch: 4,
             workgroup_size: 64,
             paths: PathSampling::None,
+            path_sums: PathSums::None,
+            path_ends: false,
+            path_filter: None,
             weights: vec![1.0; ir.sources.len()],
             sampler: Sampler::Pcg,
             most_rays_per_invocation: 1,

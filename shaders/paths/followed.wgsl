@@ -23,7 +23,7 @@ const ELSEWHERE: u32 = 7u;
 var<private> step_kind: u32 = REFLECTED;
 
 fn generate(index: u32) -> Ray {
-    begin_path();
+    start_path();
     extend_path(FROM_SOURCE, range.source);
     return plain_generate(index);
 }

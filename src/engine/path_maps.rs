@@ -16,7 +16,7 @@ use crate::model::{SceneIr, Sequence};
 use crate::program::layout::paths::{self, PathTableSize};
 use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::NoExtension;
-use crate::program::{PathSums, Program, RayRange, SecondMoments};
+use crate::program::{PathSums, Program, RayRange};
 use crate::result::paths::Places;
 use crate::result::{RaySet, Tally};
 use std::sync::Arc;
@@ -43,7 +43,8 @@ pub struct PathMaps {
     pub is_whole: bool,
 }
 
-/// Traces rays into `num_maps` maps. `keep_going` is asked after each dispatch.
+/// Traces rays into `num_maps` maps. `edit` changes the composed text: for tests that must notice a wrong shader.
+/// `keep_going` is asked after each dispatch.
 ///
 /// # Errors
 /// [`Error::Usage`] if so many maps are too many cells; [`Error::Device`] if the device fails.
@@ -54,6 +55,7 @@ pub fn trace_maps(
     rays: &RaySet,
     watched: &[Watched],
     num_maps: u32,
+    edit: impl FnOnce(String) -> String,
     mut keep_going: impl FnMut() -> bool,
 ) -> Result<PathMaps> {
     let is_strict = options.is_strict(&gpu.info);
@@ -61,8 +63,7 @@ pub fn trace_maps(
         TraceOptions { path_table: false, standard_error: StandardError::Off, ..options.clone() };
     let mut draft = Draft::new(gpu, ir, &options)?;
     draft.program.path_sums = PathSums::Maps(num_maps.max(1));
-    draft.program.moments = SecondMoments::None;
-    let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
+    let parse = |wgsl, precision| Parsed::of(edit(wgsl), precision).map(Arc::new);
     let plan = draft.compose(gpu, ir, &NoExtension, parse, |program: &Program| DispatchLimits::of(program))?;
     let stages = Stages::new(gpu, &plan.program, is_strict, &Additions::default())?;
     let table = Table::of(&plan, watched)?;

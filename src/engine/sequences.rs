@@ -18,7 +18,7 @@ use crate::program::layout::reals::StructLayout;
 use crate::program::parsed::Parsed;
 use crate::program::prepared::Prepared;
 use crate::program::wgsl::extension::{Extend, Extension};
-use crate::program::{PathSums, Program, RayRange, SecondMoments, events};
+use crate::program::{PathSums, Program, RayRange, events};
 use crate::shaders::{ShaderFile, shader};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -41,8 +41,8 @@ pub(crate) struct Teller {
 }
 
 /// The rays of a dispatch are those of a list.
-#[derive(Debug)]
-struct ListedIds;
+#[derive(Debug, Clone, Copy)]
+pub struct ListedIds;
 
 impl Extension for ListedIds {
     fn replaces(&self, slot: &str) -> Option<ShaderFile> {
@@ -75,7 +75,6 @@ impl Teller {
         };
         let mut draft = Draft::new(gpu, ir, &options)?;
         draft.program.path_sums = PathSums::Told;
-        draft.program.moments = SecondMoments::None;
         let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
         let limits = |program: &Program| DispatchLimits { processors: 1, ..DispatchLimits::of(program) };
         let plan = draft.compose(gpu, ir, &ListedIds, parse, limits)?;

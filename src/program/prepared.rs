@@ -58,6 +58,10 @@ impl<'a> Prepared<'a> {
             // A family waits in registers, and so stays with its invocation to its end.
             options.events_per_dispatch = options.max_depth;
         }
+        if matches!(options.path_sums, PathSums::Maps(_) | PathSums::Told) {
+            // Such traces give maps without errors, or none.
+            options.moments = SecondMoments::None;
+        }
         let centre = centre_of(ir);
         let cells = match options.path_filter {
             None => Cells::of(ir),

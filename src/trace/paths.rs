@@ -155,7 +155,7 @@ pub fn table_with_maps(
         }
         let num = (last - first).max(1) as u32;
         let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
-            trace_maps(gpu, ir, trace, &tally.rays, &watched, num, &mut keep_going)?;
+            trace_maps(gpu, ir, trace, &tally.rays, &watched, num, |wgsl| wgsl, &mut keep_going)?;
         is_whole &= is_done;
         if first == 0 {
             places.extend(watched.iter().map(|path| path.sequence).zip(of_watched));

@@ -2,6 +2,7 @@
 
 use crate::table::Mutant;
 use crate::zoo;
+use nsq_gpu::engine::path_maps::{PathMaps, Watched, trace_maps};
 use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
 use nsq_gpu::program::{Precision, df64};
@@ -73,6 +74,23 @@ impl Bench {
         Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
             .and_then(|mut tracer| tracer.trace(|_| true))
             .unwrap_or_else(|error: Error| panic!("{}: {error}", self.name()))
+    }
+
+    /// The sums of a trace with a table of paths, or why there are none: the sequences of its rows are told by shaders as
+    /// they are, and so not found for rows that a mutant made up.
+    pub fn path_tally(&self, ir: &SceneIr, setting: &Setting) -> Result<Tally, String> {
+        let gpu = setting.gpu();
+        Tracer::with_choices(gpu, ir, &setting.options, &setting.choices, |wgsl| self.edit(wgsl))
+            .and_then(|mut tracer| tracer.trace(|_| true))
+            .map_err(|error| error.to_string())
+    }
+
+    /// Maps of paths, by a second trace of the same rays.
+    pub fn path_maps(&self, ir: &SceneIr, setting: &Setting, tally: &Tally, watched: &[Watched]) -> PathMaps {
+        let edit = |wgsl| self.edit(wgsl);
+        let num_maps = watched.iter().filter_map(|path| path.map).max().map_or(1, |last| last + 1);
+        trace_maps(setting.gpu(), ir, &setting.options, &tally.rays, watched, num_maps, edit, || true)
+            .unwrap_or_else(|error| panic!("{}: {error}", self.name()))
     }
 
     /// The sums before the first ray, and after each.

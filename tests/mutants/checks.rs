@@ -5,7 +5,13 @@ use crate::closed_forms;
 use crate::oracle::Oracle;
 use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
-use nsq_gpu::model::{Detector, DetectorKind, SceneIr, Splat};
+use nsq_gpu::engine::path_maps::{PathMaps, Watched};
+use nsq_gpu::model::surface_optics::splits;
+use nsq_gpu::model::{
+    Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat,
+};
+use nsq_gpu::result::paths::Places;
+use nsq_gpu::result::{FluxSum, PathSum};
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
 use nsq_gpu::software::When;
@@ -29,6 +35,12 @@ pub enum Check {
     Hits(Scene),
     /// Second moments are those of whole rays, each seen alone.
     Squares(Scene),
+    /// The rows of the table of paths are those of all light, with the sequences that rays took.
+    PathSums(Scene),
+    /// A filter of paths keeps the light of the rows that match.
+    PathFilter(Scene),
+    /// Maps of paths add up to the detectors', and their light lies where the maps have it.
+    PathMaps(Scene),
     /// A scene whose result is known in closed form.
     ClosedForm(fn(&Bench) -> Outcome),
     /// A case of benches/stability/cases.json.
@@ -62,6 +74,9 @@ impl Check {
             "paths" => Check::Paths(scene),
             "hits" => Check::Hits(scene),
             "squares" => Check::Squares(scene),
+            "path_sums" => Check::PathSums(scene),
+            "path_filter" => Check::PathFilter(scene),
+            "path_maps" => Check::PathMaps(scene),
             _ => panic!("no check is named {name}"),
         }
     }
@@ -75,6 +90,9 @@ impl Check {
             Check::Paths(scene) => paths(bench, scene),
             Check::Hits(scene) => hits(bench, scene),
             Check::Squares(scene) => squares(bench, scene),
+            Check::PathSums(scene) => path_sums(bench, scene),
+            Check::PathFilter(scene) => path_filter(bench, scene),
+            Check::PathMaps(scene) => path_maps(bench, scene),
             Check::ClosedForm(check) => check(bench),
             Check::Stability(case, precision) => stability(bench, case, *precision),
         }
@@ -143,6 +161,130 @@ fn ledger(bench: &Bench, scene_of: &Scene) -> Outcome {
     setting.options.num_rays = 20_000;
     let ledger = bench.result(&scene(&scene_of.name), &setting).ledger;
     if ledger.closes() { Ok(()) } else { Err(format!("{} quanta are missing", ledger.imbalance_quanta)) }
+}
+
+/// Counts and quanta of every end are those of the ledger. Where each ray ends in one cell, so are the squares.
+fn path_sums(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let ir = scene(&scene_of.name);
+    let mut setting = scene_of.setting.clone();
+    setting.options.path_table = true;
+    setting.options.path_ends = true;
+    setting.options.num_rays = setting.options.num_rays.min(20_000);
+    setting.options.standard_error = StandardError::On;
+    if setting.options.events_per_dispatch == 3 {
+        setting.options.standard_error = StandardError::Off;
+    }
+    let tally = bench.path_tally(&ir, &setting)?;
+    let sums = tally.path_sums.as_ref().ok_or("no table")?;
+    let mut ends: Vec<(End, FluxSum)> = vec![
+        (End::Missed, tally.escaped),
+        (End::DepthLimit, tally.depth_killed),
+        (End::Roulette, tally.roulette_loss),
+    ];
+    ends.extend((0..).zip(&tally.detectors).map(|(number, sums)| (End::Detector(number), sums.total())));
+    let absorbing = (0..).zip(&ir.surfaces).filter(|(_, s)| s.interaction == Interaction::Absorbing);
+    ends.extend(absorbing.map(|(number, _)| {
+        (End::Absorbed(number), tally.surfaces[number as usize].absorbed)
+    }));
+    for (end, expected) in ends {
+        let found = sums.total(end);
+        if (found.count, found.quanta) != (expected.count, expected.quanta) {
+            return Err(format!("{end:?} has {found:?}, not {expected:?}"));
+        }
+    }
+    if !sums.other.is_empty() {
+        return Err("light has no row".into());
+    }
+    for (number, (detector, sums_of)) in (0..).zip(ir.detectors.iter().zip(&tally.detectors)) {
+        let squares: u128 = sums_of.totals.iter().map(|moments| moments.squares).sum();
+        let found = sums.total(End::Detector(number)).squares;
+        if detector.absorb && !splits(&ir) && !sums_of.totals.is_empty() && squares != found {
+            return Err(format!("squares of detector {number} add up to {found}, not to {squares}"));
+        }
+    }
+    Ok(())
+}
+
+/// Rows, counts and quanta of a filtered trace are those rows of the whole that match on the host.
+fn path_filter(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let ir = scene(&scene_of.name);
+    let mut setting = scene_of.setting.clone();
+    setting.options.path_table = true;
+    setting.options.num_rays = 20_000;
+    let whole = Bench::of_originals().path_tally(&ir, &setting)?;
+    let filter = PathFilter::parse("reflections >= 2 or scatterings > 0", &ir).map_err(|e| e.to_string())?;
+    setting.options.path_filter = Some(filter.clone().into());
+    let tally = bench.path_tally(&ir, &setting)?;
+    let rows = |tally: &Tally| tally.path_sums.clone().unwrap_or_default().rows;
+    let kept = rows(&whole).into_iter().filter(|(sequence, _)| filter.keeps(sequence));
+    if !kept.eq(rows(&tally)) {
+        return Err("the rows are not those that match".into());
+    }
+    let total = |tally: &Tally, absorb: bool| {
+        let detectors = ir.detectors.iter().zip(&tally.detectors).filter(|(detector, _)| detector.absorb == absorb);
+        detectors.fold(FluxSum::default(), |mut sum, (_, sums)| {
+            sum += sums.total();
+            sum
+        })
+    };
+    let mut ended = total(&tally, true);
+    ended += tally.filtered_out;
+    if ended != total(&whole, true) {
+        return Err(format!("{ended:?} ended on detectors, not {:?}", total(&whole, true)));
+    }
+    Ok(())
+}
+
+/// Each row of the first detector has a map. The maps have the rows' quanta, and together the detector's; where light
+/// lies, by the sums of places, is where the pixels of the map are.
+fn path_maps(bench: &Bench, scene_of: &Scene) -> Outcome {
+    let ir = scene(&scene_of.name);
+    let mut setting = scene_of.setting.clone();
+    setting.options.path_table = true;
+    setting.options.num_rays = 20_000;
+    setting.options.standard_error = StandardError::Off;
+    let tally = Bench::of_originals().path_tally(&ir, &setting)?;
+    let sums = tally.path_sums.clone().unwrap_or_default();
+    let is_on_first = |(sequence, _): &(&Sequence, &PathSum)| sequence.end == End::Detector(0);
+    let rows: Vec<(&Sequence, &PathSum)> = sums.rows.iter().filter(is_on_first).collect();
+    let about = [1.25, -0.5];
+    let watched: Vec<Watched> = (0..)
+        .zip(&rows)
+        .map(|(map, (sequence, _))| Watched { sequence, about, map: Some(map) })
+        .collect();
+    let PathMaps { tally: second, places, .. } = bench.path_maps(&ir, &setting, &tally, &watched);
+    let grid = ir.detectors[0].kind.grid().copied().ok_or("no pixels")?;
+    let num_cells = ir.detectors[0].num_cells();
+    let mut whole = vec![0; num_cells];
+    for (map, (_, sum)) in rows.iter().enumerate() {
+        let cells = &second.detectors[0].replicates[map * num_cells..(map + 1) * num_cells];
+        if cells.iter().sum::<u128>() != sum.quanta {
+            return Err(format!("map {map} has not the light of its path"));
+        }
+        whole.iter_mut().zip(cells).for_each(|(sum, cell)| *sum += cell);
+        let parts = [(**sum, places[map])];
+        let (centroid, radius) = Places::spot(&parts).ok_or("no place")?;
+        let (mut first, mut second) = ([0.0; 2], 0.0);
+        let pitch = [grid.width / f64::from(grid.num_pixels_x), grid.height / f64::from(grid.num_pixels_y)];
+        for (cell, quanta) in cells.iter().enumerate().filter(|(_, quanta)| **quanta > 0) {
+            let place = [cell % grid.num_pixels_x as usize, cell / grid.num_pixels_x as usize];
+            let half = [0.5 * grid.width, 0.5 * grid.height];
+            let at = [0, 1].map(|axis| (place[axis] as f64 + 0.5) * pitch[axis] - half[axis]);
+            let share = *quanta as f64 / sum.quanta as f64;
+            [0, 1].into_iter().for_each(|axis| first[axis] += share * at[axis]);
+            second += share * (at[0].powi(2) + at[1].powi(2));
+        }
+        let radius_of_map = (second - first[0].powi(2) - first[1].powi(2)).max(0.0).sqrt();
+        let slack = pitch[0].max(pitch[1]);
+        let is_off = |axis: usize| (centroid[axis] - first[axis]).abs() > slack;
+        if is_off(0) || is_off(1) || (radius - radius_of_map).abs() > slack {
+            return Err(format!("path {map} lies at {centroid:?} +- {radius}, its map at {first:?} +- {radius_of_map}"));
+        }
+    }
+    if whole != tally.detectors[0].quanta {
+        return Err("the maps do not add up to the detector's".into());
+    }
+    Ok(())
 }
 
 /// Batches of another size, with and without queue, native and portable integers.

@@ -418,6 +418,7 @@ fn host_fills_the_buffers_that_shaders_declare() {
         bindings::SOURCE,
         bindings::LOG,
         bindings::LISTED_IDS,
+        bindings::PATHS,
     ];
     for tier in Tier::all() {
         for (name, variant) in

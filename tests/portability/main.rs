@@ -10,11 +10,12 @@ mod twins;
 mod variants;
 
 use nsq_gpu::Scene;
-use nsq_gpu::program::{Precision, Program};
+use nsq_gpu::engine::sequences::ListedIds;
+use nsq_gpu::program::{PathSums, Precision, Program};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use targets::{Target, storage_buffers, validate};
-use variants::{Choice, Tier, Variant, everything, everything_split};
+use variants::{Choice, Tier, Variant, everything, everything_split, everything_with_paths};
 
 /// The folder of the project.
 pub fn root() -> PathBuf {
@@ -89,7 +90,8 @@ fn variants_of(tier: Tier) -> impl Iterator<Item = (String, Variant)> {
     });
     let scenes = scene_names().into_iter().map(|name| (name.clone(), scene_variant(&name)));
     let whole = [("everything", everything()), ("everything, split", everything_split())];
-    paired.chain(whole.map(|(name, variant)| (name.to_string(), variant))).chain(scenes)
+    let paths = everything_with_paths().into_iter().map(|variant| ("everything with paths".into(), variant));
+    paired.chain(whole.map(|(name, variant)| (name.to_string(), variant))).chain(paths).chain(scenes)
 }
 
 #[test]
@@ -138,6 +140,9 @@ fn full_scenes_are_written_with_and_without_checks() {
     for tier in Tier::all() {
         check("everything", &everything().program(tier), &[true, false]);
         check("everything, split", &everything_split().program(tier), &[true, false]);
+        for variant in everything_with_paths() {
+            check("everything with paths", &variant.program(tier), &[true, false]);
+        }
         for name in ["cooke_triplet", "kaleidoscope", "filter_stack"] {
             check(name, &scene_variant(name).program(tier), &[true, false]);
         }
@@ -158,6 +163,16 @@ fn every_shader_file_is_composed_by_some_variant() {
         for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {
             texts.push(variant.program(tier).wgsl.clone());
         }
+        // Rays that are traced again to tell their paths.
+        let told = Variant::of_choice(Choice::PathSums(PathSums::Told)).1;
+        let mut told_split = told.clone();
+        Choice::Split.apply(&mut told_split);
+        for variant in [told, told_split] {
+            texts.push(variant.program_with(tier, &ListedIds).wgsl.clone());
+        }
+        // Files of paths that other choices bring in.
+        let with_paths = everything_with_paths().into_iter().map(|variant| variant.program(tier).wgsl.clone());
+        texts.extend(with_paths);
         // Only drivers of processors get such shaders.
         for choice in [Choice::MainPathThroughDetector, Choice::MainPathThroughGlass] {
             let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };

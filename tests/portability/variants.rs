@@ -1,6 +1,7 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec2, DVec3};
+use std::sync::Arc;
 use nsq_gpu::model::ShapeKind;
 use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
 use nsq_gpu::model::shapes::freeform::Polynomial;
@@ -13,9 +14,12 @@ use nsq_gpu::model::{
     Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
     Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
+use nsq_gpu::model::path_filter::{Comparison, Count, Events, Mark, Part, PathFilter, Pattern, Term};
+use nsq_gpu::model::StepKind;
 use nsq_gpu::program::{
-    PathSampling, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
+    PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
+use nsq_gpu::program::wgsl::extension::Extend;
 use nsq_gpu::software::added::Wanted;
 use nsq_gpu::software::path::main_path::{PilotPath, Way};
 
@@ -45,6 +49,8 @@ impl Tier {
 pub struct Variant {
     pub ir: SceneIr,
     pub paths: PathSampling,
+    pub path_sums: PathSums,
+    pub path_filter: Option<Arc<PathFilter>>,
     pub queue: bool,
     pub tree: bool,
     pub uniform_bytes: u32,
@@ -106,6 +112,8 @@ pub enum Choice {
     MainPathThroughGlass,
     Replicates,
     SumsInParts,
+    PathSums(PathSums),
+    PathFilter,
 }
 
 /// The variant after this one, so that a new one cannot be forgotten: the match would not compile.
@@ -294,7 +302,9 @@ impl Choice {
             Choice::MainPathThroughGlass,
             Choice::Replicates,
             Choice::SumsInParts,
+            Choice::PathFilter,
         ]);
+        choices.extend(path_sums().map(Choice::PathSums));
         choices
     }
 
@@ -457,6 +467,8 @@ impl Choice {
                 ir.detectors.push(detector(DetectorKind::Irradiance(wide), true));
                 variant.part_bytes = 1 << 13;
             }
+            Choice::PathSums(sums) => variant.path_sums = sums,
+            Choice::PathFilter => variant.path_filter = Some(Arc::new(path_filter())),
             // Replicates take the place of squares.
             Choice::Moments if variant.moments == SecondMoments::Replicates => {}
             Choice::Moments => variant.moments = SecondMoments::Squares,
@@ -495,6 +507,8 @@ impl Default for Variant {
         Variant {
             ir,
             paths: PathSampling::None,
+            path_sums: PathSums::None,
+            path_filter: None,
             queue: false,
             tree: false,
             uniform_bytes: 0,
@@ -521,6 +535,18 @@ impl Variant {
 
     /// The composed program.
     pub fn program(&self, tier: Tier) -> Program {
+        let wanted = Wanted {
+            host_sums: self.host_sums,
+            side_by_side: true,
+            lanes: self.lanes,
+            main_path: self.main_path.clone(),
+            side_paths: self.side_paths.clone(),
+        };
+        self.program_with(tier, &wanted)
+    }
+
+    /// The program with an extension.
+    pub fn program_with(&self, tier: Tier, extend: &dyn Extend) -> Program {
         let options = ProgramOptions {
             precision: tier.precision,
             native: tier.native,
@@ -533,6 +559,9 @@ impl Variant {
             events_per_dispatch: if self.queue { 4 } else { 16 },
             workgroup_size: 64,
             paths: self.paths,
+            path_sums: self.path_sums,
+            path_ends: true,
+            path_filter: self.path_filter.clone(),
             weights: (0..self.ir.sources.len()).map(|i| 1.0 + 0.25 * i as f64).collect(),
             sampler: self.sampler,
             moments: self.moments,
@@ -541,14 +570,7 @@ impl Variant {
             part_bytes: self.part_bytes,
             live: false,
         };
-        let wanted = Wanted {
-            host_sums: self.host_sums,
-            side_by_side: true,
-            lanes: self.lanes,
-            main_path: self.main_path.clone(),
-            side_paths: self.side_paths.clone(),
-        };
-        Program::extended(&self.ir, options, &wanted, 0, |wgsl| wgsl)
+        Program::extended(&self.ir, options, extend, 0, |wgsl| wgsl)
             .unwrap_or_else(|error| panic!("{self:?}: {error}"))
     }
 }
@@ -558,8 +580,10 @@ impl Variant {
 pub fn everything() -> Variant {
     let mut variant = Variant::default();
     // Last, what the others build on: rotation turns what is there.
-    let others =
-        Choice::all().into_iter().filter(|choice| !matches!(choice, Choice::Split | Choice::Replicates));
+    let is_other = |choice: &Choice| {
+        !matches!(choice, Choice::Split | Choice::Replicates | Choice::PathSums(_) | Choice::PathFilter)
+    };
+    let others = Choice::all().into_iter().filter(is_other);
     others.for_each(|choice| choice.apply(&mut variant));
     variant
 }
@@ -574,6 +598,47 @@ pub fn everything_split() -> Variant {
     let mut variant = everything();
     Choice::Split.apply(&mut variant);
     variant
+}
+
+/// Every choice that the plain loop has, with each way to sum up light by its path, and a filter.
+pub fn everything_with_paths() -> Vec<Variant> {
+    let with = |path_sums, split: bool| {
+        let mut variant = Variant { host_sums: false, main_path: None, side_paths: Vec::new(), ..everything() };
+        variant.path_sums = path_sums;
+        variant.path_filter = Some(Arc::new(path_filter()));
+        if split {
+            Choice::Split.apply(&mut variant);
+        }
+        variant
+    };
+    path_sums().flat_map(|sums| [with(sums, false), with(sums, true)]).collect()
+}
+
+fn path_sums() -> impl Iterator<Item = PathSums> {
+    [PathSums::None, PathSums::Totals, PathSums::Maps(3), PathSums::Told].into_iter()
+}
+
+/// A filter that asks for all that filters can ask for.
+fn path_filter() -> PathFilter {
+    let events = |kinds: &[StepKind]| Events { kinds: kinds.to_vec(), surfaces: vec![0, 1, 3] };
+    let compare = |count, comparison| Term::Compare(count, comparison, 2);
+    let marked = (0..4).map(Term::Marked);
+    let counted = Count::ALL.into_iter().zip(Comparison::ALL).map(|((_, count), (_, sign))| compare(count, sign));
+    let whole = Term::Any(marked.chain(counted).collect());
+    PathFilter {
+        text: "all that filters ask for".into(),
+        root: Term::All(vec![Term::Not(Box::new(whole)), Term::Matches(0), Term::Matches(1)]),
+        marks: vec![
+            Mark::Source(vec![0]),
+            Mark::Some(events(&[StepKind::Reflected])),
+            Mark::First(events(&StepKind::ALL)),
+            Mark::Last(events(&[StepKind::ScatteredBack, StepKind::ScatteredThrough])),
+        ],
+        patterns: vec![
+            Pattern(vec![Part::Source(vec![0, 2]), Part::Anything, Part::Detector(vec![0])]),
+            Pattern(vec![Part::Anything, Part::Step(events(&[StepKind::Transmitted])), Part::Anything]),
+        ],
+    }
 }
 
 /// A shape that its function draws.

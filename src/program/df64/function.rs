@@ -113,12 +113,15 @@ impl Rewriter<'_, '_> {
                 Statement::Store { pointer: self.value(*pointer)?, value: self.value(*value)? }
             }
             Statement::Atomic { pointer, fun, value, result } => {
-                if let naga::AtomicFunction::Exchange { compare: Some(_) } = fun {
-                    return Err(unknown(fun));
-                }
+                let fun = match fun {
+                    naga::AtomicFunction::Exchange { compare: Some(compare) } => {
+                        naga::AtomicFunction::Exchange { compare: Some(self.value(*compare)?) }
+                    }
+                    other => *other,
+                };
                 Statement::Atomic {
                     pointer: self.value(*pointer)?,
-                    fun: *fun,
+                    fun,
                     value: self.value(*value)?,
                     result: result.map(|result| self.atomic_result(result)).transpose()?,
                 }

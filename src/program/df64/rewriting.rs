@@ -61,6 +61,13 @@ impl<'a> Rewriting<'a> {
         if let Some(new) = self.types.get(&old) {
             return Ok(*new);
         }
+        // What an exchange of integers gives: naga knows the type by its place in the module.
+        let predeclared = &self.old.special_types.predeclared_types;
+        if let Some((kind, _)) = predeclared.iter().find(|(_, known)| **known == old) {
+            let new = self.new.generate_predeclared_type(kind.clone());
+            self.types.insert(old, new);
+            return Ok(new);
+        }
         let kind = &self.old.types[old];
         let new = match &kind.inner {
             TypeInner::Scalar(Scalar::F64) => self.pair(),

@@ -106,7 +106,7 @@ impl Composition<'_> {
         }
         let _ = write!(
             text,
-            "fn begin_path() {{\n{begin}}}\n\
+            "fn start_path() {{\n{begin}}}\n\
              fn extend_path(kind: u32, number: u32) {{\n{extend}}}\n\
              fn keeps_path(index: u32) -> bool {{\n{keeps}}}\n"
         );
