@@ -9,8 +9,9 @@ mod zoo;
 
 use nsq_gpu::{TraceOptions, Tracer};
 use nsq_gpu::model::{End, PathFilter, SceneIr};
-use nsq_gpu::program::Precision;
-use nsq_gpu::result::{PathSum, PathTally, Tally};
+use nsq_gpu::program::{Precision, Sampler};
+use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
+use nsq_gpu::trace::paths::TableOptions;
 
 fn with_table(num_rays: u64, precision: Precision) -> TraceOptions {
     TraceOptions { path_table: true, ..zoo::options(num_rays, 16, precision) }
@@ -47,7 +48,8 @@ fn assert_rows_add_up(ir: &SceneIr, tally: &Tally, has_ends: bool, what: &str) {
 fn rows_add_up_to_what_detectors_and_ends_have_in_every_scene() {
     for (k, name) in zoo::scenes().into_iter().enumerate() {
         let ir = zoo::load(&name);
-        let (gpu, precision) = match k % 4 {
+        let (gpu, precision) = match k % 5 {
+            4 => (zoo::gpu(), Precision::Df64),
             0 => (zoo::gpu(), Precision::F32),
             1 => (zoo::gpu(), Precision::F64),
             2 => (zoo::portable_gpu(), Precision::F32),
@@ -171,4 +173,126 @@ fn a_table_that_was_full_has_the_rows_of_one_that_was_not() {
     let closed = sums(&closed);
     assert!(closed.is_closed && closed.rows.len() <= 1000 && !closed.other.is_empty());
     assert!(closed.rows.iter().all(|(sequence, sum)| sums(&whole).rows[sequence] == *sum));
+}
+
+/// Plates one behind the other, of glasses of these indices, in a beam along the axis; rays are split at each face.
+fn plates(indices: &[f64]) -> SceneIr {
+    let media: serde_json::Map<String, serde_json::Value> = (0..)
+        .zip(indices)
+        .map(|(i, n)| (format!("glass_{i}"), serde_json::json!({"type": "constant", "n": n, "k": 0.0})))
+        .collect();
+    let plate = |i: usize| {
+        serde_json::json!({"type": "lens", "name": format!("plate_{i}"), "cs": {"z": 10.0 * i as f64}, "config": {
+            "r1": f64::INFINITY.to_string(), "r2": 0.0, "thickness": 3.0, "front_aperture_radius": 20.0,
+            "material": {"type": "medium", "name": format!("glass_{i}")}
+        }})
+    };
+    let scene = serde_json::json!({
+        "nsq_schema_version": 1,
+        "components": (0..indices.len()).map(plate).collect::<Vec<_>>(),
+        "sources": [{"type": "collimated", "name": "lamp", "cs": {"z": -10.0}, "total_flux": 1.0, "aperture_radius": 1.0,
+            "spectrum": {"wavelengths": [0.55], "weights": [1.0]}}],
+        "detectors": [{"type": "irradiance", "name": "image", "cs": {"z": 10.0 * indices.len() as f64}, "width": 10.0,
+            "height": 10.0, "num_pixels_x": 8, "num_pixels_y": 8}],
+        "nsq_gpu": {"version": 1, "media": media, "sampling": {"split_depth": 18, "split_budget": 19.0,
+            "rr_start_flux": 0.0}}
+    });
+    let text = scene.to_string().replace("\"inf\"", "Infinity").replace("\"r2\":0.0", "\"r2\":Infinity");
+    nsq_gpu::Scene::from_json(&text).unwrap().lower().unwrap()
+}
+
+/// The table of a trace, by what is a row.
+fn table(ir: &SceneIr, tally: &Tally, num_rays: u64, group: Grouping) -> Vec<LightPath> {
+    let unit = nsq_gpu::trace::paths::flux_unit(ir, tally, num_rays);
+    let options = TableOptions { group, ..TableOptions::default() };
+    nsq_gpu::trace::paths::table(ir, tally, unit, Sampler::Pcg, &options).paths
+}
+
+fn reflectance(n: f64) -> f64 {
+    ((n - 1.0) / (n + 1.0)).powi(2)
+}
+
+/// k bare faces make k (k - 1) / 2 ghosts of two reflections. A ghost of the faces i and j has R_i R_j times the
+/// transmittance of each face, and of those between both three times.
+#[test]
+fn bare_faces_make_a_ghost_a_pair() {
+    let indices = [1.5, 1.7, 2.0];
+    let ir = plates(&indices);
+    let reflectances: Vec<f64> = indices.iter().flat_map(|&n| [reflectance(n); 2]).collect();
+    let num_faces = reflectances.len();
+    for (precision, tolerance) in [(Precision::F64, 1e-12), (Precision::F32, 1e-6)] {
+        let options = TraceOptions { max_depth: 18, ..with_table(500, precision) };
+        let tally = zoo::trace(&ir, &options);
+        let rows = table(&ir, &tally, 500, Grouping::Faces);
+        let ghosts: Vec<&LightPath> =
+            rows.iter().filter(|row| row.reflections == 2 && row.detector.is_some()).collect();
+        assert_eq!(ghosts.len(), num_faces * (num_faces - 1) / 2);
+        for second in 0..num_faces {
+            for first in second + 1..num_faces {
+                let name = |face: usize| format!("plate_{}.{}", face / 2, ["front", "back"][face % 2]);
+                let steps = [["R".to_string(), name(first)], ["R".to_string(), name(second)]];
+                let ghost = ghosts.iter().find(|row| row.steps == steps).unwrap();
+                let passed = |face: usize| if (second + 1..first).contains(&face) { 3 } else { 1 };
+                let passes = (0..num_faces).map(|face| (1.0 - reflectances[face]).powi(passed(face)));
+                let expected = reflectances[first] * reflectances[second] * passes.product::<f64>();
+                let error = (ghost.flux / expected - 1.0).abs();
+                assert!(error < tolerance, "{} {precision:?}: off by {error:e}", ghost.sequence);
+            }
+        }
+    }
+}
+
+/// Light of the order m goes 2 m times to and fro within a plate: T^2 R^(2 m) of it.
+#[test]
+fn a_plate_has_its_orders() {
+    let ir = plates(&[2.0]);
+    let options = TraceOptions { max_depth: 16, ..with_table(300, Precision::F64) };
+    let rows = table(&ir, &zoo::trace(&ir, &options), 300, Grouping::Order);
+    let r = reflectance(2.0);
+    for order in 0..5 {
+        let row = rows.iter().find(|row| row.reflections == 2 * order && row.detector.is_some()).unwrap();
+        let expected = (1.0 - r).powi(2) * r.powi(2 * order as i32);
+        assert!((row.flux / expected - 1.0).abs() < 1e-12, "order {order}: {} not {expected}", row.flux);
+        // Rays are split, so each brings the same by each path: nothing of the error is chance.
+        assert!(row.standard_error.unwrap() < 1e-9, "{row:?}");
+    }
+}
+
+/// Between two mirrors that reflect 0.98, light that has been reflected m times has 0.98^m of its flux.
+#[test]
+fn mirrors_face_to_face_have_a_row_for_each_reflection() {
+    let ir = zoo::load("bench_cavity");
+    for (precision, tolerance) in [(Precision::F64, 1e-12), (Precision::F32, 1e-5), (Precision::Df64, 1e-11)] {
+        let options = TraceOptions { max_depth: 24, ..with_table(1000, precision) };
+        let rows = table(&ir, &zoo::trace(&ir, &options), 1000, Grouping::Sequence);
+        assert_eq!(rows.len(), 12);
+        for row in &rows {
+            assert!((row.flux / 0.98_f64.powi(row.reflections as i32) - 1.0).abs() < tolerance, "{row:?}");
+            assert_eq!((row.num_rays, row.scatterings), (1000, 0));
+            let mirrors = row.steps.iter().map(|[letter, name]| format!("{letter} {name}"));
+            let expected = (0..row.reflections).map(|m| ["R M_far.surface", "R M_near.surface"][m as usize % 2].to_string());
+            assert!(mirrors.eq(expected), "{row:?}");
+        }
+    }
+}
+
+/// The expression that a row gives keeps the row's light, to the quantum, and no other.
+#[test]
+fn the_expression_of_a_row_keeps_its_light_alone() {
+    for name in ["cooke_triplet", "scattering_telescope", "split_ghosts"] {
+        let ir = zoo::load(name);
+        let num_rays = 3000;
+        let options = with_table(num_rays, Precision::F32);
+        let whole = zoo::trace(&ir, &options);
+        for group in [Grouping::Sequence, Grouping::Faces, Grouping::Order] {
+            let rows = table(&ir, &whole, num_rays, group);
+            for row in [&rows[0], &rows[rows.len() / 2]] {
+                let filter = PathFilter::parse(row.filter.as_ref().unwrap(), &ir).unwrap();
+                let options = TraceOptions { path_filter: Some(filter.into()), ..options.clone() };
+                let found = table(&ir, &zoo::trace(&ir, &options), num_rays, group);
+                assert_eq!(found.len(), 1, "{name}: {:?} keeps {found:?}", row.filter);
+                assert_eq!((found[0].flux, found[0].num_rays), (row.flux, row.num_rays), "{name}: {row:?}");
+            }
+        }
+    }
 }

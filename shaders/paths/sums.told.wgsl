@@ -5,10 +5,14 @@ const EVENT_PATH_STEP: u32 = 5u;
 const EVENT_PATH_END: u32 = 6u;
 
 fn sum_up_path(ray: Ray, kind: u32, number: u32, place: u32) -> bool {
-    append_event(ray, EVENT_PATH_END, (number << 3u) | kind);
+    if is_end_told(ray) {
+        append_event(ray, EVENT_PATH_END, (number << 3u) | kind);
+    }
     return false;
 }
 
 fn tell_step(ray: Ray, primitive: u32) {
-    append_event(ray, EVENT_PATH_STEP, (primitive << 3u) | step_kind);
+    if is_step_told(ray) {
+        append_event(ray, EVENT_PATH_STEP, (primitive << 3u) | step_kind);
+    }
 }

@@ -17,7 +17,8 @@ fn sum_up_path(ray: Ray, kind: u32, number: u32, place: u32) -> bool {
         let position = ray.index & PATH_INDEX_MASK;
         let id_lo = range.first_lo + position;
         atomicStore(&path_table[at + SLOT_RAY], id_lo);
-        atomicStore(&path_table[at + SLOT_RAY + 1u], range.first_hi + select(0u, 1u, id_lo < position));
+        let id_hi = range.first_hi + select(0u, 1u, id_lo < position);
+        atomicStore(&path_table[at + SLOT_RAY + 1u], id_hi + family_number(ray.index) * 256u);
         atomicStore(&path_table[at + SLOT_SOURCE], range.source);
     }
     let row = path_row(slot, place, ray.index);

@@ -16,10 +16,8 @@ use crate::program::layout::bindings;
 use crate::program::layout::paths::Slot;
 use crate::program::layout::reals::StructLayout;
 use crate::program::parsed::Parsed;
-use crate::program::prepared::Prepared;
-use crate::program::wgsl::extension::{Extend, Extension};
+use crate::program::wgsl::extension::NoExtension;
 use crate::program::{PathSums, Program, RayRange, events};
-use crate::shaders::{ShaderFile, shader};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -40,26 +38,6 @@ pub(crate) struct Teller {
     is_strict: bool,
 }
 
-/// The rays of a dispatch are those of a list.
-#[derive(Debug, Clone, Copy)]
-pub struct ListedIds;
-
-impl Extension for ListedIds {
-    fn replaces(&self, slot: &str) -> Option<ShaderFile> {
-        match slot {
-            "stages/ids" => Some(shader!("stages/ids.listed.wgsl")),
-            "stages/launched" => Some(shader!("stages/launched.listed.wgsl")),
-            _ => None,
-        }
-    }
-}
-
-impl Extend for ListedIds {
-    fn extension(&self, _scene: &Prepared) -> Arc<dyn Extension> {
-        Arc::new(ListedIds)
-    }
-}
-
 /// Most rays of a list.
 const MOST_LISTED: u32 = 1 << 14;
 
@@ -77,9 +55,9 @@ impl Teller {
         draft.program.path_sums = PathSums::Told;
         let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
         let limits = |program: &Program| DispatchLimits { processors: 1, ..DispatchLimits::of(program) };
-        let plan = draft.compose(gpu, ir, &ListedIds, parse, limits)?;
+        let plan = draft.compose(gpu, ir, &NoExtension, parse, limits)?;
         let stages = Stages::new(gpu, &plan.program, is_strict, &Additions::default())?;
-        let ids = gpu.buffer("listed rays", u64::from(plan.batch) * 8)?;
+        let ids = gpu.buffer("listed rays", u64::from(plan.batch) * 16)?;
         let additions = Additions { groups: vec![vec![(bindings::LISTED_IDS, ids.clone())]], stages: Vec::new() };
         let device = DeviceState::new(gpu, &plan.program, plan.batch, Arc::new(stages), &additions, None)?;
         Ok(Teller { plan, device, ids, is_strict })
@@ -95,9 +73,10 @@ impl Teller {
     /// may round a ray onto another path: the sequence is then not found.
     pub(crate) fn tell(&mut self, slots: &[(SequenceKey, Slot)]) -> Result<HashMap<SequenceKey, Found>> {
         let mut found = HashMap::new();
+        let splits = self.plan.program.splitting.is_some();
         for source in 0..self.plan.rays.len() {
             let of_source = slots.iter().filter(|(_, slot)| slot.source as usize == source);
-            let mut rays: Vec<u64> = of_source.map(|(_, slot)| slot.ray).collect();
+            let mut rays: Vec<(u64, u64)> = of_source.map(|(_, slot)| ray_id::order(slot.ray, splits)).collect();
             rays.sort_unstable();
             rays.dedup();
             for rays in rays.chunks(self.plan.batch as usize) {
@@ -117,12 +96,15 @@ impl Teller {
     fn tell_rays(
         &mut self,
         source: usize,
-        rays: &[u64],
+        rays: &[(u64, u64)],
         found: &mut HashMap<SequenceKey, Found>,
     ) -> Result<()> {
         let gpu = self.device.gpu.clone();
-        let words: Vec<u8> = rays.iter().flat_map(|id| id.to_le_bytes()).collect();
-        gpu.queue.write_buffer(&self.ids, 0, &words);
+        // The launched rays, then their children's numbers.
+        let launched: Vec<u64> = rays.iter().map(|(launched, _)| *launched).collect();
+        let numbers: Vec<u64> = rays.iter().map(|(_, number)| *number).collect();
+        gpu.queue.write_buffer(&self.ids, 0, bytemuck::cast_slice(&launched));
+        gpu.queue.write_buffer(&self.ids, 8 * u64::from(self.plan.batch), bytemuck::cast_slice(&numbers));
         let range = RayRange { first: 0, count: rays.len() as u32, source, log_stride: 0, reached: 0 };
         let size = DispatchSize::new(self.plan.batch, 1, 1);
         submit_alone(&self.device, &self.plan, &range, size.submissions())?;
@@ -138,11 +120,11 @@ impl Teller {
         }
         let layout = StructLayout::of(&self.plan.program.module, "Event")?;
         let bytes = gpu.read(buffer, size)?;
+        let splits = self.plan.program.splitting.is_some();
         let mut steps = HashMap::new();
         let mut ends = Vec::new();
         for event in bytes.chunks_exact(layout.stride).map(decoder(&self.plan, &layout, 0)?) {
             // The place in the list, and the number within the family.
-            let splits = self.plan.program.splitting.is_some();
             let (place, number) = ray_id::order(event.row.ray_id, splits);
             match event.kind {
                 events::PATH_STEP => {

@@ -139,7 +139,10 @@ impl Program {
             first_step: [0; 4],
         };
         program.set_seed(seed);
-        program.max_events_per_ray *= program.most_rays();
+        // Of a family whose paths are told, one ray is.
+        if program.options.path_sums != PathSums::Told {
+            program.max_events_per_ray *= program.most_rays();
+        }
         program.buffers = program.pack(ir, &scene.contacts, &scene.facets, scene.tree.as_ref())?;
         program.buffers.extend(numbers.map(|bytes| (bindings::NUMBERS, bytes)));
         program.buffers.extend(program.trees(&scene.forest, &scene.triangles, scene.tree.as_ref())?);

@@ -2,10 +2,10 @@
 
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::surface_optics::splits;
-use crate::model::SceneIr;
+use crate::model::{PathFilter, SceneIr};
 use crate::result::{FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Which sequences make one row.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,7 +56,8 @@ pub struct LightPath {
     /// What happened, and where: `T` transmitted, `R` reflected, `ST` scattered through, `SR` scattered back,
     /// `A` absorbed, `M` missed. Where several paths are a row, only what they share.
     pub steps: Vec<[String; 2]>,
-    /// An expression that keeps this row's light alone (`--where`); null where the light ended on no detector.
+    /// An expression that keeps this row's light alone (`--where`). Null where the light ended on no detector, and where a
+    /// name cannot be written in an expression.
     #[serde(rename = "where")]
     pub filter: Option<String>,
     /// The centre of the light on the detector, in the detector's frame \[mm\]; null where it was not summed up.
@@ -144,6 +145,11 @@ pub fn groups<'a>(
         End::all(ir).into_iter().map(|end| (end, sums.total(end).quanta)).collect();
     // Only where rays are split or pass detectors can a ray come to one end by several sequences.
     let is_exclusive = !splits(ir) && ir.detectors.iter().all(|detector| detector.absorb);
+    let is_plain = names_are_plain(ir);
+    // Some names cannot be written in an expression.
+    let keeps = |text: &String, sequence: &Sequence| {
+        is_plain || PathFilter::parse(text, ir).is_ok_and(|filter| filter.keeps(sequence))
+    };
     let mut rows: Vec<(u128, Group)> = groups
         .into_iter()
         .map(|(common, members)| {
@@ -166,7 +172,7 @@ pub fn groups<'a>(
                 detector: first.end.detector().map(|number| ir.detectors[number].name.clone()),
                 sequence,
                 steps,
-                filter,
+                filter: filter.filter(|text| keeps(text, first)),
                 centroid: None,
                 rms_radius: None,
                 peak_irradiance: None,
@@ -177,6 +183,22 @@ pub fn groups<'a>(
     rows.sort_by_key(|(quanta, _)| std::cmp::Reverse(*quanta));
     let ranked = (1..).zip(rows).map(|(rank, (_, group))| Group { row: LightPath { rank, ..group.row }, ..group });
     ranked.collect()
+}
+
+/// True if every name can be written in an expression, and stands for itself alone.
+fn names_are_plain(ir: &SceneIr) -> bool {
+    let surfaces: Vec<String> = (0..ir.surfaces.len()).map(|surface| ir.surface_name(surface)).collect();
+    let others = ir.sources.iter().map(|source| &source.name);
+    let others = others.chain(ir.detectors.iter().map(|detector| &detector.name));
+    let is_plain = |name: &String| {
+        !name.is_empty() && !name.contains(['*', '"', '>', ' ']) && !name.chars().any(char::is_control)
+    };
+    let components: BTreeSet<&str> =
+        surfaces.iter().filter_map(|name| Some(name.rsplit_once('.')?.0)).collect();
+    let distinct: BTreeSet<&String> = surfaces.iter().collect();
+    surfaces.iter().chain(others).all(is_plain)
+        && distinct.len() == surfaces.len()
+        && !surfaces.iter().any(|name| components.contains(name.as_str()))
 }
 
 /// The standard error of a sum over sequences \[quanta\]. Where each ray comes by one sequence at most, the squares of the

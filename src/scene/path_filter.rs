@@ -298,7 +298,7 @@ impl Reader<'_> {
         // The column of the part, behind the quote.
         let mut column = argument.column + 1;
         for text in pattern.split('>') {
-            let part = self.part(text.trim(), column + text.len() - text.trim_start().len())?;
+            let part = self.part(text.trim(), parts.is_empty(), column + text.len() - text.trim_start().len())?;
             if !(part == Part::Anything && parts.last() == Some(&Part::Anything)) {
                 parts.push(part);
             }
@@ -333,7 +333,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn part(&self, text: &str, column: usize) -> Result<Part> {
+    /// A part of a sequence. Where a source and a detector share a name, the first part is the source.
+    fn part(&self, text: &str, is_first: bool, column: usize) -> Result<Part> {
         if text == "*" {
             return Ok(Part::Anything);
         }
@@ -354,8 +355,10 @@ impl Reader<'_> {
         let sources = matching(text, self.ir.sources.iter().map(|source| source.name.as_str()));
         let detectors = matching(text, self.ir.detectors.iter().map(|detector| detector.name.as_str()));
         match (sources.is_empty(), detectors.is_empty()) {
-            (false, _) => Ok(Part::Source(sources)),
+            (false, true) => Ok(Part::Source(sources)),
             (true, false) => Ok(Part::Detector(detectors)),
+            (false, false) if is_first => Ok(Part::Source(sources)),
+            (false, false) => Ok(Part::Detector(detectors)),
             (true, true) => {
                 let sources = self.ir.sources.iter().map(|source| source.name.as_str());
                 let known = sources.chain(self.ir.detectors.iter().map(|detector| detector.name.as_str()));

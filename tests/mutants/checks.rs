@@ -126,6 +126,7 @@ impl Scene {
                     setting.options.tree = Some(false);
                 }
                 ("tree", _) => setting.options.baked = Some(false),
+                ("many", _) => setting.options.num_rays = 200_000,
                 ("queued", _) => {
                     setting.options.events_per_dispatch = 3;
                     // With second moments, no ray outlives a dispatch where detectors let rays pass.
@@ -169,7 +170,9 @@ fn path_sums(bench: &Bench, scene_of: &Scene) -> Outcome {
     let mut setting = scene_of.setting.clone();
     setting.options.path_table = true;
     setting.options.path_ends = true;
-    setting.options.num_rays = setting.options.num_rays.min(20_000);
+    if setting.options.num_rays == Setting::default().options.num_rays {
+        setting.options.num_rays = 20_000;
+    }
     setting.options.standard_error = StandardError::On;
     if setting.options.events_per_dispatch == 3 {
         setting.options.standard_error = StandardError::Off;

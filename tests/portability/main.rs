@@ -10,8 +10,7 @@ mod twins;
 mod variants;
 
 use nsq_gpu::Scene;
-use nsq_gpu::engine::sequences::ListedIds;
-use nsq_gpu::program::{PathSums, Precision, Program};
+use nsq_gpu::program::{Precision, Program};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use targets::{Target, storage_buffers, validate};
@@ -162,13 +161,6 @@ fn every_shader_file_is_composed_by_some_variant() {
         let whole = [everything(), everything_split()].map(|variant| (String::new(), variant));
         for (_, variant) in Choice::all().into_iter().map(Variant::of_choice).chain(whole) {
             texts.push(variant.program(tier).wgsl.clone());
-        }
-        // Rays that are traced again to tell their paths.
-        let told = Variant::of_choice(Choice::PathSums(PathSums::Told)).1;
-        let mut told_split = told.clone();
-        Choice::Split.apply(&mut told_split);
-        for variant in [told, told_split] {
-            texts.push(variant.program_with(tier, &ListedIds).wgsl.clone());
         }
         // Files of paths that other choices bring in.
         let with_paths = everything_with_paths().into_iter().map(|variant| variant.program(tier).wgsl.clone());

@@ -41,7 +41,7 @@ pub struct PathTableSize {
 pub struct Slot {
     /// Where the sequence ends.
     pub end: End,
-    /// The id of a launched ray that took the path.
+    /// The id of a ray that took the path.
     pub ray: u64,
     /// Its source.
     pub source: u32,

@@ -55,9 +55,14 @@ impl Composition<'_> {
             PathSums::Maps(_) => shader!("paths/sums.maps.wgsl"),
             PathSums::Told => shader!("paths/sums.told.wgsl"),
         };
+        let told = match features.splits {
+            true => shader!("paths/told.families.wgsl"),
+            false => shader!("paths/told.alone.wgsl"),
+        };
         let files = [
             (true, shader!("paths/followed.wgsl")),
             (true, sums),
+            (options.path_sums == PathSums::Told, told),
             (options.path_sums != PathSums::None, shader!("paths/sequence.wgsl")),
             (options.has_path_table(), shader!("paths/table.wgsl")),
             (options.path_filter.is_some(), shader!("paths/filter_out.wgsl")),
@@ -81,6 +86,8 @@ impl Composition<'_> {
             constants.uint("NUM_ENDS", self.path_table.num_ends);
             constants.uint("PATH_ROW_WORDS", self.path_table.row_words);
             constants.bool("PATH_WEIGHTS_VARY", !self.constant_weights);
+        }
+        if has_key {
             let index_bits = self.splitting.map_or(u32::BITS, |splitting| splitting.index_bits());
             constants.uint("PATH_INDEX_MASK", u32::MAX >> (u32::BITS - index_bits));
         }
@@ -88,6 +95,9 @@ impl Composition<'_> {
             constants.uint("CELL_FILTERED", filtered);
         }
         let mut text = constants.text().to_string();
+        // The number of a ray within its family, in the bits of its index above the place in the dispatch.
+        let number = if self.splitting.is_some() { "index >> INDEX_BITS" } else { "0u" };
+        let _ = writeln!(text, "fn family_number(index: u32) -> u32 {{\n    return {number};\n}}");
         let [begin, extend] = if has_key {
             ["    begin_key();\n", "    extend_key(kind, number);\n"]
         } else {

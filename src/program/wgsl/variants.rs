@@ -67,8 +67,8 @@ macro_rules! twin {
 #[rustfmt::skip]
 const SLOTS: &[Slot] = slots! { c;
     // Stem                     [files]                               filled where => by
-    "stages/ids"                [range]                               true => range;
-    "stages/launched"           [range]                               c.f.splits => range;
+    "stages/ids"                [listed, range]                       true => either(c.o.path_sums == PathSums::Told, listed, range);
+    "stages/launched"           [listed, range]                       c.f.splits => either(c.o.path_sums == PathSums::Told, listed, range);
     "stages/rays"               [one, several @ "software/rays"]      true => either(c.o.rays_per_invocation(c.f) == 1, one, several);
     "stages/rounds"             [many @ "software/rounds", few]       true => either(c.o.has_many_rounds(c.f), many, few);
     "stages/scatter"            [on, none]                            true => either(!c.f.bsdfs.is_empty(), on, none);
