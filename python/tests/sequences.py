@@ -7,6 +7,7 @@ the normal of Optiland's surface and the indices of its media: a ray was scatter
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -267,7 +268,10 @@ def keeps(expression: str, path: Path) -> bool:
         "sequence": lambda pattern: _matches([part.strip() for part in pattern.split(">")],
                                              [path.source, *path.steps, path.detector]),
     }
-    return bool(eval(expression, {"__builtins__": {}}, known))
+    return bool(eval(_compiled(expression), {"__builtins__": {}}, known))
+
+
+_compiled = functools.cache(lambda expression: compile(expression, "where", "eval"))
 
 
 def _is_called(surface: str, name: str) -> bool:
