@@ -58,21 +58,31 @@ class NsqGpuBackend(TracerBackend):
             fall faster, but rays are not those of Optiland's backends.
         max_depth: Largest number of events of a ray, instead of the one given to ``trace``, which is 16 where the caller
             gives none; ResultWarning says where that takes light, and what to give.
+        paths: True sums up light by its path, from its source to a detector. ``result.paths`` is then a
+            :class:`nsq_gpu.PathTable`, a structured array with the strongest path first; it is None otherwise.
+        where: Keep only the light whose path matches this expression, such as ``"reflections == 2 and not
+            hit(mount)"``. Detectors then hold this light alone. The ledger is that of all light, with a line
+            ``filtered_out``.
 
     Raises:
-        UsageError: There is no such precision or sampler.
+        UsageError: There is no such precision or sampler. A trace raises it where ``where`` makes no sense in the scene.
     """
 
     def __init__(self, seed: int | None = None, precision: str = "auto", adapter: str | None = None,
                  binary: str | os.PathLike[str] | None = None, timeout: float | None = None,
                  progress: bool | ProgressCallback = False, target_error: float | str | None = None,
                  time_limit: float | None = None, standard_error: bool | None = None,
-                 sampler: str = "pcg", max_depth: int | None = None) -> None:
+                 sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
+                 where: str | None = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
         if standard_error not in (None, True, False):
             raise UsageError(f"standard_error is {standard_error!r}; give True, False or None")
+        if paths not in (True, False):
+            raise UsageError(f"paths is {paths!r}; give True or False")
+        if where is not None and not isinstance(where, str):
+            raise UsageError(f'where is {where!r}; give a text, such as "reflections == 2"')
         self.seed = seed
         self.precision = precision
         self.adapter = adapter
@@ -84,6 +94,8 @@ class NsqGpuBackend(TracerBackend):
         self.standard_error = standard_error
         self.sampler = sampler
         self.max_depth = max_depth
+        self.paths = paths
+        self.where = where
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
 
@@ -144,6 +156,10 @@ class NsqGpuBackend(TracerBackend):
             options["standard_error"] = "on" if self.standard_error else "off"
         if self.time_limit is not None:
             options["time_limit"] = f"{float(self.time_limit)}s"
+        if self.paths:
+            options["paths"] = "on"
+        if self.where is not None:
+            options["where"] = self.where
         if record_paths:
             options["record_paths"] = "all" if record_paths is True else _whole("record_paths", record_paths)
         return options

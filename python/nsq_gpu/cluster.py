@@ -25,7 +25,7 @@ from nsq_gpu.export import export, to_json
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
-from nsq_gpu.session import EXPORTED, Answer, Session, shared_session
+from nsq_gpu.session import EXPORTED, Answer, Session, as_written, shared_session
 from nsq_gpu.sweeps import Point, Sweep
 from nsq_gpu.sweeps import run as run_points
 
@@ -61,7 +61,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
             two or more, that is as certain as that. So it does not depend on who was fast, and its bits are those of
             ``-n`` that many rays ``--of-rays NUM_RAYS``. Ranges beyond it are thrown away.
         progress: True shows a bar; a function is called with rays done, rays in all, rays per second.
-        options: Further options of ``nsq-gpu trace`` by their names.
+        options: Further options of ``nsq-gpu trace`` by their names, such as ``paths=True``. The table of paths is that
+            of one trace of all rays.
 
     Raises:
         NsqGpuError: One of its subclasses, by what went wrong.
@@ -73,7 +74,8 @@ def trace(scene: NSQScene, num_rays: int, client: Any = None, parts: int | None 
     exported = export(scene)
     text = to_json(exported.document, indent=None)
     program = find_binary(binary)
-    if options.get("record_paths") is not None:
+    options = {name: value for name, value in as_written(options).items() if value is not None}
+    if "record_paths" in options:
         check_paths(scene, exported.surface_labels)
     if adapter is not None:
         options["adapter"] = adapter

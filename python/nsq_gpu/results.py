@@ -22,6 +22,7 @@ from optiland.nonsequential.tracer import SimulationResult
 
 from nsq_gpu.errors import NsqGpuError, NsqGpuWarning, ResultWarning, ToleranceWarning, UnsupportedSceneError, warn
 from nsq_gpu.integrity import load_arrays
+from nsq_gpu.paths import path_table
 
 Json = dict[str, Any]
 
@@ -56,6 +57,9 @@ class LedgerDiagnostics(Diagnostics):
     invalid_deposits: int = 0
     #: Flux that Optiland's figure has no term for [W], by what took it.
     flux_only_in_ledger: dict[str, float] = dataclasses.field(default_factory=dict)
+    #: Flux that came to detectors that end rays, by paths that a filter does not keep [W]. It is not lost, and
+    #: ``flux_conservation_error`` does not count it.
+    flux_filtered_out: float = 0.0
 
     @property
     def ledger_closes(self) -> bool:
@@ -79,6 +83,8 @@ class LedgerDiagnostics(Diagnostics):
         if self.flux_only_in_ledger:
             taken = ", ".join(f"{what} {flux:.6g} W" for what, flux in self.flux_only_in_ledger.items())
             text += f" Optiland's flux_conservation_error has no term for: {taken}."
+        if self.flux_filtered_out > 0.0:
+            text += f" The filter of paths kept {self.flux_filtered_out:.6g} W from the detectors."
         return text
 
 
@@ -102,12 +108,14 @@ def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[s
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
     for name, detector in detectors.items():
         _add_errors(detector, report["detectors"][name], arrays[name])
-    return SimulationResult(
+    result = SimulationResult(
         **{key: report[key] for key in _SAME},
         detectors=detectors,
         ray_paths=_ray_paths(scene, load(None), surface_labels) if records_paths else None,
         diagnostics=_diagnostics(scene, report, detectors),
     )
+    _add_paths(result, report)
+    return result
 
 
 def warn_of(report: Json, missed_target: str | None, known: set[str] | None = None) -> None:
@@ -158,6 +166,12 @@ def _add_errors(detector: Any, spec: Json, arrays: Any) -> None:
     """Put the standard errors on a result, where Optiland's has no field for them."""
     detector.total_flux_standard_error = spec["total_flux_standard_error"]
     detector.standard_error = arrays.get("standard_error")
+
+
+def _add_paths(result: SimulationResult, report: Json) -> None:
+    """Put the table of paths on a result, where Optiland's has no field for it."""
+    rows = report.get("paths")
+    result.paths = None if rows is None else path_table(rows)
 
 
 def _pixel_area(live: Any) -> float:
@@ -219,6 +233,7 @@ def _diagnostics(scene: NSQScene, report: Json, detectors: dict[str, Any]) -> An
         invalid_deposits=ledger["invalid_deposits"],
         flux_only_in_ledger={what: ledger[key]["flux"] for key, what in _ONLY_IN_LEDGER.items()
                              if ledger[key]["flux"] > 0.0},
+        flux_filtered_out=ledger["filtered_out"]["flux"],
     )
 
 

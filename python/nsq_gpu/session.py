@@ -40,6 +40,14 @@ _TICK = 0.1
 _GRACE = 3.0
 
 
+def as_written(options: Mapping[str, Any]) -> Json:
+    """Return options as the program reads them: True is ``on`` and False ``off``. Of recorded paths True is ``all``."""
+    on = {"record_paths": "all"}
+    off = {"record_paths": None}
+    return {name: on.get(name, "on") if value is True else off.get(name, "off") if value is False else value
+            for name, value in options.items()}
+
+
 class Answer:
     """A trace as the program answered it: the report, and arrays by detector (None: of recorded paths)."""
 
@@ -122,12 +130,13 @@ class Session:
             max_depth: Largest number of events of a ray.
             timeout: Longest time of the trace [s].
             options: Further options of ``nsq-gpu trace`` by their names, such as ``sampler="sobol"``,
-                ``standard_error="on"``, ``record_paths="all"``.
+                ``standard_error=True``, ``record_paths=True``, ``paths=True``, ``where="reflections == 2"``.
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
         """
         exported = export(scene)
+        options = as_written(options)
         records_paths = options.get("record_paths") is not None
         if records_paths:
             check_paths(scene, exported.surface_labels)
@@ -183,7 +192,7 @@ class Session:
             NsqGpuError: One of its subclasses, by what went wrong.
             TraceTimeoutError: The trace took longer than ``timeout`` [s], and was cancelled.
         """
-        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **options}
+        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
         header = {"request": "trace", "scene": scene, "name": name, "options": named, "set": dict(numbers or {}),
                   "progress": progress is not None}
         if self._live is not None:

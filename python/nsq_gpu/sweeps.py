@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from nsq_gpu.errors import NsqGpuError, UsageError
+from nsq_gpu.paths import path_table
 
 Json = dict[str, Any]
 #: Numbers by their names, and what is added to the seed.
@@ -42,6 +43,8 @@ class Sweep:
     maps: dict[str, np.ndarray] = field(default_factory=dict)
     #: Rays of each point.
     num_rays: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    #: The table of paths of each point, of dtype object; None where they were not asked for (``paths=True``).
+    paths: np.ndarray | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -124,6 +127,7 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
     errors: dict[str, np.ndarray] = {}
     maps: dict[str, np.ndarray] = {}
     num_rays = np.zeros(shape, dtype=np.int64)
+    paths: np.ndarray | None = None
 
     def put(arrays: dict[str, np.ndarray], name: str, place: tuple[int, ...], value: Any) -> None:
         value = np.asarray(value)
@@ -136,6 +140,9 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
     for place, answer in zip(np.ndindex(*shape), trace_all(points), strict=True):
         report = answer.report
         num_rays[place] = report["num_rays_total"]
+        if report.get("paths") is not None:
+            paths = np.full(shape, None, dtype=object) if paths is None else paths
+            paths[place] = path_table(report["paths"])
         for name, entry in report["detectors"].items():
             put(flux, name, place, entry["total_flux"])
             error = entry["total_flux_standard_error"]
@@ -145,4 +152,4 @@ def run(trace_all: Callable[[list[Point]], Iterable[Any]], numbers: Mapping[str,
         for name, key in TOTALS.items():
             # A detector may have the name of a total.
             put(flux, f"{name} (total)" if name in report["detectors"] else name, place, report[key])
-    return Sweep(values, zipped, flux, errors, maps, num_rays)
+    return Sweep(values, zipped, flux, errors, maps, num_rays, paths)

@@ -41,6 +41,25 @@ def test_the_bits_are_those_of_one_trace(client: Any, expected: bytes, parts: in
     assert result.num_rays_total == NUM_RAYS
 
 
+def test_paths_are_those_of_one_trace(client: Any) -> None:
+    # Of several sources, and with a filter.
+    path = live.ROOT / "scenes" / "coated_projector.json"
+    for options in ({"paths": True}, {"paths": True, "where": "reflections < 2"}):
+        with session() as one, live.quiet():
+            whole = one.trace(live.load(path), 5000, **options)
+        parts = cluster.trace(live.load(path), 5000, client, 5, precision="f64", binary=live.binary(), **options)
+        assert len(whole.paths) > 20
+        assert (parts.paths == whole.paths).all()
+        assert parts.total_flux_detected == whole.total_flux_detected
+        assert parts.diagnostics.flux_filtered_out == whole.diagnostics.flux_filtered_out
+    assert parts.diagnostics.flux_filtered_out > 0.0
+
+
+def test_a_filter_that_makes_no_sense_is_refused(client: Any) -> None:
+    with pytest.raises(cluster.UsageError, match="column 1: `reflectons` is not known"):
+        cluster.trace(singlet(), NUM_RAYS, client, 2, precision="f64", binary=live.binary(), where="reflectons == 2")
+
+
 def test_ranges_add_up_in_any_order() -> None:
     text = to_json(export(singlet()).document, indent=None)
     options = [f"--of-rays={NUM_RAYS}", "--precision=f64", "--strict=on"]

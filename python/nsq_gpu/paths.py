@@ -1,0 +1,77 @@
+"""Tables of light by its path: which surfaces reflected it, let it pass or scattered it on its way to a detector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from nsq_gpu.errors import NsqGpuError
+
+Json = dict[str, Any]
+
+#: The fields of a row. Those of objects are texts, or None; ``steps`` is a tuple of pairs such as ``("R", "L1.back")``.
+FIELDS = np.dtype([
+    ("rank", np.int64),
+    ("flux", np.float64),
+    ("share", np.float64),
+    ("standard_error", np.float64),
+    ("num_rays", np.int64),
+    ("reflections", np.int64),
+    ("scatterings", np.int64),
+    ("detector", object),
+    ("sequence", object),
+    ("steps", object),
+    ("where", object),
+])
+
+
+class PathTable(np.ndarray):
+    """The paths of a trace: a structured array with a row for each sequence of events, the most flux first.
+
+    ``table["flux"]`` is a column and ``table[0]`` a row. ``table[table["reflections"] == 2]`` is a table of those rows.
+
+    ==================  ============================================================================================
+    ``rank``            the place in the table, from 1 on
+    ``flux``            [W]
+    ``share``           the fraction of all light that came to the row's detector
+    ``standard_error``  standard error of the flux [W]; NaN where it is not known
+    ``num_rays``        rays that brought the light
+    ``reflections``     specular reflections along the path
+    ``scatterings``     scatterings along the path
+    ``detector``        the detector's name
+    ``sequence``        the path as a text, from its source to its detector
+    ``steps``           pairs of what happened and where: T transmitted, R reflected, ST and SR scattered through and back
+    ``where``           an expression that keeps this row's light alone: ``NsqGpuBackend(where=...)``
+    ==================  ============================================================================================
+    """
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        is_table = isinstance(found, PathTable) and found.dtype.names is not None
+        return found if is_table or not isinstance(found, PathTable) else found.view(np.ndarray)
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame`` with the same columns.
+
+        Raises:
+            NsqGpuError: pandas is not installed (``pip install nsq-gpu[pandas]``).
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise NsqGpuError("pandas is not installed; `pip install nsq-gpu[pandas]`, or index the array itself") from None
+        return pandas.DataFrame({name: self[name] for name in self.dtype.names or ()})
+
+
+def path_table(rows: Sequence[Json]) -> PathTable:
+    """Return the rows of a report as a table."""
+    table = np.empty(len(rows), dtype=FIELDS)
+    for index, row in enumerate(rows):
+        # A number that is not known is null.
+        error = np.nan if row["standard_error"] is None else row["standard_error"]
+        steps = tuple((letters, name) for letters, name in row["steps"])
+        read = {**row, "standard_error": error, "steps": steps}
+        table[index] = tuple(read[name] for name in FIELDS.names or ())
+    return table.view(PathTable)
