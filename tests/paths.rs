@@ -252,7 +252,9 @@ fn a_plate_has_its_orders() {
     for order in 0..5 {
         let row = rows.iter().find(|row| row.reflections == 2 * order && row.detector.is_some()).unwrap();
         let expected = (1.0 - r).powi(2) * r.powi(2 * order as i32);
-        assert!((row.flux / expected - 1.0).abs() < 1e-12, "order {order}: {} not {expected}", row.flux);
+        // A split rounds weights to quanta, by chance.
+        let quantum = f64::EPSILON;
+        assert!((row.flux - expected).abs() < quantum, "order {order}: {} not {expected}", row.flux);
         // Rays are split, so each brings the same by each path: nothing of the error is chance.
         assert!(row.standard_error.unwrap() < 1e-9, "{row:?}");
     }
