@@ -33,6 +33,11 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         {
             toggle_scene(&mut app.model);
         }
+        let open = &mut app.model.light.is_open;
+        let hint = "A table of the light on the detector, by what happened to it";
+        if ui.add(egui::Button::selectable(*open, "Paths of light")).on_hover_text(hint).clicked() {
+            *open = !*open;
+        }
         title(ui, "Compare");
         compare(app, ui);
         title(ui, "Next trace");
