@@ -10,7 +10,7 @@ use crate::viewer::model::Model;
 use crate::viewer::state::App;
 use crate::viewer::views::{quiet, title, value};
 use eframe::egui::{
-    self, Align2, Checkbox, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, Spinner, TextWrapMode,
+    self, Align2, Checkbox, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, TextWrapMode,
     Ui, WidgetInfo, WidgetText, pos2, vec2,
 };
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ const GROUPINGS: [(Grouping, &str, &str); 3] = [
 /// The panel.
 pub fn show(app: &mut App, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        title(ui, "Paths");
+        title(ui, "Paths of light");
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             if ui.button("Close").on_hover_text("Hides the table; what is shown stays").clicked() {
                 app.model.light.is_open = false;
@@ -54,9 +54,9 @@ pub fn show(app: &mut App, ui: &mut Ui) {
     match app.model.light.stage() {
         Stage::None => offer(&mut app.model, ui),
         Stage::Following(done) => {
-            under_way(&app.model.light, ui, &format!("{} rays followed", thousands(done)));
+            under_way(&app.model.light, ui, &format!("Light is followed: {} rays so far", thousands(done)));
         }
-        Stage::Listing => under_way(&app.model.light, ui, "the rays once more, for maps of the first rows"),
+        Stage::Listing => under_way(&app.model.light, ui, "The same rays are traced again, for maps of the first rows"),
         Stage::Failed(problem) => {
             ui.colored_label(ui.visuals().error_fg_color, problem);
             offer(&mut app.model, ui);
@@ -81,7 +81,6 @@ fn offer(model: &mut Model, ui: &mut Ui) {
 
 fn under_way(light: &Light, ui: &mut Ui, text: &str) {
     ui.horizontal(|ui| {
-        ui.add(Spinner::new().size(16.0));
         ui.label(text);
         if ui.button("End here").on_hover_text("Goes on with the rays so far").clicked() {
             light.stop();
