@@ -763,6 +763,27 @@ fn the_side_view_shows_the_rays_of_a_path() {
             panic!("{scene}: the rays are not found")
         };
         assert_eq!(both.num_arrivals, 100, "{scene}");
+        // An expression has room for four paths, so that six are looked for in two parts of at most 50 rays.
+        let light = &mut window.state_mut().model.light;
+        light.tick_none();
+        let last = rows.len() - 6;
+        (last..rows.len()).for_each(|row| light.tick(row, true));
+        let ticked: Vec<u64> =
+            (last..rows.len()).filter(|row| light.is_ticked(*row)).map(|row| rows[row].num_rays).collect();
+        window.run();
+        finish(&mut window);
+        match window.state_mut().model.light_rays() {
+            Some(Rays::Found(rays)) => {
+                let expected: u64 = ticked.chunks(4).map(|part| part.iter().sum::<u64>().min(50)).sum();
+                assert_eq!(rays.num_arrivals as u64, expected, "{scene}");
+            }
+            None => assert_eq!(ticked.len(), 0, "{scene}: rows without maps cannot be ticked"),
+            Some(Rays::Missing(problem)) => panic!("{scene}: {problem}"),
+            Some(Rays::Searching) => panic!("{scene}: the search does not end"),
+        }
+        window.state_mut().model.light.click(first);
+        window.run();
+        finish(&mut window);
         click(&mut window, "All light");
         assert!(window.state_mut().model.light_rays().is_none());
     }

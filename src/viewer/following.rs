@@ -168,7 +168,7 @@ pub(crate) fn list(
 ) -> Result<Listing> {
     let (gpu, ir) = (device.open()?, &followed.scene.ir);
     let num_cells = ir.detectors.get(detector).map_or(0, |detector| detector.num_cells());
-    let num_maps = if num_cells == 0 { 0 } else { (MOST_CELLS / num_cells).clamp(1, MOST_MAPS) };
+    let num_maps = MOST_CELLS.checked_div(num_cells).map_or(0, |maps| maps.clamp(1, MOST_MAPS));
     let options = TableOptions { group, sort: Sorting::Flux, detector: Some(detector), num_maps };
     let found = followed.found.iter().map(|(sequence, at)| (sequence, *at)).collect();
     let traced = table_with_maps(&gpu, ir, &followed.options, &followed.tally, &found, &options, || {
@@ -246,20 +246,19 @@ pub struct LightRays {
     pub num_searched: u64,
 }
 
-/// Finds rays whose light on a detector an expression keeps. A ray database in the detector's place tells which of the
-/// recorded rays these are.
+/// Finds rays whose light on a detector one of the expressions keeps. A ray database in the detector's place tells which
+/// of the recorded rays these are.
 pub(crate) fn find_rays(
     device: &Device,
     followed: &Followed,
     detector: usize,
-    filter: &str,
+    filters: &[String],
     watch: &Watch,
 ) -> Result<LightRays> {
     let (gpu, scene) = (device.open()?, &followed.scene);
     let ir = with_ray_database(&scene.ir, detector)?;
     let options = TraceOptions {
         path_table: false,
-        path_filter: Some(Arc::new(PathFilter::parse(filter, &ir)?)),
         paths: RecordPaths::All,
         standard_error: StandardError::Off,
         strict: if followed.options.is_strict(&gpu.info) { Strict::On } else { Strict::Auto },
@@ -267,7 +266,33 @@ pub(crate) fn find_rays(
         batch_size: Some(SEARCHED_AT_ONCE as u32),
         ..followed.options.clone()
     };
-    search(&gpu, &ir, &options, detector, followed.unit(), watch)
+    let mut found = Found::default();
+    for filter in filters {
+        let path_filter = Some(Arc::new(PathFilter::parse(filter, &ir)?));
+        let options = TraceOptions { path_filter, ..options.clone() };
+        let part = search(&gpu, &ir, &options, detector, MOST_DRAWN.div_ceil(filters.len().max(1)), watch)?;
+        found.events.extend(part.events);
+        found.num_arrivals += part.num_arrivals;
+        found.num_searched = part.num_searched.max(found.num_searched);
+    }
+    // A ray may have come by several paths.
+    let splits = splits(&ir);
+    found.events.sort_by_key(|event| (event.ray.order(splits), event.kind.rank()));
+    found.events.dedup();
+    let mut writer = RowWriter::in_memory(None);
+    found.events.iter().try_for_each(|event| writer.push(event))?;
+    let (num_arrivals, num_searched) = (found.num_arrivals, found.num_searched);
+    let none = || Error::Usage(format!("none of the first {num_searched} rays took the path"));
+    let columns = RayPaths::new(&ir, followed.unit(), writer.finish()).ok_or_else(none)?.columns()?;
+    Ok(LightRays { columns: Arc::new(columns), num_arrivals, num_searched })
+}
+
+/// What a search found.
+#[derive(Default)]
+struct Found {
+    events: Vec<PathEvent>,
+    num_arrivals: usize,
+    num_searched: u64,
 }
 
 fn with_ray_database(ir: &SceneIr, detector: usize) -> Result<SceneIr> {
@@ -289,16 +314,15 @@ fn search(
     ir: &SceneIr,
     options: &TraceOptions,
     detector: usize,
-    unit: FluxUnit,
+    most: usize,
     watch: &Watch,
-) -> Result<LightRays> {
+) -> Result<Found> {
     let mut tracer = Tracer::new(gpu, ir, options)?;
     let splits = splits(ir);
     let last = tracer.num_rays().min(MOST_SEARCHED);
     let mut tally = tracer.empty_tally();
-    let mut writer = RowWriter::in_memory(None);
-    let (mut at, mut num_arrivals) = (0, 0);
-    while at < last && num_arrivals < MOST_DRAWN && !watch.is_stopped() {
+    let (mut at, mut found) = (0, Found::default());
+    while at < last && found.num_arrivals < most && !watch.is_stopped() {
         let end = (at + SEARCHED_AT_ONCE).min(last);
         tracer.pause_at(end);
         tally = tracer.go_on(tally, |progress| {
@@ -307,17 +331,12 @@ fn search(
         })?;
         let mut arrivals = std::mem::take(&mut tally.detectors[detector].rows);
         arrivals.sort_by_key(|row| row.order(splits));
-        arrivals.truncate(MOST_DRAWN - num_arrivals);
-        num_arrivals += arrivals.len();
+        arrivals.truncate(most - found.num_arrivals);
+        found.num_arrivals += arrivals.len();
         let arrivals = arrivals.iter().map(|row| (row.ray_id, row.bounce));
-        for event in of_lineages(std::mem::take(&mut tally.paths), &lineages(arrivals, splits)) {
-            writer.push(&event)?;
-        }
+        found.events.extend(of_lineages(std::mem::take(&mut tally.paths), &lineages(arrivals, splits)));
     }
-    let num_searched = tally.launched.count;
-    let none = || Error::Usage(format!("none of the first {num_searched} rays took the path"));
-    let columns = RayPaths::new(ir, unit, writer.finish()).ok_or_else(none)?.columns()?;
-    Ok(LightRays { columns: Arc::new(columns), num_arrivals, num_searched })
+    Ok(Found { num_searched: tally.launched.count, ..found })
 }
 
 /// Which rays brought light, and up to which number of events. A ray that was split off has the events of the ray that it

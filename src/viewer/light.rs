@@ -6,6 +6,11 @@ use crate::viewer::following::{Followed, LightRays, Listing, Work, find_rays, fo
 use crate::viewer::tracing::{Device, LoadedScene, Notify, RunOptions};
 use std::sync::Arc;
 
+/// Most sequences that an expression asks for.
+const MOST_SEQUENCES: usize = 4;
+/// Most searches for rays. Rays of further ticked rows are not drawn.
+const MOST_SEARCHES: usize = 5;
+
 /// What the plot of a detector shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shown {
@@ -83,7 +88,8 @@ pub struct Light {
     detector: Option<Arc<Detector>>,
     /// Grows whenever `detector` changes.
     revision: u64,
-    rays: Option<(String, RaysState)>,
+    /// The rays of a detector's light, by the expressions that keep it.
+    rays: Option<((usize, Vec<String>), RaysState)>,
 }
 
 impl Default for Light {
@@ -392,12 +398,14 @@ impl Light {
         }
     }
 
-    /// The expression that keeps the light that is shown.
-    pub fn filter(&self) -> Option<String> {
+    /// Expressions of which each keeps a part of the light that is shown. An expression has room for a few sequences.
+    fn filters(&self) -> Option<std::result::Result<Vec<String>, String>> {
         let listing = self.listing()?;
+        let of_trace = listing.followed.options.path_filter.as_ref();
+        let room = MOST_SEQUENCES.saturating_sub(of_trace.map_or(0, |filter| filter.patterns.len())).max(1);
         let kept = match self.shown {
             Shown::Whole => return None,
-            Shown::Row(row) => listing.table.paths.get(row)?.filter.clone()?,
+            Shown::Row(row) => vec![listing.table.paths.get(row)?.filter.clone()?],
             Shown::Ticked => {
                 let of_rows = |is_ticked: bool| {
                     let rows = listing.table.paths.iter().enumerate();
@@ -407,29 +415,42 @@ impl Light {
                     filters.map(|filter| format!("({filter})")).collect::<Vec<_>>()
                 };
                 let (ticked, others) = (of_rows(true), of_rows(false));
-                // The shorter one; only what is not ticked tells the rest.
-                let by_others =
-                    self.rest_is_ticked || (listing.rest().is_none() && others.len() < ticked.len());
-                match (by_others, others.is_empty()) {
-                    (true, true) => "events >= 0".into(),
-                    (true, false) => format!("not ({})", others.join(" or ")),
-                    (false, _) => ticked.join(" or "),
+                // Only what is not ticked tells the rest.
+                let is_by_others = self.rest_is_ticked || (listing.rest().is_none() && others.len() <= room);
+                match (is_by_others, others.len()) {
+                    (true, 0) => vec!["events >= 0".into()],
+                    (true, len) if len > room => {
+                        return Some(Err(format!(
+                            "rays of the rest are found where at most {room} rows have no tick"
+                        )));
+                    }
+                    (true, _) => vec![format!("not ({})", others.join(" or "))],
+                    (false, _) => {
+                        let parts = ticked.chunks(room).take(MOST_SEARCHES);
+                        parts.map(|part| part.join(" or ")).collect()
+                    }
                 }
             }
         };
-        let of_trace = listing.followed.options.path_filter.as_ref();
-        Some(of_trace.map_or_else(|| kept.clone(), |filter| format!("({}) and ({kept})", filter.text)))
+        let with_trace = |kept: String| match of_trace {
+            Some(filter) => format!("({}) and ({kept})", filter.text),
+            None => kept,
+        };
+        Some(Ok(kept.into_iter().map(with_trace).collect()))
     }
 
     /// Rays of the light that is shown, which are looked for when they are first asked for; none for all light.
     pub fn rays(&mut self, context: &Context) -> Option<Rays> {
-        let filter = self.filter()?;
+        let filters = match self.filters()? {
+            Ok(filters) => filters,
+            Err(problem) => return Some(Rays::Missing(problem)),
+        };
         let listing = self.listing()?.clone();
-        let key = format!("{} {filter}", listing.detector);
+        let key = (listing.detector, filters);
         if self.rays.as_ref().is_none_or(|(of, _)| *of != key) {
-            let device = context.device.clone();
+            let (device, filters) = (context.device.clone(), key.1.clone());
             let work = Work::start(
-                move |watch| find_rays(&device, &listing.followed, listing.detector, &filter, watch),
+                move |watch| find_rays(&device, &listing.followed, listing.detector, &filters, watch),
                 context.notify.clone(),
             );
             self.rays = Some((key, RaysState::Searching(work)));

@@ -10,8 +10,8 @@ use crate::viewer::model::Model;
 use crate::viewer::state::App;
 use crate::viewer::views::{quiet, title, value};
 use eframe::egui::{
-    self, Align2, Checkbox, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, TextWrapMode,
-    Ui, WidgetInfo, WidgetText, pos2, vec2,
+    self, Align2, Checkbox, Color32, FontId, Rect, Response, Role, ScrollArea, Sense, TextWrapMode, Ui,
+    WidgetInfo, WidgetText, pos2, vec2,
 };
 use std::path::PathBuf;
 
@@ -56,7 +56,9 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         Stage::Following(done) => {
             under_way(&app.model.light, ui, &format!("Light is followed: {} rays so far", thousands(done)));
         }
-        Stage::Listing => under_way(&app.model.light, ui, "The same rays are traced again, for maps of the first rows"),
+        Stage::Listing => {
+            under_way(&app.model.light, ui, "The same rays are traced again, for maps of the first rows")
+        }
         Stage::Failed(problem) => {
             ui.colored_label(ui.visuals().error_fg_color, problem);
             offer(&mut app.model, ui);
