@@ -11,9 +11,11 @@ use egui_kittest::kittest::Queryable;
 use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use nsq_gpu::TraceResult;
-use nsq_gpu::result::DetectorData;
+use nsq_gpu::model::PathFilter;
 use nsq_gpu::result::StoppedBy;
+use nsq_gpu::result::{DetectorData, Grouping, LightPath};
 use nsq_gpu::viewer::compare::Comparison;
+use nsq_gpu::viewer::light::{Rays, Shown, Stage};
 use nsq_gpu::viewer::model::{Picture, RegionFigures, Subject};
 use nsq_gpu::viewer::region::{Outline, Region};
 use nsq_gpu::viewer::scale::ScaleKind;
@@ -612,6 +614,254 @@ fn what_is_shown_is_exported() {
     assert!(window.state().model.command().contains("--seed 0"));
 }
 
+/// A window of a scene whose light was followed.
+fn followed(scene: &str) -> Window {
+    let mut window = window(model(&scene_path(scene)));
+    window.state_mut().model.run.num_rays = RAYS.parse().unwrap();
+    window.state_mut().model.trace();
+    click(&mut window, "Paths");
+    assert_eq!(window.state().model.light.stage(), Stage::None);
+    click(&mut window, "Follow light");
+    finish(&mut window);
+    assert_eq!(window.state().model.light.stage(), Stage::Listed);
+    window
+}
+
+/// The values that the plot shows.
+fn values(window: &mut Window) -> Array2<f64> {
+    let picture = window.state_mut().model.picture().unwrap();
+    let Picture::Map { field, .. } = picture.as_ref() else { panic!("the detector is a map") };
+    field.values.clone()
+}
+
+/// The values of a trace of the same rays that keeps only what an expression says.
+fn values_where(scene: &str, detector: &str, filter: &str) -> Array2<f64> {
+    let mut model = model(&scene_path(scene));
+    let parsed = PathFilter::parse(filter, &model.scene().unwrap().ir).unwrap();
+    model.run.filter = Some(Arc::new(parsed));
+    model.run.num_rays = RAYS.parse().unwrap();
+    model.subject = Subject::Detector(detector.into());
+    model.trace();
+    assert!(model.command().contains(" --where "), "{}", model.command());
+    let mut window = window(model);
+    finish(&mut window);
+    assert!(window.query_by_label(&format!("where {filter}")).is_some());
+    values(&mut window)
+}
+
+fn path_rows(window: &Window) -> Vec<LightPath> {
+    window.state().model.light.rows().to_vec()
+}
+
+/// A click shows one path's map, which is that of a trace with the row's expression. Ticked maps add up to the bit.
+#[test]
+fn paths_are_shown_alone_and_add_up() {
+    if !has_adapter("paths_are_shown_alone_and_add_up") {
+        return;
+    }
+    let mut window = followed("cooke_triplet");
+    let rows = path_rows(&window);
+    assert!(rows.len() > 5, "{} rows", rows.len());
+    assert_eq!((rows[0].reflections, rows[1].reflections), (0, 2), "a ghost is one row: {rows:?}");
+    let whole = values(&mut window);
+    for row in [&rows[1], &rows[0]] {
+        click(&mut window, &row.sequence);
+        assert_eq!(window.state().model.light.shown(), Shown::Row(row.rank as usize - 1));
+        assert!(window.query_by_label_contains(&format!("Path {}: ", row.rank)).is_some());
+        let alone = values(&mut window);
+        assert_eq!(alone, values_where("cooke_triplet", "image", row.filter.as_ref().unwrap()));
+        let detector = window.state().model.detector().unwrap();
+        assert!((detector.total_flux / row.flux - 1.0).abs() < 1e-12);
+        assert_eq!(detector.num_rays_hit, row.num_rays);
+    }
+    // A second click shows all light again.
+    click(&mut window, &rows[0].sequence);
+    assert_eq!(values(&mut window), whole);
+    click(&mut window, "Tick path 2");
+    let second = values(&mut window);
+    click(&mut window, "Tick path 3");
+    assert_eq!(window.state().model.light.shown(), Shown::Ticked);
+    let both = values(&mut window);
+    assert!(both.sum() > second.sum());
+    click(&mut window, "Tick path 2");
+    let third = values(&mut window);
+    assert!((&second + &third - &both).iter().all(|difference| difference.abs() <= 1e-15 * both.sum()));
+    click(&mut window, "All");
+    assert_eq!(values(&mut window), whole, "all rows are the detector's map");
+    click(&mut window, "All but the direct light");
+    let ghosts = values(&mut window);
+    assert_eq!(ghosts, values_where("cooke_triplet", "image", "reflections > 0 or scatterings > 0"));
+    assert!(ghosts.sum() > 0.0 && ghosts.sum() < 0.1 * whole.sum());
+    click(&mut window, "None");
+    assert_eq!((window.state().model.light.shown(), values(&mut window)), (Shown::Whole, whole));
+}
+
+/// Where not every row has a map, the rest is what the detector has besides.
+#[test]
+fn what_has_no_map_of_its_own_is_the_rest() {
+    if !has_adapter("what_has_no_map_of_its_own_is_the_rest") {
+        return;
+    }
+    let mut window = followed("stacked_plates_ghosts");
+    click(&mut window, "sequence");
+    finish(&mut window);
+    assert_eq!(window.state().model.light.group(), Grouping::Sequence);
+    let listing = window.state().model.light.listing().unwrap().clone();
+    let rest = listing.rest().expect("there are more than 50 sequences");
+    assert!(!listing.has_map(50) && listing.table.paths.len() == 50 + rest.num_rows);
+    let whole = values(&mut window);
+    click(&mut window, "All");
+    assert!(window.state().model.light.rest_is_ticked());
+    assert_eq!(values(&mut window), whole);
+    window.state_mut().model.light.tick_none();
+    window.state_mut().model.light.tick_rest(true);
+    window.run();
+    let detector = window.state().model.detector().unwrap();
+    assert!((detector.total_flux / rest.flux - 1.0).abs() < 1e-9);
+    // A row without a map cannot be ticked, and a row that is not there does nothing.
+    let light = &mut window.state_mut().model.light;
+    light.tick_none();
+    light.tick(50, true);
+    light.tick(usize::MAX, true);
+    light.click(usize::MAX);
+    assert_eq!(light.shown(), Shown::Whole);
+}
+
+/// The side view has the rays of the row, each up to its arrival; those of ticked rows are those of all of them.
+#[test]
+fn the_side_view_shows_the_rays_of_a_path() {
+    if !has_adapter("the_side_view_shows_the_rays_of_a_path") {
+        return;
+    }
+    for scene in ["cooke_triplet", "split_ghosts"] {
+        let mut window = followed(scene);
+        let rows = path_rows(&window);
+        let is_rare = |row: &&LightPath| row.reflections > 1 && (5..90).contains(&row.num_rays);
+        let row = rows.iter().find(is_rare).expect("there is a rare ghost");
+        let detector = row.detector.clone().unwrap();
+        click(&mut window, &row.sequence);
+        click(&mut window, "Side view with rays");
+        finish(&mut window);
+        let Some(Rays::Found(rays)) = window.state_mut().model.light_rays() else {
+            panic!("{scene}: the rays are not found")
+        };
+        assert_eq!(rays.num_arrivals as u64, row.num_rays, "{scene}: every ray of the row is found");
+        let columns = &rays.columns;
+        let arrivals = columns.component_name.iter().filter(|name| **name == detector).count();
+        assert_eq!(arrivals, rays.num_arrivals, "{scene}: nothing but the row's light arrives");
+        for [_, face] in &row.steps {
+            assert!(columns.component_name.contains(face), "{scene}: {face}");
+        }
+        assert!(!columns.event_type.contains(&"death"), "{scene}: no ray goes on after its arrival");
+        let first = row.rank as usize - 1;
+        let light = &mut window.state_mut().model.light;
+        light.tick(first, true);
+        light.tick(0, true);
+        window.run();
+        finish(&mut window);
+        let Some(Rays::Found(both)) = window.state_mut().model.light_rays() else {
+            panic!("{scene}: the rays are not found")
+        };
+        assert_eq!(both.num_arrivals, 100, "{scene}");
+        // An expression has room for four paths, so that six are looked for in two parts of at most 50 rays.
+        let light = &mut window.state_mut().model.light;
+        light.tick_none();
+        let last = rows.len() - 6;
+        (last..rows.len()).for_each(|row| light.tick(row, true));
+        let ticked: Vec<u64> =
+            (last..rows.len()).filter(|row| light.is_ticked(*row)).map(|row| rows[row].num_rays).collect();
+        window.run();
+        finish(&mut window);
+        match window.state_mut().model.light_rays() {
+            Some(Rays::Found(rays)) => {
+                let expected: u64 = ticked.chunks(4).map(|part| part.iter().sum::<u64>().min(50)).sum();
+                assert_eq!(rays.num_arrivals as u64, expected, "{scene}");
+            }
+            None => assert_eq!(ticked.len(), 0, "{scene}: rows without maps cannot be ticked"),
+            Some(Rays::Missing(problem)) => panic!("{scene}: {problem}"),
+            Some(Rays::Searching) => panic!("{scene}: the search does not end"),
+        }
+        window.state_mut().model.light.click(first);
+        window.run();
+        finish(&mut window);
+        click(&mut window, "All light");
+        assert!(window.state_mut().model.light_rays().is_none());
+    }
+}
+
+#[test]
+fn the_table_and_the_map_of_a_path_are_exported() {
+    if !has_adapter("the_table_and_the_map_of_a_path_are_exported") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = followed("cooke_triplet");
+    window.state_mut().set_export_folder(folder.path());
+    let rows = path_rows(&window);
+    click(&mut window, "Export table");
+    click(&mut window, &rows[1].sequence);
+    for button in
+        ["Figure of the detector (PNG)", "Values that are shown (CSV)", "Arrays of the detector (npz)"]
+    {
+        click(&mut window, "Export");
+        click(&mut window, button);
+    }
+    let text = std::fs::read_to_string(folder.path().join("image_table_of_paths.csv")).unwrap();
+    assert_eq!(text, window.state().model.light.listing().unwrap().table.to_csv());
+    assert_eq!(text.lines().count(), rows.len() + 1);
+    let shown = values(&mut window);
+    let written: Array2<f64> = npz(folder.path(), "image_path_2.npz").by_name("irradiance").unwrap();
+    assert_eq!(written, shown);
+    let csv = std::fs::read_to_string(folder.path().join("image_path_2.csv")).unwrap();
+    assert_eq!(csv.lines().count(), shown.len() + 1);
+    assert!(folder.path().join("image_path_2.png").exists());
+    // Another trace makes the table old.
+    window.state_mut().model.trace();
+    assert_eq!(window.state().model.light.stage(), Stage::None);
+    click(&mut window, "Export");
+    click(&mut window, "Table of paths (CSV)");
+    assert!(window.state().model.messages.last().unwrap().contains("no table of paths"));
+    finish(&mut window);
+}
+
+#[test]
+fn a_table_is_ended_early_and_follows_the_detector() {
+    if !has_adapter("a_table_is_ended_early_and_follows_the_detector") {
+        return;
+    }
+    let mut window = followed("cooke_triplet");
+    click(&mut window, "stray");
+    finish(&mut window);
+    let of_stray = |row: &LightPath| row.detector.as_deref() == Some("stray");
+    assert!(path_rows(&window).iter().all(of_stray) && !path_rows(&window).is_empty());
+    // The rays of a far field are found as well.
+    let rare = path_rows(&window).iter().position(|row| row.num_rays < 60).unwrap();
+    window.state_mut().model.light.click(rare);
+    let deadline = Instant::now() + Duration::from_secs(300);
+    let found = loop {
+        match window.state_mut().model.light_rays() {
+            Some(Rays::Found(rays)) => break rays,
+            Some(Rays::Searching) => assert!(Instant::now() < deadline),
+            Some(Rays::Missing(problem)) => panic!("{problem}"),
+            None => panic!("no path is shown"),
+        }
+        std::thread::sleep(Duration::from_millis(10));
+        window.run();
+    };
+    assert_eq!(found.num_arrivals as u64, path_rows(&window)[rare].num_rays);
+    window.state_mut().model.run.num_rays = 1 << 40;
+    click(&mut window, "Follow again");
+    while !matches!(window.state().model.light.stage(), Stage::Following(1..)) {
+        assert!(Instant::now() < deadline, "{:?}", window.state().model.light.stage());
+        std::thread::sleep(Duration::from_millis(5));
+        window.run();
+    }
+    click(&mut window, "End here");
+    finish(&mut window);
+    let listing = window.state().model.light.listing().unwrap().clone();
+    assert!(listing.followed.tally.launched.count < 1 << 40 && !listing.table.paths.is_empty());
+}
+
 #[test]
 fn a_picture_needs_no_display_and_is_the_same_each_time() {
     if !has_adapter("a_picture_needs_no_display_and_is_the_same_each_time") {
@@ -638,7 +888,7 @@ fn the_main_views_look_as_they_were_reviewed() {
         return;
     }
     type Prepare = fn(&mut Model);
-    let views: [(&str, &str, Prepare); 7] = [
+    let views: [(&str, &str, Prepare); 8] = [
         ("irradiance", "cooke_triplet", |model| {
             model.marks().region = Some(Region::between(Outline::Ellipse, (-10.0, 4.0), (-4.0, 12.0)));
         }),
@@ -649,6 +899,11 @@ fn the_main_views_look_as_they_were_reviewed() {
         ("far_field", "searchlight", |model| model.settings.scale = ScaleKind::Log),
         ("spots", "cemented_achromat_auto", |model| model.subject = Subject::Detector("before".into())),
         ("side_view", "cooke_triplet", |model| model.subject = Subject::Scene),
+        ("paths", "cooke_triplet", |model| {
+            model.light.is_open = true;
+            model.follow_light();
+            model.light.ask_for(2);
+        }),
         ("difference", "cooke_triplet", |model| {
             let a = model.a().unwrap().clone();
             model.show(TraceResult::read(&results("cooke_triplet", 1)).unwrap());
@@ -722,9 +977,20 @@ fn the_command_draws_a_picture() {
     let decoder = png::Decoder::new(File::open(&file).unwrap());
     let reader = decoder.read_info().unwrap();
     assert_eq!((reader.info().width, reader.info().height), (900, 600));
-    let output = view(&[&scene, "--detector", "nobody"]).code(2).get_output().stderr.clone();
-    let said = String::from_utf8(output).unwrap();
-    assert!(said.contains("'nobody'") && said.contains("image, stray"), "{said}");
+    view(&[&scene, "-n", "5000", "--where", "reflections == 2", "--path", "1", "--side-view"]).success();
+    for (arguments, problems) in [
+        (&["--detector", "nobody"][..], &["'nobody'", "image, stray"][..]),
+        (&["--where", "reflexions == 2"], &["--where", "column 1", "did you mean `reflections`"]),
+        (&["-n", "5000", "--path", "9999"], &["rank 9999", "ranks 1 to "]),
+        (&["--path", "0"], &["--path"]),
+    ] {
+        let output = view(&[&[scene.as_str()], arguments].concat()).code(2).get_output().stderr.clone();
+        let said = String::from_utf8(output).unwrap();
+        assert!(problems.iter().all(|problem| said.contains(problem)), "{said}");
+    }
+    let traced = results("cooke_triplet", 0).display().to_string();
+    let output = view(&[&traced, "--where", "reflections == 2"]).code(2).get_output().stderr.clone();
+    assert!(String::from_utf8(output).unwrap().contains("--where is for traces"));
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use crate::count;
 use crate::error::{Error, Result};
+use crate::model::PathFilter;
 use crate::viewer::compare::Comparison;
+use crate::viewer::light::Shown;
 use crate::viewer::model::Subject;
 use crate::viewer::scale::ScaleKind;
 use crate::viewer::settings::Settings;
@@ -25,6 +27,9 @@ pub struct Args {
     /// Largest number of events (surfaces and detectors) of a ray; by default that of `nsq-gpu trace`.
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
+    /// Keep only the light whose path matches, as in `nsq-gpu trace`: "reflections == 2 and not hit(mount)".
+    #[arg(long = "where", value_name = "EXPR")]
+    filter: Option<String>,
     /// Part of the adapter's name (see `nsq-gpu adapters`).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
@@ -37,6 +42,12 @@ pub struct Args {
     /// Show the scene from the side first, with a few hundred rays.
     #[arg(long)]
     side_view: bool,
+    /// Open the table of paths: light by what happened to it.
+    #[arg(long)]
+    paths: bool,
+    /// Open the table of paths, and show the light of the row of this rank.
+    #[arg(long = "path", id = "rank", value_name = "RANK", value_parser = clap::value_parser!(u32).range(1..))]
+    path_rank: Option<u32>,
     /// Draw the window into a PNG file once everything is traced; no display is needed.
     #[arg(long, value_name = "FILE", value_parser = parse_picture)]
     screenshot: Option<PathBuf>,
@@ -103,6 +114,10 @@ pub fn run(args: &Args) -> Result<String> {
             let problem = app.model.messages.first().cloned();
             return Err(Error::Usage(problem.unwrap_or_else(|| "nothing was traced".into())));
         }
+        if args.path_rank.is_some() && !matches!(app.model.light.shown(), Shown::Row(_)) {
+            let problem = app.model.light.problem().unwrap_or("the table of paths is not ready");
+            return Err(Error::Usage(format!("--path: {problem}")));
+        }
         picture.write(path)?;
         crate::cli::console::say(&format!("written: {}", path.display()));
         return Ok(String::new());
@@ -121,6 +136,7 @@ fn refuse_options_of_traces(args: &Args) -> Result<()> {
         ("-n", args.num_rays.is_some()),
         ("--seed", args.seed.is_some()),
         ("--max-depth", args.max_depth.is_some()),
+        ("--where", args.filter.is_some()),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         None => Ok(()),
@@ -141,6 +157,9 @@ fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     run.num_rays = args.num_rays.unwrap_or(run.num_rays);
     run.seed = args.seed.unwrap_or(run.seed);
     run.max_depth = args.max_depth.unwrap_or(run.max_depth);
+    let filter = args.filter.as_ref().zip(model.scene());
+    model.run.filter =
+        filter.map(|(text, scene)| PathFilter::parse(text, &scene.ir)).transpose()?.map(Arc::new);
     if let Some(dir) = &args.compare {
         model.compare_with(dir)?;
     }
@@ -171,6 +190,17 @@ fn app(args: &Args, settings: Settings, notify: Notify) -> Result<App> {
     }
     if model.a().is_none() {
         model.trace();
+    }
+    if args.paths || args.path_rank.is_some() {
+        if model.scene().is_none() {
+            let problem = "the table of paths needs the scene file of these results, which was not found";
+            return Err(Error::Usage(problem.into()));
+        }
+        model.light.is_open = true;
+        model.follow_light();
+    }
+    if let Some(rank) = args.path_rank {
+        model.light.ask_for(rank);
     }
     let mut app = App::new(model);
     app.frames_left = args.frames;

@@ -7,6 +7,9 @@ use eframe::egui::{self, CentralPanel, Key, Modifiers, Panel, Ui};
 
 pub use crate::viewer::state::{App, Cursor};
 
+/// Width of a window that has room for all panels \[points\].
+const WIDE: f32 = 1280.0;
+
 impl App {
     /// Draws one frame.
     pub fn ui(&mut self, ui: &mut Ui) {
@@ -20,10 +23,22 @@ impl App {
             .default_size(228.0)
             .size_range(190.0..=360.0)
             .show(ui, |ui| views::detectors::show(self, ui));
-        Panel::right("figures")
-            .default_size(272.0)
-            .size_range(240.0..=420.0)
-            .show(ui, |ui| views::figures::show(self, ui));
+        // In a narrow window the figures give way to the table of paths.
+        let has_paths = self.model.light.is_open;
+        if !has_paths || ui.ctx().content_rect().width() >= WIDE {
+            Panel::right("figures")
+                .default_size(272.0)
+                .size_range(240.0..=420.0)
+                .show(ui, |ui| views::figures::show(self, ui));
+        }
+        if has_paths {
+            let most = (ui.available_width() - 260.0).max(340.0);
+            Panel::right("paths")
+                .resizable(true)
+                .default_size(500.0_f32.min(most))
+                .size_range(340.0..=most)
+                .show(ui, |ui| views::paths::show(self, ui));
+        }
         if matches!(self.model.subject, Subject::Detector(_)) {
             Panel::bottom("curves")
                 .resizable(true)

@@ -2,6 +2,8 @@
 //!
 //! ```text
 //! tracing   a thread that folds passes, and a shelf with its latest result
+//! following light by its path, in the background: a table, maps of its rows, and their rays
+//! light     the table of the detector that is shown, and what is ticked and shown of it
 //! model     results, comparison, choices -> Picture (field, scale | spots); needs no window
 //! field, scale, region, profile, compare, photometry, spots    what is shown, as pure functions
 //! plot, raster, pyramid    axes with a view; pixels; large maps at coarser resolutions
@@ -13,6 +15,8 @@ pub mod app;
 pub mod compare;
 pub mod export;
 pub mod field;
+pub mod following;
+pub mod light;
 pub mod model;
 pub mod photometry;
 pub mod plot;

@@ -5,6 +5,7 @@ use crate::result::output::REPORT;
 use crate::result::{Detector, DetectorData, PathColumns, SpectralMap, TraceResult};
 use crate::viewer::compare::{Comparison, Scores, difference};
 use crate::viewer::field::{Field, Geometry};
+use crate::viewer::light::{Context, Light, Rays};
 use crate::viewer::photometry;
 use crate::viewer::profile::Line;
 use crate::viewer::pyramid::Pyramid;
@@ -111,6 +112,8 @@ enum Paths {
 #[derive(Debug, Clone, PartialEq)]
 struct PictureKey {
     revision: u64,
+    /// The light that is shown of A.
+    light: u64,
     detector: String,
     bin: Option<usize>,
     settings: Settings,
@@ -123,6 +126,8 @@ struct Recipe {
     key: PictureKey,
     a: Arc<TraceResult>,
     b: Option<Arc<TraceResult>>,
+    /// What is shown in the place of A's detector: the light of some paths.
+    light: Option<Arc<Detector>>,
 }
 
 /// A picture, or why there is none, and the key for which it was made.
@@ -152,7 +157,10 @@ impl Recipe {
             let detector = result.detector(&self.key.detector);
             detector.cloned().ok_or_else(|| format!("{which} has no detector '{}'", self.key.detector))
         };
-        let a = of(&self.a, "A")?;
+        let a = match &self.light {
+            Some(light) => light.as_ref().clone(),
+            None => of(&self.a, "A")?,
+        };
         let Some(b) = &self.b else {
             return self.alone(&a, None);
         };
@@ -258,6 +266,8 @@ pub struct Model {
     pub wavelength: f64,
     /// Messages about failures and finished work, the latest last.
     pub messages: Vec<String>,
+    /// Light by its path.
+    pub light: Light,
     scene: Option<Arc<LoadedScene>>,
     a: Option<Arc<TraceResult>>,
     b: Option<Reference>,
@@ -289,6 +299,7 @@ impl Model {
             bin: None,
             wavelength: 0.555,
             messages: Vec::new(),
+            light: Light::default(),
             scene: None,
             a: None,
             b: None,
@@ -383,6 +394,7 @@ impl Model {
     pub fn trace(&mut self) {
         if let Some(scene) = &self.scene {
             self.job = Some(Job::start(&self.device, scene, &self.run, self.notify.clone()));
+            self.light.forget();
         }
     }
 
@@ -403,6 +415,9 @@ impl Model {
                 self.job = None;
             }
         }
+        if let Some(context) = self.context() {
+            self.light.poll(&context, self.listed_detector());
+        }
         if let Paths::Recording(job) = &self.paths
             && let Some(paths) = job.take()
         {
@@ -414,6 +429,43 @@ impl Model {
                 }
             };
         }
+    }
+
+    /// What background work needs; none without a scene.
+    fn context(&self) -> Option<Context> {
+        let scene = self.scene.clone()?;
+        let (device, run, notify) = (self.device.clone(), self.run.clone(), self.notify.clone());
+        Some(Context { device, scene, run, notify })
+    }
+
+    /// Begins to sum up light by its path, for the table of the panel.
+    pub fn follow_light(&mut self) {
+        if let Some(context) = self.context() {
+            self.light.follow(&context);
+        }
+    }
+
+    /// The number of the detector that is shown, in the scene.
+    fn shown_detector(&self) -> Option<usize> {
+        let Subject::Detector(name) = &self.subject else { return None };
+        self.scene.as_ref()?.ir.detectors.iter().position(|detector| detector.name == *name)
+    }
+
+    /// The number of the detector whose light is listed: in the side view, that of the last one that was shown.
+    fn listed_detector(&self) -> Option<usize> {
+        let last = || self.light.listing().map(|listing| listing.detector);
+        self.shown_detector().or_else(last).or(Some(0))
+    }
+
+    /// The light of some paths, if it is shown in the place of the detector.
+    pub fn shown_light(&self) -> Option<&Detector> {
+        self.light.detector(self.shown_detector()).map(Arc::as_ref)
+    }
+
+    /// The rays of the light that is shown, for the side view; none for all light.
+    pub fn light_rays(&mut self) -> Option<Rays> {
+        let context = self.context()?;
+        self.light.rays(&context)
     }
 
     /// Paths of a few rays, which are recorded when they are first asked for.
@@ -435,6 +487,7 @@ impl Model {
         self.job.as_ref().is_none_or(|job| !job.is_running())
             && !matches!(self.paths, Paths::Recording(_))
             && self.making.is_none()
+            && self.light.is_idle()
     }
 
     /// Compares with the results in a folder.
@@ -474,7 +527,7 @@ impl Model {
         };
         match (self.settings.comparison, &self.b) {
             (Comparison::B, Some(b)) => b.result.detector(name),
-            _ => self.a.as_ref()?.detector(name),
+            _ => self.shown_light().or_else(|| self.a.as_ref()?.detector(name)),
         }
     }
 
@@ -538,13 +591,15 @@ impl Model {
         };
         let key = PictureKey {
             revision: self.revision,
+            light: self.light.revision(),
             detector: name.clone(),
             bin: self.bin,
             settings: self.settings.of_pictures(),
             wavelength: self.wavelength,
         };
         let a = self.a.clone().ok_or("the first rays are on their way")?;
-        Ok(Recipe { key, a, b: self.b.as_ref().map(|b| b.result.clone()) })
+        let light = self.light.detector(self.shown_detector()).cloned();
+        Ok(Recipe { key, a, b: self.b.as_ref().map(|b| b.result.clone()), light })
     }
 
     /// The command that traces with the same options.
@@ -552,15 +607,17 @@ impl Model {
         let Some(scene) = &self.scene else {
             return format!("nsq-gpu view {}", quoted(&self.title));
         };
-        let RunOptions { num_rays, seed, max_depth, precision, target_error, time_limit } = &self.run;
+        let RunOptions { num_rays, seed, max_depth, precision, target_error, time_limit, filter } = &self.run;
         let target =
             target_error.map_or(String::new(), |error| format!(" --target-error {}%", 100.0 * error));
         let limit =
             time_limit.map_or(String::new(), |limit| format!(" --time-limit {}s", limit.as_secs_f64()));
         let precision = precision.map_or("auto", crate::program::Precision::name);
+        let filter =
+            filter.as_ref().map_or(String::new(), |filter| format!(" --where {}", quoted(&filter.text)));
         let path = quoted(&scene.path.display().to_string());
         format!(
-            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision}{target}{limit} \
+            "nsq-gpu trace {path} -n {num_rays} --seed {seed} --max-depth {max_depth} --precision {precision}{target}{limit}{filter} \
              --standard-error on -o results"
         )
     }
@@ -577,6 +634,7 @@ impl Drop for Model {
         if let Some(job) = self.job.take() {
             job.finish();
         }
+        self.light.finish();
         if let Paths::Recording(job) = std::mem::replace(&mut self.paths, Paths::NotAsked) {
             job.finish();
         }

@@ -14,7 +14,7 @@
 
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::model::SceneIr;
+use crate::model::{PathFilter, SceneIr};
 use crate::program::Precision;
 use crate::result::{PathColumns, RunInfo, Tally, TraceResult};
 use crate::scene::Scene;
@@ -63,12 +63,22 @@ pub struct RunOptions {
     pub target_error: Option<f64>,
     /// The trace stops after this time, pauses included.
     pub time_limit: Option<Duration>,
+    /// Detectors keep only the light whose path matches.
+    pub filter: Option<Arc<PathFilter>>,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
         let TraceOptions { num_rays, seed, max_depth, .. } = TraceOptions::default();
-        RunOptions { num_rays, seed, max_depth, precision: None, target_error: None, time_limit: None }
+        RunOptions {
+            num_rays,
+            seed,
+            max_depth,
+            precision: None,
+            target_error: None,
+            time_limit: None,
+            filter: None,
+        }
     }
 }
 
@@ -137,7 +147,7 @@ impl Device {
         Device { gpu: Arc::new(Mutex::new(Some(gpu))), adapter: None }
     }
 
-    fn open(&self) -> Result<Arc<Gpu>> {
+    pub(super) fn open(&self) -> Result<Arc<Gpu>> {
         let mut gpu = lock(&self.gpu);
         // A device that has failed once stays failed.
         if let Some(gpu) = gpu.as_ref().filter(|gpu| gpu.check().is_ok()) {
@@ -233,13 +243,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Rays in one dispatch, and the time of a pass. Both are small, because some devices cannot interrupt a dispatch to
 /// draw a frame.
 const BATCH: u32 = 1 << 16;
-const PASS_TIME: Duration = Duration::from_millis(15);
+pub(super) const PASS_TIME: Duration = Duration::from_millis(15);
 
-fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(TraceOptions, Choice)> {
+pub(super) fn trace_options(options: &RunOptions, gpu: &Gpu, ir: &SceneIr) -> Result<(TraceOptions, Choice)> {
     let traced = TraceOptions {
         num_rays: options.num_rays,
         seed: options.seed,
         max_depth: options.max_depth,
+        path_filter: options.filter.clone(),
         // The user wants to see the noise, whatever it costs.
         standard_error: StandardError::On,
         may_end_early: options.target_error.is_some() || options.time_limit.is_some(),

@@ -29,6 +29,9 @@ const SHADOW: Stroke = Stroke { width: 3.5, color: Color32::from_black_alpha(150
 pub fn show(app: &mut App, ui: &mut Ui) {
     let picture = app.model.picture();
     controls::show(app, ui, picture.as_deref().ok());
+    if app.model.shown_light().is_some() {
+        light(app, ui);
+    }
     let (rect, _) = ui.allocate_exact_size(ui.available_size(), egui::Sense::hover());
     match picture {
         Ok(picture) => plot(app, ui, rect, &picture),
@@ -40,6 +43,17 @@ pub fn show(app: &mut App, ui: &mut Ui) {
             ui.painter().galley(rect.center() - galley.size() / 2.0, galley, color);
         }
     }
+}
+
+/// Says which light is shown, and shows all light again.
+fn light(app: &mut App, ui: &mut Ui) {
+    let Some(caption) = app.model.light.caption() else { return };
+    ui.horizontal(|ui| {
+        if ui.button("All light").on_hover_text("Shows the whole map again").clicked() {
+            app.model.light.show_whole();
+        }
+        ui.add(egui::Label::new(egui::RichText::new(caption).strong()).truncate());
+    });
 }
 
 fn plot(app: &mut App, ui: &mut Ui, rect: Rect, picture: &Arc<Picture>) {

@@ -23,21 +23,28 @@ pub fn show(app: &mut App, ui: &mut Ui) {
             }
         }
         title(ui, "Scene");
-        let shown = app.model.subject == Subject::Scene;
-        let button = egui::Button::selectable(shown, "Side view with rays");
-        if ui
-            .add_enabled(app.model.scene().is_some(), button)
-            .on_hover_text("S")
-            .on_disabled_hover_text("The scene file of these results was not found")
-            .clicked()
-        {
-            toggle_scene(&mut app.model);
-        }
+        ui.horizontal_wrapped(|ui| scene(&mut app.model, ui));
         title(ui, "Compare");
         compare(app, ui);
         title(ui, "Next trace");
         options(app, ui);
     });
+}
+
+fn scene(model: &mut Model, ui: &mut Ui) {
+    let missing = "The scene file of these results was not found";
+    let shown = model.subject == Subject::Scene;
+    let button = egui::Button::selectable(shown, "Side view with rays");
+    let response = ui.add_enabled(model.scene().is_some(), button);
+    if response.on_hover_text("S").on_disabled_hover_text(missing).clicked() {
+        toggle_scene(model);
+    }
+    let button = egui::Button::selectable(model.light.is_open, "Paths");
+    let hint = "A table of the light on the detector, by what happened to it";
+    let response = ui.add_enabled(model.scene().is_some(), button);
+    if response.on_hover_text(hint).on_disabled_hover_text(missing).clicked() {
+        model.light.is_open = !model.light.is_open;
+    }
 }
 
 /// Shows the scene, or the first detector again.

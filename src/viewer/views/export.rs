@@ -1,10 +1,11 @@
 //! Exports what is shown to files.
 
 use crate::error::{Error, Result};
-use crate::result::{TraceResult, npz_files, output, png};
+use crate::result::{Detector, TraceResult, npz_files, output, png};
 use crate::viewer::export::{fields_csv, free_path, spots_csv};
 use crate::viewer::model::{Picture, Subject};
 use crate::viewer::state::App;
+use crate::viewer::views::paths;
 use eframe::egui::{TextEdit, Ui};
 use std::path::{Path, PathBuf};
 
@@ -21,6 +22,7 @@ pub fn menu(app: &mut App, ui: &mut Ui) {
             ("Figure of the detector (PNG)", Format::Png),
             ("Values that are shown (CSV)", Format::Csv),
             ("Arrays of the detector (npz)", Format::Npz),
+            ("Table of paths (CSV)", Format::Paths),
             ("All results (folder)", Format::All),
         ] {
             if ui.button(name).clicked() {
@@ -37,10 +39,14 @@ enum Format {
     Png,
     Csv,
     Npz,
+    Paths,
     All,
 }
 
 fn write(app: &mut App, format: Format) -> Result<PathBuf> {
+    if let Format::Paths = format {
+        return paths::export(app);
+    }
     let folder = PathBuf::from(app.export_folder.trim());
     std::fs::create_dir_all(&folder).map_err(|error| Error::file(&folder, error))?;
     let result = app.model.a().ok_or_else(|| Error::Usage("there is no result to write yet".into()))?;
@@ -58,16 +64,30 @@ fn write(app: &mut App, format: Format) -> Result<PathBuf> {
                 Picture::Map { field, .. } => fields_csv(field),
                 Picture::Spots(spots) => spots_csv(spots),
             };
-            let path = free_path(&folder, &name, ".csv");
+            let path = free_path(&folder, &file_name(app, &name), ".csv");
             std::fs::write(&path, text).map_err(|error| Error::file(&path, error)).map(|()| path)
         }
-        _ => write_detector(result, &name, &folder, format),
+        _ => {
+            let none = || Error::Usage(format!("the result has no detector '{name}'"));
+            let detector = app.model.shown_light().or_else(|| result.detector(&name)).ok_or_else(none)?;
+            write_detector(result, detector, &folder, &file_name(app, &name), format)
+        }
     }
 }
 
-fn write_detector(result: &TraceResult, name: &str, folder: &Path, format: Format) -> Result<PathBuf> {
-    let detector =
-        result.detector(name).ok_or_else(|| Error::Usage(format!("the result has no detector '{name}'")))?;
+/// The name of a file of what is shown of a detector.
+fn file_name(app: &App, detector: &str) -> String {
+    let stem = app.model.shown_light().and_then(|_| app.model.light.stem());
+    stem.map_or_else(|| detector.to_string(), |stem| format!("{detector}_{stem}"))
+}
+
+fn write_detector(
+    result: &TraceResult,
+    detector: &Detector,
+    folder: &Path,
+    name: &str,
+    format: Format,
+) -> Result<PathBuf> {
     match format {
         Format::Png => {
             let path = free_path(folder, name, ".png");

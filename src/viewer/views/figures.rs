@@ -37,13 +37,17 @@ fn cursor(app: &mut App, ui: &mut Ui) {
         Picture::Map { field, .. } => field.labels,
         Picture::Spots(spots) => spots.labels,
     };
+    let of_paths = app.model.shown_light().is_some();
     table(ui, "cursor", |ui| {
         let at = |name: &str| if cursor.pinned { format!("{name} (pinned)") } else { name.to_string() };
         row(ui, &at(labels.x.0), &value(cursor.at.0, labels.x.1));
         row(ui, &at(labels.y.0), &value(cursor.at.1, labels.y.1));
         if let Some((reading, hits, sigma)) = cursor.value {
             row(ui, labels.value.0, &value(reading, labels.value.1));
-            row(ui, "hits", &thousands(hits));
+            // Of the light of single paths the rays are not counted cell by cell.
+            if !of_paths {
+                row(ui, "hits", &thousands(hits));
+            }
             if labels.value.1 != "σ" {
                 row(ui, "standard error", &value(sigma, labels.value.1));
             }
@@ -78,6 +82,7 @@ fn region(app: &mut App, ui: &mut Ui) {
         Picture::Map { field, .. } => field.labels,
         Picture::Spots(spots) => spots.labels,
     };
+    let of_paths = app.model.shown_light().is_some();
     table(ui, "region", |ui| {
         if let Some(region) = region {
             let point = |(x, y): (f64, f64)| format!("{}, {}", value(x, ""), value(y, labels.x.1));
@@ -85,7 +90,7 @@ fn region(app: &mut App, ui: &mut Ui) {
             row(ui, "size", &point((2.0 * region.half.0, 2.0 * region.half.1)));
         }
         match figures {
-            RegionFigures::Map(Some(figures)) => of_map(ui, &figures, &labels),
+            RegionFigures::Map(Some(figures)) => of_map(ui, &figures, &labels, of_paths),
             RegionFigures::Map(None) => row(ui, "cells", "none"),
             RegionFigures::Spots(figures) => {
                 row(ui, "rays", &thousands(figures.num_rays));
@@ -101,10 +106,12 @@ fn region(app: &mut App, ui: &mut Ui) {
     });
 }
 
-fn of_map(ui: &mut Ui, figures: &Statistics, labels: &Labels) {
+fn of_map(ui: &mut Ui, figures: &Statistics, labels: &Labels, of_paths: bool) {
     let unit = labels.value.1;
     row(ui, "cells", &thousands(figures.num_cells));
-    row(ui, "hits", &thousands(figures.hits));
+    if !of_paths {
+        row(ui, "hits", &thousands(figures.hits));
+    }
     // A sum of ratios is not a flux.
     if unit != "σ" {
         row(ui, "flux", &with_error(figures.flux, figures.flux_sigma, labels.flux));

@@ -6,6 +6,7 @@ pub mod detector;
 pub mod detectors;
 pub mod export;
 pub mod figures;
+pub mod paths;
 pub mod run;
 pub mod scene;
 

@@ -20,6 +20,14 @@ pub fn show(app: &mut App, ui: &mut Ui) {
     ui.add_space(4.0);
     ui.horizontal(|ui| {
         ui.label(RichText::new(&app.model.title).strong().size(15.0));
+        if let Some(filter) = &app.model.run.filter {
+            let text = RichText::new(format!("where {}", filter.text)).color(ui.visuals().warn_fg_color);
+            let hint = format!("Detectors keep only the light whose path matches: {}", filter.text);
+            ui.scope(|ui| {
+                ui.set_max_width(260.0);
+                ui.add(egui::Label::new(text).truncate()).on_hover_text(hint);
+            });
+        }
         ui.separator();
         buttons(app, ui);
         ui.separator();

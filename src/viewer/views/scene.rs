@@ -1,20 +1,26 @@
 //! The scene from the side, with a few hundred recorded rays. A misplaced surface is seen at once.
 
+use crate::format::thousands;
 use crate::model::shapes::{Geometry, circle};
 use crate::model::{Frame as LocalFrame, Interaction, Mesh, SceneIr};
 use crate::result::PathColumns;
+use crate::viewer::light::{Light, Rays};
 use crate::viewer::plot::{Colors, Frame, Plot, View};
 use crate::viewer::settings::{Plane, RayColor};
 use crate::viewer::state::App;
 use eframe::egui::{self, Align2, Color32, FontId, Painter, Shape, Stroke, Ui};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Points of a curve.
 type Curve = Vec<DVec3>;
 
 /// The middle of the window.
 pub fn show(app: &mut App, ui: &mut Ui) {
-    let paths = app.model.paths();
+    let (paths, remark) = match app.model.light_rays() {
+        None => (app.model.paths(), None),
+        Some(rays) => of_light(&app.model.light, rays),
+    };
     ui.horizontal_wrapped(|ui| {
         let settings = &mut app.model.settings;
         for (plane, name) in Plane::ALL {
@@ -30,11 +36,19 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         for (color, label) in key {
             swatch(ui, color, &label);
         }
-        if paths.is_none() {
+        if paths.is_none() && remark.is_none() {
             ui.separator();
             ui.label("recording rays");
         }
     });
+    if let Some(remark) = remark {
+        ui.horizontal(|ui| {
+            if ui.button("All light").on_hover_text("Shows all rays again").clicked() {
+                app.model.light.show_whole();
+            }
+            ui.add(egui::Label::new(remark).truncate());
+        });
+    }
     let (rect, _) = ui.allocate_exact_size(ui.available_size(), egui::Sense::hover());
     let settings = app.model.settings.clone();
     let Some(scene) = app.model.scene() else {
@@ -62,6 +76,20 @@ pub fn show(app: &mut App, ui: &mut Ui) {
         drawing.draw(painter, frame, ui);
     });
     app.views.insert(key, view);
+}
+
+/// The rays of the light that is shown, and what is to be said of them.
+fn of_light(light: &Light, rays: Rays) -> (Option<Arc<PathColumns>>, Option<String>) {
+    let caption = light.caption().unwrap_or_default();
+    match rays {
+        Rays::Searching => (None, Some(format!("Rays are being looked for. {caption}"))),
+        Rays::Missing(problem) => (None, Some(format!("No rays: {problem}. {caption}"))),
+        Rays::Found(rays) => {
+            let searched = thousands(rays.num_searched);
+            let remark = format!("{} of the first {searched} rays. {caption}", rays.num_arrivals);
+            (Some(rays.columns.clone()), Some(remark))
+        }
+    }
 }
 
 /// The surfaces, detectors and sources of a scene, as curves in a plane.
@@ -270,11 +298,13 @@ fn color_key(by: RayColor) -> (&'static str, Vec<(Color32, String)>) {
 /// A colour and what it means.
 fn swatch(ui: &mut Ui, color: Color32, label: &str) {
     // Both stay together, even in a narrow window.
-    ui.horizontal(|ui| {
-        let (rect, _) = ui.allocate_exact_size(egui::vec2(14.0, 10.0), egui::Sense::hover());
-        ui.painter().rect_filled(rect, 2.0, color);
-        ui.label(label);
-    });
+    let font = egui::TextStyle::Body.resolve(ui.style());
+    let text = ui.painter().layout_no_wrap(label.into(), font, ui.visuals().text_color());
+    let size = egui::vec2(18.0 + text.size().x, text.size().y);
+    let (rect, _) = ui.allocate_exact_size(size, egui::Sense::hover());
+    let patch = Align2::LEFT_CENTER.anchor_size(rect.left_center(), egui::vec2(14.0, 10.0));
+    ui.painter().rect_filled(patch, 2.0, color);
+    ui.painter().galley(rect.min + egui::vec2(18.0, 0.0), text, ui.visuals().text_color());
 }
 
 fn gradient(gradient: colorous::Gradient, part: f64) -> Color32 {

@@ -1,0 +1,478 @@
+//! The panel of paths without the panel: the table of the detector that is shown, what is ticked, and what is shown of it.
+
+use crate::error::{Error, Result};
+use crate::result::{Detector, Grouping, LightPath};
+use crate::viewer::following::{Followed, LightRays, Listing, Work, find_rays, follow, list};
+use crate::viewer::tracing::{Device, LoadedScene, Notify, RunOptions};
+use std::sync::Arc;
+
+/// Most sequences that an expression asks for.
+const MOST_SEQUENCES: usize = 4;
+/// Most searches for rays. Rays of further ticked rows are not drawn.
+const MOST_SEARCHES: usize = 5;
+
+/// What the plot of a detector shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shown {
+    /// All light.
+    Whole,
+    /// The light of the row of this index.
+    Row(usize),
+    /// The light of the ticked rows.
+    Ticked,
+}
+
+/// What background work needs.
+#[derive(Clone)]
+pub struct Context {
+    /// The device.
+    pub device: Device,
+    /// The scene.
+    pub scene: Arc<LoadedScene>,
+    /// The options of the trace.
+    pub run: RunOptions,
+    /// Called when there is something new to show.
+    pub notify: Notify,
+}
+
+/// The rays of the side view, where those of some paths are asked for.
+pub enum Rays {
+    /// They are being looked for.
+    Searching,
+    /// They are here.
+    Found(Arc<LightRays>),
+    /// There are none, and why.
+    Missing(String),
+}
+
+enum RaysState {
+    Searching(Work<LightRays>),
+    Found(Arc<LightRays>),
+    Missing(String),
+}
+
+/// How far the table is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Stage {
+    /// Nothing was asked for.
+    None,
+    /// Light is being summed up by its path; the number of rays done.
+    Following(u64),
+    /// The maps of rows are being traced.
+    Listing,
+    /// There is a table.
+    Listed,
+    /// There is none, and why.
+    Failed(String),
+}
+
+/// A detector's number, and which sequences make a row.
+type Wanted = (usize, Grouping);
+
+/// Light by its path, and what the user does with it.
+pub struct Light {
+    /// True if the panel is shown.
+    pub is_open: bool,
+    group: Grouping,
+    following: Option<Work<Followed>>,
+    followed: Option<Arc<Followed>>,
+    listing: Option<(Wanted, Work<Listing>)>,
+    listed: Option<(Wanted, Arc<Listing>)>,
+    failed: Option<(Option<Wanted>, String)>,
+    /// The rank of a row that is shown as soon as there is a table.
+    asked: Option<u32>,
+    shown: Shown,
+    ticked: Vec<bool>,
+    rest_is_ticked: bool,
+    /// What the plot shows in the place of the detector.
+    detector: Option<Arc<Detector>>,
+    /// Grows whenever `detector` changes.
+    revision: u64,
+    /// The rays of a detector's light, by the expressions that keep it.
+    rays: Option<((usize, Vec<String>), RaysState)>,
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Light {
+            is_open: false,
+            // A ghost is then one row.
+            group: Grouping::Faces,
+            following: None,
+            followed: None,
+            listing: None,
+            listed: None,
+            failed: None,
+            asked: None,
+            shown: Shown::Whole,
+            ticked: Vec::new(),
+            rest_is_ticked: false,
+            detector: None,
+            revision: 0,
+            rays: None,
+        }
+    }
+}
+
+impl Light {
+    /// Begins to trace, for the table.
+    pub fn follow(&mut self, context: &Context) {
+        self.forget();
+        let work = context.clone();
+        self.following = Some(Work::start(
+            move |watch| follow(&work.device, &work.scene, &work.run, watch, &work.notify),
+            context.notify.clone(),
+        ));
+    }
+
+    /// Shows the row of this rank as soon as there is a table.
+    pub fn ask_for(&mut self, rank: u32) {
+        self.asked = Some(rank);
+    }
+
+    /// Forgets the table: another trace has begun.
+    pub fn forget(&mut self) {
+        (self.following, self.followed, self.listing, self.failed) = (None, None, None, None);
+        self.rays = None;
+        self.unlist();
+    }
+
+    fn unlist(&mut self) {
+        self.listed = None;
+        (self.shown, self.ticked, self.rest_is_ticked) = (Shown::Whole, Vec::new(), false);
+        self.refresh();
+    }
+
+    /// Ends the work that goes on, with what there is.
+    pub fn stop(&self) {
+        self.following.iter().for_each(Work::stop);
+        self.listing.iter().for_each(|(_, work)| work.stop());
+    }
+
+    /// Takes what the background has finished, and begins what the table of the detector of this number lacks.
+    pub fn poll(&mut self, context: &Context, detector: Option<usize>) {
+        match self.following.as_ref().and_then(Work::take) {
+            Some(Ok(followed)) => (self.following, self.followed) = (None, Some(Arc::new(followed))),
+            Some(Err(error)) => (self.following, self.failed) = (None, Some((None, error.to_string()))),
+            None => {}
+        }
+        let listed = self.listing.as_ref().and_then(|(wanted, work)| Some((*wanted, work.take()?)));
+        if let Some((wanted, outcome)) = listed {
+            self.listing = None;
+            match outcome {
+                Ok(listing) => self.set(wanted, listing),
+                Err(error) => self.failed = Some((Some(wanted), error.to_string())),
+            }
+        }
+        if let Some((_, state)) = &mut self.rays
+            && let RaysState::Searching(work) = state
+            && let Some(outcome) = work.take()
+        {
+            *state = match outcome {
+                Ok(rays) => RaysState::Found(Arc::new(rays)),
+                Err(error) => RaysState::Missing(error.to_string()),
+            };
+        }
+        let (Some(followed), Some(detector)) = (self.followed.clone(), detector) else { return };
+        let wanted = (detector, self.group);
+        if self.listed.as_ref().is_some_and(|(listed, _)| *listed != wanted) {
+            self.unlist();
+        }
+        let is_under_way = self.listing.as_ref().is_some_and(|(listing, _)| *listing == wanted);
+        let has_failed = self.failed.as_ref().is_some_and(|(failed, _)| failed.is_none_or(|of| of == wanted));
+        if self.listed.is_none() && !is_under_way && !has_failed {
+            let device = context.device.clone();
+            let work = Work::start(
+                move |watch| list(&device, &followed, detector, wanted.1, watch),
+                context.notify.clone(),
+            );
+            self.listing = Some((wanted, work));
+        }
+    }
+
+    fn set(&mut self, wanted: Wanted, listing: Listing) {
+        let num_rows = listing.table.paths.len();
+        self.listed = Some((wanted, Arc::new(listing)));
+        (self.shown, self.ticked, self.rest_is_ticked) = (Shown::Whole, vec![false; num_rows], false);
+        if let Some(rank) = self.asked.take() {
+            let row = (rank as usize).wrapping_sub(1);
+            if row < num_rows {
+                self.shown = Shown::Row(row);
+            } else {
+                let problem = format!("there is no path of rank {rank}; the table has ranks 1 to {num_rows}");
+                self.failed = Some((Some(wanted), problem));
+            }
+        }
+        self.refresh();
+    }
+
+    /// How far the table is.
+    pub fn stage(&self) -> Stage {
+        if let Some(work) = &self.following {
+            return Stage::Following(work.done());
+        }
+        match (&self.listed, &self.listing, &self.failed) {
+            (_, Some(_), _) => Stage::Listing,
+            (Some(_), None, _) => Stage::Listed,
+            (None, None, Some((_, problem))) => Stage::Failed(problem.clone()),
+            (None, None, None) if self.followed.is_some() => Stage::Listing,
+            (None, None, None) => Stage::None,
+        }
+    }
+
+    /// What went wrong last.
+    pub fn problem(&self) -> Option<&str> {
+        self.failed.as_ref().map(|(_, problem)| problem.as_str())
+    }
+
+    /// True while nothing further comes by itself.
+    pub fn is_idle(&self) -> bool {
+        let is_searching = matches!(self.rays, Some((_, RaysState::Searching(_))));
+        self.following.is_none() && self.listing.is_none() && !is_searching
+    }
+
+    /// The table and its maps.
+    pub fn listing(&self) -> Option<&Arc<Listing>> {
+        self.listed.as_ref().map(|(_, listing)| listing)
+    }
+
+    /// The rows of the table.
+    pub fn rows(&self) -> &[LightPath] {
+        self.listing().map_or(&[], |listing| &listing.table.paths)
+    }
+
+    /// Which sequences make a row.
+    pub fn group(&self) -> Grouping {
+        self.group
+    }
+
+    /// Groups the table anew.
+    pub fn set_group(&mut self, group: Grouping) {
+        if group != self.group {
+            (self.group, self.failed) = (group, None);
+        }
+    }
+
+    /// What the plot shows.
+    pub fn shown(&self) -> Shown {
+        self.shown
+    }
+
+    /// True if the row of this index is ticked.
+    pub fn is_ticked(&self, row: usize) -> bool {
+        self.ticked.get(row).copied().unwrap_or(false)
+    }
+
+    /// True if the light without maps is ticked.
+    pub fn rest_is_ticked(&self) -> bool {
+        self.rest_is_ticked
+    }
+
+    /// Shows the row of this index alone; all light again, if that row is shown.
+    pub fn click(&mut self, row: usize) {
+        if row < self.rows().len() {
+            self.shown = if self.shown == Shown::Row(row) { Shown::Whole } else { Shown::Row(row) };
+            self.refresh();
+        }
+    }
+
+    /// Shows all light again.
+    pub fn show_whole(&mut self) {
+        self.shown = Shown::Whole;
+        self.refresh();
+    }
+
+    /// Ticks the row of this index, or takes its tick away. Only rows with maps can be ticked.
+    pub fn tick(&mut self, row: usize, is_ticked: bool) {
+        let has_map = self.listing().is_some_and(|listing| listing.has_map(row));
+        if let Some(tick) = self.ticked.get_mut(row) {
+            *tick = is_ticked && has_map;
+        }
+        self.after_ticks();
+    }
+
+    /// Ticks the light without maps, or takes its tick away.
+    pub fn tick_rest(&mut self, is_ticked: bool) {
+        self.rest_is_ticked = is_ticked && self.has_rest();
+        self.after_ticks();
+    }
+
+    /// Ticks all light.
+    pub fn tick_all(&mut self) {
+        self.tick_where(|_| true, true);
+    }
+
+    /// Takes all ticks away.
+    pub fn tick_none(&mut self) {
+        self.tick_where(|_| false, false);
+    }
+
+    /// Ticks all light that was reflected or scattered. Of light without maps it must be known.
+    pub fn tick_all_but_direct(&mut self) {
+        let rest = self.listing().and_then(|listing| listing.rest());
+        let takes_rest = rest.is_some_and(|rest| !rest.may_be_direct);
+        self.tick_where(|row| row.reflections + row.scatterings > 0, takes_rest);
+    }
+
+    fn tick_where(&mut self, is_ticked: impl Fn(&LightPath) -> bool, rest: bool) {
+        let Some(listing) = self.listing().cloned() else { return };
+        let rows = listing.table.paths.iter().enumerate();
+        self.ticked = rows.map(|(index, row)| listing.has_map(index) && is_ticked(row)).collect();
+        self.rest_is_ticked = rest && self.has_rest();
+        self.after_ticks();
+    }
+
+    /// True if there is light without maps, and its map is known.
+    fn has_rest(&self) -> bool {
+        self.listing().is_some_and(|listing| listing.has_maps() && listing.rest().is_some())
+    }
+
+    fn after_ticks(&mut self) {
+        let has_ticks = self.rest_is_ticked || self.ticked.contains(&true);
+        self.shown = if has_ticks { Shown::Ticked } else { Shown::Whole };
+        self.refresh();
+    }
+
+    /// Sums up what is shown.
+    fn refresh(&mut self) {
+        self.revision += 1;
+        let listing = self.listing().cloned();
+        let detector = listing.and_then(|listing| self.sum_up(&listing).transpose());
+        self.detector = match detector.transpose() {
+            Ok(detector) => detector.map(Arc::new),
+            Err(error) => {
+                let wanted = self.listed.as_ref().map(|(wanted, _)| *wanted);
+                self.failed = Some((wanted, error.to_string()));
+                None
+            }
+        };
+    }
+
+    fn sum_up(&self, listing: &Listing) -> Result<Option<Detector>> {
+        let sums = match self.shown {
+            Shown::Row(row) if listing.has_map(row) => listing.sums(|index| index == row, false),
+            Shown::Ticked => listing.sums(|index| self.is_ticked(index), self.rest_is_ticked),
+            Shown::Row(_) | Shown::Whole => return Ok(None),
+        };
+        let Followed { scene, tally, .. } = listing.followed.as_ref();
+        let detector = scene.ir.detectors.get(listing.detector);
+        let detector = detector.ok_or_else(|| Error::Internal("a table is of no detector".into()))?;
+        Detector::of_part(&scene.ir, tally, listing.followed.unit(), detector, &sums).map(Some)
+    }
+
+    /// What the plot shows in the place of the detector of this number, if it does.
+    pub fn detector(&self, number: Option<usize>) -> Option<&Arc<Detector>> {
+        let listing = self.listing()?;
+        self.detector.as_ref().filter(|_| number == Some(listing.detector))
+    }
+
+    /// Grows whenever something else is shown.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// What is shown, for people; none for all light.
+    pub fn caption(&self) -> Option<String> {
+        let listing = self.listing()?;
+        match self.shown {
+            Shown::Whole => None,
+            Shown::Row(row) => {
+                let row = listing.table.paths.get(row)?;
+                Some(format!("Path {}: {}", row.rank, row.sequence))
+            }
+            Shown::Ticked => {
+                let num_ticked = self.ticked.iter().filter(|tick| **tick).count();
+                let rest = if self.rest_is_ticked { " and the rest" } else { "" };
+                let paths = if num_ticked == 1 { "path" } else { "paths" };
+                Some(format!("{num_ticked} ticked {paths}{rest}"))
+            }
+        }
+    }
+
+    /// What is shown, as a part of a file's name; none for all light.
+    pub fn stem(&self) -> Option<String> {
+        match self.shown {
+            Shown::Whole => None,
+            Shown::Row(row) => Some(format!("path_{}", self.rows().get(row)?.rank)),
+            Shown::Ticked => Some("paths".into()),
+        }
+    }
+
+    /// Expressions of which each keeps a part of the light that is shown. An expression has room for a few sequences.
+    fn filters(&self) -> Option<std::result::Result<Vec<String>, String>> {
+        let listing = self.listing()?;
+        let of_trace = listing.followed.options.path_filter.as_ref();
+        let room = MOST_SEQUENCES.saturating_sub(of_trace.map_or(0, |filter| filter.patterns.len())).max(1);
+        let kept = match self.shown {
+            Shown::Whole => return None,
+            Shown::Row(row) => vec![listing.table.paths.get(row)?.filter.clone()?],
+            Shown::Ticked => {
+                let of_rows = |is_ticked: bool| {
+                    let rows = listing.table.paths.iter().enumerate();
+                    let rows = rows
+                        .filter(|(index, _)| listing.has_map(*index) && self.is_ticked(*index) == is_ticked);
+                    let filters = rows.filter_map(|(_, row)| row.filter.as_ref());
+                    filters.map(|filter| format!("({filter})")).collect::<Vec<_>>()
+                };
+                let (ticked, others) = (of_rows(true), of_rows(false));
+                // Only what is not ticked tells the rest.
+                let is_by_others = self.rest_is_ticked || (listing.rest().is_none() && others.len() <= room);
+                match (is_by_others, others.len()) {
+                    (true, 0) => vec!["events >= 0".into()],
+                    (true, len) if len > room => {
+                        return Some(Err(format!(
+                            "rays of the rest are found where at most {room} rows have no tick"
+                        )));
+                    }
+                    (true, _) => vec![format!("not ({})", others.join(" or "))],
+                    (false, _) => {
+                        let parts = ticked.chunks(room).take(MOST_SEARCHES);
+                        parts.map(|part| part.join(" or ")).collect()
+                    }
+                }
+            }
+        };
+        let with_trace = |kept: String| match of_trace {
+            Some(filter) => format!("({}) and ({kept})", filter.text),
+            None => kept,
+        };
+        Some(Ok(kept.into_iter().map(with_trace).collect()))
+    }
+
+    /// Rays of the light that is shown, which are looked for when they are first asked for; none for all light.
+    pub fn rays(&mut self, context: &Context) -> Option<Rays> {
+        let filters = match self.filters()? {
+            Ok(filters) => filters,
+            Err(problem) => return Some(Rays::Missing(problem)),
+        };
+        let listing = self.listing()?.clone();
+        let key = (listing.detector, filters);
+        if self.rays.as_ref().is_none_or(|(of, _)| *of != key) {
+            let (device, filters) = (context.device.clone(), key.1.clone());
+            let work = Work::start(
+                move |watch| find_rays(&device, &listing.followed, listing.detector, &filters, watch),
+                context.notify.clone(),
+            );
+            self.rays = Some((key, RaysState::Searching(work)));
+        }
+        let (_, state) = self.rays.as_ref()?;
+        Some(match state {
+            RaysState::Searching(_) => Rays::Searching,
+            RaysState::Found(rays) => Rays::Found(rays.clone()),
+            RaysState::Missing(problem) => Rays::Missing(problem.clone()),
+        })
+    }
+
+    /// Ends all work, and waits for its end.
+    pub fn finish(&mut self) {
+        if let Some(work) = self.following.take() {
+            work.finish();
+        }
+        if let Some((_, work)) = self.listing.take() {
+            work.finish();
+        }
+        if let Some((_, RaysState::Searching(work))) = self.rays.take() {
+            work.finish();
+        }
+    }
+}
