@@ -7,11 +7,11 @@
 
 mod zoo;
 
-use nsq_gpu::{TraceOptions, Tracer};
 use nsq_gpu::model::{End, PathFilter, SceneIr};
 use nsq_gpu::program::{Precision, Sampler};
 use nsq_gpu::result::{Grouping, LightPath, PathSum, PathTally, Tally};
 use nsq_gpu::trace::paths::TableOptions;
+use nsq_gpu::{TraceOptions, Tracer};
 
 fn with_table(num_rays: u64, precision: Precision) -> TraceOptions {
     TraceOptions { path_table: true, ..zoo::options(num_rays, 16, precision) }
@@ -129,11 +129,14 @@ fn a_filter_and_its_opposite_add_up_to_the_whole_map() {
 /// The same table for one part and for several, whether a part has room for its sequences or not.
 #[test]
 fn parts_have_the_table_of_the_whole_also_where_sequences_are_more_than_rows() {
-    for (name, path_rows, precision) in
-        [("kaleidoscope", 100, Precision::F32), ("integrating_sphere", 1 << 18, Precision::F64), ("kaleidoscope", 12, Precision::F64)]
-    {
+    for (name, path_rows, precision) in [
+        ("kaleidoscope", 100, Precision::F32),
+        ("integrating_sphere", 1 << 18, Precision::F64),
+        ("kaleidoscope", 12, Precision::F64),
+    ] {
         let ir = zoo::load(name);
-        let options = TraceOptions { path_rows, path_ends: true, max_depth: 12, ..with_table(20_000, precision) };
+        let options =
+            TraceOptions { path_rows, path_ends: true, max_depth: 12, ..with_table(20_000, precision) };
         let whole = zoo::trace(&ir, &options);
         assert_rows_add_up(&ir, &whole, true, name);
         let whole = sums(&whole);
@@ -162,12 +165,18 @@ fn parts_have_the_table_of_the_whole_also_where_sequences_are_more_than_rows() {
 fn a_table_that_was_full_has_the_rows_of_one_that_was_not() {
     let ir = zoo::load("mirror_ball_billiard");
     let traced = |batch_size, path_rows| {
-        let options = TraceOptions { batch_size: Some(batch_size), path_rows, max_depth: 20, ..with_table(8000, Precision::F32) };
+        let options = TraceOptions {
+            batch_size: Some(batch_size),
+            path_rows,
+            max_depth: 20,
+            ..with_table(8000, Precision::F32)
+        };
         let tally = zoo::trace(&ir, &options);
         assert_rows_add_up(&ir, &tally, false, "mirror_ball_billiard");
         tally
     };
-    let (whole, in_batches, closed) = (traced(1 << 16, 1 << 18), traced(1000, 1 << 18), traced(1 << 16, 1000));
+    let (whole, in_batches, closed) =
+        (traced(1 << 16, 1 << 18), traced(1000, 1 << 18), traced(1 << 16, 1000));
     assert!(sums(&whole).rows.len() > 4096, "{} rows do not fill the first table", sums(&whole).rows.len());
     assert_eq!(whole, in_batches);
     let closed = sums(&closed);
@@ -264,7 +273,8 @@ fn a_plate_has_its_orders() {
 #[test]
 fn mirrors_face_to_face_have_a_row_for_each_reflection() {
     let ir = zoo::load("bench_cavity");
-    for (precision, tolerance) in [(Precision::F64, 1e-12), (Precision::F32, 1e-5), (Precision::Df64, 1e-11)] {
+    for (precision, tolerance) in [(Precision::F64, 1e-12), (Precision::F32, 1e-5), (Precision::Df64, 1e-11)]
+    {
         let options = TraceOptions { max_depth: 24, ..with_table(1000, precision) };
         let rows = table(&ir, &zoo::trace(&ir, &options), 1000, Grouping::Sequence);
         assert_eq!(rows.len(), 12);
@@ -272,7 +282,8 @@ fn mirrors_face_to_face_have_a_row_for_each_reflection() {
             assert!((row.flux / 0.98_f64.powi(row.reflections as i32) - 1.0).abs() < tolerance, "{row:?}");
             assert_eq!((row.num_rays, row.scatterings), (1000, 0));
             let mirrors = row.steps.iter().map(|[letter, name]| format!("{letter} {name}"));
-            let expected = (0..row.reflections).map(|m| ["R M_far.surface", "R M_near.surface"][m as usize % 2].to_string());
+            let expected = (0..row.reflections)
+                .map(|m| ["R M_far.surface", "R M_near.surface"][m as usize % 2].to_string());
             assert!(mirrors.eq(expected), "{row:?}");
         }
     }

@@ -583,7 +583,7 @@ fn files_that_this_program_has_not_written_are_not_replaced() {
         for is_told_before in [true, false] {
             let error = if is_told_before {
                 let names = ["colours", "map", "rays", "sky"].into_iter();
-                check(folder.path(), &file_names(names, true, true, false)).unwrap_err()
+                check(folder.path(), &file_names(names, true, true, false, false)).unwrap_err()
             } else {
                 write_all(folder.path(), &with_paths()).unwrap_err()
             };
@@ -998,7 +998,7 @@ mod addition {
         fn any_tally()(
             detectors in proptest::collection::vec(any_detector(), 2),
             surfaces in proptest::collection::vec((any::<bool>(), any_sum()), 2),
-            flux_sums in proptest::collection::vec(any_sum(), 11),
+            flux_sums in proptest::collection::vec(any_sum(), 12),
             counts in (0..1u64 << 40, 0..1u64 << 40),
         ) -> Tally {
             let surfaces = surfaces.into_iter();
@@ -1022,6 +1022,8 @@ mod addition {
                 invalid_deposits: counts.1,
                 moments_overflowed: false,
                 paths: Vec::new(),
+                filtered_out: flux_sums[11],
+                path_sums: None,
             }
         }
     }

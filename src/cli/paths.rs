@@ -3,7 +3,7 @@
 use crate::cli::console::{choose_vectors, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::trace::stop_on_interrupt;
-use crate::cli::trace_args::{PrecisionArg, TraceArgs};
+use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
@@ -119,6 +119,12 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
     choose_vectors(&ir, args.trace.num_rays, in_f64);
     args.trace.override_sampling(&mut ir)?;
+    if args.trace.sampler == SamplerArg::Sobol && args.trace.target_error.is_some() {
+        return Err(Error::Usage(
+            "--target-error with --sampler sobol needs scrambles of the points, for which paths have no maps; leave one of them out"
+                .into(),
+        ));
+    }
     let listing = args.table_options(&ir)?;
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
@@ -185,9 +191,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         ..options.run_info(&gpu.info)
     };
     let found = tracer.found_paths();
-    let traced = table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || {
-        !stop.load(Ordering::Relaxed)
-    })?;
+    let traced =
+        table_with_maps(&gpu, &ir, &options, &tally, &found, &listing, || !stop.load(Ordering::Relaxed))?;
     if !traced.is_whole {
         say("the second trace was interrupted: there are no centroids and no peaks");
     }
@@ -211,7 +216,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         }
         false => {
             result.paths = None;
-            result.header() + "\n" + &traced.table.text(top)
+            result.header() + "\n" + &traced.table.text(top) + "\n" + &result.warning_list()
         }
     };
     match result.run.stopped_by {

@@ -94,7 +94,10 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
         let ray_paths = args.record_paths.is_some();
-        output::check(dir, &output::file_names(names, !args.no_pictures, ray_paths, args.trace.paths == PathsArg::On, true))?;
+        output::check(
+            dir,
+            &output::file_names(names, !args.no_pictures, ray_paths, args.trace.paths == PathsArg::On, true),
+        )?;
     }
     if let Some(path) = &args.checkpoint {
         checkpoint::check_writable(path)?;

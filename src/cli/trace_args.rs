@@ -77,7 +77,7 @@ pub(crate) struct TraceArgs {
     #[arg(long, value_parser = count::parse, default_value = "262144", value_name = "N")]
     pub(crate) path_rows: u64,
     /// Keep only the light whose path matches, on maps, spectra, ray databases and in detected flux:
-    /// "reflections == 2 and not hit(mount)".
+    /// "reflections == 2 and not scattered(mount)".
     #[arg(long = "where", value_name = "EXPR")]
     pub(crate) filter: Option<String>,
     /// Override the scene's rr_start_flux.

@@ -17,6 +17,7 @@
 
 pub mod budget;
 pub mod device;
+pub mod dispatch;
 pub mod dispatch_size;
 pub mod double_word;
 pub mod drain;

@@ -191,6 +191,7 @@ impl TraceOptions {
             sampler: self.sampler.name().into(),
             adapter: adapter.name.clone(),
             driver: self.driver(adapter),
+            filter: self.path_filter.as_ref().map(|filter| filter.text.clone()),
             first_ray: self.first_ray,
             of_rays: self.of_rays,
             ..RunInfo::default()

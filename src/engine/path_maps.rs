@@ -2,13 +2,13 @@
 //! of each sequence lies (shaders/paths/sums.maps.wgsl).
 
 use crate::engine::device::DeviceState;
+use crate::engine::dispatch::submit_alone;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::intake::Intake;
 use crate::engine::limits::{DispatchLimits, MAX_COUNTS_UNDRAINED, counts_per_ray};
-use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::options::TraceOptions;
 use crate::engine::plan::{Draft, Plan};
 use crate::engine::stages::{Additions, Stages};
-use crate::engine::submit::submit_alone;
 use crate::engine::undrained::empty_tally;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -16,7 +16,7 @@ use crate::model::{SceneIr, Sequence};
 use crate::program::layout::paths::{self, PathTableSize};
 use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::NoExtension;
-use crate::program::{PathSums, Program, RayRange};
+use crate::program::{PathSums, Program, RayRange, SecondMoments};
 use crate::result::paths::Places;
 use crate::result::{RaySet, Tally};
 use std::sync::Arc;
@@ -32,6 +32,17 @@ pub struct Watched<'a> {
     pub map: Option<u32>,
 }
 
+/// What a second trace is to look at.
+#[derive(Debug, Clone, Copy)]
+pub struct WantedMaps<'a> {
+    /// The rays of the first trace.
+    pub rays: &'a RaySet,
+    /// The sequences.
+    pub watched: &'a [Watched<'a>],
+    /// The number of maps.
+    pub num_maps: u32,
+}
+
 /// What the second trace found.
 #[derive(Debug)]
 pub struct PathMaps {
@@ -43,7 +54,7 @@ pub struct PathMaps {
     pub is_whole: bool,
 }
 
-/// Traces rays into `num_maps` maps. `edit` changes the composed text: for tests that must notice a wrong shader.
+/// Traces rays into maps. `edit` changes the composed text: for tests that must notice a wrong shader.
 /// `keep_going` is asked after each dispatch.
 ///
 /// # Errors
@@ -52,19 +63,23 @@ pub fn trace_maps(
     gpu: &Gpu,
     ir: &SceneIr,
     options: &TraceOptions,
-    rays: &RaySet,
-    watched: &[Watched],
-    num_maps: u32,
+    wanted: &WantedMaps,
     edit: impl FnOnce(String) -> String,
     mut keep_going: impl FnMut() -> bool,
 ) -> Result<PathMaps> {
+    let WantedMaps { rays, watched, num_maps } = *wanted;
     let is_strict = options.is_strict(&gpu.info);
-    let options =
-        TraceOptions { path_table: false, standard_error: StandardError::Off, ..options.clone() };
+    let options = TraceOptions { path_table: false, ..options.clone() };
     let mut draft = Draft::new(gpu, ir, &options)?;
+    if draft.program.moments == SecondMoments::Replicates {
+        return Err(Error::Usage(
+            "standard errors of Sobol points need scrambles, for which paths have no maps; use --standard-error off".into(),
+        ));
+    }
     draft.program.path_sums = PathSums::Maps(num_maps.max(1));
     let parse = |wgsl, precision| Parsed::of(edit(wgsl), precision).map(Arc::new);
-    let plan = draft.compose(gpu, ir, &NoExtension, parse, |program: &Program| DispatchLimits::of(program))?;
+    let plan =
+        draft.compose(gpu, ir, &NoExtension, parse, |program: &Program| DispatchLimits::of(program))?;
     let stages = Stages::new(gpu, &plan.program, is_strict, &Additions::default())?;
     let table = Table::of(&plan, watched)?;
     let device = DeviceState::new(
@@ -92,7 +107,8 @@ pub fn trace_maps(
         let (mut next, end) = (span.first, span.end());
         while next < end {
             let count = (end - next).min(size.rays().into()) as u32;
-            let range = RayRange { first: next, count, source: span.source as usize, log_stride: 0, reached: 0 };
+            let range =
+                RayRange { first: next, count, source: span.source as usize, log_stride: 0, reached: 0 };
             submit_alone(&device, &plan, &range, size.submissions())?;
             device.forget_rows();
             device.gpu.wait()?;
@@ -149,8 +165,10 @@ impl Table {
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let rows = &words[layout.first_row(self.size) as usize..];
         let places = watched.iter().zip(&self.slots).map(|(path, slot)| {
-            let mut places =
-                Places { about: path.about.map(|coordinate| f64::from(coordinate as f32)), ..Places::default() };
+            let mut places = Places {
+                about: path.about.map(|coordinate| f64::from(coordinate as f32)),
+                ..Places::default()
+            };
             for row in layout.row(rows, self.size, *slot) {
                 places.first[0] += paths::signed_sum(&row[..3]);
                 places.first[1] += paths::signed_sum(&row[3..6]);

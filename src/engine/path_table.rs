@@ -7,14 +7,14 @@ use crate::engine::plan::Plan;
 use crate::engine::sequences::{Found, Teller};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
-use crate::model::sequence::{Sequence, SequenceKey};
 use crate::model::SceneIr;
+use crate::model::sequence::{Sequence, SequenceKey};
 use crate::program::layout::paths::{self, PathTableLayout, PathTableSize, SLOT_WORDS, Slot};
 use crate::result::PathSum;
 use std::collections::HashMap;
 
 /// Slots of a table that has just begun.
-const FIRST_SLOTS: u32 = 1 << 12;
+const FIRST_SLOTS: u32 = 1 << 10;
 
 /// The table of paths of an engine.
 pub(crate) struct PathTable {
@@ -116,7 +116,9 @@ impl PathTable {
                         quanta: u128::from(count) * quanta,
                         squares: u128::from(count) * square,
                     },
-                    None => PathSum { count, quanta: paths::sum(&words[1..4]), squares: paths::sum(&words[4..7]) },
+                    None => {
+                        PathSum { count, quanta: paths::sum(&words[1..4]), squares: paths::sum(&words[4..7]) }
+                    }
                 };
             }
             sum

@@ -8,12 +8,12 @@
 
 use crate::engine::Engine;
 use crate::engine::budget::distribute;
+use crate::engine::dispatch::submit_alone;
 use crate::engine::path_table::{PathTable, Reading};
 use crate::engine::plan::Plan;
-use crate::engine::submit::submit_alone;
 use crate::error::{Error, Result};
-use crate::model::sequence::{End, Sequence, SequenceKey};
 use crate::model::SceneIr;
+use crate::model::sequence::{End, Sequence, SequenceKey};
 use crate::program::RayRange;
 use crate::program::layout::paths::{OVERFLOW, Slot};
 use crate::result::{PathSum, PathTally, RaySpan, Tally};

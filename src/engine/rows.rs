@@ -73,7 +73,11 @@ impl Rows {
 }
 
 /// A function that decodes the rows of the range that began at ray `first`.
-pub(super) fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
+pub(super) fn decoder(
+    plan: &Plan,
+    layout: &StructLayout,
+    first: u64,
+) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
     let at = |field: &str| layout.offset(field);
     let [kind, subject, index, bounce, wavelength] =
         [at("kind")?, at("subject")?, at("index")?, at("bounce")?, at("wavelength")?];

@@ -1,13 +1,13 @@
 //! Finds the sequences of paths: traces one ray of each path again, by a program that tells what happens to the ray.
 
 use crate::engine::device::{DeviceState, stride_of};
+use crate::engine::dispatch::submit_alone;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::limits::DispatchLimits;
-use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::options::TraceOptions;
 use crate::engine::plan::{Draft, Plan};
 use crate::engine::rows::decoder;
 use crate::engine::stages::{Additions, Stages};
-use crate::engine::submit::submit_alone;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::sequence::{End, Sequence, SequenceKey, Step};
@@ -45,12 +45,7 @@ impl Teller {
     /// Compiles the program.
     pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
         let is_strict = options.is_strict(&gpu.info);
-        let options = TraceOptions {
-            path_table: false,
-            standard_error: StandardError::Off,
-            batch_size: Some(MOST_LISTED),
-            ..options.clone()
-        };
+        let options = TraceOptions { path_table: false, batch_size: Some(MOST_LISTED), ..options.clone() };
         let mut draft = Draft::new(gpu, ir, &options)?;
         draft.program.path_sums = PathSums::Told;
         let parse = |wgsl, precision| Parsed::of(wgsl, precision).map(Arc::new);
@@ -58,7 +53,8 @@ impl Teller {
         let plan = draft.compose(gpu, ir, &NoExtension, parse, limits)?;
         let stages = Stages::new(gpu, &plan.program, is_strict, &Additions::default())?;
         let ids = gpu.buffer("listed rays", u64::from(plan.batch) * 16)?;
-        let additions = Additions { groups: vec![vec![(bindings::LISTED_IDS, ids.clone())]], stages: Vec::new() };
+        let additions =
+            Additions { groups: vec![vec![(bindings::LISTED_IDS, ids.clone())]], stages: Vec::new() };
         let device = DeviceState::new(gpu, &plan.program, plan.batch, Arc::new(stages), &additions, None)?;
         Ok(Teller { plan, device, ids, is_strict })
     }
@@ -76,7 +72,8 @@ impl Teller {
         let splits = self.plan.program.splitting.is_some();
         for source in 0..self.plan.rays.len() {
             let of_source = slots.iter().filter(|(_, slot)| slot.source as usize == source);
-            let mut rays: Vec<(u64, u64)> = of_source.map(|(_, slot)| ray_id::order(slot.ray, splits)).collect();
+            let mut rays: Vec<(u64, u64)> =
+                of_source.map(|(_, slot)| ray_id::order(slot.ray, splits)).collect();
             rays.sort_unstable();
             rays.dedup();
             for rays in rays.chunks(self.plan.batch as usize) {
@@ -148,10 +145,7 @@ impl Teller {
                 steps: (0..end.row.bounce).filter_map(of_lineage).collect(),
                 end: end_of_path,
             };
-            found.insert(
-                sequence.key(),
-                Found { sequence, position: DVec3::from_array(end.row.position) },
-            );
+            found.insert(sequence.key(), Found { sequence, position: DVec3::from_array(end.row.position) });
         }
         Ok(())
     }

@@ -211,7 +211,10 @@ impl Mark {
 impl Pattern {
     /// Bits of the places where any number of parts may stand.
     pub fn anywhere(&self) -> u32 {
-        (0..).zip(&self.0).filter(|(_, part)| **part == Part::Anything).fold(0, |bits, (at, _)| bits | 1 << at)
+        (0..)
+            .zip(&self.0)
+            .filter(|(_, part)| **part == Part::Anything)
+            .fold(0, |bits, (at, _)| bits | 1 << at)
     }
 
     /// The set of places before the first part: bit i says that the first i parts are matched.

@@ -119,7 +119,8 @@ impl Program {
         let composition = Composition::of(&scene, &sums);
         let parsed = parse(composition.compose(extension.as_ref())?, scene.options.precision)?;
         let numbers = composition.numbers.bytes(&parsed.module)?;
-        let Prepared { options, features, splitting, centre, cells, constant_weights, path_table, .. } = scene;
+        let Prepared { options, features, splitting, centre, cells, constant_weights, path_table, .. } =
+            scene;
         let path_table = options.has_path_table().then_some(path_table);
         let mut program = Program {
             parsed,

@@ -58,8 +58,9 @@ impl<'a> Prepared<'a> {
             // A family waits in registers, and so stays with its invocation to its end.
             options.events_per_dispatch = options.max_depth;
         }
-        if matches!(options.path_sums, PathSums::Maps(_) | PathSums::Told) {
-            // Such traces give maps without errors, or none.
+        // Such traces give maps without errors, or none. Scrambles belong to the draws, and stay.
+        let is_second = matches!(options.path_sums, PathSums::Maps(_) | PathSums::Told);
+        if is_second && options.moments == SecondMoments::Squares {
             options.moments = SecondMoments::None;
         }
         let centre = centre_of(ir);

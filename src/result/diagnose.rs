@@ -113,7 +113,7 @@ impl Diagnostics {
         let unfinished: Vec<String> = without_rays
             .into_iter()
             .chain(self.cut_off(ir, result))
-            .chain(unlit(result))
+            .chain(unlit(result).filter(|_| result.run.filter.is_none()))
             .chain(maps)
             .collect();
         warnings.extend(unfinished.iter().cloned());

@@ -232,7 +232,8 @@ impl Before {
         if report["program"] == env!("CARGO_PKG_NAME") {
             let detectors = report["detectors"].as_object().into_iter().flat_map(|all| all.values());
             let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
-            let names = of_detectors.chain([&report["ray_paths"], &report["paths_file"]]).filter_map(Value::as_str);
+            let names =
+                of_detectors.chain([&report["ray_paths"], &report["paths_file"]]).filter_map(Value::as_str);
             // A report that somebody has changed could name files elsewhere.
             let is_here = |name: &&str| Path::new(name).file_name() == Some(name.as_ref()) && is_file(name);
             let hash = |name: &str| meta.as_ref().and_then(|meta| meta.files.get(name).cloned());

@@ -1,5 +1,6 @@
 //! Which path light took: a table with the strongest paths first.
 
+use crate::model::path_filter::MOST_PARTS;
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::surface_optics::splits;
 use crate::model::{PathFilter, SceneIr};
@@ -90,8 +91,11 @@ pub struct PathTable {
     pub group: Grouping,
     /// The rows, sorted.
     pub paths: Vec<LightPath>,
-    /// Light without a row, because there were more sequences than the table may have rows.
+    /// Light without a row, by its end.
     pub other: Vec<OtherLight>,
+    /// True if there were more sequences than the table may have rows.
+    #[serde(default)]
+    pub is_closed: bool,
 }
 
 /// Where the light of a sequence lies on its detector, about a point: sums of weight times x, y and their squares.
@@ -143,12 +147,14 @@ pub fn groups<'a>(
     let launched = tally.rays.counts(ir.sources.len());
     let totals: BTreeMap<End, u128> =
         End::all(ir).into_iter().map(|end| (end, sums.total(end).quanta)).collect();
-    // Only where rays are split or pass detectors can a ray come to one end by several sequences.
-    let is_exclusive = !splits(ir) && ir.detectors.iter().all(|detector| detector.absorb);
+    // Only where rays are split or pass a detector can a ray come to one end by several sequences.
+    let splits = splits(ir);
+    let is_exclusive = |end: End| !splits && end.detector().is_none_or(|number| ir.detectors[number].absorb);
     let is_plain = names_are_plain(ir);
     // Some names cannot be written in an expression.
     let keeps = |text: &String, sequence: &Sequence| {
-        is_plain || PathFilter::parse(text, ir).is_ok_and(|filter| filter.keeps(sequence))
+        is_plain && sequence.steps.len() + 2 <= MOST_PARTS
+            || PathFilter::parse(text, ir).is_ok_and(|filter| filter.keeps(sequence))
     };
     let mut rows: Vec<(u128, Group)> = groups
         .into_iter()
@@ -157,7 +163,7 @@ pub fn groups<'a>(
             let mut sum = PathSum::default();
             members.iter().for_each(|(_, member)| sum += **member);
             let error = (has_errors && !sums.squares_overflowed).then(|| {
-                let quanta = error_of(&members, &launched, is_exclusive);
+                let quanta = error_of(&members, &launched, is_exclusive(first.end));
                 unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT)
             });
             let (sequence, steps, filter) = described(ir, &common, first);
@@ -181,7 +187,8 @@ pub fn groups<'a>(
         })
         .collect();
     rows.sort_by_key(|(quanta, _)| std::cmp::Reverse(*quanta));
-    let ranked = (1..).zip(rows).map(|(rank, (_, group))| Group { row: LightPath { rank, ..group.row }, ..group });
+    let ranked =
+        (1..).zip(rows).map(|(rank, (_, group))| Group { row: LightPath { rank, ..group.row }, ..group });
     ranked.collect()
 }
 
@@ -229,11 +236,7 @@ fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[S
     let is_detected = first.end.detector().is_some();
     let end = Sequence { steps: Vec::new(), ..first.clone() }.text(ir);
     let end = end.rsplit(" > ").next().unwrap_or_default().to_string();
-    let counts = format!(
-        "reflections == {} and scatterings == {}",
-        first.reflections(),
-        first.scatterings()
-    );
+    let counts = format!("reflections == {} and scatterings == {}", first.reflections(), first.scatterings());
     match common {
         Common::Sequence(sequence) => {
             let text = sequence.text(ir);
@@ -253,9 +256,14 @@ fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[S
             (text, steps, filter)
         }
         Common::Order(..) => {
-            let plural = |number: usize, word: &str| format!("{number} {word}{}", if number == 1 { "" } else { "s" });
+            let plural =
+                |number: usize, word: &str| format!("{number} {word}{}", if number == 1 { "" } else { "s" });
             let (reflections, scatterings) = (first.reflections(), first.scatterings());
-            let text = format!("{}, {} > {end}", plural(reflections, "reflection"), plural(scatterings, "scattering"));
+            let text = format!(
+                "{}, {} > {end}",
+                plural(reflections, "reflection"),
+                plural(scatterings, "scattering")
+            );
             let filter = is_detected.then(|| format!("{counts} and sequence(\"* > {end}\")"));
             (text, Vec::new(), filter)
         }
@@ -282,7 +290,12 @@ impl PathTable {
                 num_rays: sum.count,
             }
         });
-        PathTable { group: grouping, paths: rows.into_iter().collect(), other: other.collect() }
+        PathTable {
+            group: grouping,
+            paths: rows.into_iter().collect(),
+            other: other.collect(),
+            is_closed: sums.is_closed,
+        }
     }
 
     /// As comma-separated values with a heading.

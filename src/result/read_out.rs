@@ -5,8 +5,8 @@ use crate::model::{Interaction, SceneIr};
 use crate::result::detectors::Sums;
 use crate::result::uncertainty::worst_relative_error;
 use crate::result::{
-    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceResult, Tally, TraceResult,
-    Uncertainty, check_shape, paths,
+    Detector, Diagnostics, FluxUnit, Grouping, Ledger, PathTable, RayPaths, Recorded, RunInfo, SurfaceResult,
+    Tally, TraceResult, Uncertainty, check_shape, paths,
 };
 
 impl TraceResult {

@@ -83,6 +83,7 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
             partial: report.partial,
             stopped_by: report.stopped_by,
             target_error: report.target_error,
+            filter: report.filter,
             first_ray: report.first_ray,
             of_rays: report.of_rays,
             has_no_gpu: false,
@@ -108,7 +109,11 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
         relative_error: report.relative_error,
         ledger: report.ledger,
         diagnostics: report.diagnostics,
-        paths: report.paths.map(|paths| PathTable { paths, other: report.paths_without_row, ..Default::default() }),
+        paths: report.paths.map(|paths| PathTable {
+            paths,
+            other: report.paths_without_row,
+            ..Default::default()
+        }),
         ray_paths: None,
     }
 }

@@ -36,6 +36,9 @@ pub struct Report {
     /// The largest of all detectors' relative standard errors: of `total_flux`, and `mean_relative_error`. Null where it
     /// is not known. Detectors that no ray reached have none.
     pub relative_error: Option<f64>,
+    /// The expression of `--where`: detectors have only the light whose path matches. Missing if there was none.
+    #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
+    pub filter: Option<String>,
     /// Number of the first ray.
     pub first_ray: u64,
     /// The rays are a part of a trace of so many; null if they are a trace of their own.
@@ -152,6 +155,7 @@ impl Report {
             stopped_by: run.stopped_by,
             target_error: run.target_error,
             relative_error: result.relative_error,
+            filter: run.filter.clone(),
             first_ray: run.first_ray,
             of_rays: run.of_rays,
             scene_warnings: run.scene_warnings.clone(),

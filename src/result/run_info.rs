@@ -45,6 +45,8 @@ pub struct RunInfo {
     pub stopped_by: Option<StoppedBy>,
     /// The target for the relative error, if there was one.
     pub target_error: Option<f64>,
+    /// Maps have only the light whose path matches this expression, if there is one.
+    pub filter: Option<String>,
     /// Number of the first ray.
     pub first_ray: u64,
     /// The rays are a part of a trace of so many, if they are.
@@ -92,6 +94,7 @@ impl Default for RunInfo {
             partial: false,
             stopped_by: None,
             target_error: None,
+            filter: None,
             first_ray: 0,
             of_rays: None,
             has_no_gpu: false,

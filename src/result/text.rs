@@ -36,9 +36,13 @@ impl TraceResult {
             reason => format!("{}: {reason}\n", run.precision),
         };
         let driver = if run.driver.is_empty() { String::new() } else { format!(", {}", run.driver) };
+        let filter = match &run.filter {
+            Some(text) => format!("only light whose path matches: {}\n", plain(text)),
+            None => String::new(),
+        };
         let processor = if run.has_no_gpu { "no GPU was found: this is your processor\n" } else { "" };
         format!(
-            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{processor}{precision}{}",
+            "{} {}: {} rays{partial}{scene}\nseed {}{sampler}, max_depth {}, {} on {}{driver}\n{filter}{processor}{precision}{}",
             run.program,
             run.version,
             thousands(self.num_rays_total),
@@ -131,7 +135,7 @@ impl TraceResult {
         }
     }
 
-    fn warning_list(&self) -> String {
+    pub(crate) fn warning_list(&self) -> String {
         match self.diagnostics.warnings.as_slice() {
             [] => "no warnings\n".into(),
             warnings => warnings.iter().map(|warning| format!("warning: {warning}\n")).collect(),
@@ -145,10 +149,8 @@ impl PathTable {
         let shown_rows = &self.paths[..top.min(self.paths.len())];
         let has_places = shown_rows.iter().any(|row| row.rms_radius.is_some());
         let has_peaks = shown_rows.iter().any(|row| row.peak_irradiance.is_some());
-        let mut text = format!(
-            "{:<6}{:>12}{:>12}{:>12}{:>14}",
-            "path", "W", "std. error", "% of end", "rays"
-        );
+        let mut text =
+            format!("{:<6}{:>12}{:>12}{:>12}{:>14}", "path", "W", "std. error", "% of end", "rays");
         if has_places {
             let _ = write!(text, "{:>12}{:>12}{:>12}", "x mm", "y mm", "rms mm");
         }
@@ -178,13 +180,16 @@ impl PathTable {
         }
         let hidden = &self.paths[shown_rows.len()..];
         if !hidden.is_empty() {
-            let flux: f64 = hidden.iter().map(|row| row.flux).sum();
-            let _ = writeln!(text, "{} more rows with {} W", thousands(hidden.len() as u64), significant(flux, 5));
+            let _ = writeln!(text, "{} more rows", thousands(hidden.len() as u64));
         }
+        let why = match self.is_closed {
+            true => "there are more paths than rows (--path-rows)",
+            false => "rays that were traced again took other paths, as arithmetic is not strict here",
+        };
         for light in &self.other {
             let _ = writeln!(
                 text,
-                "{} W of {} rays to {} have no row: there are more paths than rows (--path-rows)",
+                "{} W of {} rays to {} have no row: {why}",
                 significant(light.flux, 5),
                 thousands(light.num_rays),
                 shown(&light.end),

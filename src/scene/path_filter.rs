@@ -28,7 +28,8 @@ impl PathFilter {
     /// [`Error::Usage`] with the column, what is wrong there, and what would be right.
     pub fn parse(text: &str, ir: &SceneIr) -> Result<PathFilter> {
         let tokens = tokens(text)?;
-        let mut reader = Reader { text, ir, tokens, at: 0, marks: Vec::new(), patterns: Vec::new(), depth: 0 };
+        let mut reader =
+            Reader { text, ir, tokens, at: 0, marks: Vec::new(), patterns: Vec::new(), depth: 0 };
         let root = reader.expression()?;
         if let Some(token) = reader.tokens.get(reader.at) {
             let problem = format!("{} is not expected", token.shown());
@@ -82,7 +83,12 @@ fn tokens(text: &str) -> Result<Vec<Token>> {
             }
             '"' | '\'' => {
                 let Some(length) = chars[start + 1..].iter().position(|c| *c == first) else {
-                    return Err(error(text, column, "a quoted name has no end", "close it by the same quote"));
+                    return Err(error(
+                        text,
+                        column,
+                        "a quoted name has no end",
+                        "close it by the same quote",
+                    ));
                 };
                 at += length + 2;
                 Kind::Quoted(chars[start + 1..start + 1 + length].iter().collect())
@@ -104,9 +110,15 @@ fn tokens(text: &str) -> Result<Vec<Token>> {
                         '&' => "join two conditions by `and`",
                         '|' => "join two conditions by `or`",
                         '!' => "deny a condition by `not`",
+                        '*' => "quote a name with `*`, as in hit(\"L1.*\")",
                         _ => "names that are no plain words are quoted",
                     };
-                    return Err(error(text, column, &format!("{} is not known", ticked(&first.to_string())), remedy));
+                    return Err(error(
+                        text,
+                        column,
+                        &format!("{} is not known", ticked(&first.to_string())),
+                        remedy,
+                    ));
                 };
                 at += sign.len();
                 Kind::Sign(sign)
@@ -142,7 +154,11 @@ impl Reader<'_> {
 
     fn next(&mut self, expected: &str) -> Result<Token> {
         let Some(token) = self.tokens.get(self.at).cloned() else {
-            return Err(self.error(self.end(), "the expression ends here", &format!("{expected} is expected")));
+            return Err(self.error(
+                self.end(),
+                "the expression ends here",
+                &format!("{expected} is expected"),
+            ));
         };
         self.at += 1;
         Ok(token)
@@ -185,7 +201,11 @@ impl Reader<'_> {
     fn shallow_factor(&mut self) -> Result<Term> {
         let token = self.next("a condition, such as `reflections == 2`,")?;
         if self.depth > DEEPEST {
-            return Err(self.error(token.column, "the expression is nested too deeply", "write it with fewer brackets"));
+            return Err(self.error(
+                token.column,
+                "the expression is nested too deeply",
+                "write it with fewer brackets",
+            ));
         }
         match &token.kind {
             Kind::Sign("(") => {
@@ -235,7 +255,11 @@ impl Reader<'_> {
         };
         let Some(value) = value else {
             let remedy = format!("{name} are counted: give a whole number, such as 2");
-            return Err(self.error(number.column, &format!("{} is no whole number", number.shown()), &remedy));
+            return Err(self.error(
+                number.column,
+                &format!("{} is no whole number", number.shown()),
+                &remedy,
+            ));
         };
         Ok(Term::Compare(count, *comparison, value))
     }
@@ -244,11 +268,19 @@ impl Reader<'_> {
     fn argument(&mut self, word: &str, example: &str) -> Result<Token> {
         let opened = self.next("`(`")?;
         if opened.kind != Kind::Sign("(") {
-            return Err(self.error(opened.column, &format!("`(` is expected behind `{word}`"), &format!("write {example}")));
+            return Err(self.error(
+                opened.column,
+                &format!("`(` is expected behind `{word}`"),
+                &format!("write {example}"),
+            ));
         }
         let argument = self.next("a name")?;
         if matches!(argument.kind, Kind::Sign(_)) {
-            return Err(self.error(argument.column, &format!("{} is no name", argument.shown()), &format!("write {example}")));
+            return Err(self.error(
+                argument.column,
+                &format!("{} is no name", argument.shown()),
+                &format!("write {example}"),
+            ));
         }
         self.closes(opened.column)?;
         Ok(argument)
@@ -264,13 +296,12 @@ impl Reader<'_> {
             "source" => Mark::Source(self.sources(name, argument.column)?),
             _ => {
                 let surfaces = self.surfaces(name, argument.column)?;
-                let events = |kinds: &[StepKind]| Events { kinds: kinds.to_vec(), surfaces: surfaces.clone() };
+                let events =
+                    |kinds: &[StepKind]| Events { kinds: kinds.to_vec(), surfaces: surfaces.clone() };
                 match word {
                     "reflected" => Mark::Some(events(&[StepKind::Reflected])),
                     "transmitted" => Mark::Some(events(&[StepKind::Transmitted])),
-                    "scattered" => {
-                        Mark::Some(events(&[StepKind::ScatteredThrough, StepKind::ScatteredBack]))
-                    }
+                    "scattered" => Mark::Some(events(&[StepKind::ScatteredThrough, StepKind::ScatteredBack])),
                     "first" => Mark::First(events(&StepKind::ALL)),
                     "last" => Mark::Last(events(&StepKind::ALL)),
                     _ => Mark::Some(events(&StepKind::ALL)),
@@ -281,7 +312,8 @@ impl Reader<'_> {
             return Ok(Term::Marked(known));
         }
         if self.marks.len() == MOST_MARKS {
-            let remedy = format!("at most {MOST_MARKS} questions fit; a component or `*` names many surfaces at once");
+            let remedy =
+                format!("at most {MOST_MARKS} questions fit; a component or `*` names many surfaces at once");
             return Err(self.error(argument.column, "there are too many questions", &remedy));
         }
         self.marks.push(mark);
@@ -298,7 +330,8 @@ impl Reader<'_> {
         // The column of the part, behind the quote.
         let mut column = argument.column + 1;
         for text in pattern.split('>') {
-            let part = self.part(text.trim(), parts.is_empty(), column + text.len() - text.trim_start().len())?;
+            let part =
+                self.part(text.trim(), parts.is_empty(), column + text.len() - text.trim_start().len())?;
             if !(part == Part::Anything && parts.last() == Some(&Part::Anything)) {
                 parts.push(part);
             }
@@ -311,7 +344,11 @@ impl Reader<'_> {
         self.check_order(&parts, argument.column)?;
         self.patterns.push(Pattern(parts));
         if self.patterns.len() > 4 {
-            return Err(self.error(argument.column, "there are too many sequences", "at most 4 fit into one expression"));
+            return Err(self.error(
+                argument.column,
+                "there are too many sequences",
+                "at most 4 fit into one expression",
+            ));
         }
         Ok(Term::Matches(self.patterns.len() - 1))
     }
@@ -326,7 +363,7 @@ impl Reader<'_> {
                 Part::Detector(_) if at < last => "a detector stands within a sequence",
                 Part::Step(_) if at == 0 => "the sequence begins at a surface",
                 Part::Step(_) | Part::Source(_) if at == last => "the sequence ends at no detector",
-                _ => continue,
+                Part::Anything | Part::Source(_) | Part::Step(_) | Part::Detector(_) => continue,
             };
             return Err(self.error(column, problem, remedy));
         }
@@ -339,7 +376,11 @@ impl Reader<'_> {
             return Ok(Part::Anything);
         }
         if text.is_empty() {
-            return Err(self.error(column, "a part of the sequence is empty", "write `*` for any number of parts"));
+            return Err(self.error(
+                column,
+                "a part of the sequence is empty",
+                "write `*` for any number of parts",
+            ));
         }
         let step = text.split_once(char::is_whitespace).and_then(|(letters, name)| {
             let kinds: Vec<StepKind> = match letters {
@@ -363,7 +404,9 @@ impl Reader<'_> {
                 let sources = self.ir.sources.iter().map(|source| source.name.as_str());
                 let known = sources.chain(self.ir.detectors.iter().map(|detector| detector.name.as_str()));
                 let remedy = match matching_surfaces(text, self.ir).is_empty() {
-                    false => format!("say what happened there: `T {text}`, `R {text}`, `ST {text}`, `SR {text}` or `* {text}`"),
+                    false => format!(
+                        "say what happened there: `T {text}`, `R {text}`, `ST {text}`, `SR {text}` or `* {text}`"
+                    ),
                     true => did_you_mean(text, known),
                 };
                 let problem = format!("{} is no source and no detector", ticked(text));
@@ -454,7 +497,14 @@ mod tests {
         let ir = ir();
         let ghost = sequence(
             &ir,
-            &[(T, "L1.front"), (R, "L1.back"), (R, "L1.front"), (T, "L1.back"), (SR, "L3.edge"), (T, "L3.front")],
+            &[
+                (T, "L1.front"),
+                (R, "L1.back"),
+                (R, "L1.front"),
+                (T, "L1.back"),
+                (SR, "L3.edge"),
+                (T, "L3.front"),
+            ],
         );
         for (text, expected) in [
             ("reflections == 2", true),
@@ -483,7 +533,10 @@ mod tests {
             ("sequence(\"* > R L1.back > R L1.front > * > image\")", true),
             ("sequence(\"* > R L1 > * > R L1 > *\")", true),
             ("sequence(\"* > R L1 > * > R L1 > * > R L1 > *\")", false),
-            ("sequence(\"* > * L1.front > R L1.back > R L1.front > T L1.back > SR L3.* > T L3 > image\")", true),
+            (
+                "sequence(\"* > * L1.front > R L1.back > R L1.front > T L1.back > SR L3.* > T L3 > image\")",
+                true,
+            ),
             ("sequence(\"* > T L3.front > stray\")", false),
             ("not (reflections == 2 and (hit(L5) or events > 9))", true),
         ] {

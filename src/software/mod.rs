@@ -19,12 +19,12 @@ pub use crate::software::choices::{Choices, When};
 
 use crate::engine::Engine;
 use crate::engine::device::DeviceState;
+use crate::engine::dispatch::Route;
 use crate::engine::limits::{DispatchLimits, WORKGROUPS_PER_PROCESSOR};
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::Plan;
 use crate::engine::stages::{AddedStage, Additions};
 use crate::engine::strategy::Strategy;
-use crate::engine::submit::Route;
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::SceneIr;

@@ -1,14 +1,15 @@
 //! Which path light took: from the sums of a trace to a table, with maps of the strongest paths by a second trace.
 
-use crate::engine::path_maps::{PathMaps, Watched, trace_maps};
 use crate::engine::options::TraceOptions;
+use crate::engine::path_maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::{SceneIr, Sequence};
 use crate::program::Sampler;
 use crate::result::paths::{Group, Places, groups};
 use crate::result::{
-    Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting, Tally,
+    Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting,
+    Tally,
 };
 use glam::DVec3;
 use std::collections::HashMap;
@@ -146,7 +147,8 @@ pub fn table_with_maps(
         let mut watched = Vec::new();
         for (rank, group) in groups.iter().enumerate() {
             let map = (first..last).contains(&rank).then(|| (rank - first) as u32);
-            let is_watched = |sequence: &&&Sequence| sequence.end.detector().is_some() && (map.is_some() || first == 0);
+            let is_watched =
+                |sequence: &&&Sequence| sequence.end.detector().is_some() && (map.is_some() || first == 0);
             watched.extend(group.sequences.iter().filter(is_watched).map(|sequence| Watched {
                 sequence,
                 about: about(ir, sequence, found),
@@ -154,16 +156,17 @@ pub fn table_with_maps(
             }));
         }
         let num = (last - first).max(1) as u32;
+        let wanted = WantedMaps { rays: &tally.rays, watched: &watched, num_maps: num };
         let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
-            trace_maps(gpu, ir, trace, &tally.rays, &watched, num, |wgsl| wgsl, &mut keep_going)?;
+            trace_maps(gpu, ir, trace, &wanted, |wgsl| wgsl, &mut keep_going)?;
         is_whole &= is_done;
         if first == 0 {
             places.extend(watched.iter().map(|path| path.sequence).zip(of_watched));
         }
-        for rank in first..last {
-            let detector = groups[rank].sequences[0].end.detector();
+        for (map, group) in groups[first..last].iter().enumerate() {
+            let detector = group.sequences[0].end.detector();
             let detector = detector.filter(|number| ir.detectors[*number].num_cells() > 0);
-            maps.push(detector.map(|number| map_of(ir, &second, number, rank - first)));
+            maps.push(detector.map(|number| map_of(ir, &second, number, map)));
         }
         if !is_done {
             break;
@@ -173,8 +176,7 @@ pub fn table_with_maps(
     for (rank, group) in groups.iter().enumerate() {
         let mut row = group.row.clone();
         let has_places = |sequence: &&&Sequence| {
-            is_whole
-                && sequence.end.detector().is_some_and(|number| ir.detectors[number].kind.is_placed())
+            is_whole && sequence.end.detector().is_some_and(|number| ir.detectors[number].kind.is_placed())
         };
         let parts: Vec<(PathSum, Places)> = group
             .sequences

@@ -2,7 +2,7 @@
 
 use crate::table::Mutant;
 use crate::zoo;
-use nsq_gpu::engine::path_maps::{PathMaps, Watched, trace_maps};
+use nsq_gpu::engine::path_maps::{PathMaps, WantedMaps, Watched, trace_maps};
 use nsq_gpu::gpu::{Gpu, list_adapters};
 use nsq_gpu::model::{DetectorKind, RayDatabase, SceneIr};
 use nsq_gpu::program::{Precision, df64};
@@ -89,7 +89,8 @@ impl Bench {
     pub fn path_maps(&self, ir: &SceneIr, setting: &Setting, tally: &Tally, watched: &[Watched]) -> PathMaps {
         let edit = |wgsl| self.edit(wgsl);
         let num_maps = watched.iter().filter_map(|path| path.map).max().map_or(1, |last| last + 1);
-        trace_maps(setting.gpu(), ir, &setting.options, &tally.rays, watched, num_maps, edit, || true)
+        let wanted = WantedMaps { rays: &tally.rays, watched, num_maps };
+        trace_maps(setting.gpu(), ir, &setting.options, &wanted, edit, || true)
             .unwrap_or_else(|error| panic!("{}: {error}", self.name()))
     }
 

@@ -7,13 +7,11 @@ use nsq_gpu::StandardError;
 use nsq_gpu::bench::stability::{StabilityCase, cases};
 use nsq_gpu::engine::path_maps::{PathMaps, Watched};
 use nsq_gpu::model::surface_optics::splits;
-use nsq_gpu::model::{
-    Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat,
-};
-use nsq_gpu::result::paths::Places;
-use nsq_gpu::result::{FluxSum, PathSum};
+use nsq_gpu::model::{Detector, DetectorKind, End, Interaction, PathFilter, SceneIr, Sequence, Splat};
 use nsq_gpu::program::Precision;
+use nsq_gpu::result::paths::Places;
 use nsq_gpu::result::{DetectorTally, PathEventKind, Tally};
+use nsq_gpu::result::{FluxSum, PathSum};
 use nsq_gpu::software::When;
 use nsq_gpu::trace::RecordPaths;
 use std::collections::BTreeMap;
@@ -186,9 +184,9 @@ fn path_sums(bench: &Bench, scene_of: &Scene) -> Outcome {
     ];
     ends.extend((0..).zip(&tally.detectors).map(|(number, sums)| (End::Detector(number), sums.total())));
     let absorbing = (0..).zip(&ir.surfaces).filter(|(_, s)| s.interaction == Interaction::Absorbing);
-    ends.extend(absorbing.map(|(number, _)| {
-        (End::Absorbed(number), tally.surfaces[number as usize].absorbed)
-    }));
+    ends.extend(
+        absorbing.map(|(number, _)| (End::Absorbed(number), tally.surfaces[number as usize].absorbed)),
+    );
     for (end, expected) in ends {
         let found = sums.total(end);
         if (found.count, found.quanta) != (expected.count, expected.quanta) {
@@ -224,7 +222,8 @@ fn path_filter(bench: &Bench, scene_of: &Scene) -> Outcome {
         return Err("the rows are not those that match".into());
     }
     let total = |tally: &Tally, absorb: bool| {
-        let detectors = ir.detectors.iter().zip(&tally.detectors).filter(|(detector, _)| detector.absorb == absorb);
+        let detectors =
+            ir.detectors.iter().zip(&tally.detectors).filter(|(detector, _)| detector.absorb == absorb);
         detectors.fold(FluxSum::default(), |mut sum, (_, sums)| {
             sum += sums.total();
             sum
@@ -251,10 +250,8 @@ fn path_maps(bench: &Bench, scene_of: &Scene) -> Outcome {
     let is_on_first = |(sequence, _): &(&Sequence, &PathSum)| sequence.end == End::Detector(0);
     let rows: Vec<(&Sequence, &PathSum)> = sums.rows.iter().filter(is_on_first).collect();
     let about = [1.25, -0.5];
-    let watched: Vec<Watched> = (0..)
-        .zip(&rows)
-        .map(|(map, (sequence, _))| Watched { sequence, about, map: Some(map) })
-        .collect();
+    let watched: Vec<Watched> =
+        (0..).zip(&rows).map(|(map, (sequence, _))| Watched { sequence, about, map: Some(map) }).collect();
     let PathMaps { tally: second, places, .. } = bench.path_maps(&ir, &setting, &tally, &watched);
     let grid = ir.detectors[0].kind.grid().copied().ok_or("no pixels")?;
     let num_cells = ir.detectors[0].num_cells();
@@ -281,7 +278,9 @@ fn path_maps(bench: &Bench, scene_of: &Scene) -> Outcome {
         let slack = pitch[0].max(pitch[1]);
         let is_off = |axis: usize| (centroid[axis] - first[axis]).abs() > slack;
         if is_off(0) || is_off(1) || (radius - radius_of_map).abs() > slack {
-            return Err(format!("path {map} lies at {centroid:?} +- {radius}, its map at {first:?} +- {radius_of_map}"));
+            return Err(format!(
+                "path {map} lies at {centroid:?} +- {radius}, its map at {first:?} +- {radius_of_map}"
+            ));
         }
     }
     if whole != tally.detectors[0].quanta {

@@ -1715,7 +1715,7 @@ pub const MUTANTS: &[Mutant] = &[
     mutant("shards overlap", "paths/table.wgsl",
         "shard * (num_slots + NUM_ENDS)",
         "shard * NUM_ENDS",
-        "path_sums triplet_telescope_ghosts"),
+        "path_sums triplet_telescope_ghosts, many"),
     mutant("path sums lose their carry", "paths/table.wgsl",
         "let hi = q.y + carry;",
         "let hi = q.y;",

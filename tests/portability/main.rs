@@ -163,7 +163,8 @@ fn every_shader_file_is_composed_by_some_variant() {
             texts.push(variant.program(tier).wgsl.clone());
         }
         // Files of paths that other choices bring in.
-        let with_paths = everything_with_paths().into_iter().map(|variant| variant.program(tier).wgsl.clone());
+        let with_paths =
+            everything_with_paths().into_iter().map(|variant| variant.program(tier).wgsl.clone());
         texts.extend(with_paths);
         // Only drivers of processors get such shaders.
         for choice in [Choice::MainPathThroughDetector, Choice::MainPathThroughGlass] {

@@ -1,8 +1,9 @@
 //! Scenes and options that bring in each feature: alone, in pairs, and all at once.
 
 use glam::{DMat3, DVec2, DVec3};
-use std::sync::Arc;
 use nsq_gpu::model::ShapeKind;
+use nsq_gpu::model::StepKind;
+use nsq_gpu::model::path_filter::{Comparison, Count, Events, Mark, Part, PathFilter, Pattern, Term};
 use nsq_gpu::model::shapes::aperture::{Axes, Outline as ApertureOutline};
 use nsq_gpu::model::shapes::freeform::Polynomial;
 use nsq_gpu::model::shapes::{Biconic, Freeform, SagSurface, Toroidal};
@@ -14,14 +15,13 @@ use nsq_gpu::model::{
     Sampling, Scatter, SceneIr, Shape, SimpleCoating, Source, SourceKind, Spectral, Spectrum, Specular,
     Sphere, Splat, Surface, Tabulated, TabulatedCoating,
 };
-use nsq_gpu::model::path_filter::{Comparison, Count, Events, Mark, Part, PathFilter, Pattern, Term};
-use nsq_gpu::model::StepKind;
+use nsq_gpu::program::wgsl::extension::Extend;
 use nsq_gpu::program::{
     PathSampling, PathSums, Precision, Program, ProgramOptions, Sampler, SecondMoments, SourceFunction,
 };
-use nsq_gpu::program::wgsl::extension::Extend;
 use nsq_gpu::software::added::Wanted;
 use nsq_gpu::software::path::main_path::{PilotPath, Way};
+use std::sync::Arc;
 
 /// How a scene is compiled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -603,7 +603,8 @@ pub fn everything_split() -> Variant {
 /// Every choice that the plain loop has, with each way to sum up light by its path, and a filter.
 pub fn everything_with_paths() -> Vec<Variant> {
     let with = |path_sums, split: bool| {
-        let mut variant = Variant { host_sums: false, main_path: None, side_paths: Vec::new(), ..everything() };
+        let mut variant =
+            Variant { host_sums: false, main_path: None, side_paths: Vec::new(), ..everything() };
         variant.path_sums = path_sums;
         variant.path_filter = Some(Arc::new(path_filter()));
         if split {
@@ -623,7 +624,8 @@ fn path_filter() -> PathFilter {
     let events = |kinds: &[StepKind]| Events { kinds: kinds.to_vec(), surfaces: vec![0, 1, 3] };
     let compare = |count, comparison| Term::Compare(count, comparison, 2);
     let marked = (0..4).map(Term::Marked);
-    let counted = Count::ALL.into_iter().zip(Comparison::ALL).map(|((_, count), (_, sign))| compare(count, sign));
+    let counted =
+        Count::ALL.into_iter().zip(Comparison::ALL).map(|((_, count), (_, sign))| compare(count, sign));
     let whole = Term::Any(marked.chain(counted).collect());
     PathFilter {
         text: "all that filters ask for".into(),

@@ -1,7 +1,7 @@
 //! The table of paths, as shaders/paths/table.wgsl has it: a head, slots, and rows of sums.
 
-use crate::model::sequence::{End, SequenceKey};
 use crate::model::SceneIr;
+use crate::model::sequence::{End, SequenceKey};
 
 /// Words of the head, and where its values are.
 pub const HEAD_WORDS: u32 = 8;
@@ -80,7 +80,7 @@ impl PathTableLayout {
     /// So many slots, with as many shards as a buffer of `words` holds and rays give work to.
     pub fn size(&self, slots: u32, words: u64, num_rays: u64) -> PathTableSize {
         let fits = |shards: u32| self.end(PathTableSize { slots, shards }) <= words;
-        let wanted = (num_rays >> 12).clamp(1, MOST_SHARDS.into()) as u32;
+        let wanted = (num_rays >> 14).clamp(1, MOST_SHARDS.into()) as u32;
         let mut shards = wanted.next_power_of_two();
         while shards > 1 && !fits(shards) {
             shards /= 2;

@@ -31,8 +31,10 @@ const REPLACED: [(&str, &str); 10] = [
 ];
 
 /// The entry of a queue, which then is a part of the entry.
-const QUEUE_ENTRY: [(&str, &str); 2] =
-    [("struct QueuedRay {", "struct RayInQueue {"), ("return QueuedRay(pack_ray", "return RayInQueue(pack_ray")];
+const QUEUE_ENTRY: [(&str, &str); 2] = [
+    ("struct QueuedRay {", "struct RayInQueue {"),
+    ("return QueuedRay(pack_ray", "return RayInQueue(pack_ray"),
+];
 
 impl Composition<'_> {
     /// Makes the functions of the loop follow the paths of rays, if that is asked for. What the loop has for them
@@ -98,11 +100,8 @@ impl Composition<'_> {
         // The number of a ray within its family, in the bits of its index above the place in the dispatch.
         let number = if self.splitting.is_some() { "index >> INDEX_BITS" } else { "0u" };
         let _ = writeln!(text, "fn family_number(index: u32) -> u32 {{\n    return {number};\n}}");
-        let [begin, extend] = if has_key {
-            ["    begin_key();\n", "    extend_key(kind, number);\n"]
-        } else {
-            ["", ""]
-        };
+        let [begin, extend] =
+            if has_key { ["    begin_key();\n", "    extend_key(kind, number);\n"] } else { ["", ""] };
         let (mut begin, mut extend) = (begin.to_string(), extend.to_string());
         let mut keeps = "    return true;\n".to_string();
         match &state {
@@ -201,7 +200,12 @@ impl<'a> FilterState<'a> {
                     writeln!(text, "    {marks} |= select(0u, {bit}u, {is_first} & {});", is_step(events))
                 }
                 Mark::Last(events) => {
-                    writeln!(text, "    {marks} = ({marks} & {}u) | select(0u, {bit}u, {});", !bit, is_step(events))
+                    writeln!(
+                        text,
+                        "    {marks} = ({marks} & {}u) | select(0u, {bit}u, {});",
+                        !bit,
+                        is_step(events)
+                    )
                 }
             };
         }
