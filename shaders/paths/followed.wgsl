@@ -53,6 +53,12 @@ fn splat(ray: Ray, index: u32, ends: bool) {
     }
 }
 
+// What an invocation keeps goes to memory.
+fn flush_bins() {
+    flush_path();
+    plain_flush_bins();
+}
+
 // Ends of rays that no detector records. Their places follow those of the detectors, as in model::sequence.
 fn deposit_fate(ray: Ray) {
     if PATHS_HAVE_ENDS && keeps_path(NONE) {

@@ -39,4 +39,6 @@ fn add_signed_to_path(at: u32, value: real) {
     }
 }
 
+fn flush_path() {}
+
 fn tell_step(ray: Ray, primitive: u32) {}

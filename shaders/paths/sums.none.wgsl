@@ -4,4 +4,6 @@ fn sum_up_path(ray: Ray, kind: u32, number: u32, place: u32) -> bool {
     return true;
 }
 
+fn flush_path() {}
+
 fn tell_step(ray: Ray, primitive: u32) {}

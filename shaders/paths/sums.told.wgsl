@@ -11,6 +11,8 @@ fn sum_up_path(ray: Ray, kind: u32, number: u32, place: u32) -> bool {
     return false;
 }
 
+fn flush_path() {}
+
 fn tell_step(ray: Ray, primitive: u32) {
     if is_step_told(ray) {
         append_event(ray, EVENT_PATH_STEP, (primitive << 3u) | step_kind);

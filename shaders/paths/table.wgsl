@@ -1,6 +1,6 @@
 // The table of paths: a slot for each sequence, found by the sequence's key.
 //
-// The table has a head, slots, and rows of sums. A slot holds the three words of a key, what is at the sequence's end,
+// The table has some marks, slots, and rows of sums. A slot holds the three words of a key, what is at the sequence's end,
 // and a ray that took the path. Invocations fill slots side by side, without locks. Each word of a key is
 // set once, from 0, by whoever comes first; whoever then finds another word there goes on to the next slot. All go
 // through the slots in an order that the key alone decides, so no key has two slots.
@@ -13,17 +13,26 @@
 
 @group(GROUP_SCENE) @binding(BINDING_PATHS) var<storage, read_write> path_table: array<atomic<u32>>;
 
-// Words of the head. The host writes the first four.
-const PATHS_SLOT_MASK: u32 = 0u;
-const PATHS_SHARD_MASK: u32 = 1u;
-// Not 0: no key is added.
-const PATHS_CLOSED: u32 = 2u;
-const PATHS_FIRST_ROW: u32 = 3u;
-// Not 0: some key found no slot.
-const PATHS_OVERFLOW: u32 = 4u;
+// How large the table is, and whether it takes new keys. Every entry point copies the uniform before its first branch, as
+// the range of rays.
+struct PathHead {
+    slot_mask: u32,
+    shard_mask: u32,
+    // 0: no key is added.
+    is_open: u32,
+    // The word where rows begin.
+    first_row: u32,
+}
+
+@group(GROUP_SCENE) @binding(BINDING_PATHS_HEAD) var<uniform> path_head_uniform: PathHead;
+
+var<private> path_head: PathHead;
+
+// Marks, the first words. Not 0: some key found no slot.
+const PATHS_OVERFLOW: u32 = 0u;
 // Not 0: some square is too large to be summed.
-const PATHS_LARGE_SQUARE: u32 = 5u;
-const PATHS_HEAD: u32 = 8u;
+const PATHS_LARGE_SQUARE: u32 = 1u;
+const PATHS_MARKS: u32 = 8u;
 
 // Words of a slot.
 const SLOT_KEY: u32 = 0u;
@@ -43,7 +52,7 @@ const LARGEST_SQUARE: real = 4096.0;
 var<private> was_set: bool = false;
 
 fn path_slot(slot: u32) -> u32 {
-    return PATHS_HEAD + slot * SLOT_WORDS;
+    return PATHS_MARKS + slot * SLOT_WORDS;
 }
 
 // True if the word is the value, or was free and now is the value.
@@ -73,7 +82,7 @@ fn takes_slot(at: u32, key: vec3<u32>, is_open: bool) -> bool {
 
 // The slot of a key, or NONE.
 fn find_path_slot(key: vec3<u32>, is_open: bool) -> u32 {
-    let mask = atomicLoad(&path_table[PATHS_SLOT_MASK]);
+    let mask = path_head.slot_mask;
     let stride = key.y | 1u;
     var slot = key.x & mask;
     var found = NONE;
@@ -96,10 +105,10 @@ fn find_path_slot(key: vec3<u32>, is_open: bool) -> u32 {
 
 // The first word of a row of sums. The rows of keys without a slot follow those of the slots, by the places of ends.
 fn path_row(slot: u32, place: u32, index: u32) -> u32 {
-    let num_slots = atomicLoad(&path_table[PATHS_SLOT_MASK]) + 1u;
-    let shard = ((index & PATH_INDEX_MASK) / WORKGROUP_SIZE) & atomicLoad(&path_table[PATHS_SHARD_MASK]);
+    let num_slots = path_head.slot_mask + 1u;
+    let shard = ((index & PATH_INDEX_MASK) / WORKGROUP_SIZE) & path_head.shard_mask;
     let row = select(slot, num_slots + place, slot == NONE);
-    return atomicLoad(&path_table[PATHS_FIRST_ROW]) + (shard * (num_slots + NUM_ENDS) + row) * PATH_ROW_WORDS;
+    return path_head.first_row + (shard * (num_slots + NUM_ENDS) + row) * PATH_ROW_WORDS;
 }
 
 // Adds quanta to three words (lo, hi, top). A number below zero is added by its complement.

@@ -30,8 +30,9 @@ pub(crate) struct DeviceState {
     pub(super) counters: DeviceSums,
     /// Rows for the host, where the scene or the user asks for them.
     pub(super) events: Option<wgpu::Buffer>,
-    /// The table of paths, where there is one.
+    /// The table of paths, where there is one, and its head.
     pub(super) paths: Option<wgpu::Buffer>,
+    pub(super) paths_head: wgpu::Buffer,
 }
 
 /// The buffers of the stages that follow the rays in a queue.
@@ -69,6 +70,7 @@ impl DeviceState {
             false => None,
         };
         let paths = path_words.map(|words| gpu.buffer("the table of paths", 4 * words)).transpose()?;
+        let paths_head = gpu.constant_buffer("the head of the table of paths", &[0; 16]);
         let is_image = |number: u32| {
             let is_it = |binding: &gpu::compute::Binding| {
                 (binding.group, binding.number) == (bindings::SCENE, number)
@@ -99,6 +101,7 @@ impl DeviceState {
         }
         scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
         scene.extend(paths.as_ref().map(|paths| (bindings::PATHS, paths)));
+        scene.extend(paths.as_ref().map(|_| (bindings::PATHS_HEAD, &paths_head)));
         scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
         let group = |added: &Vec<(u32, wgpu::Buffer)>| {
             let added = added.iter().map(|(number, buffer)| (*number, buffer));
@@ -134,6 +137,7 @@ impl DeviceState {
             counters,
             events,
             paths,
+            paths_head,
         })
     }
 

@@ -94,6 +94,7 @@ pub fn trace_maps(
         return Err(Error::Internal("maps of paths have no table".into()));
     };
     gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&table.words));
+    gpu.queue.write_buffer(&device.paths_head, 0, bytemuck::cast_slice(&table.head));
     let mut tally = empty_tally(ir);
     let size = DispatchSize::new(plan.batch, 1, counts_per_ray(&plan.program));
     let (mut undrained, mut is_whole) = (0, true);
@@ -131,6 +132,7 @@ pub fn trace_maps(
 
 /// The table of the watched sequences.
 struct Table {
+    head: [u32; 4],
     size: PathTableSize,
     words: Vec<u32>,
     /// Per watched sequence, its slot.
@@ -144,8 +146,7 @@ impl Table {
         let slots = (2 * watched.len().max(32)).next_power_of_two() as u32;
         let size = PathTableSize { slots, shards: 1 };
         let mut words = vec![0; layout.end(size) as usize];
-        let (head, rest) = words.split_at_mut(paths::HEAD_WORDS as usize);
-        head.copy_from_slice(&paths::head(&layout, size, true));
+        let rest = &mut words[paths::MARK_WORDS as usize..];
         let insert = |path: &Watched| {
             let [x, y] = path.about.map(|coordinate| (coordinate as f32).to_bits());
             let sequence = path.sequence;
@@ -154,7 +155,7 @@ impl Table {
         };
         let slots: Option<Vec<u32>> = watched.iter().map(insert).collect();
         let slots = slots.ok_or_else(|| Error::Internal("a path has no slot".into()))?;
-        Ok(Table { size, words, slots })
+        Ok(Table { head: paths::head(&layout, size, true), size, words, slots })
     }
 
     fn read(&self, device: &DeviceState, plan: &Plan, watched: &[Watched]) -> Result<Vec<Places>> {

@@ -79,7 +79,7 @@ impl PathTable {
         let mut encoder = device.gpu.device.create_command_encoder(&Default::default());
         encoder.clear_buffer(buffer, 0, Some(4 * self.layout.end(self.size).min(self.buffer_words)));
         queue.submit([encoder.finish()]);
-        queue.write_buffer(buffer, 0, bytemuck::cast_slice(&head));
+        queue.write_buffer(&device.paths_head, 0, bytemuck::cast_slice(&head));
         if let Some(chosen) = chosen {
             let mut slots = vec![0; (self.size.slots * SLOT_WORDS) as usize];
             for sequence in chosen {
@@ -88,7 +88,7 @@ impl PathTable {
                     return Err(Error::Internal("a chosen path has no slot".into()));
                 }
             }
-            queue.write_buffer(buffer, 4 * u64::from(paths::HEAD_WORDS), bytemuck::cast_slice(&slots));
+            queue.write_buffer(buffer, 4 * u64::from(paths::MARK_WORDS), bytemuck::cast_slice(&slots));
         }
         self.is_full = false;
         Ok(())
@@ -105,7 +105,7 @@ impl PathTable {
         let bytes = gpu.read(buffer, 4 * self.layout.end(self.size))?;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let first_row = self.layout.first_row(self.size) as usize;
-        let (slots, rows) = (&words[paths::HEAD_WORDS as usize..first_row], &words[first_row..]);
+        let (slots, rows) = (&words[paths::MARK_WORDS as usize..first_row], &words[first_row..]);
         let sum = |row: u32| {
             let mut sum = PathSum::default();
             for words in self.layout.row(rows, self.size, row) {
@@ -166,9 +166,8 @@ impl PathTable {
         let mut encoder = device.gpu.device.create_command_encoder(&Default::default());
         let bytes = 4 * (self.layout.end(self.size) - first);
         encoder.clear_buffer(buffer, 4 * first, Some(bytes));
+        encoder.clear_buffer(buffer, 0, Some(4 * u64::from(paths::MARK_WORDS)));
         device.gpu.queue.submit([encoder.finish()]);
-        let head = paths::head(&self.layout, self.size, true);
-        device.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&head));
         Ok(())
     }
 

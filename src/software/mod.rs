@@ -191,9 +191,9 @@ fn note_first_end(engine: &mut Engine, logs: &EndLogs) {
 }
 
 impl Strategy for Software {
-    /// Stages of paths have the scene's numbers compiled in. The plain loop sums up light by its path.
+    /// Stages of paths have the scene's numbers compiled in.
     fn takes(&self, _ir: &SceneIr, options: &TraceOptions) -> bool {
-        !options.live && !options.path_table && options.path_filter.is_none()
+        !options.live
     }
 
     fn specialise(

@@ -22,6 +22,7 @@ impl Software {
             && rays_left > 0
             && engine.profile.is_none()
             && !engine.device.keeps_rows()
+            && engine.path_table.is_none()
             && engine.device.bytes + self.bytes <= MOST_BYTES;
         let pays = || self.profile.two_devices && seconds_left.is_some_and(|left| left >= PAYS_SEC);
         if is_possible && self.choices.second_device.holds(pays) {

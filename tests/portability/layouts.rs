@@ -419,6 +419,7 @@ fn host_fills_the_buffers_that_shaders_declare() {
         bindings::LOG,
         bindings::LISTED_IDS,
         bindings::PATHS,
+        bindings::PATHS_HEAD,
     ];
     for tier in Tier::all() {
         for (name, variant) in

@@ -68,6 +68,8 @@ numbers! { "BINDING_", BINDINGS:
     NUMBERS = 23;
     /// The table of paths.
     PATHS = 24;
+    /// How large the table of paths is, and whether it takes new keys.
+    PATHS_HEAD = 25;
     /// The word that compilers must not know to be zero (shaders/math/df64.wgsl).
     DF64_ZERO = 30;
     /// The second of all parts of sums that are cut. It ends the list: the others follow it.

@@ -1,14 +1,15 @@
-//! The table of paths, as shaders/paths/table.wgsl has it: a head, slots, and rows of sums.
+//! The table of paths, as shaders/paths/table.wgsl has it: marks, slots, and rows of sums; and the head, which says how large
+//! the table is.
 
 use crate::model::SceneIr;
 use crate::model::sequence::{End, SequenceKey};
 
-/// Words of the head, and where its values are.
-pub const HEAD_WORDS: u32 = 8;
+/// Words of the marks, the first of a table.
+pub const MARK_WORDS: u32 = 8;
 /// The word that is not 0 where some key found no slot.
-pub const OVERFLOW: usize = 4;
+pub const OVERFLOW: usize = 0;
 /// The word that is not 0 where some square was too large.
-pub const LARGE_SQUARE: usize = 5;
+pub const LARGE_SQUARE: usize = 1;
 /// Words of a slot.
 pub const SLOT_WORDS: u32 = 8;
 /// The map of a slot that has none.
@@ -68,7 +69,7 @@ impl PathTableLayout {
 
     /// The word where rows begin.
     pub fn first_row(&self, size: PathTableSize) -> u64 {
-        u64::from(HEAD_WORDS) + u64::from(size.slots) * u64::from(SLOT_WORDS)
+        u64::from(MARK_WORDS) + u64::from(size.slots) * u64::from(SLOT_WORDS)
     }
 
     /// The word after the last.
@@ -104,10 +105,9 @@ fn num_ends(ir: &SceneIr, has_ends: bool) -> u32 {
     }
 }
 
-/// The head of a table.
-pub fn head(layout: &PathTableLayout, size: PathTableSize, is_closed: bool) -> [u32; HEAD_WORDS as usize] {
-    let first_row = layout.first_row(size) as u32;
-    [size.slots - 1, size.shards - 1, u32::from(is_closed), first_row, 0, 0, 0, 0]
+/// The head of a table: the uniform `PathHead`.
+pub fn head(layout: &PathTableLayout, size: PathTableSize, is_closed: bool) -> [u32; 4] {
+    [size.slots - 1, size.shards - 1, u32::from(!is_closed), layout.first_row(size) as u32]
 }
 
 /// The key and the contents of a slot; none if it is free, or not whole.

@@ -17,7 +17,8 @@ const HAS_EVENT: u32 = 31;
 
 /// Functions of the loop whose place those of shaders/paths take: the head of the declaration, and the head under
 /// another name.
-const REPLACED: [(&str, &str); 10] = [
+const REPLACED: [(&str, &str); 11] = [
+    ("fn flush_bins(", "fn plain_flush_bins("),
     ("fn generate(", "fn plain_generate("),
     ("fn interact(", "fn plain_interact("),
     ("fn leave_boundary(", "fn plain_leave_boundary("),

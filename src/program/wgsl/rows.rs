@@ -59,7 +59,8 @@ impl Composition<'_> {
         for (name, value) in self.lengths().into_iter().filter(|_| self.numbers.are_live()) {
             let _ = writeln!(lengths, "    {name} = {};", self.real(value)?);
         }
-        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{lengths}}}\n");
+        let head = if self.options.has_path_table() { "    path_head = path_head_uniform;\n" } else { "" };
+        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{head}{lengths}}}\n");
         Ok(format!("{row}{functions}fn source() -> Source {{\n    return {of_dispatch};\n}}\n{begin}"))
     }
 

@@ -46,7 +46,8 @@ pub(crate) fn find(
     let pays = main_path.holds(|| is_long_enough(options.num_rays));
     // Two forms of one scene must give the same bits.
     let is_alike = options.strict.holds(&gpu.info);
-    if !(pays && is_alike && is_possible(ir, program_options)) {
+    // The stages of main paths do not follow what light is summed up or filtered by.
+    if !(pays && is_alike && is_possible(ir, program_options)) || program_options.follows_paths() {
         return Ok(None);
     }
     let pilot = TraceOptions {
