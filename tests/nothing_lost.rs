@@ -379,6 +379,39 @@ fn parts_merge_to_the_bits_of_one_run() {
     }
 }
 
+/// The tables of parts add up to the whole's, and parts of other tables or filters are refused.
+#[test]
+fn tables_of_paths_merge_to_that_of_one_run() {
+    const GHOSTS: &str = "scenes/cooke_triplet.json";
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let part = |first: &'static str, num: &'static str| {
+        ["-n", num, "--first-ray", first, "--of-rays", "20000", "--paths", "on"]
+    };
+    for filter in [&[][..], &["--where", "reflections > 0"]] {
+        let [whole, a, b] = ["whole", "a", "b"].map(|name| place(&format!("{name}{}", filter.len())));
+        let whole =
+            succeed(&trace(GHOSTS, &[&["-n", "20000", "--paths", "on", "-o", &whole], filter].concat()));
+        for (out, part) in [(&a, part("0", "7001")), (&b, part("7001", "12999"))] {
+            succeed(&trace(GHOSTS, &[&part[..], filter, &["-o", out]].concat()));
+        }
+        let merged = succeed(&["merge", &b, &a, "--json"]);
+        assert!(whole["paths"].as_array().unwrap().len() > 50);
+        for key in ["paths", "ledger"] {
+            assert_eq!(whole[key], merged[key], "{key}, {filter:?}");
+        }
+    }
+    let (all, ghosts) = (place("a0"), place("b2"));
+    refuse(
+        &["merge", &all, &ghosts],
+        &["does not add up", "filter of paths: reflections > 0 there, none here"],
+    );
+    let few = place("few");
+    let part = [&part("7001", "12999")[..], &["--path-rows", "50", "-o", &few]].concat();
+    succeed(&trace(GHOSTS, &part));
+    refuse(&["merge", &all, &few], &["does not add up", "table of paths: 50 rows there, 262144 rows here"]);
+}
+
 #[test]
 fn merge_says_where_the_bits_are_not_those_of_one_run() {
     let folder = tempfile::tempdir().unwrap();

@@ -184,6 +184,32 @@ fn a_table_that_was_full_has_the_rows_of_one_that_was_not() {
     assert!(closed.rows.iter().all(|(sequence, sum)| sums(&whole).rows[sequence] == *sum));
 }
 
+/// A trace that goes on from its own beginning has the table of an unbroken one, whether the table was closed before or
+/// after.
+#[test]
+fn a_table_that_is_taken_up_again_is_the_same() {
+    for (name, path_rows) in [("cooke_triplet", 1 << 18), ("triplet_telescope_ghosts", 200)] {
+        let ir = zoo::load(name);
+        let options = TraceOptions { path_rows, ..with_table(12_000, Precision::F32) };
+        let whole = zoo::trace(&ir, &options);
+        for position in [500, 4000] {
+            let mut tracer = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+            tracer.pause_at(position);
+            let mut begun = Tally::default();
+            tracer
+                .go_on(tracer.empty_tally(), |progress| {
+                    begun = progress.tally()?.clone();
+                    Ok(false)
+                })
+                .unwrap();
+            assert!(begun.launched.count < 12_000, "{name}");
+            let mut other = Tracer::new(zoo::gpu(), &ir, &options).unwrap();
+            assert_eq!(other.go_on(begun, |_| Ok(true)).unwrap(), whole, "{name} from {position}");
+        }
+        assert_eq!(sums(&whole).is_closed, path_rows == 200);
+    }
+}
+
 /// Plates one behind the other, of glasses of these indices, in a beam along the axis; rays are split at each face.
 fn plates(indices: &[f64], rr_start_flux: f64) -> SceneIr {
     let media: serde_json::Map<String, serde_json::Value> = (0..)
