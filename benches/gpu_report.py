@@ -28,6 +28,8 @@ STRICT_RAYS = 5000
 TOTAL_LIMIT, MAP_LIMIT = 1e-11, 1e-9
 # In f32 an edge may fall to the other side: so many counts in all interactions may differ.
 F32_LIMIT = 1e-4
+# Cases that show what a table of paths costs: few and many rays, events and surfaces, and one lit pixel.
+PATH_CASES = "rays_1e5,surfaces_0,depth_32,lens_8,spheres_100,mesh_100k,spot"
 COUNTS = ["num_rays_absorbed", "num_rays_escaped", "num_rays_flux_killed", "num_rays_depth_killed"]
 FLUXES = ["detected", "tapped", "absorbed", "bulk_absorbed", "escaped", "lost"]
 
@@ -302,6 +304,11 @@ def main():
     stages = tracer.trace(scene_file("cooke_triplet"), 1_000_000, "--precision", "f32", "--profile")
     times = stages["diagnostics"]["stage_times"]
     section("Stages of the Cooke triplet", f"```json\n{json.dumps(times, indent=1)}\n```")
+    code, printed, said = tracer.run("bench", "--paths", "--runs", 3, "--scenes", PATH_CASES, *tracer.adapter,
+                                     *(["--max-rays", "1e5"] if options.quick else []))
+    section("The cost of the table of paths", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
+    if code:
+        wrong.append(f"bench --paths: exit code {code}")
     code, printed, said = tracer.run("bench", "-o", options.output / "bench", *tracer.adapter,
                                      *(["--quick"] if options.quick else []))
     section("Speed of every case", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
