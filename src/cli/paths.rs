@@ -38,7 +38,7 @@ pub struct Args {
     /// Also list light that came to no detector: absorbed, missed, and ended by the depth limit or by roulette.
     #[arg(long, conflicts_with = "detector")]
     ends: bool,
-    /// So many rows, the first ones, have a map and with it a peak irradiance.
+    /// So many rows, those of most flux, have a map and with it a peak irradiance.
     #[arg(long, value_parser = count::parse, default_value = "50", value_name = "N")]
     maps: u64,
     /// Part of the adapter's name (see `nsq-gpu adapters`).

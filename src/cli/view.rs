@@ -27,7 +27,7 @@ pub struct Args {
     /// Largest number of events (surfaces and detectors) of a ray; by default that of `nsq-gpu trace`.
     #[arg(long, value_name = "N")]
     max_depth: Option<u32>,
-    /// Keep only the light whose path matches, as in `nsq-gpu trace`: "reflections == 2 and not hit(mount)".
+    /// Keep only the light whose path matches, as in `nsq-gpu trace`: "reflections == 2 and not scattered(mount)".
     #[arg(long = "where", value_name = "EXPR")]
     filter: Option<String>,
     /// Part of the adapter's name (see `nsq-gpu adapters`).

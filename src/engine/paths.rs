@@ -152,25 +152,41 @@ impl Engine<'_> {
         spans: &[RaySpan],
         mut add: impl FnMut(&mut Self, &mut PathTable, Reading) -> Result<()>,
     ) -> Result<()> {
+        // So few rays that an open table hardly becomes full; where it does, fewer.
+        let batch = u64::from(self.plan.batch);
+        let mut most = (u64::from(table.num_slots()) / 4).clamp(1, batch);
         for span in spans {
             let (mut next, end) = (span.first, span.end());
             while next < end {
-                // So few rays that an open table cannot become full.
-                let most = match table.is_closed {
-                    true => self.plan.batch.into(),
-                    false => u64::from(table.num_slots()) / 2 / self.plan.path_deposits_per_ray(),
-                };
-                let count = (end - next).min(most.clamp(1, self.plan.batch.into())) as u32;
+                let count = (end - next).min(if table.is_closed { batch } else { most });
                 let source = span.source as usize;
-                let range = RayRange { first: next, count, source, log_stride: 0, reached: 0 };
+                let range = RayRange { first: next, count: count as u32, source, log_stride: 0, reached: 0 };
                 submit_alone(&self.device, &self.plan, &range, self.size.submissions())?;
                 self.device.forget_rows();
                 let reading = table.read(&self.device, &self.plan)?;
                 if reading.has_overflow {
-                    return Err(Error::Internal("the table of paths is full though few rays came".into()));
+                    if table.num_slots() < table.most_slots {
+                        table.resize(table.num_slots().saturating_mul(GROWTH));
+                        table.clear(&self.device, None)?;
+                        continue;
+                    }
+                    if count == 1 {
+                        return Err(Error::Usage(format!(
+                            "ray {next} takes more paths than a table of {} rows holds; give a larger --path-rows, or a \
+                             smaller split_depth",
+                            table.most_rows
+                        )));
+                    }
+                    most = (count / 4).max(1);
+                    table.clear(&self.device, None)?;
+                    continue;
+                }
+                // Twice as many where the table stays nearly empty.
+                if reading.rows.len() < table.num_slots() as usize / 8 {
+                    most = (2 * most).min(batch);
                 }
                 add(self, table, reading)?;
-                next += u64::from(count);
+                next += count;
             }
         }
         self.device.clear_sums();

@@ -1,6 +1,6 @@
 //! Which paths of light are kept: an expression over the sequence of a path, as `--where` has it.
 //!
-//! `reflections == 2 and not hit(mount)` keeps the ghosts of two reflections that did not touch the mount. The
+//! `reflections == 2 and not scattered(mount)` keeps the ghosts of two reflections that the mount did not scatter. The
 //! expression is decided where light is deposited, by what happened up to there. A shader decides by a few words of
 //! state that each event changes (program::wgsl::paths); [`PathFilter::keeps`] decides by a whole sequence.
 

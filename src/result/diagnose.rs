@@ -131,7 +131,8 @@ impl Diagnostics {
     /// Light that the depth limit took, where it is much, or where a detector is dark that it might have lit.
     fn cut_off(&self, ir: &SceneIr, result: &TraceResult) -> Option<String> {
         let fraction = self.depth_truncated_flux_fraction;
-        let dark = dark_detectors(result);
+        // A filter keeps detectors dark as well.
+        let dark = if result.run.filter.is_some() { Vec::new() } else { dark_detectors(result) };
         if fraction <= DEPTH_TRUNCATION && (dark.is_empty() || fraction == 0.0) {
             return None;
         }

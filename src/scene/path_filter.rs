@@ -1,4 +1,4 @@
-//! Reads the expression of `--where`, such as `reflections == 2 and not hit(mount)`, with the names of a scene.
+//! Reads the expression of `--where`, such as `reflections == 2 and not scattered(mount)`, with the names of a scene.
 //!
 //! ```text
 //! expression = term { "or" term }            term = factor { "and" factor }
