@@ -12,11 +12,14 @@ fn sum_up_path(ray: Ray, kind: u32, number: u32, place: u32) -> bool {
     if slot == NONE {
         return false;
     }
-    // Distances are from a point where some ray of this path has arrived, so that a small spot keeps its digits.
+    // Distances are from a point where some ray of this path has arrived, so that a small spot keeps its digits. They are
+    // in units of the detector's size, so that their sums do not outgrow the sums of weights.
     let at = path_slot(slot);
-    let p = local_position(ray, detector_of(number));
-    let dx = p.x - real(bitcast<f32>(atomicLoad(&path_table[at + SLOT_RAY])));
-    let dy = p.y - real(bitcast<f32>(atomicLoad(&path_table[at + SLOT_RAY + 1u])));
+    let detector = detector_of(number);
+    let p = local_position(ray, detector);
+    let size = detector.half_width + detector.half_height;
+    let dx = (p.x - real(bitcast<f32>(atomicLoad(&path_table[at + SLOT_RAY])))) / size;
+    let dy = (p.y - real(bitcast<f32>(atomicLoad(&path_table[at + SLOT_RAY + 1u])))) / size;
     let row = path_row(slot, place, ray.index);
     add_signed_to_path(row, ray.weight * dx);
     add_signed_to_path(row + 3u, ray.weight * dy);

@@ -42,7 +42,8 @@ fn slot_for(ray: Ray, key: vec3<u32>, kind: u32, number: u32) -> u32 {
         let id_hi = range.first_hi + select(0u, 1u, id_lo < position);
         atomicStore(&path_table[at + SLOT_END], (number << 3u) | kind);
         atomicStore(&path_table[at + SLOT_RAY], id_lo);
-        atomicStore(&path_table[at + SLOT_RAY + 1u], id_hi + family_number(ray.index) * 256u);
+        // ray_id = launched ray + number * 2^40.
+        atomicStore(&path_table[at + SLOT_RAY + 1u], id_hi + (family_number(ray.index) << 8u));
         atomicStore(&path_table[at + SLOT_SOURCE], range.source);
     }
     return slot;

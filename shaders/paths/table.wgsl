@@ -3,7 +3,8 @@
 // The table has some marks, slots, and rows of sums. A slot holds the three words of a key, what is at the sequence's end,
 // and a ray that took the path. Invocations fill slots side by side, without locks. Each word of a key is
 // set once, from 0, by whoever comes first; whoever then finds another word there goes on to the next slot. All go
-// through the slots in an order that the key alone decides, so no key has two slots.
+// through the slots in an order that the key alone decides, so no key has two slots. No slot stays half filled: whoever
+// finds or sets a word goes on to set the next one.
 //
 // Source: Shun and Blelloch, Phase-concurrent hash tables for determinism (SPAA 2014), section 3: a table that takes no
 // key out keeps its keys in any order of insertions.
@@ -80,7 +81,7 @@ fn takes_slot(at: u32, key: vec3<u32>, is_open: bool) -> bool {
     return takes_word(at + 2u, key.z, is_open);
 }
 
-// The slot of a key, or NONE.
+// The slot of a key, or NONE. `was_set` then tells whether this invocation made the key whole.
 fn find_path_slot(key: vec3<u32>, is_open: bool) -> u32 {
     let mask = path_head.slot_mask;
     let stride = key.y | 1u;
@@ -103,7 +104,7 @@ fn find_path_slot(key: vec3<u32>, is_open: bool) -> u32 {
     return found;
 }
 
-// The first word of a row of sums. The rows of keys without a slot follow those of the slots, by the places of ends.
+// The first word of a row of sums: that of a slot; or where a key has none, that of its end, behind those of the slots.
 fn path_row(slot: u32, place: u32, index: u32) -> u32 {
     let num_slots = path_head.slot_mask + 1u;
     let shard = ((index & PATH_INDEX_MASK) / WORKGROUP_SIZE) & path_head.shard_mask;

@@ -66,6 +66,16 @@ pub fn run(args: &Args) -> Result<String> {
                 .into(),
         ));
     }
+    let chosen = || parts.iter().filter_map(|part| part.tally.path_sums.as_ref()?.chosen.as_ref());
+    if merged.tally.path_sums.as_ref().is_some_and(|sums| sums.is_closed)
+        && chosen().zip(chosen().skip(1)).any(|(one, next)| one != next)
+    {
+        return Err(Error::Usage(
+            "the tables of paths do not add up: each part chose its own paths for its rows; trace the parts with --of-rays, \
+             or with a larger --path-rows"
+                .into(),
+        ));
+    }
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
     let printed = Printed { json: args.json, pictures: !args.no_pictures };

@@ -2,6 +2,7 @@
 
 use crate::cli::quantity;
 use crate::count;
+use crate::engine::options::MOST_PATH_ROWS;
 use crate::error::{Error, Result};
 use crate::model::{PathFilter, ReflectProb, Sampling, SceneIr};
 use crate::program::{Precision, Sampler};
@@ -9,9 +10,6 @@ use crate::trace::auto_precision::Wanted;
 use crate::trace::{StandardError, Strict, TraceOptions};
 use std::sync::Arc;
 use std::time::Duration;
-
-/// Most rows that a table of paths may be asked to have.
-const MOST_PATH_ROWS: u32 = 1 << 22;
 
 /// What is traced, how precisely, and when the trace stops.
 #[derive(Debug, Clone, clap::Args)]

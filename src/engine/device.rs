@@ -3,7 +3,7 @@
 use crate::engine::intake::Intake;
 use crate::engine::stages::{Additions, RoundStages, Stages};
 use crate::engine::sums::DeviceSums;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::{self, Gpu};
 use crate::program::layout::bindings;
 use crate::program::{self, Program};
@@ -158,6 +158,18 @@ impl DeviceState {
             sums.read(&self.gpu, |cell, quanta| intake.sum(cell, quanta))?;
         }
         self.clear_sums();
+        Ok(())
+    }
+
+    /// Fails if the driver has left loops before their end, in a trace beside the main one.
+    pub(crate) fn check_loops_of_second_trace(&self, program: &Program) -> Result<()> {
+        if program.options.has_many_rounds(&program.features) && self.take_cut_loops()? {
+            return Err(Error::Device(format!(
+                "the driver of `{}` cut the shader's loops short where rays were traced again for their paths; use a smaller \
+                 split_depth or max_depth, or another adapter",
+                self.gpu.info.name
+            )));
+        }
         Ok(())
     }
 

@@ -32,7 +32,11 @@ pub(crate) fn drain(engine: &mut Engine, strategy: &mut dyn Strategy, tally: &mu
 pub(crate) fn discard(engine: &mut Engine, strategy: &mut dyn Strategy) -> Result<()> {
     strategy.begin();
     if engine.undrained.counts > 0 {
-        drain(engine, strategy, &mut empty_tally(engine.ir))?;
+        // The table of paths is emptied where the next trace begins.
+        let table = engine.path_table.take();
+        let drained = drain(engine, strategy, &mut empty_tally(engine.ir));
+        engine.path_table = table;
+        drained?;
     }
     Ok(())
 }

@@ -8,6 +8,9 @@ use crate::program::{PathSampling, Precision, Sampler};
 use crate::result::RunInfo;
 use std::sync::Arc;
 
+/// Most rows that a table of paths may be asked to have.
+pub const MOST_PATH_ROWS: u32 = 1 << 22;
+
 /// Most rows of the table of paths, unless told.
 pub const DEFAULT_PATH_ROWS: u32 = 1 << 18;
 
@@ -243,6 +246,12 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
     }
     if !(0.0..=1.0).contains(&options.min_flux_fraction) {
         return usage(format!("min_flux_fraction is {}; it must lie in 0..=1", options.min_flux_fraction));
+    }
+    if !(1..=MOST_PATH_ROWS).contains(&options.path_rows) {
+        return usage(format!(
+            "a table of paths of {} rows was asked for; it has 1 to {MOST_PATH_ROWS} rows",
+            options.path_rows
+        ));
     }
     if options.batch_size == Some(0) {
         return usage("the batch size is 0; at least one ray is needed".into());

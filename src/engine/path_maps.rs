@@ -3,7 +3,6 @@
 
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
-use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::intake::Intake;
 use crate::engine::limits::{DispatchLimits, MAX_COUNTS_UNDRAINED, counts_per_ray};
 use crate::engine::options::TraceOptions;
@@ -20,6 +19,10 @@ use crate::program::{PathSums, Program, RayRange, SecondMoments};
 use crate::result::paths::Places;
 use crate::result::{RaySet, Tally};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How long a dispatch should take: a desktop then stays usable, and no watchdog fires.
+const PASS_TIME: Duration = Duration::from_millis(40);
 
 /// A sequence whose light is looked at.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +51,7 @@ pub struct WantedMaps<'a> {
 pub struct PathMaps {
     /// The detectors' sums: those of map i are the i-th part of each detector's [`crate::result::DetectorTally::replicates`].
     pub tally: Tally,
-    /// Per watched sequence, where its light lies.
+    /// Per watched sequence, where its light lies; none of any if that is not known.
     pub places: Vec<Places>,
     /// False if the caller ended the trace before its last ray.
     pub is_whole: bool,
@@ -96,7 +99,7 @@ pub fn trace_maps(
     gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&table.words));
     gpu.queue.write_buffer(&device.paths_head, 0, bytemuck::cast_slice(&table.head));
     let mut tally = empty_tally(ir);
-    let size = DispatchSize::new(plan.batch, 1, counts_per_ray(&plan.program));
+    let mut size = plan.dispatch_size();
     let (mut undrained, mut is_whole) = (0, true);
     let drain = |tally: &mut Tally| -> Result<()> {
         let mut intake = Intake::new(&plan.program.cells, plan.counted(), plan.rays.len(), tally);
@@ -110,9 +113,11 @@ pub fn trace_maps(
             let count = (end - next).min(size.rays().into()) as u32;
             let range =
                 RayRange { first: next, count, source: span.source as usize, log_stride: 0, reached: 0 };
+            let start = Instant::now();
             submit_alone(&device, &plan, &range, size.submissions())?;
             device.forget_rows();
             device.gpu.wait()?;
+            size.note(count, start.elapsed(), PASS_TIME);
             next += u64::from(count);
             undrained += u64::from(count) * counts_per_ray(&plan.program);
             if undrained > MAX_COUNTS_UNDRAINED / 2 {
@@ -125,8 +130,9 @@ pub fn trace_maps(
             }
         }
     }
+    device.check_loops_of_second_trace(&plan.program)?;
     drain(&mut tally)?;
-    let places = table.read(&device, &plan, watched)?;
+    let places = table.read(&device, ir, &plan, watched)?;
     Ok(PathMaps { tally, places, is_whole })
 }
 
@@ -158,18 +164,30 @@ impl Table {
         Ok(Table { head: paths::head(&layout, size, true), size, words, slots })
     }
 
-    fn read(&self, device: &DeviceState, plan: &Plan, watched: &[Watched]) -> Result<Vec<Places>> {
+    fn read(
+        &self,
+        device: &DeviceState,
+        ir: &SceneIr,
+        plan: &Plan,
+        watched: &[Watched],
+    ) -> Result<Vec<Places>> {
         let (Some(layout), Some(buffer)) = (plan.program.path_table, &device.paths) else {
             return Ok(Vec::new());
         };
         let bytes = device.gpu.read(buffer, 4 * self.words.len() as u64)?;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let rows = &words[layout.first_row(self.size) as usize..];
+        if words[paths::LARGE_SQUARE] != 0 {
+            // Some distance was no number, or beyond all sums: nothing is known of places.
+            return Ok(Vec::new());
+        }
         let places = watched.iter().zip(&self.slots).map(|(path, slot)| {
-            let mut places = Places {
-                about: path.about.map(|coordinate| f64::from(coordinate as f32)),
-                ..Places::default()
-            };
+            let size = path.sequence.end.detector().map_or(1.0, |number| {
+                let row = ir.detectors[number].kind.grid_row();
+                row.half_width + row.half_height
+            });
+            let about = path.about.map(|coordinate| f64::from(coordinate as f32));
+            let mut places = Places { about, size, ..Places::default() };
             for row in layout.row(rows, self.size, *slot) {
                 places.first[0] += paths::signed_sum(&row[..3]);
                 places.first[1] += paths::signed_sum(&row[3..6]);

@@ -57,7 +57,7 @@ impl Engine<'_> {
     /// of them then have rows.
     pub(crate) fn finish_paths(&mut self, tally: &mut Tally) -> Result<()> {
         self.with_table(|engine, table| match &mut tally.path_sums {
-            Some(sums) if sums.chosen.is_none() && sums.may_grow_too_large() => {
+            Some(sums) if sums.chosen.is_none() && sums.may_grow_too_large(engine.plan.is_part()) => {
                 sums.chosen = Some(engine.choose(table)?);
                 Ok(())
             }
@@ -153,7 +153,7 @@ impl Engine<'_> {
         mut add: impl FnMut(&mut Self, &mut PathTable, Reading) -> Result<()>,
     ) -> Result<()> {
         // So few rays that an open table hardly becomes full; where it does, fewer.
-        let batch = u64::from(self.plan.batch);
+        let batch = u64::from(self.size.rays());
         let mut most = (u64::from(table.num_slots()) / 4).clamp(1, batch);
         for span in spans {
             let (mut next, end) = (span.first, span.end());
@@ -189,6 +189,7 @@ impl Engine<'_> {
                 next += count;
             }
         }
+        self.device.check_loops_of_second_trace(&self.plan.program)?;
         self.device.clear_sums();
         Ok(())
     }

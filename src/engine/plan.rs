@@ -145,6 +145,11 @@ impl Plan {
         DispatchSize::new(*batch, limits.least_rays(program), counts_per_ray(program))
     }
 
+    /// True if the trace is a part of a larger one.
+    pub(crate) fn is_part(&self) -> bool {
+        self.options.of_rays.is_some() || self.options.first_ray > 0
+    }
+
     /// Most deposits of one launched ray that a table of paths tells apart. A ray that detectors let pass may make one at
     /// each of its events.
     pub(crate) fn path_deposits_per_ray(&self) -> u64 {
@@ -157,7 +162,8 @@ impl Plan {
     /// Slots of the largest table of paths: twice the number of rows, or of deposits if these are fewer.
     pub(crate) fn most_path_slots(&self) -> u32 {
         let deposits = self.num_rays.saturating_mul(self.path_deposits_per_ray());
-        let rows = u64::from(self.options.path_rows).min(deposits);
+        // Few rows need many slots as well, until a pilot has chosen what has a row.
+        let rows = u64::from(self.options.path_rows).max(1 << 15).min(deposits);
         (2 * rows.max(32)).next_power_of_two() as u32
     }
 

@@ -105,6 +105,7 @@ impl Teller {
         let range = RayRange { first: 0, count: rays.len() as u32, source, log_stride: 0, reached: 0 };
         let size = DispatchSize::new(self.plan.batch, 1, 1);
         submit_alone(&self.device, &self.plan, &range, size.submissions())?;
+        self.device.check_loops_of_second_trace(&self.plan.program)?;
         let counts = gpu.read(&self.device.counts, 12)?;
         let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
         gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);

@@ -51,7 +51,9 @@ pub(crate) fn trace<'a>(
         strategy.look_ahead(engine, num_rays - at, pace.seconds_for(num_rays - at))?;
     }
     drain(engine, strategy, &mut tally)?;
-    engine.finish_paths(&mut tally)?;
+    if at >= num_rays {
+        engine.finish_paths(&mut tally)?;
+    }
     if engine.plan.rays.len() > 1 {
         tally.sort_rows(engine.ir);
     }

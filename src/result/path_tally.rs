@@ -66,9 +66,9 @@ impl PathTally {
     }
 
     /// True if parts of a trace like this one may have more sequences together than the table has rows. The chosen
-    /// sequences should then be known.
-    pub fn may_grow_too_large(&self) -> bool {
-        self.rows.len() > self.most_rows as usize / 16
+    /// sequences should then be known. A trace that is a part of a larger one has more parts beside it.
+    pub fn may_grow_too_large(&self, is_part: bool) -> bool {
+        self.rows.len() > self.most_rows as usize / if is_part { 256 } else { 16 }
     }
 
     /// Keeps the rows of the chosen sequences alone.

@@ -3,7 +3,7 @@
 use crate::model::path_filter::MOST_PARTS;
 use crate::model::sequence::{End, Sequence, Step, StepKind};
 use crate::model::surface_optics::splits;
-use crate::model::{PathFilter, SceneIr};
+use crate::model::{Interaction, PathFilter, SceneIr};
 use crate::result::{FluxUnit, PathSum, PathTally, QUANTA_PER_WEIGHT, Tally};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -103,9 +103,11 @@ pub struct PathTable {
 pub struct Places {
     /// The point \[mm\].
     pub about: [f64; 2],
-    /// Sums of weight times distance \[2^-52 mm\].
+    /// The unit of distances \[mm\].
+    pub size: f64,
+    /// Sums of weight times distance, in units of 2^-52.
     pub first: [i128; 2],
-    /// The sum of weight times the square of the distance \[2^-52 mm^2\].
+    /// The sum of weight times the square of the distance, in units of 2^-52.
     pub second: i128,
 }
 
@@ -117,6 +119,9 @@ pub struct Group<'a> {
     /// The sequences, ascending.
     pub sequences: Vec<&'a Sequence>,
 }
+
+/// Rows of a table up to which expressions are checked where names are not plain words: each is asked of all rows.
+const MOST_CHECKED: usize = 1 << 12;
 
 /// What the sequences of a row have in common.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -150,11 +155,19 @@ pub fn groups<'a>(
     // Only where rays are split or pass a detector can a ray come to one end by several sequences.
     let splits = splits(ir);
     let is_exclusive = |end: End| !splits && end.detector().is_none_or(|number| ir.detectors[number].absorb);
+    // Both branches of a split may scatter to one side, and then are one sequence: a ray comes by it twice.
+    let branches_scatter =
+        splits && ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive && s.scatter.is_some());
     let is_plain = names_are_plain(ir);
-    // Some names cannot be written in an expression.
-    let keeps = |text: &String, sequence: &Sequence| {
-        is_plain && sequence.steps.len() + 2 <= MOST_PARTS
-            || PathFilter::parse(text, ir).is_ok_and(|filter| filter.keeps(sequence))
+    // Some names cannot be written in an expression, or stand for others as well, and some sequences are too long.
+    let keeps_alone = |text: &String, members: &[(&Sequence, &PathSum)]| {
+        if is_plain {
+            return text.split(" > ").count() <= MOST_PARTS;
+        }
+        let is_member = |sequence: &Sequence| members.iter().any(|(member, _)| *member == sequence);
+        sums.rows.len() <= MOST_CHECKED
+            && PathFilter::parse(text, ir)
+                .is_ok_and(|filter| sums.rows.keys().all(|row| filter.keeps(row) == is_member(row)))
     };
     let mut rows: Vec<(u128, Group)> = groups
         .into_iter()
@@ -162,7 +175,10 @@ pub fn groups<'a>(
             let (first, _) = members[0];
             let mut sum = PathSum::default();
             members.iter().for_each(|(_, member)| sum += **member);
-            let error = (has_errors && !sums.squares_overflowed).then(|| {
+            let is_known = has_errors
+                && !sums.squares_overflowed
+                && !(branches_scatter && members.iter().any(|(sequence, _)| sequence.scatterings() > 0));
+            let error = is_known.then(|| {
                 let quanta = error_of(&members, &launched, is_exclusive(first.end));
                 unit.watts_of_weight(quanta / QUANTA_PER_WEIGHT)
             });
@@ -178,7 +194,7 @@ pub fn groups<'a>(
                 detector: first.end.detector().map(|number| ir.detectors[number].name.clone()),
                 sequence,
                 steps,
-                filter: filter.filter(|text| keeps(text, first)),
+                filter: filter.filter(|text| keeps_alone(text, &members)),
                 centroid: None,
                 rms_radius: None,
                 peak_irradiance: None,
@@ -340,7 +356,7 @@ impl Places {
         }
         let mean = |part: &(PathSum, Places), axis: usize| {
             let (sum, places) = part;
-            places.about[axis] + places.first[axis] as f64 / sum.quanta as f64
+            places.about[axis] + places.size * (places.first[axis] as f64 / sum.quanta as f64)
         };
         let share = |(sum, _): &(PathSum, Places)| sum.quanta as f64 / weight;
         let lit: Vec<(PathSum, Places)> = parts.iter().filter(|(sum, _)| sum.quanta > 0).copied().collect();
@@ -352,6 +368,7 @@ impl Places {
                 let quanta = sum.quanta as f64;
                 let offsets = places.first.map(|first| first as f64 / quanta);
                 let within = places.second as f64 / quanta - offsets[0].powi(2) - offsets[1].powi(2);
+                let within = within * places.size * places.size;
                 let between = (mean(part, 0) - centroid[0]).powi(2) + (mean(part, 1) - centroid[1]).powi(2);
                 share(part) * (within.max(0.0) + between)
             })

@@ -17,6 +17,9 @@ use std::collections::HashMap;
 /// Most cells of all maps in one trace.
 const MOST_CELLS: usize = 1 << 25;
 
+/// Most cells of all maps that are kept when their peaks are known.
+const MOST_KEPT_CELLS: usize = 1 << 27;
+
 /// How a table is made.
 #[derive(Debug, Clone, Default)]
 pub struct TableOptions {
@@ -86,7 +89,7 @@ pub fn detector_of(
 ) -> Result<Detector> {
     let detector = crate::model::Detector { name, ..ir.detectors[map.detector].clone() };
     let recorded = FluxSum { count: row.num_rays, quanta: 0 };
-    let cells = DetectorTally { recorded, ..map.sums.clone() };
+    let cells = DetectorTally { recorded, hits: vec![0; map.sums.quanta.len()], ..map.sums.clone() };
     Detector::of_part(ir, tally, unit, &detector, &cells)
 }
 
@@ -139,6 +142,7 @@ pub fn table_with_maps(
     let per_trace = (MOST_CELLS / num_cells).clamp(1, options.num_maps.max(1));
     let num_maps = options.num_maps.min(groups.len());
     let mut maps: Vec<Option<PathMap>> = Vec::new();
+    let mut peaks: Vec<Option<f64>> = Vec::new();
     let mut places: HashMap<&Sequence, Places> = HashMap::new();
     let mut is_whole = true;
     // At least one trace, which tells where the light of all rows lies.
@@ -155,6 +159,9 @@ pub fn table_with_maps(
                 map,
             }));
         }
+        if watched.is_empty() {
+            break;
+        }
         let num = (last - first).max(1) as u32;
         let wanted = WantedMaps { rays: &tally.rays, watched: &watched, num_maps: num };
         let PathMaps { tally: second, places: of_watched, is_whole: is_done } =
@@ -166,7 +173,10 @@ pub fn table_with_maps(
         for (map, group) in groups[first..last].iter().enumerate() {
             let detector = group.sequences[0].end.detector();
             let detector = detector.filter(|number| ir.detectors[*number].num_cells() > 0);
-            maps.push(detector.map(|number| map_of(ir, &second, number, map)));
+            let map = detector.map(|number| map_of(ir, &second, number, map));
+            peaks.push(map.as_ref().and_then(|map| peak_irradiance(ir, map, unit)));
+            // Many large maps would take all memory.
+            maps.push(map.filter(|_| maps.len() < MOST_KEPT_CELLS / num_cells));
         }
         if !is_done {
             break;
@@ -187,10 +197,10 @@ pub fn table_with_maps(
         if let Some((centroid, rms_radius)) = Places::spot(&parts) {
             (row.centroid, row.rms_radius) = (Some(centroid), Some(rms_radius));
         }
-        let map = maps.get(rank).and_then(Option::as_ref).filter(|_| is_whole);
-        row.peak_irradiance = map.and_then(|map| peak_irradiance(ir, map, unit));
+        row.peak_irradiance = peaks.get(rank).copied().flatten().filter(|_| is_whole);
         rows.push(row);
     }
+
     let mut order: Vec<usize> = (0..rows.len()).collect();
     if options.sort == Sorting::Peak {
         let peak = |row: usize| rows[row].peak_irradiance.unwrap_or(-1.0);
@@ -198,7 +208,7 @@ pub fn table_with_maps(
     }
     let sorted: Vec<LightPath> =
         (1..).zip(&order).map(|(rank, &row)| LightPath { rank, ..rows[row].clone() }).collect();
-    let maps = order.iter().map(|&row| maps.get(row).cloned().flatten()).collect();
+    let maps = order.iter().map(|&row| maps.get_mut(row).and_then(Option::take)).collect();
     let sequences = order.iter().map(|&row| groups[row].sequences[0].clone()).collect();
     let table = PathTable::new(ir, &kept(sums, options), unit, options.group, sorted);
     Ok(Traced { table, maps, sequences, is_whole })
@@ -218,7 +228,7 @@ fn map_of(ir: &SceneIr, second: &Tally, number: usize, map: usize) -> PathMap {
     let num_cells = ir.detectors[number].num_cells();
     let (size, sums) = (num_cells.max(1), &second.detectors[number].replicates);
     let quanta = sums.get(map * size..(map + 1) * size).unwrap_or_default().to_vec();
-    let sums = DetectorTally { hits: vec![0; num_cells], quanta, ..DetectorTally::default() };
+    let sums = DetectorTally { quanta, ..DetectorTally::default() };
     PathMap { detector: number, sums }
 }
 

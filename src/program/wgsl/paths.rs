@@ -237,7 +237,7 @@ impl<'a> FilterState<'a> {
     fn holds(&self, term: &Term) -> String {
         let joined = |terms: &[Term], sign: &str| {
             let terms: Vec<String> = terms.iter().map(|term| self.holds(term)).collect();
-            format!("({})", terms.join(sign))
+            joined(&terms, sign)
         };
         match term {
             Term::Not(inner) => format!("!{}", self.holds(inner)),
@@ -293,6 +293,19 @@ fn is_number(numbers: &[u32]) -> String {
 }
 
 fn any(conditions: impl Iterator<Item = String>) -> String {
-    let conditions: Vec<String> = conditions.collect();
-    if conditions.is_empty() { "false".into() } else { format!("({})", conditions.join(" | ")) }
+    match conditions.collect::<Vec<_>>().as_slice() {
+        [] => "false".into(),
+        conditions => joined(conditions, " | "),
+    }
+}
+
+/// Conditions joined by a sign, in brackets by halves: a compiler's stack need not hold a long chain.
+fn joined(conditions: &[String], sign: &str) -> String {
+    match conditions {
+        [one] => one.clone(),
+        conditions => {
+            let (first, second) = conditions.split_at(conditions.len() / 2);
+            format!("({}{sign}{})", joined(first, sign), joined(second, sign))
+        }
+    }
 }
