@@ -9,8 +9,11 @@ use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::model::SceneIr;
 use crate::result::output::Extras;
-use crate::result::{Grouping, PathTable, RunInfo, Sorting, StoppedBy, Tally, TraceResult, output};
-use crate::trace::paths::{TableOptions, detector_of, flux_unit, table_with_maps};
+use crate::result::{
+    Detector, FluxUnit, Grouping, LightPath, PathTable, RunInfo, Sorting, StoppedBy, Tally, TraceResult,
+    output,
+};
+use crate::trace::paths::{PathMap, TableOptions, detector_of, flux_unit, table_with_maps};
 use crate::trace::stopping::Stopping;
 use crate::trace::{StandardError, TraceOptions, Tracer, auto_precision};
 use std::path::PathBuf;
@@ -161,16 +164,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         if stop.load(Ordering::Relaxed) {
             stopped_by = Some(StoppedBy::Interrupt);
         }
-        shown.update(&Status {
-            rays: progress.done,
-            num_rays: progress.num_rays,
-            begun: 0,
-            elapsed: progress.elapsed,
-            relative_error: stopping.relative_error(),
-            target_error: args.trace.target_error,
-            rays_to_target: stopping.rays_to_target(),
-            time_limit: args.trace.time_limit,
-        });
+        shown.update(&Status::of(progress, &stopping, &args.trace, 0));
         Ok(stopped_by.is_none())
     })?;
     shown.finish();
@@ -232,9 +226,9 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
 fn path_detectors<'a>(
     ir: &SceneIr,
     tally: &Tally,
-    unit: crate::result::FluxUnit,
-    rows: impl Iterator<Item = (&'a crate::result::LightPath, &'a Option<crate::trace::paths::PathMap>)>,
-) -> Result<Vec<crate::result::Detector>> {
+    unit: FluxUnit,
+    rows: impl Iterator<Item = (&'a LightPath, &'a Option<PathMap>)>,
+) -> Result<Vec<Detector>> {
     rows.filter_map(|(row, map)| Some((row, map.as_ref()?)))
         .map(|(row, map)| detector_of(ir, tally, unit, map, row, format!("path_{}", row.rank)))
         .collect()

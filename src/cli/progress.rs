@@ -1,6 +1,9 @@
 //! Progress on stderr: a bar for people, lines of JSON for programs.
 
 use crate::cli::console::say;
+use crate::cli::trace_args::TraceArgs;
+use crate::trace;
+use crate::trace::stopping::Stopping;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
@@ -38,6 +41,25 @@ pub struct Status {
 }
 
 impl Status {
+    /// The state after a pass of a trace that began with `begun` rays.
+    pub(crate) fn of(
+        progress: &trace::Progress<'_, '_>,
+        stopping: &Stopping,
+        args: &TraceArgs,
+        begun: u64,
+    ) -> Self {
+        Status {
+            rays: progress.done,
+            num_rays: progress.num_rays,
+            begun,
+            elapsed: progress.elapsed,
+            relative_error: stopping.relative_error(),
+            target_error: args.target_error,
+            rays_to_target: stopping.rays_to_target(),
+            time_limit: args.time_limit,
+        }
+    }
+
     /// Rays per second.
     fn rate(&self) -> f64 {
         (self.rays - self.begun.min(self.rays)) as f64 / self.elapsed.as_secs_f64().max(1e-9)

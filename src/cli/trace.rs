@@ -383,16 +383,7 @@ impl Session<'_> {
         if self.stop.load(Ordering::Relaxed) {
             self.stopped_by = Some(StoppedBy::Interrupt);
         }
-        self.progress.update(&Status {
-            rays: progress.done,
-            num_rays: progress.num_rays,
-            begun: self.begun,
-            elapsed: progress.elapsed,
-            relative_error: self.stopping.relative_error(),
-            target_error: self.args.trace.target_error,
-            rays_to_target: self.stopping.rays_to_target(),
-            time_limit: self.args.trace.time_limit,
-        });
+        self.progress.update(&Status::of(progress, &self.stopping, &self.args.trace, self.begun));
         if let Some(path) = &self.args.checkpoint
             && self.last_checkpoint.elapsed() >= self.args.checkpoint_interval
         {

@@ -56,7 +56,7 @@ use crate::model::SceneIr;
 use std::time::{Duration, Instant};
 
 /// How long a pass should keep the device. A desktop then stays usable, and no watchdog fires.
-const PASS_TIME: Duration = Duration::from_millis(40);
+pub(crate) const PASS_TIME: Duration = Duration::from_millis(40);
 
 /// A scene on a device, ready to trace.
 pub(crate) struct Engine<'a> {

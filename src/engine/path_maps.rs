@@ -1,6 +1,7 @@
 //! Traces rays a second time, now that it is known which paths matter: a map for each of some rows, and where the light
 //! of each sequence lies (shaders/paths/sums.maps.wgsl).
 
+use crate::engine::PASS_TIME;
 use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
 use crate::engine::intake::Intake;
@@ -19,10 +20,7 @@ use crate::program::{PathSums, Program, RayRange, SecondMoments};
 use crate::result::paths::Places;
 use crate::result::{RaySet, Tally};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-
-/// How long a dispatch should take: a desktop then stays usable, and no watchdog fires.
-const PASS_TIME: Duration = Duration::from_millis(40);
+use std::time::Instant;
 
 /// A sequence whose light is looked at.
 #[derive(Debug, Clone, Copy)]
@@ -111,8 +109,7 @@ pub fn trace_maps(
         let (mut next, end) = (span.first, span.end());
         while next < end {
             let count = (end - next).min(size.rays().into()) as u32;
-            let range =
-                RayRange { first: next, count, source: span.source as usize, log_stride: 0, reached: 0 };
+            let range = RayRange::of(next, count, span.source as usize);
             let start = Instant::now();
             submit_alone(&device, &plan, &range, size.submissions())?;
             device.forget_rows();
@@ -149,8 +146,7 @@ impl Table {
     fn of(plan: &Plan, watched: &[Watched]) -> Result<Self> {
         let no_table = || Error::Internal("maps of paths have no table".into());
         let layout = plan.program.path_table.ok_or_else(no_table)?;
-        let slots = (2 * watched.len().max(32)).next_power_of_two() as u32;
-        let size = PathTableSize { slots, shards: 1 };
+        let size = PathTableSize { slots: paths::slots_for(watched.len()), shards: 1 };
         let mut words = vec![0; layout.end(size) as usize];
         let rest = &mut words[paths::MARK_WORDS as usize..];
         let insert = |path: &Watched| {

@@ -72,7 +72,7 @@ impl PathTable {
         let buffer = buffer_of(device)?;
         self.is_closed = chosen.is_some();
         if let Some(chosen) = chosen {
-            self.resize((2 * chosen.len().max(32)).next_power_of_two() as u32);
+            self.resize(paths::slots_for(chosen.len()));
         }
         let head = paths::head(&self.layout, self.size, self.is_closed);
         let queue = &device.gpu.queue;

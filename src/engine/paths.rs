@@ -109,8 +109,8 @@ impl Engine<'_> {
         let is_new = |key: &SequenceKey| {
             table.known.get(key).is_none_or(|found| !sums.rows.contains_key(&found.sequence))
         };
-        let num_new = reading.rows.iter().filter(|(key, ..)| is_new(key)).count();
-        if !sums.is_closed && sums.rows.len() + num_new > sums.most_rows as usize {
+        let num_new = || reading.rows.iter().filter(|(key, ..)| is_new(key)).count();
+        if !sums.is_closed && sums.rows.len() + num_new() > sums.most_rows as usize {
             let chosen = match &sums.chosen {
                 Some(chosen) => chosen.clone(),
                 None => self.choose(table)?,
@@ -159,8 +159,7 @@ impl Engine<'_> {
             let (mut next, end) = (span.first, span.end());
             while next < end {
                 let count = (end - next).min(if table.is_closed { batch } else { most });
-                let source = span.source as usize;
-                let range = RayRange { first: next, count: count as u32, source, log_stride: 0, reached: 0 };
+                let range = RayRange::of(next, count as u32, span.source as usize);
                 submit_alone(&self.device, &self.plan, &range, self.size.submissions())?;
                 self.device.forget_rows();
                 let reading = table.read(&self.device, &self.plan)?;

@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
 use crate::program::layout::numbers::lie_in_uniforms;
+use crate::program::layout::paths::slots_for;
 use crate::program::layout::tables::ReachedMarks;
 use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::Extend;
@@ -164,7 +165,7 @@ impl Plan {
         let deposits = self.num_rays.saturating_mul(self.path_deposits_per_ray());
         // Few rows need many slots as well, until a pilot has chosen what has a row.
         let rows = u64::from(self.options.path_rows).max(1 << 15).min(deposits);
-        (2 * rows.max(32)).next_power_of_two() as u32
+        slots_for(rows as usize)
     }
 
     /// The words of the largest table of paths, if there is one.
@@ -208,7 +209,7 @@ impl Plan {
             let mut next = rays.first + rays.done(first, self.num_rays);
             while next < last {
                 let count = (last - next).min(u64::from(most)) as u32;
-                ranges.push(RayRange { first: next, count, source, log_stride: 0, reached });
+                ranges.push(RayRange { reached, ..RayRange::of(next, count, source) });
                 next += u64::from(count);
             }
         }

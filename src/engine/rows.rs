@@ -40,18 +40,7 @@ impl Rows {
     /// Fetches the rows of a range that a device has traced, if the device keeps rows.
     pub(crate) fn fetch(&mut self, device: &DeviceState, plan: &Plan, range: &RayRange) -> Result<()> {
         let Some(buffer) = &device.events else { return Ok(()) };
-        let (gpu, device_counts) = (&device.gpu, &device.counts);
-        let counts = gpu.read(device_counts, 12)?;
-        let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
-        let layout = StructLayout::of(&plan.program.module, "Event")?;
-        let size = u64::from(num_events) * layout.stride as u64;
-        if size > buffer.size() {
-            return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
-        }
-        let bytes = gpu.read(buffer, size)?;
-        let decode = decoder(plan, &layout, range.first)?;
-        let mut events: Vec<DeviceEvent> = bytes.chunks_exact(layout.stride).map(decode).collect();
-        gpu.queue.write_buffer(device_counts, 0, &[0; 12]);
+        let mut events = read_events(device, buffer, plan, range.first)?;
         let splits = plan.program.splitting.is_some();
         events.sort_unstable_by_key(|event| (event.row.order(splits), event.kind));
         match self.recordings.get_mut(range.source) {
@@ -72,12 +61,27 @@ impl Rows {
     }
 }
 
-/// A function that decodes the rows of the range that began at ray `first`.
-pub(super) fn decoder(
+/// Reads the rows of the range that began at ray `first`, in the order in which the device wrote them, and forgets them.
+pub(super) fn read_events(
+    device: &DeviceState,
+    buffer: &wgpu::Buffer,
     plan: &Plan,
-    layout: &StructLayout,
     first: u64,
-) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
+) -> Result<Vec<DeviceEvent>> {
+    let counts = device.gpu.read(&device.counts, 12)?;
+    let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
+    let layout = StructLayout::of(&plan.program.module, "Event")?;
+    let size = u64::from(num_events) * layout.stride as u64;
+    if size > buffer.size() {
+        return Err(Error::Internal(format!("{num_events} rows do not fit the buffer")));
+    }
+    let bytes = device.gpu.read(buffer, size)?;
+    device.forget_rows();
+    Ok(bytes.chunks_exact(layout.stride).map(decoder(plan, &layout, first)?).collect())
+}
+
+/// A function that decodes the rows of the range that began at ray `first`.
+fn decoder(plan: &Plan, layout: &StructLayout, first: u64) -> Result<impl Fn(&[u8]) -> DeviceEvent + use<>> {
     let at = |field: &str| layout.offset(field);
     let [kind, subject, index, bounce, wavelength] =
         [at("kind")?, at("subject")?, at("index")?, at("bounce")?, at("wavelength")?];

@@ -1,12 +1,12 @@
 //! Finds the sequences of paths: traces one ray of each path again, by a program that tells what happens to the ray.
 
-use crate::engine::device::{DeviceState, stride_of};
+use crate::engine::device::DeviceState;
 use crate::engine::dispatch::submit_alone;
 use crate::engine::dispatch_size::DispatchSize;
 use crate::engine::limits::DispatchLimits;
 use crate::engine::options::TraceOptions;
 use crate::engine::plan::{Draft, Plan};
-use crate::engine::rows::decoder;
+use crate::engine::rows::read_events;
 use crate::engine::stages::{Additions, Stages};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
@@ -14,7 +14,6 @@ use crate::model::sequence::{End, Sequence, SequenceKey, Step};
 use crate::model::{SceneIr, ray_id};
 use crate::program::layout::bindings;
 use crate::program::layout::paths::Slot;
-use crate::program::layout::reals::StructLayout;
 use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::NoExtension;
 use crate::program::{PathSums, Program, RayRange, events};
@@ -96,32 +95,23 @@ impl Teller {
         rays: &[(u64, u64)],
         found: &mut HashMap<SequenceKey, Found>,
     ) -> Result<()> {
-        let gpu = self.device.gpu.clone();
+        let queue = &self.device.gpu.queue;
         // The launched rays, then their children's numbers.
         let launched: Vec<u64> = rays.iter().map(|(launched, _)| *launched).collect();
         let numbers: Vec<u64> = rays.iter().map(|(_, number)| *number).collect();
-        gpu.queue.write_buffer(&self.ids, 0, bytemuck::cast_slice(&launched));
-        gpu.queue.write_buffer(&self.ids, 8 * u64::from(self.plan.batch), bytemuck::cast_slice(&numbers));
-        let range = RayRange { first: 0, count: rays.len() as u32, source, log_stride: 0, reached: 0 };
+        queue.write_buffer(&self.ids, 0, bytemuck::cast_slice(&launched));
+        queue.write_buffer(&self.ids, 8 * u64::from(self.plan.batch), bytemuck::cast_slice(&numbers));
+        let range = RayRange::of(0, rays.len() as u32, source);
         let size = DispatchSize::new(self.plan.batch, 1, 1);
         submit_alone(&self.device, &self.plan, &range, size.submissions())?;
         self.device.check_loops_of_second_trace(&self.plan.program)?;
-        let counts = gpu.read(&self.device.counts, 12)?;
-        let num_events = u32::from_le_bytes([counts[8], counts[9], counts[10], counts[11]]);
-        gpu.queue.write_buffer(&self.device.counts, 0, &[0; 12]);
         let Some(buffer) = &self.device.events else {
             return Err(Error::Internal("a program that tells paths has no events".into()));
         };
-        let size = u64::from(num_events) * stride_of(&self.plan.program, "Event")?;
-        if size > buffer.size() {
-            return Err(Error::Internal(format!("{num_events} events of paths do not fit the buffer")));
-        }
-        let layout = StructLayout::of(&self.plan.program.module, "Event")?;
-        let bytes = gpu.read(buffer, size)?;
         let splits = self.plan.program.splitting.is_some();
         let mut steps = HashMap::new();
         let mut ends = Vec::new();
-        for event in bytes.chunks_exact(layout.stride).map(decoder(&self.plan, &layout, 0)?) {
+        for event in read_events(&self.device, buffer, &self.plan, range.first)? {
             // The place in the list, and the number within the family.
             let (place, number) = ray_id::order(event.row.ray_id, splits);
             match event.kind {

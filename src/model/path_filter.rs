@@ -9,6 +9,9 @@ use crate::model::sequence::{End, Sequence, StepKind};
 /// Most questions about single events in one expression: each has a bit.
 pub const MOST_MARKS: usize = 31;
 
+/// Most patterns in one expression.
+pub const MOST_PATTERNS: usize = 4;
+
 /// Most parts of a pattern.
 pub const MOST_PARTS: usize = 31;
 

@@ -222,3 +222,10 @@ pub struct RayRange {
     /// Primitives that earlier passes reached, a bit each, where they are marked so.
     pub reached: u32,
 }
+
+impl RayRange {
+    /// The rays `first..first + count` of a source, of which nothing is known from earlier passes.
+    pub fn of(first: u64, count: u32, source: usize) -> Self {
+        RayRange { first, count, source, log_stride: 0, reached: 0 }
+    }
+}

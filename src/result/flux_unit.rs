@@ -1,5 +1,6 @@
 //! The unit of flux: what a weight and a quantum are worth in watts.
 
+use crate::model::SceneIr;
 use crate::result::QUANTA_PER_WEIGHT;
 
 /// Converts weights and quanta to watts.
@@ -13,6 +14,11 @@ impl FluxUnit {
     /// The unit of a trace of `num_rays` rays through a scene whose sources emit `total_flux` \[W\].
     pub fn new(total_flux: f64, num_rays: u64) -> Self {
         FluxUnit { total_flux, num_rays: num_rays.max(1) as f64 }
+    }
+
+    /// The unit of a trace of `num_rays` rays through a scene.
+    pub fn of_scene(ir: &SceneIr, num_rays: u64) -> Self {
+        FluxUnit::new(ir.sources.iter().map(|source| source.total_flux).sum(), num_rays)
     }
 
     /// Flux of a sum \[W\]. The ratio comes first, so that all quanta launched are exactly the flux emitted.

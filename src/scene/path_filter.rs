@@ -10,7 +10,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::path_filter::{
-    Comparison, Count, Events, MOST_MARKS, MOST_PARTS, Mark, Part, PathFilter, Pattern, Term,
+    Comparison, Count, Events, MOST_MARKS, MOST_PARTS, MOST_PATTERNS, Mark, Part, PathFilter, Pattern, Term,
 };
 use crate::model::place::{did_you_mean, quoted, ticked};
 use crate::model::{SceneIr, StepKind};
@@ -343,11 +343,11 @@ impl Reader<'_> {
         }
         self.check_order(&parts, argument.column)?;
         self.patterns.push(Pattern(parts));
-        if self.patterns.len() > 4 {
+        if self.patterns.len() > MOST_PATTERNS {
             return Err(self.error(
                 argument.column,
                 "there are too many sequences",
-                "at most 4 fit into one expression",
+                &format!("at most {MOST_PATTERNS} fit into one expression"),
             ));
         }
         Ok(Term::Matches(self.patterns.len() - 1))

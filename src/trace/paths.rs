@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::gpu::Gpu;
 use crate::model::{SceneIr, Sequence};
 use crate::program::Sampler;
+use crate::result::detectors::bins::pixel_area;
 use crate::result::paths::{Group, Places, groups};
 use crate::result::{
     Detector, DetectorTally, FluxSum, FluxUnit, Grouping, LightPath, PathSum, PathTable, PathTally, Sorting,
@@ -57,9 +58,7 @@ pub struct Traced {
 
 /// The unit of flux of a trace.
 pub fn flux_unit(ir: &SceneIr, tally: &Tally, num_rays: u64) -> FluxUnit {
-    let emitted: f64 = ir.sources.iter().map(|source| source.total_flux).sum();
-    let is_partial = tally.launched.count < num_rays;
-    FluxUnit::new(emitted, if is_partial { tally.launched.count } else { num_rays })
+    FluxUnit::of_scene(ir, tally.launched.count.min(num_rays))
 }
 
 /// The table of a tally, without maps.
@@ -200,7 +199,6 @@ pub fn table_with_maps(
         row.peak_irradiance = peaks.get(rank).copied().flatten().filter(|_| is_whole);
         rows.push(row);
     }
-
     let mut order: Vec<usize> = (0..rows.len()).collect();
     if options.sort == Sorting::Peak {
         let peak = |row: usize| rows[row].peak_irradiance.unwrap_or(-1.0);
@@ -238,6 +236,5 @@ fn peak_irradiance(ir: &SceneIr, map: &PathMap, unit: FluxUnit) -> Option<f64> {
     let grid = kind.grid()?;
     let pixels = map.sums.quanta.chunks(kind.num_bins().max(1) as usize);
     let pixels = pixels.map(|bins| bins.iter().sum::<u128>());
-    let area = grid.width * grid.height / (f64::from(grid.num_pixels_x) * f64::from(grid.num_pixels_y));
-    Some(unit.watts(pixels.max()?) / area)
+    Some(unit.watts(pixels.max()?) / pixel_area(grid))
 }

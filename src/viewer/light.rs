@@ -1,13 +1,12 @@
 //! The panel of paths without the panel: the table of the detector that is shown, what is ticked, and what is shown of it.
 
 use crate::error::{Error, Result};
+use crate::model::path_filter::MOST_PATTERNS;
 use crate::result::{Detector, Grouping, LightPath};
 use crate::viewer::following::{Followed, LightRays, Listing, Work, find_rays, follow, list};
 use crate::viewer::tracing::{Device, LoadedScene, Notify, RunOptions};
 use std::sync::Arc;
 
-/// Most sequences that an expression asks for.
-const MOST_SEQUENCES: usize = 4;
 /// Most searches for rays. Rays of further ticked rows are not drawn.
 const MOST_SEARCHES: usize = 5;
 
@@ -402,7 +401,7 @@ impl Light {
     fn filters(&self) -> Option<std::result::Result<Vec<String>, String>> {
         let listing = self.listing()?;
         let of_trace = listing.followed.options.path_filter.as_ref();
-        let room = MOST_SEQUENCES.saturating_sub(of_trace.map_or(0, |filter| filter.patterns.len())).max(1);
+        let room = MOST_PATTERNS.saturating_sub(of_trace.map_or(0, |filter| filter.patterns.len())).max(1);
         let kept = match self.shown {
             Shown::Whole => return None,
             Shown::Row(row) => vec![listing.table.paths.get(row)?.filter.clone()?],

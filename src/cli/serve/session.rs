@@ -102,17 +102,11 @@ impl<'a> Job<'a> {
         let trace_start = Instant::now();
         let tally = tracer.go_on(begun, |progress: &mut Progress| {
             stopped_by = stopping.after_pass(ir, progress)?;
-            let status = Status {
-                rays: progress.done,
-                num_rays: progress.num_rays,
-                begun: 0,
-                elapsed: progress.elapsed,
-                relative_error: stopping.relative_error(),
-                target_error: args.target_error,
-                rays_to_target: stopping.rays_to_target(),
-                time_limit: args.time_limit,
-            };
-            if keep_going(&status) { Ok(stopped_by.is_none()) } else { Err(Error::Interrupted) }
+            if keep_going(&Status::of(progress, &stopping, args, 0)) {
+                Ok(stopped_by.is_none())
+            } else {
+                Err(Error::Interrupted)
+            }
         })?;
         let partial = tally.launched.count < tracer.num_rays();
         let run = RunInfo {

@@ -1,7 +1,8 @@
 //! Harvey and Shack's lobe about the mirrored ray: what polish leaves on lenses and mirrors.
 
 use crate::model::bsdfs::{
-    Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, SHIFT_INVARIANT, Scattering, other_side, too_wide,
+    Bsdf, BsdfKind, BsdfWgsl, Entry, LONGEST_OFFSET, Labelled, Reading, SHIFT_INVARIANT, Scattering,
+    other_side, too_wide,
 };
 use crate::model::place::quoted;
 use crate::model::{Interaction, checks};
@@ -21,9 +22,6 @@ pub const HARVEY_SHACK: BsdfWgsl = BsdfWgsl {
 
 /// Knots of a table.
 pub const KNOTS: usize = 4096;
-
-/// Distances of direction cosines reach from 0 to 2.
-const LONGEST_OFFSET: f64 = 2.0;
 
 /// Distance of two knots.
 pub const STEP: f64 = LONGEST_OFFSET / (KNOTS - 1) as f64;

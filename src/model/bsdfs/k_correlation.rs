@@ -4,7 +4,8 @@
 //! power spectral density and surface scatter model, SPIE 6291, 2006.
 
 use crate::model::bsdfs::{
-    Bsdf, BsdfKind, BsdfWgsl, Entry, Labelled, Reading, SHIFT_INVARIANT, Scattering, other_side, too_wide,
+    Bsdf, BsdfKind, BsdfWgsl, Entry, LONGEST_OFFSET, Labelled, Reading, SHIFT_INVARIANT, Scattering,
+    other_side, too_wide,
 };
 use crate::model::place::quoted;
 use crate::model::{Interaction, checks};
@@ -21,9 +22,6 @@ pub const K_CORRELATION: BsdfWgsl = BsdfWgsl {
     shared: Some(SHIFT_INVARIANT),
     has_table: false,
 };
-
-/// Distances of direction cosines reach from 0 to 2.
-const LONGEST_OFFSET: f64 = 2.0;
 
 /// b0 / (1 + (B beta)^2)^(s/2), beta being the distance of direction cosines from the specular direction.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]

@@ -46,6 +46,9 @@ kinds! {
     Retro(retro::Retro) by #[cfg(test)] Retro(6) = RETRO;
 }
 
+/// Distances of direction cosines reach from 0 to 2.
+const LONGEST_OFFSET: f64 = 2.0;
+
 /// Scattering at a surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scatter {

@@ -90,11 +90,21 @@ impl PathTableLayout {
     }
 
     /// The words that rows of one number add up to, over all shards. `words` begin with the first row.
-    pub fn row(&self, words: &[u32], size: PathTableSize, row: u32) -> impl Iterator<Item = Vec<u32>> {
+    pub fn row<'w>(
+        &self,
+        words: &'w [u32],
+        size: PathTableSize,
+        row: u32,
+    ) -> impl Iterator<Item = &'w [u32]> + use<'w> {
         let (rows, row_words) = ((size.slots + self.num_ends) as usize, self.row_words as usize);
         let starts = (0..size.shards as usize).map(move |shard| (shard * rows + row as usize) * row_words);
-        starts.map(|start| words[start..start + row_words].to_vec()).collect::<Vec<_>>().into_iter()
+        starts.map(move |start| &words[start..start + row_words])
     }
+}
+
+/// The slots of a table of so many keys: half of them stay free.
+pub fn slots_for(num_keys: usize) -> u32 {
+    (2 * num_keys.max(32)).next_power_of_two() as u32
 }
 
 /// The number of the ends that have rows.
