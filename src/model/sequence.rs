@@ -151,6 +151,17 @@ impl End {
         detectors.chain(surfaces).chain([End::Missed, End::DepthLimit, End::Roulette]).collect()
     }
 
+    /// The end as users read it, the last part of a sequence.
+    pub fn text(self, ir: &SceneIr) -> String {
+        match self {
+            End::Detector(number) => ir.detectors[number as usize].name.clone(),
+            End::Absorbed(surface) => format!("A {}", ir.surface_name(surface as usize)),
+            End::Missed => "M".into(),
+            End::DepthLimit => "depth limit".into(),
+            End::Roulette => "roulette".into(),
+        }
+    }
+
     /// The detector, if the sequence ends on one.
     pub fn detector(self) -> Option<usize> {
         match self {
@@ -202,27 +213,22 @@ impl Sequence {
     /// The steps as users know them: letters, and the surface's name. `A` is absorption, `M` a miss; both are last.
     pub fn named_steps(&self, ir: &SceneIr) -> Vec<[String; 2]> {
         let named = |letters: &str, surface: u32| [letters.to_string(), ir.surface_name(surface as usize)];
-        let mut steps: Vec<_> =
-            self.steps.iter().map(|step| named(step.kind.letters(), step.surface)).collect();
-        match self.end {
-            End::Absorbed(surface) => steps.push(named("A", surface)),
-            End::Missed => steps.push(["M".to_string(), String::new()]),
-            End::Detector(_) | End::DepthLimit | End::Roulette => {}
-        }
-        steps
+        let steps = self.steps.iter().map(|step| named(step.kind.letters(), step.surface));
+        let last = match self.end {
+            End::Absorbed(surface) => Some(named("A", surface)),
+            End::Missed => Some(["M".to_string(), String::new()]),
+            End::Detector(_) | End::DepthLimit | End::Roulette => None,
+        };
+        steps.chain(last).collect()
     }
 
     /// The sequence as users read it, such as `lamp > T L1.front > T L1.back > image`.
     pub fn text(&self, ir: &SceneIr) -> String {
-        let mut parts = vec![ir.sources[self.source as usize].name.clone()];
-        parts.extend(self.named_steps(ir).iter().map(|[letters, name]| format!("{letters} {name}")));
-        match self.end {
-            End::Detector(number) => parts.push(ir.detectors[number as usize].name.clone()),
-            End::DepthLimit => parts.push("depth limit".into()),
-            End::Roulette => parts.push("roulette".into()),
-            End::Absorbed(_) | End::Missed => {}
-        }
-        parts.iter().map(|part| part.trim_end()).collect::<Vec<_>>().join(" > ")
+        let source = ir.sources[self.source as usize].name.clone();
+        let name =
+            |step: &Step| format!("{} {}", step.kind.letters(), ir.surface_name(step.surface as usize));
+        let parts = [source].into_iter().chain(self.steps.iter().map(name)).chain([self.end.text(ir)]);
+        parts.collect::<Vec<_>>().join(" > ")
     }
 }
 

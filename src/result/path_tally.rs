@@ -86,12 +86,18 @@ impl PathTally {
         self.chosen = Some(chosen);
     }
 
+    /// The sums of all light, by its end.
+    pub fn totals(&self) -> BTreeMap<End, PathSum> {
+        let mut totals = self.other.clone();
+        for (sequence, sum) in &self.rows {
+            *totals.entry(sequence.end).or_default() += *sum;
+        }
+        totals
+    }
+
     /// The sums of all light that came to an end.
     pub fn total(&self, end: End) -> PathSum {
-        let rows = self.rows.iter().filter(|(sequence, _)| sequence.end == end).map(|(_, sum)| *sum);
-        let mut total = self.other.get(&end).copied().unwrap_or_default();
-        rows.for_each(|sum| total += sum);
-        total
+        self.totals().remove(&end).unwrap_or_default()
     }
 }
 

@@ -150,8 +150,7 @@ pub fn groups<'a>(
         groups.entry(common).or_default().push((sequence, sum));
     }
     let launched = tally.rays.counts(ir.sources.len());
-    let totals: BTreeMap<End, u128> =
-        End::all(ir).into_iter().map(|end| (end, sums.total(end).quanta)).collect();
+    let totals = sums.totals();
     // Only where rays are split or pass a detector can a ray come to one end by several sequences.
     let splits = splits(ir);
     let is_exclusive = |end: End| !splits && end.detector().is_none_or(|number| ir.detectors[number].absorb);
@@ -186,7 +185,7 @@ pub fn groups<'a>(
             let row = LightPath {
                 rank: 0,
                 flux: unit.watts(sum.quanta),
-                share: sum.quanta as f64 / (totals[&first.end].max(1)) as f64,
+                share: sum.quanta as f64 / totals[&first.end].quanta.max(1) as f64,
                 standard_error: error.filter(|error| error.is_finite()),
                 num_rays: sum.count,
                 reflections: first.reflections() as u32,
@@ -250,8 +249,7 @@ fn turns(sequence: &Sequence) -> Vec<Step> {
 /// The text, the steps and the filter of a row.
 fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[String; 2]>, Option<String>) {
     let is_detected = first.end.detector().is_some();
-    let end = Sequence { steps: Vec::new(), ..first.clone() }.text(ir);
-    let end = end.rsplit(" > ").next().unwrap_or_default().to_string();
+    let end = first.end.text(ir);
     let counts = format!("reflections == {} and scatterings == {}", first.reflections(), first.scatterings());
     match common {
         Common::Sequence(sequence) => {
@@ -287,24 +285,23 @@ fn described(ir: &SceneIr, common: &Common, first: &Sequence) -> (String, Vec<[S
 }
 
 impl PathTable {
-    /// The table of rows, with the light that has none.
+    /// The table of rows, with the light that has none: that of one detector, or all.
     pub fn new(
         ir: &SceneIr,
         sums: &PathTally,
         unit: FluxUnit,
         grouping: Grouping,
+        detector: Option<usize>,
         rows: impl IntoIterator<Item = LightPath>,
     ) -> PathTable {
-        let other = sums.other.iter().map(|(end, sum)| {
-            let total = sums.total(*end).quanta.max(1);
-            let of_end = Sequence { source: 0, steps: Vec::new(), end: *end }.text(ir);
-            OtherLight {
-                detector: end.detector().map(|number| ir.detectors[number].name.clone()),
-                end: of_end.rsplit(" > ").next().unwrap_or_default().to_string(),
-                flux: unit.watts(sum.quanta),
-                share: sum.quanta as f64 / total as f64,
-                num_rays: sum.count,
-            }
+        let totals = sums.totals();
+        let is_listed = |(end, _): &(&End, &PathSum)| detector.is_none() || end.detector() == detector;
+        let other = sums.other.iter().filter(is_listed).map(|(end, sum)| OtherLight {
+            detector: end.detector().map(|number| ir.detectors[number].name.clone()),
+            end: end.text(ir),
+            flux: unit.watts(sum.quanta),
+            share: sum.quanta as f64 / totals[end].quanta.max(1) as f64,
+            num_rays: sum.count,
         });
         PathTable {
             group: grouping,

@@ -81,7 +81,7 @@ fn path_table(ir: &SceneIr, run: &RunInfo, tally: &Tally, unit: FluxUnit) -> Opt
     let grouping = Grouping::Sequence;
     // The errors of Sobol's points are not those of independent draws.
     let groups = paths::groups(ir, tally, sums, unit, grouping, run.sampler == "pcg");
-    Some(PathTable::new(ir, sums, unit, grouping, groups.into_iter().map(|group| group.row)))
+    Some(PathTable::new(ir, sums, unit, grouping, None, groups.into_iter().map(|group| group.row)))
 }
 
 /// Starts at 0, since the empty sum of floats is -0.

@@ -71,7 +71,8 @@ pub fn table(
 ) -> PathTable {
     let Some(sums) = &tally.path_sums else { return PathTable::default() };
     let groups = listed(ir, tally, sums, unit, sampler, options);
-    PathTable::new(ir, &kept(sums, options), unit, options.group, groups.into_iter().map(|group| group.row))
+    let rows = groups.into_iter().map(|group| group.row);
+    PathTable::new(ir, sums, unit, options.group, options.detector, rows)
 }
 
 /// The map of a row as the result of a detector of this name.
@@ -92,15 +93,7 @@ pub fn detector_of(
     Detector::of_part(ir, tally, unit, &detector, &cells)
 }
 
-/// The light that is listed: that of one detector, or all.
-fn kept(sums: &PathTally, options: &TableOptions) -> PathTally {
-    let mut sums = sums.clone();
-    if options.detector.is_some() {
-        sums.other.retain(|end, _| end.detector() == options.detector);
-    }
-    sums
-}
-
+/// The rows that are listed: those of one detector, or all.
 fn listed<'a>(
     ir: &SceneIr,
     tally: &Tally,
@@ -208,7 +201,7 @@ pub fn table_with_maps(
         (1..).zip(&order).map(|(rank, &row)| LightPath { rank, ..rows[row].clone() }).collect();
     let maps = order.iter().map(|&row| maps.get_mut(row).and_then(Option::take)).collect();
     let sequences = order.iter().map(|&row| groups[row].sequences[0].clone()).collect();
-    let table = PathTable::new(ir, &kept(sums, options), unit, options.group, sorted);
+    let table = PathTable::new(ir, sums, unit, options.group, options.detector, sorted);
     Ok(Traced { table, maps, sequences, is_whole })
 }
 
