@@ -39,6 +39,8 @@ ResultWarning is given where numbers are not what was asked for: light that the 
 give, detectors without light, sources without a ray, maps that are mostly noise. ``result.report()`` is Optiland's, but
 for the energy it says what the ledger says.
 
+``diff(a, b, num_rays)`` says what a change does: both scenes by the same draws, A - B with standard errors of its own.
+
 ``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
 does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back, or a file of your own; of
 JSON5, it takes comments and trailing commas, and no more. What no file can hold (polarised coatings, tensors that want
@@ -55,6 +57,7 @@ from nsq_gpu.backend import NsqGpuBackend
 from nsq_gpu.binary import find_binary
 from nsq_gpu.convert import from_file, from_optic
 from nsq_gpu.default import use
+from nsq_gpu.difference import Difference, diff
 from nsq_gpu.errors import (
     AdapterError,
     BinaryNotFoundError,
@@ -78,6 +81,7 @@ __all__ = [
     "AdapterError",
     "BinaryNotFoundError",
     "DeviceError",
+    "Difference",
     "NsqGpuBackend",
     "NsqGpuError",
     "NsqGpuWarning",
@@ -90,6 +94,7 @@ __all__ = [
     "TraceTimeoutError",
     "UnsupportedSceneError",
     "UsageError",
+    "diff",
     "export_scene",
     "find_binary",
     "from_file",

@@ -9,6 +9,7 @@ mod check;
 mod compare;
 mod completions;
 mod console;
+mod diff;
 pub mod materials;
 mod merge;
 mod paths;
@@ -56,6 +57,8 @@ enum Command {
     View(Box<view::Args>),
     /// List the paths that light took, the strongest first: which surfaces make a ghost, and which scatter.
     Paths(Box<paths::Args>),
+    /// Say what a change does: two scenes by the same draws, A - B with its own standard errors.
+    Diff(Box<diff::Args>),
     /// Check a scene file without tracing it.
     Check(check::Args),
     /// List the adapters that can trace.
@@ -91,6 +94,7 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(&args),
         Command::Paths(args) => paths::run(&args, start),
+        Command::Diff(args) => diff::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Adapters(args) => adapters::run(&args),
         #[cfg(feature = "software")]

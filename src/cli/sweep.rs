@@ -99,6 +99,12 @@ fn number(text: &str) -> std::result::Result<f64, String> {
     text.trim().parse().map_err(|_| format!("`{}` is no number", text.trim()))
 }
 
+/// A number's name and its value: L1.r1=50.5.
+pub(crate) fn parse_number(text: &str) -> std::result::Result<(String, f64), String> {
+    let (name, rest) = name_and_rest(text)?;
+    Ok((name, number(rest)?))
+}
+
 fn parse_values(text: &str) -> std::result::Result<Values, String> {
     const MOST_VALUES: f64 = 1e6;
     let (name, rest) = name_and_rest(text)?;

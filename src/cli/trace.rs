@@ -83,12 +83,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
     crate::cli::console::choose_vectors(&ir, args.trace.num_rays, in_f64);
     if args.watch_stdin {
-        std::thread::spawn(end_with_stdin);
-        #[cfg(unix)]
-        {
-            let parent = std::os::unix::process::parent_id();
-            std::thread::spawn(move || end_with_parent(parent));
-        }
+        end_with_caller();
     }
     args.trace.override_sampling(&mut ir)?;
     if let Some(dir) = &args.output {
@@ -404,6 +399,16 @@ fn profile_line(time: &StageTime, trace_time_sec: f64) -> String {
     format!(
         "profile: {stage:<13}{num_dispatches:>8} dispatches{time_sec:>12.6} s{percent:>7.1} % of the trace"
     )
+}
+
+/// From now on, ends this process when stdin closes, or when the process that started this one ends.
+pub(crate) fn end_with_caller() {
+    std::thread::spawn(end_with_stdin);
+    #[cfg(unix)]
+    {
+        let parent = std::os::unix::process::parent_id();
+        std::thread::spawn(move || end_with_parent(parent));
+    }
 }
 
 /// Waits until nobody holds the other end of stdin, then ends the process. Results appear whole or not at all, so

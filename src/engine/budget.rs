@@ -50,10 +50,20 @@ pub(crate) fn part(budget_rays: Vec<SourceRays>, options: &TraceOptions) -> Resu
 /// The rays of each source, and the weight by which they share its flux. Optiland's rule: each source gets one ray, and
 /// the rest is shared by flux. The largest remainders round up first; of equal remainders the larger flux, then the
 /// first source.
-pub(crate) fn distribute(ir: &SceneIr, num_rays: u64) -> Result<Vec<SourceRays>> {
+///
+/// The rays are shared by `shares` instead of the sources' own fluxes, where these are given \[W\]: two scenes of the same
+/// shares launch the same rays.
+pub(crate) fn distribute(ir: &SceneIr, num_rays: u64, shares: Option<&[f64]>) -> Result<Vec<SourceRays>> {
     let fluxes: Vec<f64> = ir.sources.iter().map(|e| e.total_flux).collect();
     let total: f64 = fluxes.iter().sum();
-    let counts = distribute_ray_budget(num_rays, &fluxes);
+    let shares = shares.unwrap_or(&fluxes);
+    if shares.len() != fluxes.len() {
+        let (given, sources) = (shares.len(), fluxes.len());
+        return Err(Error::Usage(format!(
+            "{given} shares of the rays were given for {sources} sources; give one each"
+        )));
+    }
+    let counts = distribute_ray_budget(num_rays, shares);
     let mean = total / num_rays as f64;
     let mut first = 0;
     let mut rays = Vec::new();

@@ -25,6 +25,9 @@ pub struct TraceOptions {
     /// larger trace, and each source gives its own share of the part. If `None`, the sources share `num_rays`. For a
     /// single source, both are the same.
     pub of_rays: Option<u64>,
+    /// By what the rays are shared among the sources \[W\]; `None`: by their fluxes. Two scenes of the same shares launch the
+    /// same rays.
+    pub shares: Option<Arc<[f64]>>,
     /// Seed of every draw.
     pub seed: u64,
     /// Largest number of events of a ray. The default is Optiland's; the command takes [`depth::of_scene`].
@@ -132,6 +135,7 @@ impl Default for TraceOptions {
             num_rays: 1_000_000,
             first_ray: 0,
             of_rays: None,
+            shares: None,
             seed: 0,
             max_depth: depth::OPTILANDS,
             min_flux_fraction: 1e-6,

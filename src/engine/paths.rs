@@ -225,7 +225,7 @@ fn pilot_rays(ir: &SceneIr, plan: &Plan) -> Result<Vec<RaySpan>> {
         return Ok(vec![RaySpan { first: 0, count: PILOT_RAYS, source: 0 }]);
     }
     let budget = plan.options.budget();
-    let rays = distribute(ir, budget)?;
+    let rays = distribute(ir, budget, plan.options.shares.as_deref())?;
     let spans = (0..).zip(&rays).map(|(source, rays)| RaySpan {
         first: rays.first,
         count: rays.done(PILOT_RAYS.min(budget), budget),

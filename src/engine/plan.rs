@@ -60,7 +60,7 @@ impl Draft {
     /// Shares out the rays.
     pub(crate) fn new(gpu: &Gpu, ir: &SceneIr, options: &TraceOptions) -> Result<Self> {
         check_options(gpu, options)?;
-        let rays = part(distribute(ir, options.budget())?, options)?;
+        let rays = part(distribute(ir, options.budget(), options.shares.as_deref())?, options)?;
         let weights: Vec<f64> = rays.iter().map(|rays| rays.weight).collect();
         let moments = MomentSource::of(ir, options, &weights, roulette_threshold(ir, options));
         let program = plain(gpu, ir, options, weights, moments);

@@ -13,6 +13,7 @@ mod detector;
 pub mod detectors;
 mod diagnose;
 pub mod diagnostics;
+pub mod difference;
 mod flux_unit;
 pub mod integrity;
 pub mod ledger;
@@ -42,6 +43,7 @@ pub use crate::result::detectors::{
     DetectorData, FarFieldPattern, IrradianceMap, RayColumns, RayDatabase, SpectralMap,
 };
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
+pub use crate::result::difference::{DetectorDifference, FluxDifference, MapDifference, SceneDifference};
 pub use crate::result::flux_unit::FluxUnit;
 pub use crate::result::ledger::{Entry, Ledger};
 pub use crate::result::path_tally::{PathSum, PathTally};

@@ -63,14 +63,27 @@ pub struct Written {
 /// # Errors
 /// Those of [`write_all`].
 pub fn write(dir: &Path, result: &TraceResult, extras: &Extras<'_>) -> Result<Written> {
+    let (files, report) = write_by(dir, |folder| write_files(folder, result, extras))?;
+    Ok(Written { files, report })
+}
+
+/// Puts files into `dir` in one step, and returns their paths. `fill` writes the files into a folder that it is given, and
+/// returns their names, `report.json` last, and something of its own.
+pub(crate) fn write_by<T>(
+    dir: &Path,
+    fill: impl FnOnce(&Path) -> Result<(Vec<String>, T)>,
+) -> Result<(Vec<PathBuf>, T)> {
     let target = Target::of(dir)?;
     let scratch = target.scratch(dir)?;
     let staged = scratch.staged().join(&target.missing);
     fs::create_dir_all(&staged).map_err(|error| Error::file(dir, error))?;
-    let (names, report) =
-        write_files(&staged, result, extras).map_err(|error| relocate(error, &staged, dir))?;
+    let filled = fill(&staged).and_then(|(names, more)| {
+        names.iter().try_for_each(|name| sync_file(&staged.join(name)))?;
+        Ok((names, more))
+    });
+    let (names, more) = filled.map_err(|error| relocate(error, &staged, dir))?;
     install(dir, &target, &scratch, &names)?;
-    Ok(Written { files: names.iter().map(|name| dir.join(name)).collect(), report })
+    Ok((names.iter().map(|name| dir.join(name)).collect(), more))
 }
 
 /// Finds out before a long trace whether files could be written into `dir`.
@@ -434,9 +447,6 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
     let report = sealed(Report::new(result, &files), hashes);
     write_bytes(&folder.join(REPORT), report.as_bytes())?;
     names.push(REPORT.into());
-    for name in &names {
-        sync_file(&folder.join(name))?;
-    }
     Ok((names, report))
 }
 
@@ -445,7 +455,7 @@ fn draw(pictures: &[(&Detector, PathBuf)]) -> Result<()> {
     pictures.par_iter().try_for_each(|(detector, path)| png::write_detector(path, detector))
 }
 
-fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     step();
     let write = || -> io::Result<()> { File::create(path)?.write_all(bytes) };
     write().map_err(|error| Error::file(path, error))
@@ -467,7 +477,7 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
 
 /// A file name without extension per detector: its name where the file system can carry it, distinct even where upper
 /// and lower case are the same.
-fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+pub(crate) fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     // Where case is no difference, neither is that of letters that only one case of has a letter of its own.
     let folded = |stem: &str| stem.to_uppercase().to_lowercase();
     let mut taken = HashSet::from(["ray_paths".to_string()]);

@@ -12,8 +12,10 @@ pub(crate) use crate::result::png::canvas::ticks;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::result::Detector;
+use crate::format::{significant, with_prefix};
 use crate::result::png::figures::Head;
+use crate::result::{Detector, DetectorDifference};
+use ndarray::{Axis, Ix2};
 
 /// Draws what a detector recorded to `path`, a `.png` file.
 ///
@@ -24,4 +26,25 @@ pub fn write_detector(path: &Path, detector: &Detector) -> Result<()> {
     let head =
         Head { name: &detector.name, num_rays_hit: detector.num_rays_hit, total_flux: detector.total_flux };
     detector.data.result().picture(path, &head).map_err(|error| Error::file(path, error))
+}
+
+/// Draws what a detector's map differs by, summed over wavelengths, to `path`, a `.png` file.
+///
+/// # Errors
+/// [`Error::File`] if the file cannot be written.
+pub fn write_difference(path: &Path, detector: &DetectorDifference) -> Result<()> {
+    canvas::register_fonts();
+    let Some(map) = &detector.map else { return Ok(()) };
+    let Some(of_a) = map.sides[0].data.result().map() else { return Ok(()) };
+    let values = match map.values.ndim() {
+        3 => map.values.sum_axis(Axis(2)),
+        _ => map.values.clone(),
+    };
+    let values = values.into_dimensionality::<Ix2>().map_err(|error| Error::Internal(error.to_string()))?;
+    let flux = &detector.flux;
+    let score = flux.score().map_or(String::new(), |score| format!(", {} sigmas", significant(score, 2)));
+    let numbers = format!("A − B {}{score}", with_prefix(flux.difference, "W"));
+    let head = Head { name: &flux.name, num_rays_hit: 0, total_flux: flux.difference };
+    figures::difference(path, &head, &numbers, [of_a.x, of_a.y], of_a.quantity, &values)
+        .map_err(|error| Error::file(path, error))
 }

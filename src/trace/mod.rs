@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 
 pub mod auto_precision;
 pub mod checkpoint;
+pub mod difference;
 pub mod paths;
 pub mod stopping;
 

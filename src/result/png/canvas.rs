@@ -12,7 +12,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, FontTransform, register_font};
 
 use crate::format::{si_prefix, significant};
-use crate::result::png::raster::{Raster, map_color};
+use crate::result::png::raster::{Colors, Raster};
 
 /// Only writing the file can fail; the message is the reason.
 pub(crate) type Drawn = Result<(), String>;
@@ -273,7 +273,8 @@ impl Canvas<'_> {
     pub fn color_bar(&self, place: Place, bar: &ColorBar) -> Drawn {
         let mut raster = Raster::filled(place.width as usize, place.height as usize, [0; 3]);
         for (row, pixels) in raster.rgb.chunks_exact_mut(3 * place.width as usize).enumerate() {
-            let color = map_color(1.0 - row as f64 / f64::from(place.height - 1).max(1.0));
+            let (low, part) = (bar.colors.low(), row as f64 / f64::from(place.height - 1).max(1.0));
+            let color = bar.colors.color(1.0 + (low - 1.0) * part);
             pixels.chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&[color.r, color.g, color.b]));
         }
         self.raster(place, raster)?;
@@ -345,20 +346,29 @@ impl Canvas<'_> {
 /// A colour bar in the making.
 pub(super) struct ColorBar {
     axis: Axis,
+    colors: Colors,
 }
 
 impl ColorBar {
-    /// The bar of a quantity from 0 to `top`, along `length` pixels.
-    pub fn new(quantity: &str, unit: &str, top: f64, length: i32, text: f64) -> Self {
+    /// The bar of a quantity up to `top`, along `length` pixels.
+    pub fn new(quantity: &str, unit: &str, (top, colors): (f64, Colors), length: i32, text: f64) -> Self {
         let (factor, prefix) = si_prefix(top);
         let label = with_unit(quantity, &format!("{prefix}{unit}"));
         // Without any flux there is one colour, that of zero, and one honest tick.
         let axis = if top > 0.0 {
-            Axis::vertical(&label, (0.0, top / factor), length, text)
+            Axis::vertical(&label, (colors.low() * top / factor, top / factor), length, text)
         } else {
-            Axis { label, range: (0.0, 1.0), ticks: vec![(0.0, "0".into())] }
+            Axis { label, range: (colors.low(), 1.0), ticks: vec![(0.0, "0".into())] }
         };
-        ColorBar { axis }
+        ColorBar { axis, colors }
+    }
+
+    /// What a map says that has no colour but that of zero.
+    pub fn note(&self) -> &'static str {
+        match self.colors {
+            Colors::Rising => "no rays",
+            Colors::Diverging => "no difference",
+        }
     }
 
     /// Width of ticks, labels and name, right of the colours \[pixels\].

@@ -5,9 +5,10 @@ use std::path::Path;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::format::{self, si_prefix, significant, thousands, with_prefix};
+use crate::result::detectors::Span;
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
-use crate::result::png::raster::{self, Raster};
+use crate::result::png::raster::{self, Colors, Raster};
 use ndarray::Array2;
 
 /// Sizes in multiples of the text size.
@@ -92,6 +93,23 @@ pub(crate) fn map(path: &Path, head: &Head, size: (f64, f64), values: &Array2<f6
     })
 }
 
+/// What a map differs by, cell by cell, with zero white. `numbers` stand below the name.
+pub(crate) fn difference(
+    path: &Path,
+    head: &Head,
+    numbers: &str,
+    spans: [Span; 2],
+    (name, unit): (&str, &str),
+    values: &Array2<f64>,
+) -> Drawn {
+    let panel = MapPanel::of_spans(spans, (&format!("{name}, A − B"), unit), values, Colors::Diverging);
+    let layout = panel.layout(head, numbers, 0);
+    picture(path, layout.size, panel.text, |canvas| {
+        canvas.title(layout.head, &format::shown(head.name), numbers)?;
+        panel.draw(canvas, &layout)
+    })
+}
+
 /// Irradiance over all wavelengths, and below it the spectrum: edges of bins \[um\], and the flux of each \[W\].
 pub(crate) fn map_and_spectrum(
     path: &Path,
@@ -149,16 +167,23 @@ struct MapPanel {
 
 impl MapPanel {
     fn new((width, height): (f64, f64), values: &Array2<f64>) -> Self {
+        let span = |name, size: f64| Span { label: (name, "mm"), range: (-size / 2.0, size / 2.0) };
+        let spans = [span("x", width), span("y", height)];
+        Self::of_spans(spans, ("Irradiance", "W/mm²"), values, Colors::Rising)
+    }
+
+    fn of_spans([x, y]: [Span; 2], (name, unit): (&str, &str), values: &Array2<f64>, colors: Colors) -> Self {
         let (ny, nx) = values.dim();
-        let size = raster::map_size((width, height), (nx, ny));
+        let length = |span: &Span| span.range.1 - span.range.0;
+        let size = raster::map_size((length(&x), length(&y)), (nx, ny));
         let text = text_size(size);
-        let shown = raster::map(values, size);
+        let shown = raster::map(values, size, colors);
         let bar_length = (size.1 as f64).max(LEAST_HEIGHT * text) as i32;
         MapPanel {
             text,
-            x: Axis::horizontal(&with_unit("x", "mm"), (-width / 2.0, width / 2.0), size.0 as i32, text),
-            y: Axis::vertical(&with_unit("y", "mm"), (-height / 2.0, height / 2.0), size.1 as i32, text),
-            bar: ColorBar::new("Irradiance", "W/mm²", shown.top, bar_length, text),
+            x: Axis::horizontal(&with_unit(x.label.0, x.label.1), x.range, size.0 as i32, text),
+            y: Axis::vertical(&with_unit(y.label.0, y.label.1), y.range, size.1 as i32, text),
+            bar: ColorBar::new(name, unit, (shown.top, colors), bar_length, text),
             shown,
         }
     }
@@ -178,7 +203,7 @@ impl MapPanel {
     fn draw(self, canvas: &Canvas, layout: &Layout) -> Drawn {
         canvas.raster(layout.data, self.shown.raster)?;
         if self.shown.top == 0.0 {
-            canvas.note(layout.data, "no rays")?;
+            canvas.note(layout.data, self.bar.note())?;
         }
         canvas.frame(layout.data)?;
         canvas.x_axis(layout.data, &self.x)?;
@@ -195,7 +220,7 @@ pub(crate) fn directions(path: &Path, head: &Head, intensity: &Array2<f64>) -> D
     let px = |times: f64| (times * text).round() as i32;
     let numbers = numbers(head, Some((raster::maximum(intensity), "W/sr")));
     let mut shown = raster::polar(intensity, limit, SIZE);
-    let bar = ColorBar::new("Intensity", "W/sr", shown.top, SIZE as i32, text);
+    let bar = ColorBar::new("Intensity", "W/sr", (shown.top, Colors::Rising), SIZE as i32, text);
     let axis = polar_axis(limit);
     for (angle, _) in axis.ticks.iter().filter(|(angle, _)| *angle > 0.0 && *angle < limit) {
         let radius = angle / limit * SIZE as f64 / 2.0;

@@ -91,6 +91,42 @@ impl Raster {
     }
 }
 
+/// What colours mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Colors {
+    /// From zero to the top value.
+    Rising,
+    /// From the top value below zero to that above, with zero white.
+    Diverging,
+}
+
+impl Colors {
+    /// The value of the top colour.
+    fn top(self, values: &Array2<f64>) -> f64 {
+        match self {
+            Colors::Rising => maximum(values),
+            Colors::Diverging => values.iter().fold(0.0, |top, value| value.abs().max(top)),
+        }
+    }
+
+    /// The least value that has a colour of its own, over the top value.
+    pub fn low(self) -> f64 {
+        match self {
+            Colors::Rising => 0.0,
+            Colors::Diverging => -1.0,
+        }
+    }
+
+    /// The colour of a fraction of the top value.
+    pub fn color(self, fraction: f64) -> Color {
+        match self {
+            Colors::Rising => map_color(fraction),
+            // Red above zero.
+            Colors::Diverging => colorous::RED_BLUE.eval_continuous((0.5 - 0.5 * fraction).clamp(0.0, 1.0)),
+        }
+    }
+}
+
 /// The colour of a fraction of the top value.
 pub(super) fn map_color(fraction: f64) -> Color {
     /// Finer than the 8 bits of a colour; a picture has more pixels than that.
@@ -124,7 +160,7 @@ pub(super) fn map_size((width, height): (f64, f64), (nx, ny): (usize, usize)) ->
 
 /// A map with its first row at the bottom. Where it has more pixels than the picture, each picture pixel shows the mean
 /// of those it covers, so that the flux per area stays true.
-pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize)) -> Shown {
+pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize), colors: Colors) -> Shown {
     let (ny, nx) = values.dim();
     let (rows, columns) = (runs(ny, height), runs(nx, width));
     let mean = |rows: &Range<usize>, columns: &Range<usize>| {
@@ -132,11 +168,11 @@ pub(super) fn map(values: &Array2<f64>, (width, height): (usize, usize)) -> Show
         cells.sum::<f64>() / (rows.len() * columns.len()) as f64
     };
     let shown = Array2::from_shape_fn((rows.len(), columns.len()), |(y, x)| mean(&rows[y].0, &columns[x].0));
-    let top = maximum(&shown);
+    let top = colors.top(&shown);
     let mut rgb = Vec::with_capacity(3 * width * height);
     for ((_, height), means) in rows.iter().zip(shown.rows()).rev() {
-        let colors = means.iter().map(|mean| map_color(if top > 0.0 { mean / top } else { 0.0 }));
-        let row: Vec<u8> = colors
+        let means = means.iter().map(|mean| colors.color(if top > 0.0 { mean / top } else { 0.0 }));
+        let row: Vec<u8> = means
             .zip(&columns)
             .flat_map(|(color, (_, width))| [color.r, color.g, color.b].repeat(*width))
             .collect();
@@ -335,10 +371,19 @@ mod tests {
 
     #[test]
     fn a_picture_with_fewer_pixels_shows_means() {
-        let shown = map(&array![[1.0, 3.0, 0.0, 0.0], [2.0, 2.0, 0.0, 4.0]], (2, 1));
+        let shown = map(&array![[1.0, 3.0, 0.0, 0.0], [2.0, 2.0, 0.0, 4.0]], (2, 1), Colors::Rising);
         assert_eq!(shown.top, 2.0);
         let [r, g, b] = [map_color(0.5).r, map_color(0.5).g, map_color(0.5).b];
         assert_eq!(shown.raster.rgb, [252, 255, 164, r, g, b]);
+    }
+
+    #[test]
+    fn a_difference_is_red_above_zero_blue_below_and_white_between() {
+        let shown = map(&array![[-2.0, 0.0, 1.0]], (3, 1), Colors::Diverging);
+        assert_eq!(shown.top, 2.0);
+        let [blue, white, red] = [0, 3, 6].map(|at| [0, 2].map(|channel| shown.raster.rgb[at + channel]));
+        assert!(blue[1] > blue[0] + 50 && red[0] > red[1] + 50, "{blue:?} {red:?}");
+        assert!(white.iter().all(|channel| *channel > 235), "{white:?}");
     }
 
     #[test]

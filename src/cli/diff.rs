@@ -1,0 +1,167 @@
+//! `nsq-gpu diff`: what a change does, with standard errors of its own.
+
+use crate::cli::console::{choose_vectors, named, read_scene, say};
+use crate::cli::progress::{Mode, Progress, Status};
+use crate::cli::sweep::parse_number;
+use crate::cli::trace::{end_with_caller, stop_on_interrupt};
+use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs};
+use crate::error::{Error, Result};
+use crate::gpu::{AdapterChoice, Gpu, Native};
+use crate::model::depth;
+use crate::result::{RunInfo, SceneDifference, difference, output};
+use crate::scene::Scene;
+use crate::trace::TraceOptions;
+use crate::trace::difference::Pair;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Arguments of `nsq-gpu diff`.
+#[derive(clap::Args)]
+#[command(after_help = "Example: nsq-gpu diff lens.json --set L1.r1=50.5 -n 1e7 -o change")]
+pub struct Args {
+    /// Scene A.
+    a: PathBuf,
+    /// Scene B; by default A with what --set changes.
+    #[arg(required_unless_present = "set")]
+    b: Option<PathBuf>,
+    /// A number of scene B and its value: L1.r1=50.5. Names with dots are quoted: '"a.b".r1=50'.
+    #[arg(long, value_name = "NAME=VALUE", value_parser = parse_number)]
+    set: Vec<(String, f64)>,
+    /// Part of the adapter's name (see `nsq-gpu adapters`).
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Use no native 64-bit integers or atomics of the device.
+    #[arg(long)]
+    portable: bool,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+    /// Write the result into this folder: report.json and, per detector, NAME.npz and NAME.png.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Write no pictures, only numbers.
+    #[arg(long, requires = "output")]
+    no_pictures: bool,
+    /// Progress on stderr.
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    progress: Mode,
+    /// End at once when stdin closes, or when the process ends that started this one.
+    #[arg(long)]
+    watch_stdin: bool,
+    #[command(flatten)]
+    trace: TraceArgs,
+}
+
+impl Args {
+    /// Refuses what a difference has no use for.
+    fn check(&self) -> Result<()> {
+        let trace = &self.trace;
+        let given = [
+            ("--target-error", trace.target_error.is_some()),
+            ("--time-limit", trace.time_limit.is_some()),
+            ("--first-ray", trace.first_ray.is_some()),
+            ("--of-rays", trace.of_rays.is_some()),
+            ("--paths", trace.paths == PathsArg::On),
+        ];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            Some((name, _)) => Err(Error::Usage(format!(
+                "{name} belongs to a trace; a difference takes -n alone, leave it out"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Scene B, and what it is called.
+    fn scene_b(&self) -> Result<(Scene, String)> {
+        let path = self.b.as_ref().unwrap_or(&self.a);
+        let mut name = path.display().to_string();
+        if self.set.is_empty() {
+            return Ok((read_scene(path)?, name));
+        }
+        let text = std::fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let scene = Scene::with_numbers(&text, folder, &self.set).map_err(|error| named(error, &name))?;
+        let set: Vec<String> = self.set.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        name += &format!(" with {}", set.join(", "));
+        Ok((scene, name))
+    }
+}
+
+/// Traces both scenes, writes the files, and returns the text for stdout.
+pub fn run(args: &Args) -> Result<String> {
+    args.check()?;
+    let (a, (b, name_of_b)) = (read_scene(&args.a)?, args.scene_b()?);
+    let [mut ir_a, mut ir_b] = [a.lower()?, b.lower()?];
+    for ir in [&mut ir_a, &mut ir_b] {
+        args.trace.override_sampling(ir)?;
+    }
+    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
+    choose_vectors(&ir_a, args.trace.num_rays, in_f64);
+    if args.watch_stdin {
+        end_with_caller();
+    }
+    let pair = Pair::new(&ir_a, ir_b)?;
+    if let Some(dir) = &args.output {
+        let names = ir_a.detectors.iter().map(|detector| detector.name.as_str());
+        output::check(dir, &difference::file_names(names, !args.no_pictures))?;
+    }
+    let native = if args.portable { Native::Off } else { Native::Allowed };
+    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), native, ..Default::default() })?;
+    let deepest = || pair.scenes().map(depth::of_scene).into_iter().max().unwrap_or(depth::OPTILANDS);
+    let options = TraceOptions {
+        max_depth: args.trace.max_depth.unwrap_or_else(deepest),
+        path_filter: None,
+        ..args.trace.options(&ir_a)?
+    }
+    .tuned(&gpu.info);
+    let choice = pair.choose_precision(&gpu, &options, args.trace.wanted())?;
+    let options = TraceOptions { precision: choice.precision, ..options };
+    let stop = stop_on_interrupt()?;
+    let mut shown = Progress::new(args.progress, 2 * options.num_rays);
+    let start = Instant::now();
+    let found = pair.difference(&gpu, &options, args.trace.filter.as_deref(), |[a, b]| {
+        shown.update(&status(a + b, 2 * options.num_rays, start.elapsed()));
+        !stop.load(Ordering::Relaxed)
+    })?;
+    shown.finish();
+    let mut scene_warnings = a.warnings.clone();
+    scene_warnings.extend(b.warnings.iter().filter(|warning| !a.warnings.contains(warning)).cloned());
+    let found = SceneDifference {
+        names: [args.a.display().to_string(), name_of_b],
+        run: RunInfo {
+            trace_time_sec: start.elapsed().as_secs_f64(),
+            precision_reason: choice.reason,
+            precision_warning: choice.warning,
+            scene_warnings,
+            filter: args.trace.filter.clone(),
+            ..found.run
+        },
+        ..found
+    };
+    let warnings = found.run.scene_warnings.iter().chain(&found.run.precision_warning);
+    warnings.for_each(|warning| say(&format!("warning: {warning}")));
+    if let Some(dir) = &args.output {
+        let files = difference::write(dir, &found, !args.no_pictures)?;
+        files.iter().for_each(|file| say(&format!("written: {}", file.display())));
+    }
+    let printed = if args.json { found.report()? } else { found.text() };
+    if !found.run.partial {
+        return Ok(printed);
+    }
+    crate::cli::console::print(&printed)?;
+    Err(Error::Interrupted)
+}
+
+fn status(rays: u64, num_rays: u64, elapsed: Duration) -> Status {
+    Status {
+        rays,
+        num_rays,
+        begun: 0,
+        elapsed,
+        relative_error: None,
+        target_error: None,
+        rays_to_target: None,
+        time_limit: None,
+    }
+}

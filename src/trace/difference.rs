@@ -1,0 +1,192 @@
+//! What a change does: two scenes, traced side by side by the same draws.
+//!
+//! Random numbers are keyed by rays, so both scenes can trace the same block of rays before the next one. The spread of the
+//! blocks' differences gives the error ([`crate::result::difference::Spread`]). Of Sobol points, scrambles take the place of
+//! blocks.
+
+use crate::engine::options::{StandardError, TraceOptions};
+use crate::error::{Error, Result};
+use crate::gpu::Gpu;
+use crate::model::ray_id::NUM_REPLICATES;
+use crate::model::{PathFilter, SceneIr};
+use crate::program::{Precision, Sampler};
+use crate::result::difference::{Pairing, Spread, with_sources_of};
+use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
+use crate::trace::Tracer;
+use crate::trace::auto_precision::{self, Choice, Wanted};
+use std::sync::Arc;
+
+/// Blocks of rays: the error of an error is then 9 %.
+const NUM_BLOCKS: u64 = 64;
+
+/// Two scenes that launch the same rays.
+pub struct Pair<'a> {
+    a: &'a SceneIr,
+    b: SceneIr,
+}
+
+impl<'a> Pair<'a> {
+    /// Pairs the sources of two scenes by their names.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a source of one is lacking in the other.
+    pub fn new(a: &'a SceneIr, b: SceneIr) -> Result<Self> {
+        Ok(Pair { b: with_sources_of(a, b)?, a })
+    }
+
+    /// A and B.
+    pub fn scenes(&self) -> [&SceneIr; 2] {
+        [self.a, &self.b]
+    }
+
+    /// The precision that both scenes need.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device fails.
+    pub fn choose_precision(&self, gpu: &Gpu, options: &TraceOptions, wanted: Wanted) -> Result<Choice> {
+        let fineness = |choice: &Choice| match choice.precision {
+            Precision::F32 => 0,
+            Precision::Df64 => 1,
+            Precision::F64 => 2,
+        };
+        let [a, b] = self.scenes().map(|ir| auto_precision::choose(gpu, ir, options, wanted));
+        let (a, b) = (a?, b?);
+        Ok(if fineness(&b) > fineness(&a) { b } else { a })
+    }
+
+    /// Traces both scenes, and gives A - B. A filter of paths is an expression, because each scene has surfaces of its own.
+    /// `keep_going` gets the rays done by either scene, after each pass, and stops both by returning false.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that make no sense, or scenes without a detector in common. [`Error::Interrupted`] if no
+    /// block of rays was done. [`Error::Device`] if the device fails.
+    pub fn difference(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        filter: Option<&str>,
+        mut keep_going: impl FnMut([u64; 2]) -> bool,
+    ) -> Result<SceneDifference> {
+        let scenes = self.scenes();
+        let pairing = Pairing::new(scenes)?;
+        let shares: Arc<[f64]> = self.a.sources.iter().map(|source| source.total_flux).collect();
+        let is_sobol = options.sampler == Sampler::Sobol;
+        let options = |ir: &SceneIr| -> Result<TraceOptions> {
+            let filter = filter.map(|text| PathFilter::parse(text, ir)).transpose()?;
+            Ok(TraceOptions {
+                shares: Some(shares.clone()),
+                path_filter: filter.map(Arc::new),
+                standard_error: if is_sobol { StandardError::On } else { StandardError::Off },
+                ..options.clone()
+            })
+        };
+        let options = [options(scenes[0])?, options(scenes[1])?];
+        let mut tracers =
+            [Tracer::new(gpu, scenes[0], &options[0])?, Tracer::new(gpu, scenes[1], &options[1])?];
+        let num_rays = tracers[0].num_rays();
+        let units = scenes.map(|ir| FluxUnit::of_scene(ir, num_rays));
+        let num_blocks = if is_sobol { 1 } else { NUM_BLOCKS.min(num_rays) };
+        let mut sums = tracers.each_ref().map(Tracer::empty_tally);
+        let mut spreads = [Spread::default(), Spread::default()];
+        let mut done = [0; 2];
+        'blocks: for block in 1..=num_blocks {
+            let end = (u128::from(num_rays) * u128::from(block) / u128::from(num_blocks)) as u64;
+            let mut of_block = Vec::new();
+            for side in 0..2 {
+                let begun = Tally {
+                    launched: sums[side].launched,
+                    rays: sums[side].rays.clone(),
+                    ..tracers[side].empty_tally()
+                };
+                tracers[side].pause_at(end);
+                let mut is_stopped = false;
+                let tally = tracers[side].go_on(begun, |progress| {
+                    done[side] = progress.done;
+                    is_stopped = !keep_going(done);
+                    Ok(!is_stopped && progress.position() < end)
+                })?;
+                if is_stopped && done[side] < num_rays {
+                    break 'blocks;
+                }
+                of_block.push(tally);
+            }
+            let launched = of_block[0].launched.count - sums[0].launched.count;
+            let mut figures = Vec::new();
+            for (side, tally) in of_block.into_iter().enumerate() {
+                let (all, rays) = (tally.launched, tally.rays.clone());
+                let before = sums[side].launched;
+                let launched =
+                    FluxSum { count: all.count - before.count, quanta: all.quanta - before.quanta };
+                let tally = Tally { launched, rays: Default::default(), ..without_rows(tally) };
+                if !is_sobol {
+                    figures.push(pairing.figures(side, &tally, units[side])?);
+                }
+                sums[side] += &tally;
+                (sums[side].launched, sums[side].rays) = (all, rays);
+            }
+            if let [a, b] = &figures[..] {
+                spreads[0].add(launched, &less(&a.lines, &b.lines));
+                spreads[1].add(launched, &less(&a.detected, &b.detected));
+            }
+        }
+        if sums[0].launched.count == 0 {
+            return Err(Error::Interrupted);
+        }
+        if is_sobol {
+            self.add_scrambles(&pairing, &sums, units, &mut spreads[1])?;
+        }
+        let done = sums[0].launched.count;
+        // Of a part of the rays, fluxes are those of all that the sources emit, shared among that part.
+        let units = scenes.map(|ir| FluxUnit::of_scene(ir, done));
+        let scale = num_rays as f64 / done as f64;
+        let [a, b] = &sums;
+        let found = pairing.difference([a, b], units, spreads.each_ref(), scale)?;
+        let run = RunInfo { partial: done < num_rays, num_rays, ..options[0].run_info(&gpu.info) };
+        Ok(SceneDifference { run, ..found })
+    }
+
+    /// Adds what each scramble of the points sums up to.
+    fn add_scrambles(
+        &self,
+        pairing: &Pairing<'_>,
+        sums: &[Tally; 2],
+        units: [FluxUnit; 2],
+        spread: &mut Spread,
+    ) -> Result<()> {
+        let rays = sums[0].rays.counts_by_remainder(u64::from(NUM_REPLICATES));
+        for (scramble, num_rays) in rays.into_iter().enumerate() {
+            let of_side = |side: usize| {
+                pairing.detected(side, &sums[side], units[side], |number| {
+                    let all = &sums[side].detectors[number];
+                    let size = all.quanta.len().max(1);
+                    let quanta = all.replicates.get(scramble * size..(scramble + 1) * size);
+                    let quanta = quanta
+                        .ok_or_else(|| Error::Internal("the scrambles of points have no sums".into()))?;
+                    Ok(match all.quanta.is_empty() {
+                        true => DetectorTally {
+                            recorded: FluxSum { count: 0, quanta: quanta[0] },
+                            ..Default::default()
+                        },
+                        false => DetectorTally {
+                            quanta: quanta.to_vec(),
+                            hits: vec![0; size],
+                            ..Default::default()
+                        },
+                    })
+                })
+            };
+            spread.add(num_rays, &less(&of_side(0)?, &of_side(1)?));
+        }
+        Ok(())
+    }
+}
+
+/// Rows of ray databases have no difference.
+fn without_rows(mut tally: Tally) -> Tally {
+    tally.detectors.iter_mut().for_each(|detector| detector.rows = Vec::new());
+    tally
+}
+
+fn less(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
