@@ -963,6 +963,7 @@ fn compose(text: &str) -> Result<(), Error> {
             sampler: Sampler::Pcg,
             most_rays_per_invocation: 1,
             vector_lanes: 0,
+            tangents: 0,
             moments: SecondMoments::None,
             part_bytes: 1 << 27,
             live: false,

@@ -23,6 +23,8 @@ pub(crate) struct DeviceState {
     pub(super) queues: [wgpu::BindGroup; 2],
     pub(super) range: wgpu::Buffer,
     pub(super) source: wgpu::Buffer,
+    /// Its tangents, by parameter.
+    pub(super) source_tangents: Vec<wgpu::Buffer>,
     pub(super) counts: wgpu::Buffer,
     pub(super) rng_table: wgpu::Buffer,
     pub(super) sums: DeviceSums,
@@ -62,6 +64,13 @@ impl DeviceState {
         let range = gpu.constant_buffer("range", &vec![0; stride_of(program, "Range")? as usize]);
         let source =
             gpu.constant_buffer("source", program.source_uniforms.first().map_or(&[], Vec::as_slice));
+        let source_tangents: Vec<(u32, wgpu::Buffer)> = program
+            .source_tangents
+            .iter()
+            .map(|(number, of_sources)| {
+                (*number, gpu.constant_buffer("tangents of the source", &of_sources[0]))
+            })
+            .collect();
         let events = match program.options.has_events(&program.features) {
             true => {
                 let rows = program.max_events_per_ray * u64::from(batch);
@@ -102,7 +111,7 @@ impl DeviceState {
         scene.extend(events.as_ref().map(|events| (bindings::EVENTS, events)));
         scene.extend(paths.as_ref().map(|paths| (bindings::PATHS, paths)));
         scene.extend(paths.as_ref().map(|_| (bindings::PATHS_HEAD, &paths_head)));
-        scene.extend(constants.iter().map(|(number, buffer)| (*number, buffer)));
+        scene.extend(constants.iter().chain(&source_tangents).map(|(number, buffer)| (*number, buffer)));
         let group = |added: &Vec<(u32, wgpu::Buffer)>| {
             let added = added.iter().map(|(number, buffer)| (*number, buffer));
             gpu.bind_group("scene", scene_layout, scene.iter().copied().chain(added), &images)
@@ -130,6 +139,7 @@ impl DeviceState {
             queues,
             range,
             source,
+            source_tangents: source_tangents.into_iter().map(|(_, buffer)| buffer).collect(),
             counts,
             rng_table,
             sums,

@@ -100,6 +100,9 @@ pub(super) fn write_range(device: &DeviceState, program: &Program, range: &RayRa
     if let Some(source) = program.source_uniforms.get(range.source) {
         queue.write_buffer(&device.source, 0, source);
     }
+    for (buffer, (_, of_sources)) in device.source_tangents.iter().zip(&program.source_tangents) {
+        queue.write_buffer(buffer, 0, &of_sources[range.source]);
+    }
     queue.write_buffer(&device.range, 0, &program.range_bytes(range)?);
     Ok(())
 }

@@ -25,6 +25,8 @@ pub(crate) struct Intake<'a> {
     /// Numbers that belong to no detector's cell ([`Place::Other`]).
     counters: Vec<u64>,
     sums: Vec<u128>,
+    /// Sums of tangents, by detector, modulo 2^96.
+    tangents: Vec<Vec<u128>>,
 }
 
 /// To what a counter or a sum belongs.
@@ -90,18 +92,29 @@ impl<'a> Intake<'a> {
                 let by_source = cells.moments.is_some_and(|moments| moments.totals.is_some());
                 grow(&mut detector.totals, if by_source { num_sources } else { 1 });
             }
-            if cells.replicates.is_some() {
+            if cells.replicates.is_some_and(|copies| !copies.are_tangents) {
                 grow(&mut detector.replicates, layout.copies * num_cells.max(1));
+            }
+        }
+        let mut tangents = Vec::new();
+        if cells.replicates.is_some_and(|copies| copies.are_tangents) {
+            for detector in &mut tally.detectors {
+                let num = (layout.copies - 1) * detector.quanta.len().max(1);
+                grow(&mut detector.tangents, num);
+                tangents.push(vec![0; num]);
             }
         }
         let counters = vec![0; layout.other_counter(cells.num_counters)];
         let sums = vec![0; layout.other_sum(cells.num_sums)];
-        Intake { layout, counted, tally, counters, sums }
+        Intake { layout, counted, tally, counters, sums, tangents }
     }
 
     /// Adds to a counter.
     pub fn count(&mut self, counter: usize, count: u64) {
         match self.layout.place(counter, self.layout.copies) {
+            Place::Cell { detector, copy: 1.., .. } if !self.tangents.is_empty() => {
+                self.tally.detectors[detector].lost_tangents += count;
+            }
             Place::Cell { detector, cell, .. } => {
                 let detector = &mut self.tally.detectors[detector];
                 *detector.hits.get_mut(cell).unwrap_or(&mut detector.recorded.count) += count;
@@ -129,6 +142,11 @@ impl<'a> Intake<'a> {
                     detector.totals[0].squares += value;
                 }
             }
+            Place::Cell { detector, cell, copy: copy @ 1.. } if !self.tangents.is_empty() => {
+                let num_cells = self.tally.detectors[detector].quanta.len().max(1);
+                let sum = &mut self.tangents[detector][(copy - 1) * num_cells + cell];
+                *sum = sum.wrapping_add(value);
+            }
             Place::Cell { detector, cell, copy } => {
                 let detector = &mut self.tally.detectors[detector];
                 let num_cells = detector.quanta.len().max(1);
@@ -136,7 +154,7 @@ impl<'a> Intake<'a> {
                 if holds_total {
                     detector.totals[0].quanta += value;
                 }
-                if self.layout.cells.replicates.is_some() {
+                if !detector.replicates.is_empty() {
                     detector.replicates[copy * num_cells + cell] += value;
                 }
             }
@@ -154,7 +172,11 @@ impl<'a> Intake<'a> {
 
     /// Adds the numbers that belong to no detector's cell.
     pub fn finish(self, marks: ReachedMarks) {
-        let Intake { layout, tally, counters, sums, .. } = self;
+        let Intake { layout, tally, counters, sums, tangents, .. } = self;
+        for (detector, read) in tally.detectors.iter_mut().zip(tangents) {
+            let lit = detector.tangents.iter_mut().zip(read).filter(|(_, read)| *read != 0);
+            lit.for_each(|(sum, read)| *sum += signed(read));
+        }
         let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
         tally.invalid_deposits += counters[0];
         tally.medium_stack_underflows += counters[1];
@@ -190,6 +212,12 @@ impl<'a> Intake<'a> {
         let by_source = tally.detectors.iter_mut().flat_map(|detector| &mut detector.totals);
         by_source.zip(pairs).for_each(|(sum, pair)| *sum += Moments { quanta: pair[0], squares: pair[1] });
     }
+}
+
+/// A sum of either sign, from its three words of 32 bits.
+fn signed(words: u128) -> i128 {
+    const REST: u32 = u128::BITS - 96;
+    (words << REST) as i128 >> REST
 }
 
 /// Lengthens a table with zeros.
@@ -303,7 +331,8 @@ mod tests {
 
     #[test]
     fn each_scramble_has_its_copy() {
-        let replicates = Some(crate::program::layout::tables::ReplicateCells { stride: 4, num: 2 });
+        let replicates =
+            Some(crate::program::layout::tables::ReplicateCells { stride: 4, num: 2, are_tangents: false });
         let (cells, mut tally) = (
             Cells {
                 replicates,
@@ -325,5 +354,39 @@ mod tests {
         assert_eq!(tally.detectors[1].replicates, [16, 20]);
         assert_eq!(tally.detectors[1].recorded, FluxSum { count: 36, quanta: 36 });
         assert!(tally.surfaces[0].reached);
+    }
+
+    #[test]
+    fn tangents_have_a_sign_and_leave_the_sums_alone() {
+        let replicates =
+            Some(crate::program::layout::tables::ReplicateCells { stride: 4, num: 2, are_tangents: true });
+        let (cells, mut tally) = (
+            Cells {
+                replicates,
+                num_cells: 21,
+                reached: 21,
+                saturated: None,
+                num_counters: 24,
+                num_sums: 21,
+                ..cells()
+            },
+            tally(),
+        );
+        for _ in 0..2 {
+            let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
+            intake.sum(13, 5);
+            // The low words and the top word of -3 come apart.
+            intake.sum(18, u128::from(3_u64.wrapping_neg()));
+            intake.sum(18, u128::from(u32::MAX) << 64);
+            intake.sum(20, 7);
+            intake.count(19, 2);
+            intake.finish(ReachedMarks::Counters);
+        }
+        assert_eq!(
+            (&tally.detectors[0].quanta[..], &tally.detectors[0].tangents[..]),
+            (&[10, 0, 0][..], &[0, -6, 0][..])
+        );
+        assert_eq!((tally.detectors[1].recorded.quanta, &tally.detectors[1].tangents[..]), (0, &[14][..]));
+        assert_eq!(tally.detectors[0].lost_tangents, 4);
     }
 }

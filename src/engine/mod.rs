@@ -40,6 +40,7 @@ pub mod stages;
 pub mod strategy;
 pub mod submit;
 pub mod sums;
+pub mod tangents;
 pub mod tuning;
 pub mod undrained;
 pub mod wavefront;

@@ -1,5 +1,6 @@
 //! The options of a trace.
 
+use crate::engine::tangents::Tangents;
 use crate::engine::tuning::Tuning;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterInfo, Gpu};
@@ -71,6 +72,9 @@ pub struct TraceOptions {
     ///
     /// [`Shelf`]: crate::engine::shelf::Shelf
     pub live: bool,
+    /// Parameters by which the detectors' sums are differentiated. Such a trace has live numbers, all events of a ray in one
+    /// dispatch, and no split rays.
+    pub tangents: Option<Arc<Tangents>>,
     /// Most bytes of a part in which sums are bound; `None`: as many as the adapter binds. No result changes.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
@@ -155,6 +159,7 @@ impl Default for TraceOptions {
             events_per_dispatch: Tuning::default().events_per_dispatch,
             strict: Strict::Auto,
             live: false,
+            tangents: None,
             part_bytes: None,
         }
     }
@@ -256,6 +261,9 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
             "a table of paths of {} rows was asked for; it has 1 to {MOST_PATH_ROWS} rows",
             options.path_rows
         ));
+    }
+    if options.tangents.is_some() && options.sampler == Sampler::Sobol {
+        return usage("derivatives take random numbers; leave out --sampler sobol".into());
     }
     if options.batch_size == Some(0) {
         return usage("the batch size is 0; at least one ray is needed".into());

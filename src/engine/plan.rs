@@ -11,6 +11,7 @@ use crate::engine::limits::{DispatchLimits, check_families, counts_per_ray};
 use crate::engine::moments::MomentSource;
 use crate::engine::options::{TraceOptions, check_options};
 use crate::engine::stages::{Additions, Stages};
+use crate::engine::tangents::add_tangents;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::SceneIr;
@@ -78,7 +79,8 @@ impl Draft {
         limits: impl FnOnce(&Program) -> DispatchLimits,
     ) -> Result<Plan> {
         let Draft { options, rays, moments, program } = self;
-        let program = Program::parsed_by(ir, program, extend, options.seed, parse)?;
+        let mut program = Program::parsed_by(ir, program, extend, options.seed, parse)?;
+        add_tangents(ir, &options, &mut program)?;
         check_families(&program, &options)?;
         let limits = limits(&program);
         Ok(Plan {
@@ -103,6 +105,8 @@ fn plain(
 ) -> ProgramOptions {
     let primitives = ir.surfaces.len() + ir.detectors.len();
     let events_per_dispatch = match moments {
+        // Rays that wait in a queue have no tangents.
+        _ if options.tangents.is_some() => options.max_depth,
         // Only the invocation that traces a ray knows the ray's crossings of detectors.
         MomentSource::Device if ir.detectors.iter().any(|detector| !detector.absorb) => options.max_depth,
         _ => options.events_per_dispatch.min(options.max_depth),
@@ -130,6 +134,7 @@ fn plain(
         moments: moments.on_device(),
         part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
         live: options.live,
+        tangents: options.tangents.as_ref().map_or(0, |tangents| tangents.num()),
     }
 }
 

@@ -64,6 +64,17 @@ pub struct SceneIr {
     pub detectors: Vec<Detector>,
     /// How rare branches are sampled.
     pub sampling: Sampling,
+    /// What shaders must allow for beyond what the scene shows.
+    pub allowed: Allowance,
+}
+
+/// What shaders allow for although the scene does not show it: a derivative by an angle turns a frame that is not turned.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Allowance {
+    /// Every frame may be turned.
+    pub turned: bool,
+    /// Every medium may absorb.
+    pub absorbing: bool,
 }
 
 impl SceneIr {

@@ -53,6 +53,8 @@ pub struct Program {
     pub max_events_per_ray: u64,
     /// Per source, the uniform that a dispatch of its rays reads; none for a single source, which is compiled in.
     pub source_uniforms: Vec<Vec<u8>>,
+    /// The tangents of these uniforms: for each parameter the binding, and the contents by source.
+    pub source_tangents: Vec<(u32, Vec<Vec<u8>>)>,
     /// The words of step 0 of the random generator's table.
     first_step: [u32; 4],
 }
@@ -137,6 +139,7 @@ impl Program {
             constant_weights,
             path_table,
             source_uniforms: Vec::new(),
+            source_tangents: Vec::new(),
             first_step: [0; 4],
         };
         program.set_seed(seed);

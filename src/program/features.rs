@@ -76,7 +76,7 @@ impl Features {
                 Interaction::Refractive | Interaction::Absorbing => None,
             })
         };
-        let bulk_absorption = ir.media.iter().any(Medium::absorbs);
+        let bulk_absorption = ir.allowed.absorbing || ir.media.iter().any(Medium::absorbs);
         let refractive = ir.surfaces.iter().any(|s| s.interaction == Interaction::Refractive);
         let importance = ir.sampling.reflect_prob != ReflectProb::Fresnel && refractive;
         let splits = splits(ir);

@@ -92,6 +92,8 @@ pub struct ProgramOptions {
     pub part_bytes: u64,
     /// The numbers of the scene lie in a table, so that scenes of one shape have the same text.
     pub live: bool,
+    /// Parameters by which the detectors' sums are differentiated.
+    pub tangents: u32,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.

@@ -2,14 +2,15 @@
 
 use crate::error::{Error, Result};
 use crate::model::Precision;
-use crate::program::df64;
+use crate::program::{df64, tangents};
+use naga::Scalar;
 
 /// A composed module, parsed, and in df64 rewritten.
 #[derive(Debug)]
 pub struct Parsed {
     /// The WGSL as it is composed.
     pub wgsl: String,
-    /// In df64, the WGSL with pairs in place of f64.
+    /// The WGSL with tangents beside reals, where there are any; in df64 with pairs in place of f64.
     pub rewritten: Option<String>,
     /// The module that the device runs, for reflection.
     pub module: naga::Module,
@@ -23,11 +24,28 @@ impl Parsed {
     pub fn of(wgsl: String, precision: Precision) -> Result<Self> {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
+        let (module, with_tangents) = match tangents::num_tangents(&module) {
+            0 => (module, None),
+            num => {
+                let real = if precision == Precision::F32 { Scalar::F32 } else { Scalar::F64 };
+                tangents::rewrite(&module, real, num).map(|(module, wgsl)| (module, Some(wgsl)))?
+            }
+        };
         let (module, rewritten) = match precision {
             Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,
-            Precision::F32 | Precision::F64 => (module, None),
+            Precision::F32 | Precision::F64 => (module, with_tangents),
         };
         Ok(Parsed { wgsl, rewritten, module })
+    }
+
+    /// A composed module as it is, in f64 and without tangents: where its numbers lie.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if the text is no WGSL.
+    pub fn as_composed(wgsl: String) -> Result<Self> {
+        let module = naga::front::wgsl::parse_str(&wgsl)
+            .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
+        Ok(Parsed { wgsl, rewritten: None, module })
     }
 
     /// The WGSL that the device runs.

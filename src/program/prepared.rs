@@ -69,6 +69,7 @@ impl<'a> Prepared<'a> {
             Some(_) => Cells::of(ir).with_filtered(),
         };
         let cells = match (options.path_sums, options.moments) {
+            _ if options.tangents > 0 => cells.with_tangents(options.tangents)?,
             (PathSums::Maps(num), _) => cells.with_replicates(num)?,
             (_, SecondMoments::None) => cells,
             (_, SecondMoments::Squares) => cells.with_moments(ir)?,
@@ -90,7 +91,8 @@ impl<'a> Prepared<'a> {
             tree
         });
         // Squares are sums that no count tells.
-        let constant_weights = features.whole_weights
+        let constant_weights = options.tangents == 0
+            && features.whole_weights
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);
         let path_table = match options.path_sums {

@@ -15,6 +15,7 @@ mod diagnose;
 pub mod diagnostics;
 pub mod difference;
 mod flux_unit;
+pub mod gradients;
 pub mod integrity;
 pub mod ledger;
 pub(crate) mod names;
@@ -45,6 +46,7 @@ pub use crate::result::detectors::{
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
 pub use crate::result::difference::{DetectorDifference, FluxDifference, MapDifference, SceneDifference};
 pub use crate::result::flux_unit::FluxUnit;
+pub use crate::result::gradients::Gradient;
 pub use crate::result::ledger::{Entry, Ledger};
 pub use crate::result::path_tally::{PathSum, PathTally};
 pub use crate::result::paths::{Grouping, LightPath, PathTable, Sorting};

@@ -84,6 +84,13 @@ pub struct DetectorTally {
     /// Where points were scrambled in several independent ways: the quanta per cell of each, one after the other; of a ray
     /// database in all. The ray whose id has the remainder r by their number is of the scramble r.
     pub replicates: Vec<u128>,
+    /// Sums of the derivatives of what rays left in each cell, in quanta, one parameter after the other. Empty where there
+    /// are none.
+    #[serde(skip)]
+    pub tangents: Vec<i128>,
+    /// Derivatives of deposits that no sum can hold.
+    #[serde(skip)]
+    pub lost_tangents: u64,
 }
 
 /// First and second moment over primary rays.
@@ -163,6 +170,8 @@ impl AddAssign<&DetectorTally> for DetectorTally {
         add_cells(&mut self.squares, &other.squares);
         add_each(&mut self.totals, &other.totals, |sum, moments| *sum += *moments);
         add_cells(&mut self.replicates, &other.replicates);
+        add_cells(&mut self.tangents, &other.tangents);
+        self.lost_tangents += other.lost_tangents;
     }
 }
 

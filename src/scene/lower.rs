@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::model::{MediumId, ReflectProb, Sampling, SceneIr, Source, Spectrum, Surface};
+use crate::model::{Allowance, MediumId, ReflectProb, Sampling, SceneIr, Source, Spectrum, Surface};
 use crate::scene::Scene;
 use crate::scene::detectors::lowered as lowered_detector;
 use crate::scene::frame::frame_of;
@@ -32,6 +32,7 @@ impl Scene {
             sampling: sampling(
                 &file.nsq_gpu.as_ref().map(|block| block.sampling.clone()).unwrap_or_default(),
             ),
+            allowed: Allowance::default(),
         })
     }
 }

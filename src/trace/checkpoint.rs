@@ -303,7 +303,7 @@ impl std::fmt::Write for Fnv {
 /// The hash of a scene without its sampling policy. Rust writes every float so that it reads back to the same bits.
 pub fn scene_hash(ir: &SceneIr) -> u128 {
     let mut hash = Fnv(0x6C62_272E_07BB_0142_62B8_2175_6295_C58D);
-    let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _ } = ir;
+    let SceneIr { wavelengths, media, surfaces, meshes, sources, detectors, sampling: _, allowed: _ } = ir;
     // Writing to Fnv never fails.
     let _ = write!(hash, "{wavelengths:?}{media:?}{surfaces:?}{meshes:?}{sources:?}{detectors:?}");
     hash.0

@@ -14,6 +14,7 @@ use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
 use crate::trace::Tracer;
 use crate::trace::auto_precision::{self, Choice, Wanted};
+use crate::trace::blocks::Blocks;
 use std::sync::Arc;
 
 /// Blocks of rays: the error of an error is then 9 %.
@@ -86,49 +87,33 @@ impl<'a> Pair<'a> {
         let num_rays = tracers[0].num_rays();
         let units = scenes.map(|ir| FluxUnit::of_scene(ir, num_rays));
         let num_blocks = if is_sobol { 1 } else { NUM_BLOCKS.min(num_rays) };
-        let mut sums = tracers.each_ref().map(Tracer::empty_tally);
+        let mut blocks = tracers.each_ref().map(|tracer| Blocks::new(tracer, num_blocks));
         let mut spreads = [Spread::default(), Spread::default()];
         let mut done = [0; 2];
-        'blocks: for block in 1..=num_blocks {
-            let end = (u128::from(num_rays) * u128::from(block) / u128::from(num_blocks)) as u64;
-            let mut of_block = Vec::new();
+        'blocks: for _ in 0..num_blocks {
+            let mut traced = Vec::new();
             for side in 0..2 {
-                let begun = Tally {
-                    launched: sums[side].launched,
-                    rays: sums[side].rays.clone(),
-                    ..tracers[side].empty_tally()
-                };
-                tracers[side].pause_at(end);
-                let mut is_stopped = false;
-                let tally = tracers[side].go_on(begun, |progress| {
-                    done[side] = progress.done;
-                    is_stopped = !keep_going(done);
-                    Ok(!is_stopped && progress.position() < end)
+                let block = blocks[side].trace_next(&mut tracers[side], |rays| {
+                    done[side] = rays;
+                    keep_going(done)
                 })?;
-                if is_stopped && done[side] < num_rays {
-                    break 'blocks;
-                }
-                of_block.push(tally);
+                let Some(block) = block else { break 'blocks };
+                traced.push(block);
             }
-            let launched = of_block[0].launched.count - sums[0].launched.count;
-            let mut figures = Vec::new();
-            for (side, tally) in of_block.into_iter().enumerate() {
-                let (all, rays) = (tally.launched, tally.rays.clone());
-                let before = sums[side].launched;
-                let launched =
-                    FluxSum { count: all.count - before.count, quanta: all.quanta - before.quanta };
-                let tally = Tally { launched, rays: Default::default(), ..without_rows(tally) };
+            let (mut figures, mut num_rays) = (Vec::new(), 0);
+            for (side, traced) in traced.into_iter().enumerate() {
+                let block = blocks[side].add(traced);
+                num_rays = block.launched.count;
                 if !is_sobol {
-                    figures.push(pairing.figures(side, &tally, units[side])?);
+                    figures.push(pairing.figures(side, &block, units[side])?);
                 }
-                sums[side] += &tally;
-                (sums[side].launched, sums[side].rays) = (all, rays);
             }
             if let [a, b] = &figures[..] {
-                spreads[0].add(launched, &less(&a.lines, &b.lines));
-                spreads[1].add(launched, &less(&a.detected, &b.detected));
+                spreads[0].add(num_rays, &less(&a.lines, &b.lines));
+                spreads[1].add(num_rays, &less(&a.detected, &b.detected));
             }
         }
+        let sums = blocks.map(|blocks| blocks.sums);
         if sums[0].launched.count == 0 {
             return Err(Error::Interrupted);
         }
@@ -179,12 +164,6 @@ impl<'a> Pair<'a> {
         }
         Ok(())
     }
-}
-
-/// Rows of ray databases have no difference.
-fn without_rows(mut tally: Tally) -> Tally {
-    tally.detectors.iter_mut().for_each(|detector| detector.rows = Vec::new());
-    tally
 }
 
 fn less(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -19,8 +19,10 @@ use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 pub mod auto_precision;
+mod blocks;
 pub mod checkpoint;
 pub mod difference;
+pub mod gradients;
 pub mod paths;
 pub mod stopping;
 

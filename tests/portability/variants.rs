@@ -567,6 +567,7 @@ impl Variant {
             moments: self.moments,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             vector_lanes: 0,
+            tangents: 0,
             part_bytes: self.part_bytes,
             live: false,
         };

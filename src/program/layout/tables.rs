@@ -50,6 +50,8 @@ pub struct ReplicateCells {
     pub stride: u32,
     /// Number of copies.
     pub num: u32,
+    /// The copies but the first hold tangents, one for each parameter: sums of either sign.
+    pub are_tangents: bool,
 }
 
 /// Cells of second moments (shaders/sums/moments.on.wgsl), behind all others.
@@ -155,9 +157,21 @@ impl Cells {
             reached: self.reached + more,
             saturated: self.saturated.map(|counter| counter + more),
             num_counters: self.num_counters + more,
-            replicates: Some(ReplicateCells { stride, num }),
+            replicates: Some(ReplicateCells { stride, num, are_tangents: false }),
             num_sums: self.num_sums + more,
             ..self
+        })
+    }
+
+    /// With a copy of the detectors' cells for each of `num` parameters, in which tangents are summed.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are too many to number.
+    pub fn with_tangents(self, num: u32) -> Result<Self> {
+        let cells = self.with_replicates(1 + num)?;
+        Ok(Cells {
+            replicates: cells.replicates.map(|copies| ReplicateCells { are_tangents: true, ..copies }),
+            ..cells
         })
     }
 
@@ -220,9 +234,9 @@ impl Cells {
     }
 }
 
-/// True if some frame is rotated.
-pub fn any_rotated<'a>(mut frames: impl Iterator<Item = &'a Frame>) -> bool {
-    frames.any(|frame| is_rotated(frame.rotation))
+/// True if some frame is rotated, or may be.
+pub fn any_rotated<'a>(ir: &SceneIr, mut frames: impl Iterator<Item = &'a Frame>) -> bool {
+    ir.allowed.turned || frames.any(|frame| is_rotated(frame.rotation))
 }
 
 /// True unless the local axes are the global ones, exactly.
@@ -235,7 +249,7 @@ pub fn surface_records(ir: &SceneIr, centre: DVec3, features: &Features) -> Reco
     let mut records = Records::new("Surface", "surface", bindings::SURFACES);
     let places = Places::of(ir);
     records.uint("interaction", ir.surfaces.iter().map(|s| interaction_code(&s.interaction)));
-    put_frames(&mut records, ir.surfaces.iter().map(|s| &s.frame), centre);
+    put_frames(&mut records, ir, ir.surfaces.iter().map(|s| &s.frame), centre);
     // Of a shape that is no quadric they are not read.
     let quadrics = || ir.surfaces.iter().map(|s| s.shape.quadric().unwrap_or(Quadric::PLANE));
     records.real("radial", quadrics().map(|q| q.radial));
@@ -296,11 +310,16 @@ fn interaction_code(interaction: &Interaction) -> u32 {
 }
 
 /// Origin relative to the centre, and the rotation's columns if any frame of the table is rotated.
-fn put_frames<'a>(records: &mut Records, frames: impl Iterator<Item = &'a Frame> + Clone, centre: DVec3) {
+fn put_frames<'a>(
+    records: &mut Records,
+    ir: &SceneIr,
+    frames: impl Iterator<Item = &'a Frame> + Clone,
+    centre: DVec3,
+) {
     records.real("origin_x", frames.clone().map(|f| f.origin.x - centre.x));
     records.real("origin_y", frames.clone().map(|f| f.origin.y - centre.y));
     records.real("origin_z", frames.clone().map(|f| f.origin.z - centre.z));
-    if any_rotated(frames.clone()) {
+    if any_rotated(ir, frames.clone()) {
         for (c, column) in ["x", "y", "z"].into_iter().enumerate() {
             for (r, row) in ["x", "y", "z"].into_iter().enumerate() {
                 records.real(&format!("{column}{row}"), frames.clone().map(|f| f.rotation.col(c)[r]));
@@ -394,7 +413,7 @@ pub fn source_records(ir: &SceneIr, centre: DVec3, weights: &[f64]) -> Records {
     records.uint("spectrum_first", firsts);
     records.uint("spectrum_count", sources.iter().map(|e| e.spectrum.cdf.len() as u32));
     records.real("weight", weights.iter().copied());
-    put_frames(&mut records, sources.iter().map(|e| &e.frame), centre);
+    put_frames(&mut records, ir, sources.iter().map(|e| &e.frame), centre);
     let places = Places::of(ir);
     let arguments = sources.iter().map(|e| places.source_arguments(e, &ir.wavelengths));
     put_arguments(&mut records, "p", 3, arguments);
@@ -407,7 +426,7 @@ pub fn primitive_records(ir: &SceneIr, centre: DVec3, num: usize) -> Records {
     primitives.truncate(num);
     let mut records = Records::new("Primitive", "primitive", bindings::PRIMITIVES);
     records.uint("shape", primitives.iter().map(|(_, shape)| shape.kind().code()));
-    put_frames(&mut records, primitives.iter().map(|(frame, _)| frame), centre);
+    put_frames(&mut records, ir, primitives.iter().map(|(frame, _)| frame), centre);
     let places = Places::of(ir);
     let arguments = primitives.iter().map(|(_, shape)| places.arguments(shape));
     put_arguments(&mut records, "a", SHAPE_ARGUMENTS, arguments);
@@ -437,7 +456,7 @@ pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     records.uint("kind", detectors.iter().map(|s| s.kind.function().code()));
     records.uint("absorb", detectors.iter().map(|s| u32::from(s.absorb)));
     records.uint("cell", cells.detectors.iter().copied());
-    put_frames(&mut records, detectors.iter().map(|s| &s.frame), centre);
+    put_frames(&mut records, ir, detectors.iter().map(|s| &s.frame), centre);
     let grids: Vec<GridRow> = detectors.iter().map(|s| s.kind.grid_row()).collect();
     records.real("half_width", grids.iter().map(|g| g.half_width));
     records.real("half_height", grids.iter().map(|g| g.half_height));

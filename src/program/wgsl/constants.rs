@@ -25,6 +25,11 @@ impl Constants {
         self.declare(name, "u32", format_args!("{value}u"));
     }
 
+    /// A real, which every precision holds.
+    pub(crate) fn real(&mut self, name: &str, value: f64) {
+        self.declare(name, "real", format_args!("{value:?}"));
+    }
+
     /// A boolean.
     pub(crate) fn bool(&mut self, name: &str, value: bool) {
         self.declare(name, "bool", value);

@@ -10,6 +10,7 @@ pub mod library;
 mod paths;
 mod rows;
 mod search;
+mod tangents;
 pub mod text;
 mod trees;
 pub(crate) mod variants;

@@ -23,8 +23,8 @@ impl Composition<'_> {
     fn surfaces_and_detectors(&self) -> Result<String> {
         let surfaces = tables::surface_records(self.ir, self.centre, &self.features);
         let detectors = tables::detector_records(self.ir, self.centre, &self.cells);
-        let rotated_surfaces = tables::any_rotated(self.ir.surfaces.iter().map(|s| &s.frame));
-        let rotated_detectors = tables::any_rotated(self.ir.detectors.iter().map(|s| &s.frame));
+        let rotated_surfaces = tables::any_rotated(self.ir, self.ir.surfaces.iter().map(|s| &s.frame));
+        let rotated_detectors = tables::any_rotated(self.ir, self.ir.detectors.iter().map(|s| &s.frame));
         Ok([
             self.rows_of(&surfaces, self.options.bakes_records())?,
             self.rows_of(&detectors, self.options.bakes_records())?,
@@ -45,7 +45,7 @@ impl Composition<'_> {
     /// the uniforms before the first branch.
     fn source(&self) -> Result<String> {
         let sources = tables::source_records(self.ir, self.centre, &self.options.weights);
-        let rotated = tables::any_rotated(self.ir.sources.iter().map(|e| &e.frame));
+        let rotated = tables::any_rotated(self.ir, self.ir.sources.iter().map(|e| &e.frame));
         let (row, of_dispatch, copy) = match self.ir.sources.len() {
             1 => (sources.baked(&self.numbers)?, "source_of(0u)", ""),
             _ => (

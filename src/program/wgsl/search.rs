@@ -68,7 +68,7 @@ impl Composition<'_> {
     /// [`crate::Error::Usage`] if the precision cannot hold a number.
     pub fn in_frame(&self, frame: &Frame) -> Result<(String, String)> {
         let v = format!("ray.position - {}", self.vector(frame.origin - self.centre)?);
-        if !tables::is_rotated(frame.rotation) {
+        if !tables::any_rotated(self.ir, std::iter::once(frame)) {
             return Ok((v, "ray.direction".into()));
         }
         let [x, y, z] = [frame.rotation.x_axis, frame.rotation.y_axis, frame.rotation.z_axis];
@@ -129,7 +129,7 @@ impl Composition<'_> {
     /// The functions with which the loop over a table, or the walk of a tree, tests a primitive.
     fn nearest_primitive_table(&self) -> String {
         let primitives = &crate::model::primitives::primitives(self.ir)[..self.options.num_in_table(self.ir)];
-        let rotated = tables::any_rotated(primitives.iter().map(|(frame, _)| frame));
+        let rotated = tables::any_rotated(self.ir, primitives.iter().map(|(frame, _)| frame));
         let kinds = ShapeKind::among(primitives.iter().map(|(_, shape)| shape));
         let mut text = frame_functions("Primitive", "primitive", rotated);
         text += &by_kind(

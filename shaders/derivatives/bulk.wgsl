@@ -1,0 +1,6 @@
+// Absorption along a segment. A medium that absorbs nothing has a derivative by its absorption.
+
+fn attenuated(ray: Ray, distance: real) -> real {
+    let absorption = medium_at(ray.medium, ray.wavelength).absorption;
+    return attached(attenuated_of_value(ray, distance), ray.weight * exp_real(-absorption * distance));
+}

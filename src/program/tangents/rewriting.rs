@@ -1,0 +1,183 @@
+//! The state of rewriting a module, which all its functions share.
+
+use crate::error::{Error, Result};
+use crate::program::tangents::BINDING_STRIDE;
+use crate::program::tangents::function::{called_as_before, rewrite_function};
+use crate::program::tangents::rules::rule;
+use naga::valid::ModuleInfo;
+use naga::{
+    AddressSpace, Block, Function, GlobalVariable, Handle, Module, ResourceBinding, Scalar, Span, Statement,
+    StorageAccess, Type, TypeInner,
+};
+use std::collections::HashMap;
+
+pub(super) fn unknown(what: impl std::fmt::Debug) -> Error {
+    Error::Internal(format!("no rule for the derivative of {what:?}"))
+}
+
+/// A function of the new module.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NewFunction {
+    /// As it was.
+    pub(super) plain: Handle<Function>,
+    /// With tangents; none if no real goes in or out of it.
+    pub(super) with_tangents: Option<Handle<Function>>,
+}
+
+/// The new module as it grows. Types, constants and variables keep their handles.
+pub(super) struct Rewriting<'a> {
+    pub(super) old: &'a Module,
+    pub(super) info: &'a ModuleInfo,
+    pub(super) new: Module,
+    pub(super) real: Scalar,
+    /// Tangents beside each real.
+    pub(super) num: usize,
+    pub(super) globals: HashMap<Handle<GlobalVariable>, Vec<Handle<GlobalVariable>>>,
+    pub(super) functions: HashMap<Handle<Function>, NewFunction>,
+    /// Results with their tangents, by the type of the result.
+    duals: HashMap<Handle<Type>, Handle<Type>>,
+}
+
+impl<'a> Rewriting<'a> {
+    pub(super) fn new(old: &'a Module, info: &'a ModuleInfo, real: Scalar, num: usize) -> Self {
+        let mut new = old.clone();
+        new.functions = Default::default();
+        new.entry_points = Vec::new();
+        let (globals, functions, duals) = (HashMap::new(), HashMap::new(), HashMap::new());
+        Rewriting { old, info, new, real, num, globals, functions, duals }
+    }
+
+    /// True if a value of the type holds a real, or points to one.
+    pub(super) fn has_reals(&self, ty: Handle<Type>) -> bool {
+        self.inner_has_reals(&self.new.types[ty].inner)
+    }
+
+    pub(super) fn inner_has_reals(&self, inner: &TypeInner) -> bool {
+        match inner {
+            TypeInner::Scalar(scalar)
+            | TypeInner::Vector { scalar, .. }
+            | TypeInner::Matrix { scalar, .. }
+            | TypeInner::ValuePointer { scalar, .. } => *scalar == self.real,
+            TypeInner::Pointer { base, .. } | TypeInner::Array { base, .. } => self.has_reals(*base),
+            TypeInner::Struct { members, .. } => members.iter().any(|member| self.has_reals(member.ty)),
+            _ => false,
+        }
+    }
+
+    /// Gives a twin for each parameter to every variable that holds reals, and that shaders do not write for the host.
+    pub(super) fn globals(&mut self) {
+        for (handle, variable) in self.old.global_variables.iter() {
+            let is_read = match variable.space {
+                AddressSpace::Private | AddressSpace::Uniform => true,
+                AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
+                _ => false,
+            };
+            if !is_read || !self.has_reals(variable.ty) {
+                continue;
+            }
+            let twins = (1..=self.num as u32).map(|number| {
+                let binding = variable.binding.map(|binding| ResourceBinding {
+                    binding: binding.binding + number * BINDING_STRIDE,
+                    ..binding
+                });
+                let name = variable.name.as_ref().map(|name| format!("{name}_tangent_{number}"));
+                let twin = GlobalVariable { name, binding, init: None, ..variable.clone() };
+                self.new.global_variables.append(twin, Span::UNDEFINED)
+            });
+            self.globals.insert(handle, twins.collect());
+        }
+    }
+
+    /// A result with its tangents: a struct of the value, then one member for each parameter.
+    pub(super) fn dual(&mut self, ty: Handle<Type>) -> Result<Handle<Type>> {
+        if let Some(dual) = self.duals.get(&ty) {
+            return Ok(*dual);
+        }
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(self.new.to_ctx()).map_err(|error| Error::Internal(error.to_string()))?;
+        let layout = layouter[ty];
+        let stride = layout.to_stride();
+        let members = (0..=self.num as u32).map(|number| naga::StructMember {
+            name: Some(if number == 0 { "value".into() } else { format!("tangent_{number}") }),
+            ty,
+            binding: None,
+            offset: number * stride,
+        });
+        let inner = TypeInner::Struct { members: members.collect(), span: (self.num as u32 + 1) * stride };
+        let name = Some(format!("Dual_{}", ty.index()));
+        let dual = self.new.types.insert(Type { name, inner }, Span::UNDEFINED);
+        self.duals.insert(ty, dual);
+        Ok(dual)
+    }
+
+    pub(super) fn functions(&mut self) -> Result<()> {
+        // All functions as they were come first, because rules call some of them.
+        for (handle, function) in self.old.functions.iter() {
+            let plain = called_as_before(self, function);
+            let plain = self.new.functions.append(plain, Span::UNDEFINED);
+            self.functions.insert(handle, NewFunction { plain, with_tangents: None });
+        }
+        for (handle, function) in self.old.functions.iter() {
+            let name = function.name.as_deref().unwrap_or_default();
+            if rule(name).is_some() || name.starts_with("df64_") || !self.has_tangents(function) {
+                continue;
+            }
+            let info = self.info;
+            let mut with_tangents = rewrite_function(self, function, &info[handle])?;
+            with_tangents.name = Some(format!("{name}_with_tangents"));
+            let with_tangents = Some(self.new.functions.append(with_tangents, Span::UNDEFINED));
+            let plain = self.functions[&handle].plain;
+            self.functions.insert(handle, NewFunction { plain, with_tangents });
+        }
+        Ok(())
+    }
+
+    pub(super) fn entry_points(&mut self) -> Result<()> {
+        let info = self.info;
+        for (i, entry) in self.old.entry_points.iter().enumerate() {
+            let function = rewrite_function(self, &entry.function, info.get_entry_point(i))?;
+            self.new.entry_points.push(naga::EntryPoint { function, ..entry.clone() });
+        }
+        Ok(())
+    }
+
+    /// The function of this name, as it was.
+    pub(super) fn plain(&self, name: &str) -> Result<Handle<Function>> {
+        let mut functions = self.new.functions.iter();
+        let found = functions.find(|(_, function)| function.name.as_deref() == Some(name));
+        let (handle, _) =
+            found.ok_or_else(|| Error::Internal(format!("no {name} in the shader of derivatives")))?;
+        Ok(handle)
+    }
+
+    /// True if tangents can go into a function, come out of it, or be noted in it.
+    fn has_tangents(&self, function: &Function) -> bool {
+        let in_types =
+            function.arguments.iter().map(|argument| argument.ty).chain(function.result.iter().map(|r| r.ty));
+        in_types.into_iter().any(|ty| self.has_reals(ty))
+            || function.local_variables.iter().any(|(_, local)| self.has_reals(local.ty))
+            || function.expressions.iter().any(|(_, expression)| match expression {
+                naga::Expression::GlobalVariable(variable) => self.globals.contains_key(variable),
+                _ => false,
+            })
+            || self.calls_with_tangents(&function.body)
+    }
+
+    fn calls_with_tangents(&self, block: &Block) -> bool {
+        block.iter().any(|statement| match statement {
+            Statement::Call { function, .. } => {
+                let name = self.old.functions[*function].name.as_deref().unwrap_or_default();
+                rule(name).is_some() || self.functions[function].with_tangents.is_some()
+            }
+            Statement::Block(inner) => self.calls_with_tangents(inner),
+            Statement::If { accept, reject, .. } => {
+                self.calls_with_tangents(accept) || self.calls_with_tangents(reject)
+            }
+            Statement::Switch { cases, .. } => cases.iter().any(|case| self.calls_with_tangents(&case.body)),
+            Statement::Loop { body, continuing, .. } => {
+                self.calls_with_tangents(body) || self.calls_with_tangents(continuing)
+            }
+            _ => false,
+        })
+    }
+}

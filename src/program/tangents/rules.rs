@@ -1,0 +1,52 @@
+//! Functions whose tangent does not follow from their text.
+
+/// The rule of a function.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Rule {
+    /// The result has no tangent, and the function is called as it is.
+    Constant,
+    /// The result has the tangent of the second argument.
+    Attached,
+    /// The tangent of the second argument goes to the sum of the first.
+    Note,
+    /// The tangent is the result times that of the argument.
+    Exponential,
+    /// The tangent is that of the argument over the argument.
+    Logarithm,
+    /// The tangent comes from another function of the argument; with a sign.
+    Turned(&'static str, f64),
+}
+
+/// The function that adds a tangent to a sum: (cell, tangent, number of the parameter).
+pub(super) const DEPOSIT: &str = "deposit_tangent";
+
+/// The rule of a function, if it has one.
+pub(super) fn rule(name: &str) -> Option<Rule> {
+    Some(match name {
+        "detached"
+        | "nearest_primitive"
+        | "quantize"
+        | "quantize_counted"
+        | "deposit"
+        | "deposit_loss_of_value"
+        | "deposit_weight_of_value"
+        | "deposit_tap_of_value"
+        | "deposit_taps_of_value"
+        | "is_number"
+        | "is_depositable"
+        | "below"
+        | "append_event"
+        | "has_position"
+        | "deposit_tangent"
+        | "record_hit"
+        | "record_birth"
+        | "record_death" => Rule::Constant,
+        "attached" => Rule::Attached,
+        "note" => Rule::Note,
+        "exp_real" | "exp_near_zero" => Rule::Exponential,
+        "log_real" => Rule::Logarithm,
+        "sin_real" => Rule::Turned("cos_real", 1.0),
+        "cos_real" => Rule::Turned("sin_real", -1.0),
+        _ => return None,
+    })
+}

@@ -1,0 +1,62 @@
+//! Derivatives of what detectors recorded, by parameters.
+
+use crate::format::{shown, significant};
+use ndarray::ArrayD;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// The derivatives of one detector by one parameter.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gradient {
+    /// What users call the parameter, such as `L1.r1`.
+    pub parameter: String,
+    /// The detector's name.
+    pub detector: String,
+    /// Derivative of the detector's flux \[W per unit of the parameter: mm, rad, or 1\].
+    pub flux: f64,
+    /// Its standard error; none from too few rays.
+    pub standard_error: Option<f64>,
+    /// Derivative of the detector's map, in the shape and order of its array, in the map's unit per unit of the parameter;
+    /// none of a ray database.
+    #[serde(skip)]
+    pub map: Option<ArrayD<f64>>,
+    /// Standard errors of `map`.
+    #[serde(skip)]
+    pub map_errors: Option<ArrayD<f64>>,
+    /// Derivatives of deposits that were no number, or too large to be summed: they are missing.
+    pub num_lost: u64,
+}
+
+/// Derivatives of fluxes as a table for a terminal.
+pub fn table(gradients: &[Gradient]) -> String {
+    let width = |name: fn(&Gradient) -> &String, title: &str| {
+        gradients.iter().map(|row| shown(name(row)).chars().count()).max().unwrap_or(0).max(title.len()) + 2
+    };
+    let (parameters, detectors) =
+        (width(|row| &row.parameter, "parameter"), width(|row| &row.detector, "detector"));
+    let mut text = format!(
+        "{:<parameters$}{:<detectors$}{:>15}{:>11}{:>9}\n",
+        "parameter", "detector", "d flux [W/.]", "error", "sigmas"
+    );
+    for row in gradients {
+        let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
+        let score = match row.standard_error {
+            _ if row.flux == 0.0 => "0.0".into(),
+            Some(error) if error > 0.0 => format!("{:.1}", row.flux / error),
+            Some(_) => "inf".into(),
+            None => "-".into(),
+        };
+        let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
+        let flux = significant(row.flux, 5);
+        let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");
+        if row.num_lost > 0 {
+            let _ = write!(
+                text,
+                "  {} derivatives were no numbers, or too large: they are missing",
+                row.num_lost
+            );
+        }
+        text.push('\n');
+    }
+    text
+}

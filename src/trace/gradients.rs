@@ -1,0 +1,305 @@
+//! Maps of derivatives: what each parameter does to each pixel, by forward derivatives of the trace
+//! ([`crate::program::tangents`]).
+//!
+//! The derivative is that of the interior: of light that goes on through the surfaces that it meets. What a change moves
+//! across an edge, such as the rim of a lens, is not in it; `nsq-gpu diff` sees both.
+
+use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::tangents::{Parameter, Tangents};
+use crate::error::{Error, Result};
+use crate::format::shown;
+use crate::gpu::Gpu;
+use crate::model::{Allowance, Frame, Medium, SceneIr};
+use crate::result::difference::Spread;
+use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally};
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use crate::trace::blocks::Blocks;
+use glam::DMat3;
+use ndarray::ArrayD;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Parameters of one trace: more take several.
+pub const MOST_PARAMETERS: usize = 4;
+
+/// Blocks of rays, at least.
+const NUM_BLOCKS: u64 = 64;
+/// Rays of a block, at most: sums of derivatives are read before they can overflow.
+const MOST_BLOCK_RAYS: u64 = 1 << 20;
+
+/// Differences of sixth order: how many steps from the scene, and the factor.
+const CENTRAL: [(f64, f64); 6] =
+    [(1.0, 0.75), (-1.0, -0.75), (2.0, -0.15), (-2.0, 0.15), (3.0, 1.0 / 60.0), (-3.0, -1.0 / 60.0)];
+/// The same from one side, where a number cannot go below, or above, what it is.
+const ONE_SIDED: [(f64, f64); 7] =
+    [(0.0, -2.45), (1.0, 6.0), (2.0, -7.5), (3.0, 20.0 / 3.0), (4.0, -3.75), (5.0, 1.2), (6.0, -1.0 / 6.0)];
+/// A step, relative to the size of the number.
+const STEP: f64 = 2e-3;
+/// A step of a position \[mm\] or an angle \[rad\].
+const FRAME_STEP: f64 = 1e-3;
+/// Keys of positions and angles.
+const FRAME_KEYS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
+
+/// A scene and the parameters by which it is differentiated.
+#[derive(Debug, Clone)]
+pub struct Differentiated {
+    /// The scene, with what its shaders must allow for.
+    pub ir: SceneIr,
+    parameters: Vec<Scaled>,
+}
+
+/// A parameter in units of its natural size, so that sums of derivatives neither overflow nor lose digits.
+#[derive(Debug, Clone)]
+struct Scaled {
+    parameter: Parameter,
+    size: f64,
+}
+
+impl Differentiated {
+    /// A scene's text, read from a folder, and names of its numbers. `change` is made to each scene, such as another
+    /// sampling.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the text is no scene. [`Error::Usage`] for a name of nothing, and for a number by which nothing
+    /// can be differentiated.
+    pub fn new(
+        text: &str,
+        folder: &Path,
+        names: &[String],
+        change: impl Fn(&mut SceneIr) -> Result<()>,
+    ) -> Result<Self> {
+        let scene = |numbers: &[(String, f64)]| -> Result<SceneIr> {
+            let mut ir = Scene::with_numbers(text, folder, numbers)?.lower()?;
+            change(&mut ir)?;
+            Ok(ir)
+        };
+        let mut ir = scene(&[])?;
+        let mut parameters = Vec::new();
+        for (name, value) in names.iter().zip(Scene::numbers(text, names)?) {
+            if !value.is_finite() {
+                return Err(Error::Usage(format!(
+                    "`{}` is {value}, and has no derivative; give it a finite value",
+                    shown(name)
+                )));
+            }
+            let is_frame = name.rsplit('.').next().is_some_and(|key| FRAME_KEYS.contains(&key));
+            let size = if is_frame || value == 0.0 { 1.0 } else { value.abs() };
+            let step = if is_frame { FRAME_STEP } else { STEP * size };
+            let stencil = |points: &[(f64, f64)], sign: f64| -> Result<Vec<(f64, SceneIr)>> {
+                let points = points.iter().map(|(steps, factor)| {
+                    let there = scene(&[(name.clone(), value + sign * steps * step)])?;
+                    Ok((sign * factor * size / step, there))
+                });
+                points.collect()
+            };
+            let stencil = stencil(&CENTRAL, 1.0).or_else(|error| {
+                stencil(&ONE_SIDED, 1.0).or_else(|_| stencil(&ONE_SIDED, -1.0)).map_err(|_| error)
+            })?;
+            parameters.push(Scaled { parameter: Parameter { name: name.clone(), stencil }, size });
+        }
+        let allowed = allowance(&ir, &parameters);
+        ir.allowed = allowed;
+        let scenes = parameters.iter_mut().flat_map(|scaled| &mut scaled.parameter.stencil);
+        scenes.for_each(|(_, scene)| scene.allowed = allowed);
+        let found = Differentiated { ir, parameters };
+        found.check()?;
+        Ok(found)
+    }
+
+    /// Refuses what has no derivative.
+    fn check(&self) -> Result<()> {
+        let refused = |what: &str| {
+            Err(Error::Usage(format!(
+                "{what} have no derivatives; compare two scenes by `nsq-gpu diff` instead"
+            )))
+        };
+        if !self.ir.meshes.is_empty() {
+            return refused("meshes");
+        }
+        if crate::model::surface_optics::splits(&self.ir) {
+            return refused("split rays (split_depth)");
+        }
+        Ok(())
+    }
+
+    /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done of
+    /// all passes, and ends the trace by returning false.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that make no sense, and for a parameter whose change changes what the scene is made of.
+    /// [`Error::Interrupted`] if the trace was ended. [`Error::Device`] if the device fails.
+    pub fn gradients(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        mut keep_going: impl FnMut(u64) -> bool,
+    ) -> Result<(Vec<Gradient>, Tally)> {
+        let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
+        for parameters in self.parameters.chunks(MOST_PARAMETERS) {
+            let tangents =
+                Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
+            let options = TraceOptions {
+                live: true,
+                standard_error: StandardError::Off,
+                tangents: Some(Arc::new(tangents)),
+                ..options.clone()
+            };
+            let of_pass = self.pass(gpu, &options, parameters, |done| keep_going(done_before + done))?;
+            done_before += options.num_rays;
+            found.extend(of_pass.0);
+            sums = sums.or(Some(of_pass.1));
+        }
+        let sums = sums.ok_or_else(|| Error::Usage("name a parameter, such as L1.r1".into()))?;
+        Ok((found, sums))
+    }
+
+    fn pass(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        parameters: &[Scaled],
+        mut keep_going: impl FnMut(u64) -> bool,
+    ) -> Result<(Vec<Gradient>, Tally)> {
+        let ir = &self.ir;
+        let mut tracer = Tracer::new(gpu, ir, options)?;
+        let num_rays = tracer.num_rays();
+        let num_blocks = NUM_BLOCKS.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays);
+        let mut blocks = Blocks::new(&tracer, num_blocks);
+        let chains: Vec<Chain> =
+            parameters.iter().map(|scaled| Chain::of(ir, scaled, num_rays)).collect::<Result<_>>()?;
+        let mut spreads = vec![Spread::default(); parameters.len()];
+        for _ in 0..num_blocks {
+            let traced = blocks.trace_next(&mut tracer, &mut keep_going)?.ok_or(Error::Interrupted)?;
+            let block = blocks.add(traced);
+            for (number, (chain, spread)) in chains.iter().zip(&mut spreads).enumerate() {
+                spread.add(block.launched.count, &chain.derivatives(&block, number));
+            }
+        }
+        let mut found = Vec::new();
+        for (number, (chain, spread)) in chains.iter().zip(&spreads).enumerate() {
+            let values = chain.derivatives(&blocks.sums, number);
+            let errors = spread.errors();
+            let mut at = ir.detectors.len();
+            for (index, detector) in ir.detectors.iter().enumerate() {
+                let num_cells = detector.num_cells();
+                let shape = chain.shapes[index].clone();
+                let cut = |all: &[f64]| -> Result<Option<ArrayD<f64>>> {
+                    let Some(shape) = &shape else { return Ok(None) };
+                    let cells = all[at..at + num_cells].to_vec();
+                    let array = ArrayD::from_shape_vec(shape.clone(), cells);
+                    array.map(Some).map_err(|error| Error::Internal(error.to_string()))
+                };
+                found.push(Gradient {
+                    parameter: parameters[number].parameter.name.clone(),
+                    detector: detector.name.clone(),
+                    flux: values[index],
+                    standard_error: errors.as_ref().map(|errors| errors[index]),
+                    map: cut(&values)?,
+                    map_errors: errors.as_ref().map(|errors| cut(errors)).transpose()?.flatten(),
+                    num_lost: blocks.sums.detectors[index].lost_tangents,
+                });
+                at += num_cells;
+            }
+        }
+        Ok((found, blocks.sums))
+    }
+}
+
+/// What shaders must allow for, so that all scenes about the traced one have its shaders.
+fn allowance(ir: &SceneIr, parameters: &[Scaled]) -> Allowance {
+    let scenes = || parameters.iter().flat_map(|scaled| &scaled.parameter.stencil).map(|(_, scene)| scene);
+    let frames = |ir: &SceneIr| -> Vec<Frame> {
+        let surfaces = ir.surfaces.iter().map(|surface| surface.frame);
+        let sources = ir.sources.iter().map(|source| source.frame);
+        surfaces.chain(ir.detectors.iter().map(|detector| detector.frame)).chain(sources).collect()
+    };
+    let is_turned = |ir: &SceneIr| -> Vec<bool> {
+        frames(ir).iter().map(|frame| frame.rotation != DMat3::IDENTITY).collect()
+    };
+    let here = is_turned(ir);
+    Allowance {
+        turned: scenes().any(|scene| is_turned(scene) != here),
+        absorbing: scenes().any(|scene| scene.media.iter().any(Medium::absorbs)),
+    }
+}
+
+/// From sums of tangents to derivatives in the units of maps. A flux is the total flux times a share, and a map's value is
+/// a flux over the size of a cell: the parameter may change all three.
+struct Chain {
+    /// What a unit of weight is worth, and its derivative \[W, W per unit of the parameter\].
+    unit: [f64; 2],
+    /// The natural size of the parameter.
+    size: f64,
+    /// Sizes of the cells by detector, and their derivatives.
+    cells: Vec<Option<[Vec<f64>; 2]>>,
+    /// Shapes of maps by detector.
+    shapes: Vec<Option<ndarray::IxDyn>>,
+}
+
+impl Chain {
+    fn of(ir: &SceneIr, scaled: &Scaled, num_rays: u64) -> Result<Self> {
+        let flux =
+            |ir: &SceneIr| ir.sources.iter().map(|source| source.total_flux).sum::<f64>() / num_rays as f64;
+        let derivative = |value: &dyn Fn(&SceneIr) -> f64| {
+            scaled.parameter.stencil.iter().map(|(factor, scene)| factor * value(scene)).sum::<f64>()
+                / scaled.size
+        };
+        let (mut cells, mut shapes) = (Vec::new(), Vec::new());
+        for number in 0..ir.detectors.len() {
+            let Some((here, shape)) = sizes(ir, number)? else {
+                cells.push(None);
+                shapes.push(None);
+                continue;
+            };
+            let mut slopes = vec![0.0; here.len()];
+            for (factor, scene) in &scaled.parameter.stencil {
+                let there = sizes(scene, number)?.map(|(sizes, _)| sizes).unwrap_or_default();
+                slopes.iter_mut().zip(there).for_each(|(slope, size)| *slope += factor * size / scaled.size);
+            }
+            cells.push(Some([here, slopes]));
+            shapes.push(Some(shape));
+        }
+        Ok(Chain { unit: [flux(ir), derivative(&flux)], size: scaled.size, cells, shapes })
+    }
+
+    /// The derivatives of a detector's fluxes, then of all cells of maps, by the parameter of this number.
+    fn derivatives(&self, tally: &Tally, number: usize) -> Vec<f64> {
+        const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
+        let [unit, slope] = self.unit;
+        let (mut fluxes, mut values) = (Vec::new(), Vec::new());
+        for (detector, cells) in tally.detectors.iter().zip(&self.cells) {
+            let num_cells = detector.quanta.len().max(1);
+            let tangents =
+                detector.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default();
+            let of_flux = |tangent: i128, quanta: u128| {
+                unit * (tangent as f64 * QUANTUM) / self.size + slope * (quanta as f64 * QUANTUM)
+            };
+            fluxes.push(of_flux(tangents.iter().sum(), detector.total().quanta));
+            let Some([sizes, slopes]) = cells else { continue };
+            let per_size = num_cells / sizes.len().max(1);
+            for (cell, (&tangent, &quanta)) in tangents.iter().zip(&detector.quanta).enumerate() {
+                let (size, slope_of_size) = (sizes[cell / per_size], slopes[cell / per_size]);
+                let value = unit * (quanta as f64 * QUANTUM) / size;
+                values.push((of_flux(tangent, quanta) - value * slope_of_size) / size);
+            }
+        }
+        fluxes.extend(values);
+        fluxes
+    }
+}
+
+/// The sizes of a map's cells, row by row, and the map's shape; none of a detector without a map.
+fn sizes(ir: &SceneIr, number: usize) -> Result<Option<(Vec<f64>, ndarray::IxDyn)>> {
+    let detector = &ir.detectors[number];
+    if detector.num_cells() == 0 {
+        return Ok(None);
+    }
+    let zeros = DetectorTally {
+        quanta: vec![0; detector.num_cells()],
+        hits: vec![0; detector.num_cells()],
+        ..DetectorTally::default()
+    };
+    let empty = Detector::of_part(ir, &Tally::zeros(ir), FluxUnit::new(1.0, 1), detector, &zeros)?;
+    Ok(empty.data.result().map().map(|map| (map.sizes.clone(), map.values.raw_dim())))
+}
