@@ -42,7 +42,7 @@ impl Blocks {
     /// Adds what [`Blocks::trace_next`] gave, and gives the block's sums alone: launched rays are those of the block.
     pub(crate) fn add(&mut self, traced: Tally) -> Tally {
         let (launched, rays) = (traced.launched, traced.rays.clone());
-        let before = std::mem::replace(&mut self.sums.launched, FluxSum::default());
+        let before = std::mem::take(&mut self.sums.launched);
         let own = FluxSum { count: launched.count - before.count, quanta: launched.quanta - before.quanta };
         let mut block = Tally { launched: own, rays: Default::default(), ..traced };
         // Rows of ray databases tell no errors, and would take memory.

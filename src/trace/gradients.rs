@@ -5,11 +5,11 @@
 //! across an edge, such as the rim of a lens, is not in it; `nsq-gpu diff` sees both.
 
 use crate::engine::options::{StandardError, TraceOptions};
-use crate::engine::tangents::{Parameter, Tangents};
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::{Allowance, Frame, Medium, SceneIr};
+use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally};
 use crate::scene::Scene;

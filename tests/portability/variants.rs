@@ -503,6 +503,7 @@ impl Default for Variant {
             sources: vec![source(SourceKind::Point(Point { half_angle: 0.5 }), 1)],
             detectors: vec![],
             sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+            allowed: Default::default(),
         };
         Variant {
             ir,

@@ -93,6 +93,12 @@ pub(super) fn rewrite_function(
     Ok(rewriter.new)
 }
 
+/// A variable, and its twins.
+struct Local {
+    plain: Handle<LocalVariable>,
+    twins: Vec<Handle<LocalVariable>>,
+}
+
 struct Rewriter<'r, 'm> {
     shared: &'r mut Rewriting<'m>,
     old: &'r Function,
@@ -103,7 +109,7 @@ struct Rewriter<'r, 'm> {
     has_dual: bool,
     known: HashMap<Value, Value>,
     tangents: HashMap<Value, Tangents>,
-    locals: HashMap<Handle<LocalVariable>, (Handle<LocalVariable>, Vec<Handle<LocalVariable>>)>,
+    locals: HashMap<Handle<LocalVariable>, Local>,
 }
 
 impl Rewriter<'_, '_> {
@@ -119,7 +125,7 @@ impl Rewriter<'_, '_> {
                 self.new.local_variables.append(twin, Span::UNDEFINED)
             });
             let twins = twins.collect();
-            self.locals.insert(handle, (plain, twins));
+            self.locals.insert(handle, Local { plain, twins });
         }
         Ok(())
     }
@@ -174,7 +180,7 @@ impl Rewriter<'_, '_> {
             Expression::FunctionArgument(index) => {
                 Expression::FunctionArgument(self.arguments[*index as usize])
             }
-            Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable].0),
+            Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable].plain),
             other => return Err(unknown(other)),
         };
         let new = self.append(new);
@@ -202,7 +208,7 @@ impl Rewriter<'_, '_> {
                 (0..num as u32).map(|number| Expression::FunctionArgument(first + number)).collect()
             }
             Expression::LocalVariable(variable) => {
-                self.locals[variable].1.iter().map(|twin| Expression::LocalVariable(*twin)).collect()
+                self.locals[variable].twins.iter().map(|twin| Expression::LocalVariable(*twin)).collect()
             }
             Expression::GlobalVariable(variable) => {
                 let twins = self.shared.globals.get(variable).into_iter().flatten();

@@ -10,22 +10,24 @@
 //! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.1, forward propagation of tangents.
 
 mod function;
+mod parameters;
 mod reals;
 mod rewriting;
 mod rules;
 
+pub use crate::program::tangents::parameters::{Parameter, Tangents};
 pub use crate::program::tangents::reals::{place_reals, take_reals};
 
 use crate::error::{Error, Result};
-use crate::program::tangents::rewriting::Rewriting;
+use crate::program::tangents::function::{called_as_before, rewrite_function};
+pub use crate::program::tangents::rewriting::BINDING_STRIDE;
+use crate::program::tangents::rewriting::{NewFunction, Rewriting};
+use crate::program::tangents::rules::rule;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga::{Expression, Literal, Module, Scalar};
+use naga::{Expression, Literal, Module, Scalar, Span};
 
 /// The constant of a composed text that says how many tangents go beside each real.
 pub const NUM_TANGENTS: &str = "NUM_TANGENTS";
-
-/// From the binding of a buffer to that of its twin for the first parameter, and on to the next.
-pub const BINDING_STRIDE: u32 = 200;
 
 /// How many tangents a composed module asks for.
 pub fn num_tangents(module: &Module) -> usize {
@@ -59,4 +61,37 @@ pub fn rewrite(module: &Module, real: Scalar, num: usize) -> Result<(Module, Str
     let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
         .map_err(|error| Error::internal("writing the shader of derivatives", &error))?;
     Ok((rewritten, wgsl))
+}
+
+impl Rewriting<'_> {
+    fn functions(&mut self) -> Result<()> {
+        // All functions as they were come first, because rules call some of them.
+        for (handle, function) in self.old.functions.iter() {
+            let plain = called_as_before(self, function);
+            let plain = self.new.functions.append(plain, Span::UNDEFINED);
+            self.functions.insert(handle, NewFunction { plain, with_tangents: None });
+        }
+        for (handle, function) in self.old.functions.iter() {
+            let name = function.name.as_deref().unwrap_or_default();
+            if rule(name).is_some() || name.starts_with("df64_") || !self.has_tangents(function) {
+                continue;
+            }
+            let info = self.info;
+            let mut with_tangents = rewrite_function(self, function, &info[handle])?;
+            with_tangents.name = Some(format!("{name}_with_tangents"));
+            let with_tangents = Some(self.new.functions.append(with_tangents, Span::UNDEFINED));
+            let plain = self.functions[&handle].plain;
+            self.functions.insert(handle, NewFunction { plain, with_tangents });
+        }
+        Ok(())
+    }
+
+    fn entry_points(&mut self) -> Result<()> {
+        let info = self.info;
+        for (i, entry) in self.old.entry_points.iter().enumerate() {
+            let function = rewrite_function(self, &entry.function, info.get_entry_point(i))?;
+            self.new.entry_points.push(naga::EntryPoint { function, ..entry.clone() });
+        }
+        Ok(())
+    }
 }

@@ -18,12 +18,12 @@ fn places(module: &Module, binding: u32, precision: Precision, num_bytes: usize)
 }
 
 fn add(module: &Module, ty: &Type, precision: Precision, at: usize, end: usize, found: &mut Vec<usize>) {
-    let is_real = match (&ty.inner, precision) {
+    let is_real = matches!(
+        (&ty.inner, precision),
         (TypeInner::Scalar(Scalar::F64), Precision::F64)
-        | (TypeInner::Scalar(Scalar::F32), Precision::F32) => true,
-        (TypeInner::Vector { size: VectorSize::Bi, scalar: Scalar::F32 }, Precision::Df64) => true,
-        _ => false,
-    };
+            | (TypeInner::Scalar(Scalar::F32), Precision::F32)
+            | (TypeInner::Vector { size: VectorSize::Bi, scalar: Scalar::F32 }, Precision::Df64)
+    );
     if is_real {
         found.push(at);
         return;

@@ -1,8 +1,6 @@
 //! The state of rewriting a module, which all its functions share.
 
 use crate::error::{Error, Result};
-use crate::program::tangents::BINDING_STRIDE;
-use crate::program::tangents::function::{called_as_before, rewrite_function};
 use crate::program::tangents::rules::rule;
 use naga::valid::ModuleInfo;
 use naga::{
@@ -10,6 +8,9 @@ use naga::{
     StorageAccess, Type, TypeInner,
 };
 use std::collections::HashMap;
+
+/// From the binding of a buffer to that of its twin for the first parameter, and on to the next.
+pub const BINDING_STRIDE: u32 = 200;
 
 pub(super) fn unknown(what: impl std::fmt::Debug) -> Error {
     Error::Internal(format!("no rule for the derivative of {what:?}"))
@@ -110,37 +111,6 @@ impl<'a> Rewriting<'a> {
         Ok(dual)
     }
 
-    pub(super) fn functions(&mut self) -> Result<()> {
-        // All functions as they were come first, because rules call some of them.
-        for (handle, function) in self.old.functions.iter() {
-            let plain = called_as_before(self, function);
-            let plain = self.new.functions.append(plain, Span::UNDEFINED);
-            self.functions.insert(handle, NewFunction { plain, with_tangents: None });
-        }
-        for (handle, function) in self.old.functions.iter() {
-            let name = function.name.as_deref().unwrap_or_default();
-            if rule(name).is_some() || name.starts_with("df64_") || !self.has_tangents(function) {
-                continue;
-            }
-            let info = self.info;
-            let mut with_tangents = rewrite_function(self, function, &info[handle])?;
-            with_tangents.name = Some(format!("{name}_with_tangents"));
-            let with_tangents = Some(self.new.functions.append(with_tangents, Span::UNDEFINED));
-            let plain = self.functions[&handle].plain;
-            self.functions.insert(handle, NewFunction { plain, with_tangents });
-        }
-        Ok(())
-    }
-
-    pub(super) fn entry_points(&mut self) -> Result<()> {
-        let info = self.info;
-        for (i, entry) in self.old.entry_points.iter().enumerate() {
-            let function = rewrite_function(self, &entry.function, info.get_entry_point(i))?;
-            self.new.entry_points.push(naga::EntryPoint { function, ..entry.clone() });
-        }
-        Ok(())
-    }
-
     /// The function of this name, as it was.
     pub(super) fn plain(&self, name: &str) -> Result<Handle<Function>> {
         let mut functions = self.new.functions.iter();
@@ -151,7 +121,7 @@ impl<'a> Rewriting<'a> {
     }
 
     /// True if tangents can go into a function, come out of it, or be noted in it.
-    fn has_tangents(&self, function: &Function) -> bool {
+    pub(super) fn has_tangents(&self, function: &Function) -> bool {
         let in_types =
             function.arguments.iter().map(|argument| argument.ty).chain(function.result.iter().map(|r| r.ty));
         in_types.into_iter().any(|ty| self.has_reals(ty))

@@ -17,6 +17,7 @@ pub use crate::result::detectors::spectral::SpectralMap;
 use crate::error::Result;
 use crate::model::{self, DetectorFunction, DetectorKind};
 use crate::result::npz::ArrayWriter;
+pub(crate) use crate::result::png::figures::Span;
 use crate::result::png::figures::{Drawn, Head};
 use crate::result::rows::Rows;
 use crate::result::stored::Stored;
@@ -157,15 +158,6 @@ pub(crate) struct CellMap<'a> {
     pub y: Span,
     /// What the values are, and their unit.
     pub quantity: (&'static str, &'static str),
-}
-
-/// An axis of a map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Span {
-    /// Its name, and its unit.
-    pub label: (&'static str, &'static str),
-    /// Its ends.
-    pub range: (f64, f64),
 }
 
 impl<'a> CellMap<'a> {

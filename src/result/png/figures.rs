@@ -5,7 +5,6 @@ use std::path::Path;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::format::{self, si_prefix, significant, thousands, with_prefix};
-use crate::result::detectors::Span;
 pub(crate) use crate::result::png::canvas::Drawn;
 use crate::result::png::canvas::{Axis, Canvas, ColorBar, Place, picture, text_width, with_unit};
 use crate::result::png::raster::{self, Colors, Raster};
@@ -63,6 +62,15 @@ impl Layout {
         let bottom = px(HEAD) + (height + px(FOOT)).max(room + px(PAD)) + parts.below;
         Layout { data, bar, head: (left, px(PAD)), size: (right, bottom) }
     }
+}
+
+/// An axis of a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Span {
+    /// Its name, and its unit.
+    pub label: (&'static str, &'static str),
+    /// Its ends.
+    pub range: (f64, f64),
 }
 
 /// What the head of a figure says, whatever the kind of detector.
