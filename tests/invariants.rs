@@ -856,6 +856,7 @@ fn lamp_in_a_ball() -> SceneIr {
             absorb: true,
         }],
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+        allowed: Default::default(),
     }
 }
 

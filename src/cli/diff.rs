@@ -14,7 +14,7 @@ use crate::trace::TraceOptions;
 use crate::trace::difference::Pair;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Arguments of `nsq-gpu diff`.
 #[derive(clap::Args)]
@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<String> {
     let mut shown = Progress::new(args.progress, 2 * options.num_rays);
     let start = Instant::now();
     let found = pair.difference(&gpu, &options, args.trace.filter.as_deref(), |[a, b]| {
-        shown.update(&status(a + b, 2 * options.num_rays, start.elapsed()));
+        shown.update(&Status::of_rays(a + b, 2 * options.num_rays, start.elapsed()));
         !stop.load(Ordering::Relaxed)
     })?;
     shown.finish();
@@ -151,17 +151,4 @@ pub fn run(args: &Args) -> Result<String> {
     }
     crate::cli::console::print(&printed)?;
     Err(Error::Interrupted)
-}
-
-fn status(rays: u64, num_rays: u64, elapsed: Duration) -> Status {
-    Status {
-        rays,
-        num_rays,
-        begun: 0,
-        elapsed,
-        relative_error: None,
-        target_error: None,
-        rays_to_target: None,
-        time_limit: None,
-    }
 }

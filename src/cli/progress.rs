@@ -60,6 +60,20 @@ impl Status {
         }
     }
 
+    /// The state of a trace that goes on to its last ray.
+    pub(crate) fn of_rays(rays: u64, num_rays: u64, elapsed: Duration) -> Self {
+        Status {
+            rays,
+            num_rays,
+            begun: 0,
+            elapsed,
+            relative_error: None,
+            target_error: None,
+            rays_to_target: None,
+            time_limit: None,
+        }
+    }
+
     /// Rays per second.
     fn rate(&self) -> f64 {
         (self.rays - self.begun.min(self.rays)) as f64 / self.elapsed.as_secs_f64().max(1e-9)

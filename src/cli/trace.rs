@@ -1,6 +1,6 @@
 //! `nsq-gpu trace`: traces a scene to maps, ledger and report.
 
-use crate::cli::console::{read_scene, say};
+use crate::cli::console::{named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
 use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs, wanted};
@@ -14,6 +14,7 @@ use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, r
 use crate::scene::Scene;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
+use crate::trace::gradients::{Differentiated, MOST_PARAMETERS};
 use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -48,6 +49,11 @@ pub struct Args {
     /// Record the paths of about N rays, or of all, in ray_paths.npz.
     #[arg(long, value_name = "N|all", value_parser = parse_record_paths, requires = "output")]
     record_paths: Option<RecordPaths>,
+    /// Differentiate what detectors record by numbers of the scene: L1.r1,L2.z. With -o, maps of derivatives and their
+    /// standard errors go to gradients.npz. Names with dots or commas are quoted: '"a.b".r1'.
+    #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "resume",
+        "record_paths", "profile", "target_error", "time_limit", "first_ray", "of_rays"])]
+    gradient: Option<Names>,
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -70,6 +76,28 @@ pub struct Args {
     watch_stdin: bool,
 }
 
+/// Names of numbers.
+#[derive(Debug, Clone, PartialEq)]
+struct Names(Vec<String>);
+
+/// Names between commas that are not quoted.
+fn parse_names(text: &str) -> std::result::Result<Names, String> {
+    let mut names = vec![String::new()];
+    let mut is_quoted = false;
+    for letter in text.chars() {
+        is_quoted ^= letter == '"';
+        match letter {
+            ',' if !is_quoted => names.push(String::new()),
+            letter => names.last_mut().into_iter().for_each(|name| name.push(letter)),
+        }
+    }
+    let names: Vec<String> = names.into_iter().map(|name| name.trim().to_string()).collect();
+    match names.iter().any(String::is_empty) {
+        true => Err(format!("`{text}` has an empty name; write it as in L1.r1,L2.z")),
+        false => Ok(Names(names)),
+    }
+}
+
 pub(crate) fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths, String> {
     if text == "all" { Ok(RecordPaths::All) } else { count::parse(text).map(RecordPaths::About) }
 }
@@ -77,6 +105,9 @@ pub(crate) fn parse_record_paths(text: &str) -> std::result::Result<RecordPaths,
 /// Traces, writes the files, and returns the text for stdout. An interrupted trace is written, then reported as
 /// interrupted. `start` is when the command began.
 pub fn run(args: &Args, start: Instant) -> Result<String> {
+    if let Some(Names(names)) = &args.gradient {
+        return differentiate(args, names);
+    }
     let scene = read_scene(&args.scene)?;
     let mut ir = scene.lower()?;
     // On lavapipe, `auto` means f64.
@@ -127,6 +158,65 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
             Err(failure)
         }
     }
+}
+
+/// Traces with derivatives by numbers of these names, writes the files, and returns the text for stdout.
+fn differentiate(args: &Args, names: &[String]) -> Result<String> {
+    if args.trace.paths == PathsArg::On {
+        return Err(Error::Usage("--gradient sums up no paths; leave out --paths on".into()));
+    }
+    let text = std::fs::read_to_string(&args.scene).map_err(|error| Error::file(&args.scene, error))?;
+    let folder = args.scene.parent().unwrap_or(Path::new(""));
+    let scene = read_scene(&args.scene)?;
+    let change = |ir: &mut SceneIr| args.trace.override_sampling(ir);
+    let differentiated = Differentiated::new(&text, folder, names, change)
+        .map_err(|error| named(error, &args.scene.display().to_string()))?;
+    let ir = &differentiated.ir;
+    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
+    crate::cli::console::choose_vectors(ir, args.trace.num_rays, in_f64);
+    if args.watch_stdin {
+        end_with_caller();
+    }
+    if let Some(dir) = &args.output {
+        let names = ir.detectors.iter().map(|detector| detector.name.as_str());
+        output::check(dir, &output::file_names(names, !args.no_pictures, false, false, false))?;
+    }
+    let gpu = Gpu::open(&adapter_choice(args))?;
+    let max_depth = args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(ir));
+    let options = TraceOptions { max_depth, ..args.trace.options(ir)? }.tuned(&gpu.info);
+    let choice = auto_precision::choose(&gpu, ir, &options, args.trace.wanted())?;
+    let options = TraceOptions { precision: choice.precision, ..options };
+    let stop = stop_on_interrupt()?;
+    let num_rays = options.num_rays * names.len().div_ceil(MOST_PARAMETERS) as u64;
+    let mut shown = Progress::new(args.progress, num_rays);
+    let start = Instant::now();
+    let (gradients, tally) = differentiated.gradients(&gpu, &options, |rays| {
+        shown.update(&Status::of_rays(rays, num_rays, start.elapsed()));
+        !stop.load(Ordering::Relaxed)
+    })?;
+    shown.finish();
+    let run = RunInfo {
+        scene: Some(args.scene.display().to_string()),
+        precision_reason: choice.reason,
+        precision_warning: choice.warning,
+        trace_time_sec: start.elapsed().as_secs_f64(),
+        scene_warnings: scene.warnings,
+        has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
+        ..options.run_info(&gpu.info)
+    };
+    let result = TraceResult { gradients, ..TraceResult::new(ir, &run, &tally)? };
+    if let Some(dir) = &args.output {
+        let extras = output::Extras { pictures: !args.no_pictures, tally: None };
+        let written = output::write(dir, &result, &extras)?;
+        if args.json {
+            return Ok(written.report);
+        }
+        written.files.iter().for_each(|file| say(&format!("written: {}", file.display())));
+    }
+    Ok(match args.json {
+        true => report::Report::new(&result, &report::Files::default()).to_json(),
+        false => result.report(),
+    })
 }
 
 /// A choice of precision, or one that is still being predicted.

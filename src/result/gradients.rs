@@ -2,11 +2,11 @@
 
 use crate::format::{shown, significant};
 use ndarray::ArrayD;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// The derivatives of one detector by one parameter.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gradient {
     /// What users call the parameter, such as `L1.r1`.
     pub parameter: String,

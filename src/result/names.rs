@@ -6,5 +6,7 @@ pub const REPORT: &str = "report.json";
 pub const RAY_PATHS: &str = "ray_paths.npz";
 /// Name of the file of a table of paths, as comma-separated values.
 pub const PATHS: &str = "paths.csv";
+/// Name of the file of maps of derivatives.
+pub const GRADIENTS: &str = "gradients.npz";
 /// Name of the file of raw sums.
 pub const TALLY: &str = "tally.bin";

@@ -45,6 +45,23 @@ fn add_detector(
     file.finish()
 }
 
+/// Writes maps of derivatives to `path`: an array `DETECTOR/PARAMETER` each, and `DETECTOR/PARAMETER/standard_error`, in the
+/// shape of the detector's map and its unit per unit of the parameter.
+///
+/// # Errors
+/// [`crate::Error::File`] if the file cannot be written.
+pub fn write_gradients(path: &Path, result: &TraceResult) -> Result<()> {
+    let mut file = ArrayWriter::create(path)?;
+    for row in &result.gradients {
+        let name = format!("{}/{}", row.detector, row.parameter);
+        file.add_optional(&name, &row.map)?;
+        file.add_optional(&format!("{name}/standard_error"), &row.map_errors)?;
+    }
+    let units = [("derivative", "unit of the map per unit of the parameter: mm, rad, um or 1")];
+    file.add_string("meta", &meta(result, "gradients", "gradients", &units))?;
+    file.finish().map(|_| ())
+}
+
 /// Writes the recorded paths to `path`.
 ///
 /// # Errors

@@ -14,7 +14,7 @@ use std::path::{Component, Path, PathBuf};
 use crate::error::{Error, Result};
 use crate::placing::{self, Journal, Lock, Scratch, step};
 use crate::result::integrity::{self, FileHash, Meta, NO_HASH, hex};
-pub use crate::result::names::{PATHS, RAY_PATHS, REPORT, TALLY};
+pub use crate::result::names::{GRADIENTS, PATHS, RAY_PATHS, REPORT, TALLY};
 use crate::result::report::Files;
 use crate::result::{Detector, Report, TraceResult, npz_files, png};
 use rayon::prelude::*;
@@ -246,7 +246,8 @@ impl Before {
             let detectors = report["detectors"].as_object().into_iter().flat_map(|all| all.values());
             let of_detectors = detectors.flat_map(|detector| [&detector["file"], &detector["picture"]]);
             let names =
-                of_detectors.chain([&report["ray_paths"], &report["paths_file"]]).filter_map(Value::as_str);
+                of_detectors.chain(["ray_paths", "paths_file", "gradients_file"].map(|key| &report[key]));
+            let names = names.filter_map(Value::as_str);
             // A report that somebody has changed could name files elsewhere.
             let is_here = |name: &&str| Path::new(name).file_name() == Some(name.as_ref()) && is_file(name);
             let hash = |name: &str| meta.as_ref().and_then(|meta| meta.files.get(name).cloned());
@@ -435,6 +436,11 @@ fn write_files(folder: &Path, result: &TraceResult, extras: &Extras<'_>) -> Resu
         files.paths = Some(PATHS.into());
         names.push(PATHS.into());
     }
+    if !result.gradients.is_empty() {
+        npz_files::write_gradients(&folder.join(GRADIENTS), result)?;
+        files.gradients = Some(GRADIENTS.into());
+        names.push(GRADIENTS.into());
+    }
     if let Some(bytes) = extras.tally {
         write_bytes(&folder.join(TALLY), bytes)?;
         names.push(TALLY.into());
@@ -480,7 +486,7 @@ fn relocate(error: Error, staged: &Path, dir: &Path) -> Error {
 pub(crate) fn file_stems<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     // Where case is no difference, neither is that of letters that only one case of has a letter of its own.
     let folded = |stem: &str| stem.to_uppercase().to_lowercase();
-    let mut taken = HashSet::from(["ray_paths".to_string()]);
+    let mut taken = HashSet::from(["ray_paths".to_string(), "gradients".to_string()]);
     let mut next_numbers: HashMap<String, u64> = HashMap::new();
     let mut distinct = |name: &str| {
         let stem = safe_stem(name);

@@ -67,6 +67,7 @@ impl TraceResult {
             ledger,
             diagnostics: Diagnostics::default(),
             paths: path_table(ir, run, tally, unit),
+            gradients: Vec::new(),
             ray_paths: RayPaths::new(ir, unit, recorded.paths.clone()),
         };
         result.flux_conservation_error = result.conservation_error();

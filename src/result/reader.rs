@@ -114,6 +114,7 @@ fn assemble(report: Report, detectors: Vec<Detector>, surfaces: Vec<SurfaceResul
             other: report.paths_without_row,
             ..Default::default()
         }),
+        gradients: report.gradients,
         ray_paths: None,
     }
 }

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use crate::result::StoppedBy;
 use crate::result::integrity::Meta;
 use crate::result::paths::{LightPath, OtherLight};
-use crate::result::{Diagnostics, Ledger, SurfaceResult, TraceResult};
+use crate::result::{Diagnostics, Gradient, Ledger, SurfaceResult, TraceResult};
 
 /// Version of the document. It grows when a field changes its meaning or goes away, not when one is added.
 pub const SCHEMA: u32 = 1;
@@ -121,6 +121,12 @@ pub struct Report {
     /// File of the table of paths, as comma-separated values; missing if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub paths_file: Option<String>,
+    /// Derivatives of fluxes by parameters, with standard errors \[W per unit of the parameter\]; missing if there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub gradients: Vec<Gradient>,
+    /// File of maps of derivatives; missing if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gradients_file: Option<String>,
     /// File of the recorded paths; null if there is none.
     pub ray_paths: Option<String>,
     /// Hashes of the files beside the document, and of itself; missing where no file was written, and in old documents.
@@ -137,6 +143,8 @@ pub struct Files {
     pub pictures: HashMap<String, String>,
     /// File of the table of paths.
     pub paths: Option<String>,
+    /// File of maps of derivatives.
+    pub gradients: Option<String>,
     /// File of the recorded paths.
     pub ray_paths: Option<String>,
 }
@@ -191,6 +199,8 @@ impl Report {
             paths: result.paths.as_ref().map(|table| table.paths.clone()),
             paths_without_row: result.paths.as_ref().map_or_else(Vec::new, |table| table.other.clone()),
             paths_file: files.paths.clone(),
+            gradients: result.gradients.clone(),
+            gradients_file: files.gradients.clone(),
             ray_paths: files.ray_paths.clone(),
             meta: None,
         }

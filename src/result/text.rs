@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::format::{plain, shown, significant, thousands};
 use crate::result::StoppedBy;
-use crate::result::{Entry, PathTable, TraceResult};
+use crate::result::{Entry, PathTable, TraceResult, gradients};
 
 /// Rows of the table of paths that a report of a trace shows.
 const TOP_PATHS: usize = 10;
@@ -14,9 +14,10 @@ impl TraceResult {
     /// warnings.
     pub fn report(&self) -> String {
         let paths = self.paths.as_ref().map(|table| table.text(TOP_PATHS));
+        let gradients = (!self.gradients.is_empty()).then(|| gradients::table(&self.gradients));
         let parts = [self.header(), self.flux_table(), self.detector_table()];
         let last = [self.ledger_line(), self.warning_list()];
-        parts.into_iter().chain(paths).chain(last).collect::<Vec<_>>().join("\n")
+        parts.into_iter().chain(gradients).chain(paths).chain(last).collect::<Vec<_>>().join("\n")
     }
 
     pub(crate) fn header(&self) -> String {

@@ -1,6 +1,6 @@
 //! What users read of a trace, with Optiland's names and meanings.
 
-use crate::result::{Detector, Diagnostics, Ledger, PathTable, RayPaths, RunInfo};
+use crate::result::{Detector, Diagnostics, Gradient, Ledger, PathTable, RayPaths, RunInfo};
 
 /// The results of one trace. The flux fields and counts are those of Optiland's `SimulationResult`.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +49,8 @@ pub struct TraceResult {
     pub diagnostics: Diagnostics,
     /// Light by its path, each sequence a row, if it was summed up so.
     pub paths: Option<PathTable>,
+    /// Derivatives by parameters, if any were asked for.
+    pub gradients: Vec<Gradient>,
     /// Recorded paths, if any.
     pub ray_paths: Option<RayPaths>,
 }

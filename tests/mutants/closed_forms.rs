@@ -102,6 +102,7 @@ fn scene(kind: SourceKind, surfaces: Vec<Surface>, detectors: Vec<Detector>) -> 
         }],
         detectors,
         sampling: Sampling { rr_start_flux: 0.0, ..Sampling::default() },
+        allowed: Default::default(),
     }
 }
 

@@ -12,6 +12,9 @@ use std::collections::HashMap;
 /// From the binding of a buffer to that of its twin for the first parameter, and on to the next.
 pub const BINDING_STRIDE: u32 = 200;
 
+/// Uniform buffers that every adapter of WebGPU binds.
+const MOST_UNIFORMS: usize = 12;
+
 pub(super) fn unknown(what: impl std::fmt::Debug) -> Error {
     Error::Internal(format!("no rule for the derivative of {what:?}"))
 }
@@ -66,7 +69,12 @@ impl<'a> Rewriting<'a> {
     }
 
     /// Gives a twin for each parameter to every variable that holds reals, and that shaders do not write for the host.
+    ///
+    /// Twins of uniforms are uniforms where an adapter surely binds so many. Lavapipe reads these faster than other buffers.
     pub(super) fn globals(&mut self) {
+        let uniforms = || self.old.global_variables.iter().filter(|(_, v)| v.space == AddressSpace::Uniform);
+        let num_twins = self.num * uniforms().filter(|(_, variable)| self.has_reals(variable.ty)).count();
+        let are_uniforms = uniforms().count() + num_twins <= MOST_UNIFORMS;
         for (handle, variable) in self.old.global_variables.iter() {
             let is_read = match variable.space {
                 AddressSpace::Private | AddressSpace::Uniform => true,
@@ -82,7 +90,13 @@ impl<'a> Rewriting<'a> {
                     ..binding
                 });
                 let name = variable.name.as_ref().map(|name| format!("{name}_tangent_{number}"));
-                let twin = GlobalVariable { name, binding, init: None, ..variable.clone() };
+                let space = match variable.space {
+                    AddressSpace::Uniform if !are_uniforms => {
+                        AddressSpace::Storage { access: StorageAccess::LOAD }
+                    }
+                    space => space,
+                };
+                let twin = GlobalVariable { name, binding, space, init: None, ..variable.clone() };
                 self.new.global_variables.append(twin, Span::UNDEFINED)
             });
             self.globals.insert(handle, twins.collect());
