@@ -25,10 +25,6 @@ fn differentiated(text: &str, names: &[&str]) -> Differentiated {
     Differentiated::new(text, &oracle(), &names, |_| Ok(())).unwrap()
 }
 
-fn gradients(text: &str, names: &[&str], options: &TraceOptions) -> Vec<Gradient> {
-    differentiated(text, names).gradients(zoo::gpu(), options, |_| true).unwrap().0
-}
-
 fn numbers(values: &Value) -> Vec<f64> {
     values.as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
 }

@@ -100,6 +100,7 @@ fn scene(surfaces: Vec<Surface>, detectors: Vec<Detector>) -> SceneIr {
         detectors,
         allowed: Default::default(),
         sampling: Sampling { reflect_prob: ReflectProb::Auto, rr_start_flux: 0.0, ..Sampling::default() },
+        allowed: Default::default(),
     }
 }
 

@@ -159,7 +159,12 @@ impl ProgramOptions {
 
     /// True if the records of surfaces and detectors are compiled in.
     pub fn bakes_records(&self) -> bool {
-        self.baked && !self.live
+        self.baked && (!self.live || self.copies_numbers())
+    }
+
+    /// True if an invocation begins by copying the table of live numbers. Derivatives read all of them at every event.
+    pub fn copies_numbers(&self) -> bool {
+        self.tangents > 0
     }
 
     /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in

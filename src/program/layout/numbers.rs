@@ -16,6 +16,8 @@ pub struct Numbers {
     precision: Precision,
     /// The table, in the order in which the text asked for its numbers; `None` if numbers are compiled in.
     table: Option<RefCell<Vec<f64>>>,
+    /// Shaders read a copy, which each invocation makes first.
+    are_copied: bool,
 }
 
 /// True if live numbers of a precision lie in uniform buffers, which lavapipe reads twice to three times as fast as
@@ -27,8 +29,13 @@ pub fn lie_in_uniforms(precision: Precision) -> bool {
 
 impl Numbers {
     /// No number yet.
-    pub fn new(precision: Precision, live: bool) -> Self {
-        Numbers { precision, table: live.then(RefCell::default) }
+    pub fn new(precision: Precision, live: bool, are_copied: bool) -> Self {
+        Numbers { precision, table: live.then(RefCell::default), are_copied }
+    }
+
+    /// The statement that copies the table; nothing where shaders read the table itself.
+    pub fn copy(&self) -> &'static str {
+        if self.are_copied { "    numbers = numbers_uniform;\n" } else { "" }
     }
 
     /// True if numbers are read from a table.
@@ -65,7 +72,12 @@ impl Numbers {
         });
         let (group, binding) = (bindings::SCENE, bindings::NUMBERS);
         let memory = if lie_in_uniforms(self.precision) { "uniform" } else { "storage, read" };
-        text + &format!("}}\n@group({group}) @binding({binding}) var<{memory}> numbers: Numbers;\n")
+        let name = if self.are_copied { "numbers_uniform" } else { "numbers" };
+        text += &format!("}}\n@group({group}) @binding({binding}) var<{memory}> {name}: Numbers;\n");
+        if self.are_copied {
+            text += "var<private> numbers: Numbers;\n";
+        }
+        text
     }
 
     /// The contents of the table; none if there is none.

@@ -310,7 +310,7 @@ fn interaction_code(interaction: &Interaction) -> u32 {
 }
 
 /// Origin relative to the centre, and the rotation's columns if any frame of the table is rotated.
-fn put_frames<'a>(
+pub fn put_frames<'a>(
     records: &mut Records,
     ir: &SceneIr,
     frames: impl Iterator<Item = &'a Frame> + Clone,

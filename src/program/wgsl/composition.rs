@@ -28,7 +28,10 @@ impl<'a> Deref for Composition<'a> {
 impl<'a> Composition<'a> {
     /// The composition of a scene whose sums lie in these buffers.
     pub fn of(scene: &'a Prepared<'a>, sums: &'a SumBuffers) -> Self {
-        let numbers = Numbers::new(scene.options.precision, scene.options.live);
+        let numbers = {
+            let options = &scene.options;
+            Numbers::new(options.precision, options.live, options.copies_numbers())
+        };
         Composition { scene, sums, numbers }
     }
 

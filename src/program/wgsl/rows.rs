@@ -60,7 +60,8 @@ impl Composition<'_> {
             let _ = writeln!(lengths, "    {name} = {};", self.real(value)?);
         }
         let head = if self.options.has_path_table() { "    path_head = path_head_uniform;\n" } else { "" };
-        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{head}{lengths}}}\n");
+        let numbers = self.numbers.copy();
+        let begin = format!("fn begin() {{\n    range = range_uniform;\n{copy}{head}{numbers}{lengths}}}\n");
         Ok(format!("{row}{functions}fn source() -> Source {{\n    return {of_dispatch};\n}}\n{begin}"))
     }
 

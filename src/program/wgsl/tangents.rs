@@ -2,13 +2,15 @@
 //! and the step from a hit to where the surface has moved.
 
 use crate::error::{Error, Result};
-use crate::model::ShapeKind;
 use crate::model::primitives::primitives;
-use crate::model::shapes::Normal;
+use crate::model::shapes::{Normal, Quadric};
+use crate::model::{Shape, ShapeKind};
+use crate::program::layout::records::Records;
+use crate::program::layout::{bindings, tables};
 use crate::program::tangents::NUM_TANGENTS;
 use crate::program::wgsl::composition::Composition;
 use crate::program::wgsl::constants::Constants;
-use crate::program::wgsl::dispatch::quadric_of;
+use crate::program::wgsl::rows::frame_functions;
 use crate::program::wgsl::text::Text;
 use crate::shaders::shader;
 use std::fmt::Write;
@@ -49,43 +51,47 @@ impl Composition<'_> {
         Ok(())
     }
 
-    /// How far a hit is from the surface, along the ray and to first order: zero but for its derivative.
+    /// How far a hit is from the surface, along the ray and to first order: zero but for its derivative. The quadrics of a
+    /// scene are chosen from by the number of what was hit; other shapes have functions of their own.
     fn crossing_step(&self) -> Result<String> {
-        let mut text = String::from(
-            "fn crossing_step(start: Ray, hit: Hit) -> real {\n    var ray = start;\n    \
-             ray.position += hit.distance * start.direction;\n    switch hit.primitive {\n",
+        let primitives = primitives(self.ir);
+        let quadric = |shape: &Shape| shape.quadric().unwrap_or(Quadric::PLANE);
+        let mut records = Records::new("Crossed", "crossed", bindings::PRIMITIVES);
+        tables::put_frames(&mut records, self.ir, primitives.iter().map(|(frame, _)| frame), self.centre);
+        records.real("radial", primitives.iter().map(|(_, shape)| quadric(shape).radial));
+        records.real("axial", primitives.iter().map(|(_, shape)| quadric(shape).axial));
+        records.real("offset", primitives.iter().map(|(_, shape)| quadric(shape).offset));
+        records.real("constant", primitives.iter().map(|(_, shape)| quadric(shape).constant));
+        let rotated = tables::any_rotated(self.ir, primitives.iter().map(|(frame, _)| frame));
+        let mut text = records.baked(&self.numbers)? + &frame_functions("Crossed", "crossed", rotated);
+        text.push_str(
+            "fn crossing_step(ray: Ray, hit: Hit) -> real {\n    if hit.primitive == NONE { return 0.0; }\n    \
+             let s = crossed_of(hit.primitive);\n    \
+             let o = to_crossed(s, ray.position + hit.distance * ray.direction - vec3<real>(s.origin_x, s.origin_y, s.origin_z));\n    \
+             let d = to_crossed(s, ray.direction);\n",
         );
-        for (i, (frame, shape)) in primitives(self.ir).iter().enumerate() {
+        for (i, (_, shape)) in primitives.iter().enumerate() {
             let kind = ShapeKind::of(shape);
-            let (o, d) = self.in_frame(frame)?;
-            let arguments: Vec<String> = self
-                .places
-                .arguments(shape)
-                .into_iter()
-                .map(|argument| self.real(argument))
-                .collect::<Result<_>>()?;
-            let arguments = arguments.join(", ");
-            let step = match kind.wgsl().normal {
-                Normal::Quadric(_) => {
-                    let quadric = quadric_of(kind, "o", &arguments);
-                    format!("value_at(o, {quadric}) / detached(2.0 * slope_along(o, d, {quadric}))")
-                }
-                Normal::Own | Normal::Sag => {
-                    let [height, normal] = ["height", "normal"].map(|what| kind.function(what));
-                    format!("{height}(o, {arguments}) / detached(dot({normal}(o, {arguments}), d))")
-                }
+            match kind.wgsl().normal {
+                Normal::Quadric(_) => continue,
+                Normal::Own | Normal::Sag => {}
                 Normal::Facet => {
                     return Err(Error::Usage(
-                        "derivatives have no rule for meshes; leave the mesh out, or compare scenes by `nsq-gpu diff`"
-                            .into(),
+                        "meshes have no derivatives; compare two scenes by `nsq-gpu diff` instead".into(),
                     ));
                 }
-            };
+            }
+            let arguments = self.places.arguments(shape).into_iter().map(|argument| self.real(argument));
+            let arguments = arguments.collect::<Result<Vec<_>>>()?.join(", ");
+            let [height, normal] = ["height", "normal"].map(|what| kind.function(what));
             let _ = writeln!(
                 text,
-                "        case {i}u: {{\n            let o = {o};\n            let d = {d};\n            return {step};\n        }}"
+                "    if hit.primitive == {i}u {{\n        \
+                 return {height}(o, {arguments}) / detached(dot({normal}(o, {arguments}), d));\n    }}"
             );
         }
-        Ok(text + "        default: { return 0.0; }\n    }\n}\n")
+        Ok(text
+            + "    let q = Quadric(s.radial, s.axial, s.offset, s.constant);\n    \
+               return value_at(o, q) / detached(2.0 * slope_along(o, d, q));\n}\n")
     }
 }
