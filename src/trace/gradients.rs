@@ -139,8 +139,11 @@ impl Differentiated {
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
             let tangents =
                 Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
+            let fluxes = || self.ir.sources.iter().map(|source| source.total_flux).collect();
             let options = TraceOptions {
                 live: true,
+                // Each source launches as many rays in all scenes about this one.
+                shares: options.shares.clone().or_else(|| Some(fluxes())),
                 standard_error: StandardError::Off,
                 tangents: Some(Arc::new(tangents)),
                 ..options.clone()
