@@ -11,7 +11,7 @@ mod zoo;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::Gradient;
-use nsq_gpu::trace::gradients::Differentiated;
+use nsq_gpu::trace::gradients::{Differentiated, How};
 use nsq_gpu::{StandardError, TraceOptions};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ fn oracle() -> PathBuf {
 
 fn differentiated(text: &str, names: &[&str]) -> Differentiated {
     let names: Vec<String> = names.iter().map(|name| name.to_string()).collect();
-    Differentiated::new(text, &oracle(), &names, |_| Ok(())).unwrap()
+    Differentiated::new(text, &oracle(), &[], &names, |_| Ok(())).unwrap()
 }
 
 fn numbers(values: &Value) -> Vec<f64> {
@@ -68,7 +68,7 @@ fn derivatives_are_those_of_torch() {
             )
         };
         let scene = differentiated(&text, &names);
-        let (found, tally) = scene.gradients(zoo::gpu(), &options, |_| true).unwrap();
+        let (found, tally) = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap();
         let flux = numbers(&theirs["data"]);
         for ours in found.iter().filter(|row| row.detector == theirs["detector"].as_str().unwrap()) {
             let expected = &all[&ours.parameter];
@@ -156,7 +156,7 @@ fn derivatives_are_those_of_differences() {
     ];
     for (name, step) in steps {
         let scene = differentiated(BENCH, &[name]);
-        let found = scene.gradients(zoo::gpu(), &options, |_| true).unwrap().0;
+        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
         let value = nsq_gpu::Scene::numbers(BENCH, &[name.to_string()]).unwrap()[0];
         let at = |value: f64| {
             let numbers = [(name.to_string(), value)];

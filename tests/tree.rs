@@ -98,7 +98,6 @@ fn scene(surfaces: Vec<Surface>, detectors: Vec<Detector>) -> SceneIr {
         meshes: vec![cube(6.0), bumpy_ball(1, 4.0)],
         sources: vec![lamp],
         detectors,
-        allowed: Default::default(),
         sampling: Sampling { reflect_prob: ReflectProb::Auto, rr_start_flux: 0.0, ..Sampling::default() },
         allowed: Default::default(),
     }

@@ -217,6 +217,8 @@ pub fn run(args: &Args) -> Result<String> {
             args: trace,
             record_paths: RecordPaths::None,
             live: None,
+            gradient: Vec::new(),
+            gradient_errors: false,
             progress: false,
         };
         match session.trace(&request, |_| true) {

@@ -14,7 +14,7 @@ use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, r
 use crate::scene::Scene;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
-use crate::trace::gradients::{Differentiated, MOST_PARAMETERS};
+use crate::trace::gradients::{Differentiated, How, MOST_PARAMETERS};
 use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -169,7 +169,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let folder = args.scene.parent().unwrap_or(Path::new(""));
     let scene = read_scene(&args.scene)?;
     let change = |ir: &mut SceneIr| args.trace.override_sampling(ir);
-    let differentiated = Differentiated::new(&text, folder, names, change)
+    let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| named(error, &args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
     let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
@@ -190,7 +190,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let num_rays = options.num_rays * names.len().div_ceil(MOST_PARAMETERS) as u64;
     let mut shown = Progress::new(args.progress, num_rays);
     let start = Instant::now();
-    let (gradients, tally) = differentiated.gradients(&gpu, &options, |rays| {
+    let (gradients, tally) = differentiated.gradients(&gpu, &options, How::default(), |rays| {
         shown.update(&Status::of_rays(rays, num_rays, start.elapsed()));
         !stop.load(Ordering::Relaxed)
     })?;

@@ -24,26 +24,39 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// Those of a scene, composed as another program is.
-    fn of(ir: &SceneIr, options: &TraceOptions, like: &ProgramOptions) -> Result<Self> {
+    /// Those of a scene, composed as another program is. `parsed` is the module of the first scene's text. Scenes of one shape
+    /// have the same text, because their numbers are live; none of another text.
+    fn of(
+        ir: &SceneIr,
+        options: &TraceOptions,
+        like: &ProgramOptions,
+        parsed: &mut Option<Arc<Parsed>>,
+    ) -> Result<Option<Self>> {
         let rays = distribute(ir, options.budget(), options.shares.as_deref())?;
         let weights = rays.iter().map(|rays| rays.weight).collect();
         let like = ProgramOptions { precision: Precision::F64, weights, ..like.clone() };
-        let parse = |wgsl, _| Parsed::as_composed(wgsl).map(Arc::new);
+        let mut is_alike = true;
+        let parse = |wgsl: String, _| match parsed {
+            Some(parsed) => {
+                is_alike = parsed.wgsl == wgsl;
+                Ok(parsed.clone())
+            }
+            None => {
+                let first = Arc::new(Parsed::as_composed(wgsl)?);
+                *parsed = Some(first.clone());
+                Ok(first)
+            }
+        };
         let program = Program::parsed_by(ir, like, &NoExtension, options.seed, parse)?;
+        if !is_alike {
+            return Ok(None);
+        }
         let reals =
             |binding: u32, bytes: &[u8]| take_reals(&program.module, binding, bytes).unwrap_or_default();
         let buffers = program.buffers.iter().map(|(binding, bytes)| (*binding, reals(*binding, bytes)));
-        let sources = program.source_uniforms.iter().map(|bytes| reals(bindings::SOURCE, bytes));
-        Ok(Numbers {
-            buffers: buffers.filter(|(_, reals)| !reals.is_empty()).collect(),
-            sources: sources.collect(),
-        })
-    }
-
-    fn shape(&self) -> (Vec<(u32, usize)>, Vec<usize>) {
-        let buffers = self.buffers.iter().map(|(binding, reals)| (*binding, reals.len()));
-        (buffers.collect(), self.sources.iter().map(Vec::len).collect())
+        let sources = program.source_uniforms.iter().map(|bytes| reals(bindings::SOURCE, bytes)).collect();
+        let buffers = buffers.filter(|(_, reals)| !reals.is_empty()).collect();
+        Ok(Some(Numbers { buffers, sources }))
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut f64> {
@@ -54,18 +67,18 @@ impl Numbers {
 /// Gives a program the tangents of its numbers.
 pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut Program) -> Result<()> {
     let Some(tangents) = &options.tangents else { return Ok(()) };
-    let shape = Numbers::of(ir, options, &program.options)?.shape();
+    let mut parsed = None;
+    Numbers::of(ir, options, &program.options, &mut parsed)?;
     let mut added = Vec::new();
     for (number, parameter) in (1..).zip(&tangents.parameters) {
         let mut sum: Option<Numbers> = None;
         for (factor, scene) in &parameter.stencil {
-            let mut numbers = Numbers::of(scene, options, &program.options)?;
-            if numbers.shape() != shape {
+            let Some(mut numbers) = Numbers::of(scene, options, &program.options, &mut parsed)? else {
                 return Err(Error::Usage(format!(
                     "`{}` has no derivative here: a change of it changes what the scene is made of, such as which faces touch",
                     shown(&parameter.name)
                 )));
-            }
+            };
             numbers.all_mut().for_each(|value| *value *= factor);
             match &mut sum {
                 None => sum = Some(numbers),

@@ -51,7 +51,18 @@ fn add_detector(
 /// # Errors
 /// [`crate::Error::File`] if the file cannot be written.
 pub fn write_gradients(path: &Path, result: &TraceResult) -> Result<()> {
-    let mut file = ArrayWriter::create(path)?;
+    add_gradients(ArrayWriter::create(path)?, result).map(|_| ())
+}
+
+/// The arrays of [`write_gradients`]'s file, each in the format `.npy`.
+///
+/// # Errors
+/// None: nothing is written.
+pub fn gradient_arrays(result: &TraceResult) -> Result<Vec<(String, Vec<u8>)>> {
+    add_gradients(ArrayWriter::in_memory(), result)
+}
+
+fn add_gradients(mut file: ArrayWriter, result: &TraceResult) -> Result<Vec<(String, Vec<u8>)>> {
     for row in &result.gradients {
         let name = format!("{}/{}", row.detector, row.parameter);
         file.add_optional(&name, &row.map)?;
@@ -59,7 +70,7 @@ pub fn write_gradients(path: &Path, result: &TraceResult) -> Result<()> {
     }
     let units = [("derivative", "unit of the map per unit of the parameter: mm, rad, um or 1")];
     file.add_string("meta", &meta(result, "gradients", "gradients", &units))?;
-    file.finish().map(|_| ())
+    file.finish()
 }
 
 /// Writes the recorded paths to `path`.

@@ -174,7 +174,9 @@ fn inner(tree: &Value, entry: &[Step], wanted: &str) -> Vec<Step> {
     if FRAME.contains(&wanted) && at(tree, &within("cs")).is_some() {
         return within("cs");
     }
-    if let Some(way) = ["config", "shape", "interaction"].map(within).into_iter().find(|way| has(way)) {
+    if let Some(way) =
+        ["config", "shape", "interaction", "bsdf", "coating"].map(within).into_iter().find(|way| has(way))
+    {
         return way;
     }
     // What no object has yet belongs to a component's configuration.

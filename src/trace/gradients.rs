@@ -13,8 +13,8 @@ use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally};
 use crate::scene::Scene;
-use crate::trace::Tracer;
 use crate::trace::blocks::Blocks;
+use crate::trace::{Shelf, Tracer};
 use glam::DMat3;
 use ndarray::ArrayD;
 use std::path::Path;
@@ -23,7 +23,7 @@ use std::sync::Arc;
 /// Parameters of one trace: more take several.
 pub const MOST_PARAMETERS: usize = 4;
 
-/// Blocks of rays, at least.
+/// Blocks of rays, at least, where derivatives have standard errors.
 const NUM_BLOCKS: u64 = 64;
 /// Rays of a block, at most: sums of derivatives are read before they can overflow.
 const MOST_BLOCK_RAYS: u64 = 1 << 20;
@@ -49,6 +49,15 @@ pub struct Differentiated {
     parameters: Vec<Scaled>,
 }
 
+/// How derivatives are traced.
+#[derive(Clone, Copy, Default)]
+pub struct How<'a> {
+    /// Compiled shaders of earlier traces.
+    pub shelf: Option<&'a Shelf>,
+    /// No standard errors, which short traces spend most of their time on.
+    pub without_errors: bool,
+}
+
 /// A parameter in units of its natural size, so that sums of derivatives neither overflow nor lose digits.
 #[derive(Debug, Clone)]
 struct Scaled {
@@ -57,8 +66,8 @@ struct Scaled {
 }
 
 impl Differentiated {
-    /// A scene's text, read from a folder, and names of its numbers. `change` is made to each scene, such as another
-    /// sampling.
+    /// A scene's text, read from a folder, with some numbers set, and names of numbers by which it is differentiated.
+    /// `change` is made to each scene, such as another sampling.
     ///
     /// # Errors
     /// [`Error::Scene`] if the text is no scene. [`Error::Usage`] for a name of nothing, and for a number by which nothing
@@ -66,17 +75,21 @@ impl Differentiated {
     pub fn new(
         text: &str,
         folder: &Path,
+        set: &[(String, f64)],
         names: &[String],
         change: impl Fn(&mut SceneIr) -> Result<()>,
     ) -> Result<Self> {
         let scene = |numbers: &[(String, f64)]| -> Result<SceneIr> {
-            let mut ir = Scene::with_numbers(text, folder, numbers)?.lower()?;
+            let numbers = [set, numbers].concat();
+            let mut ir = Scene::with_numbers(text, folder, &numbers)?.lower()?;
             change(&mut ir)?;
             Ok(ir)
         };
         let mut ir = scene(&[])?;
         let mut parameters = Vec::new();
-        for (name, value) in names.iter().zip(Scene::numbers(text, names)?) {
+        for (name, written) in names.iter().zip(Scene::numbers(text, names)?) {
+            let value =
+                set.iter().rev().find(|(known, _)| known == name).map_or(written, |(_, value)| *value);
             if !value.is_finite() {
                 return Err(Error::Usage(format!(
                     "`{}` is {value}, and has no derivative; give it a finite value",
@@ -133,6 +146,7 @@ impl Differentiated {
         &self,
         gpu: &Gpu,
         options: &TraceOptions,
+        how: How,
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<(Vec<Gradient>, Tally)> {
         let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
@@ -148,7 +162,7 @@ impl Differentiated {
                 tangents: Some(Arc::new(tangents)),
                 ..options.clone()
             };
-            let of_pass = self.pass(gpu, &options, parameters, |done| keep_going(done_before + done))?;
+            let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done))?;
             done_before += options.num_rays;
             found.extend(of_pass.0);
             sums = sums.or(Some(of_pass.1));
@@ -161,13 +175,18 @@ impl Differentiated {
         &self,
         gpu: &Gpu,
         options: &TraceOptions,
+        how: How,
         parameters: &[Scaled],
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<(Vec<Gradient>, Tally)> {
         let ir = &self.ir;
-        let mut tracer = Tracer::new(gpu, ir, options)?;
+        let mut tracer = match how.shelf {
+            Some(shelf) => Tracer::on_shelf(gpu, ir, options, shelf)?,
+            None => Tracer::new(gpu, ir, options)?,
+        };
         let num_rays = tracer.num_rays();
-        let num_blocks = NUM_BLOCKS.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays);
+        let least = if how.without_errors { 1 } else { NUM_BLOCKS };
+        let num_blocks = least.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays);
         let mut blocks = Blocks::new(&tracer, num_blocks);
         let chains: Vec<Chain> =
             parameters.iter().map(|scaled| Chain::of(ir, scaled, num_rays)).collect::<Result<_>>()?;

@@ -244,6 +244,10 @@ fn arrays(result: &TraceResult) -> Result<Vec<DetectorArray<'_>>> {
         let of_detector = |(name, bytes)| DetectorArray { detector: Some(&detector.name), name, bytes };
         arrays.extend(own.into_iter().map(of_detector));
     }
+    if !result.gradients.is_empty() {
+        let own = npz_files::gradient_arrays(result)?;
+        arrays.extend(own.into_iter().map(|(name, bytes)| DetectorArray { detector: None, name, bytes }));
+    }
     if let Some(paths) = &result.ray_paths {
         let own = npz_files::ray_path_arrays(result, paths)?;
         arrays.extend(own.into_iter().map(|(name, bytes)| DetectorArray { detector: None, name, bytes }));

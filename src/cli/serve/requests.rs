@@ -35,6 +35,10 @@ pub(crate) struct TraceRequest {
     pub(crate) record_paths: RecordPaths,
     /// Whether the scene's numbers are live; by default in short traces.
     pub(crate) live: Option<bool>,
+    /// Names of numbers by which detectors' sums are differentiated.
+    pub(crate) gradient: Vec<String>,
+    /// Derivatives have standard errors.
+    pub(crate) gradient_errors: bool,
     /// True: the progress is sent.
     pub(crate) progress: bool,
 }
@@ -55,7 +59,15 @@ struct TraceHeader {
     set: Map<String, Value>,
     live: Option<bool>,
     #[serde(default)]
+    gradient: Vec<String>,
+    #[serde(default = "yes")]
+    gradient_errors: bool,
+    #[serde(default)]
     progress: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 #[derive(Parser)]
@@ -101,6 +113,8 @@ impl TraceRequest {
             args: trace,
             record_paths: record_paths.unwrap_or(RecordPaths::None),
             live: header.live,
+            gradient: header.gradient,
+            gradient_errors: header.gradient_errors,
             progress: header.progress,
         })
     }

@@ -8,6 +8,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::{RunInfo, TraceResult};
 use crate::scene::Scene;
+use crate::trace::gradients::{Differentiated, How, MOST_PARAMETERS};
 use crate::trace::stopping::Stopping;
 use crate::trace::{Progress, Shelf, Strict, TraceOptions, Tracer, auto_precision};
 use std::time::Instant;
@@ -72,7 +73,7 @@ impl Session {
             return Err(Error::Internal("no device".into()));
         };
         let job = Job { request, scene: &scene, ir: &ir, gpu, shelf, start };
-        job.trace(keep_going)
+        if request.gradient.is_empty() { job.trace(keep_going) } else { job.differentiate(keep_going) }
     }
 }
 
@@ -123,6 +124,39 @@ impl<'a> Job<'a> {
             ..options.run_info(&gpu.info)
         };
         TraceResult::new(ir, &run, &tally)
+    }
+
+    /// Traces with derivatives.
+    fn differentiate(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
+        let Job { request, gpu, .. } = self;
+        let named_error = |error| match &request.name {
+            Some(name) => named(error, name),
+            None => error,
+        };
+        let change = |ir: &mut SceneIr| request.args.override_sampling(ir);
+        let scene =
+            Differentiated::new(&request.scene, &request.folder, &request.set, &request.gradient, change)
+                .map_err(named_error)?;
+        let job = Job { ir: &scene.ir, ..*self };
+        let options = job.options()?;
+        let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
+        let choice = auto_precision::choose_by(gpu, &scene.ir, &options, request.args.wanted(), pilot)?;
+        let options = TraceOptions { precision: choice.precision, live: true, ..options };
+        let start = Instant::now();
+        let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors };
+        let num_rays = options.num_rays * request.gradient.len().div_ceil(MOST_PARAMETERS) as u64;
+        let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
+            keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
+        })?;
+        let run = RunInfo {
+            precision_reason: choice.reason,
+            precision_warning: choice.warning,
+            trace_time_sec: start.elapsed().as_secs_f64(),
+            scene_warnings: self.scene.warnings.clone(),
+            has_no_gpu: gpu.info.class.stands_in_for_gpu(),
+            ..options.run_info(&gpu.info)
+        };
+        Ok(TraceResult { gradients, ..TraceResult::new(&scene.ir, &run, &tally)? })
     }
 
     fn options(&self) -> Result<TraceOptions> {
