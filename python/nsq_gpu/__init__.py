@@ -72,6 +72,7 @@ from nsq_gpu.errors import (
     UsageError,
 )
 from nsq_gpu.export import export_scene
+from nsq_gpu.gradients import Jacobian, jacobian
 from nsq_gpu.loading import load_scene
 from nsq_gpu.paths import PathTable
 from nsq_gpu.session import Session
@@ -82,6 +83,7 @@ __all__ = [
     "BinaryNotFoundError",
     "DeviceError",
     "Difference",
+    "Jacobian",
     "NsqGpuBackend",
     "NsqGpuError",
     "NsqGpuWarning",
@@ -99,6 +101,7 @@ __all__ = [
     "find_binary",
     "from_file",
     "from_optic",
+    "jacobian",
     "load_scene",
     "use",
 ]

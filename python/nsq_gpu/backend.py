@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import optiland.backend as be
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential._utils import DEFAULT_BATCH_SIZE
 from optiland.nonsequential.backends.base import TracerBackend
@@ -20,7 +21,8 @@ from nsq_gpu.errors import (
     UsageError,
     error_of,
 )
-from nsq_gpu.export import ExportedScene, export, to_json
+from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
+from nsq_gpu.gradients import Jacobian, of_answer
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
@@ -60,6 +62,11 @@ class NsqGpuBackend(TracerBackend):
             gives none; ResultWarning says where that takes light, and what to give.
         paths: True sums up light by its path, from its source to a detector. ``result.paths`` is then a
             :class:`nsq_gpu.PathTable`, a structured array with the strongest path first; it is None otherwise.
+        gradient: With Optiland's backend set to torch, results carry a graph to tensors of the scene that have
+            ``requires_grad``, where TorchBackend's do; ``backward()`` traces again. ``"interior"`` is the derivative of light
+            that goes on through the surfaces that it meets. None refuses such tensors.
+        backward_seed: Seed of the draws of ``backward``; None takes those of the trace. Other draws make the gradient of a
+            loss that is not linear in the map unbiased.
         where: Keep only the light whose path matches this expression, such as ``"reflections == 2 and not
             hit(mount)"``. Detectors then hold this light alone. The ledger is that of all light, with a line
             ``filtered_out``.
@@ -73,7 +80,7 @@ class NsqGpuBackend(TracerBackend):
                  progress: bool | ProgressCallback = False, target_error: float | str | None = None,
                  time_limit: float | None = None, standard_error: bool | None = None,
                  sampler: str = "pcg", max_depth: int | None = None, paths: bool = False,
-                 where: str | None = None) -> None:
+                 where: str | None = None, gradient: str | None = "interior", backward_seed: int | None = None) -> None:
         for name, given, known in (("precision", precision, PRECISIONS), ("sampler", sampler, SAMPLERS)):
             if given not in known:
                 raise UsageError(f"{name} is {given!r}; give one of {', '.join(known)}")
@@ -96,6 +103,10 @@ class NsqGpuBackend(TracerBackend):
         self.max_depth = max_depth
         self.paths = paths
         self.where = where
+        if gradient not in ("interior", None):
+            raise UsageError(f"gradient is {gradient!r}; give 'interior' or None")
+        self.gradient = gradient
+        self.backward_seed = backward_seed
         #: The program's own report of the last trace: its ledger, adapter, precision and more; see the README.
         self.report: dict[str, Any] | None = None
 
@@ -119,10 +130,12 @@ class NsqGpuBackend(TracerBackend):
             NsqGpuError: One of its subclasses, by what went wrong.
         """
         binary = find_binary(self.binary)
-        exported = export(scene)
+        exported = export_wanted(scene) if self._differentiates() else export(scene)
         if record_paths:
             check_paths(scene, exported.surface_labels)
         options = self._options(num_rays, max_depth, min_flux_fraction, seed, record_paths)
+        if exported.wanted:
+            return self._trace_attached(binary, scene, exported, options)
         if options["num_rays"] <= MOST_SESSION_RAYS:
             return self._trace_in_session(binary, scene, exported, options)
         with tempfile.TemporaryDirectory(prefix="nsq-gpu-") as name:
@@ -134,6 +147,43 @@ class NsqGpuBackend(TracerBackend):
             warn_of(self.report, not_met)
             load = in_folder(folder / "out", self.report)
             return fill_scene(scene, self.report, load, exported.surface_labels, bool(record_paths))
+
+    def _differentiates(self) -> bool:
+        """Tell whether tensors of the scene are to get gradients."""
+        if self.gradient is None or be.get_backend() != "torch":
+            return False
+        import torch
+
+        return torch.is_grad_enabled()
+
+    def _trace_attached(self, binary: str, scene: NSQScene, exported: ExportedScene,
+                        options: dict[str, Any]) -> SimulationResult:
+        """Trace in this process's session; put results on the graph of the scene's tensors."""
+        from nsq_gpu.autograd import Traced, areas_of, attach
+
+        for name in ("record_paths", "target_error", "time_limit", "paths"):
+            if name in options:
+                raise UsageError(f"{name} and gradients do not go together; give one of them up")
+        if options["sampler"] != "pcg":
+            raise UsageError('gradients take random numbers; leave out sampler="sobol"')
+        session = shared_session(binary, self.adapter)
+        text = to_json(exported.document, indent=None)
+        answer = session.request(text, options, timeout=self.timeout, name=EXPORTED)
+        self.report = answer.report
+        warn_of(answer.report, answer.missed_target)
+        names = list(exported.wanted)
+        backward = dict(options)
+        backward.pop("standard_error", None)
+        if self.backward_seed is not None:
+            backward["seed"] = _whole("backward_seed", self.backward_seed) % _SEEDS
+
+        def trace(names: list[str]) -> Jacobian:
+            return of_answer(session.request(text, backward, timeout=self.timeout, name=EXPORTED, gradient=names,
+                                             gradient_errors=False))
+
+        traced = Traced(names, trace, *areas_of(scene))
+        return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels,
+                          attach=lambda: attach(scene, traced, list(exported.wanted.values())))
 
     def _options(self, num_rays: int, max_depth: int, min_flux_fraction: float, seed: int | None,
                  record_paths: bool | int) -> dict[str, Any]:

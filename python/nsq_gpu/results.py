@@ -98,13 +98,18 @@ def in_folder(folder: Path, report: Json) -> Load:
 
 
 def fill_scene(scene: NSQScene, report: Json, load: Load, surface_labels: list[str],
-               records_paths: bool = False) -> SimulationResult:
-    """Put a trace into the live scene, as a trace of Optiland's leaves it, and return its result."""
+               records_paths: bool = False, attach: Callable[[], None] | None = None) -> SimulationResult:
+    """Put a trace into the live scene, as a trace of Optiland's leaves it, and return its result.
+
+    ``attach`` is called when the live detectors hold their maps, and may put these on a graph.
+    """
     _check_names(report, surface_labels, scene.detector_names)
     _fill_absorbers(scene, report)
     arrays = {name: load(name) for name in scene.detector_names}
     for name, live in zip(scene.detector_names, scene.detectors, strict=True):
         _fill_detector(live, report["detectors"][name], arrays[name])
+    if attach is not None:
+        attach()
     detectors = {name: live.get_result() for name, live in zip(scene.detector_names, scene.detectors, strict=True)}
     for name, detector in detectors.items():
         _add_errors(detector, report["detectors"][name], arrays[name])

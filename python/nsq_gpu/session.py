@@ -183,10 +183,13 @@ class Session:
 
     def request(self, scene: str | Json, options: Mapping[str, Any], *, timeout: float | None = None,
                 progress: Callable[[Json], None] | None = None, name: str | None = None,
-                numbers: Mapping[str, float] | None = None) -> Answer:
+                numbers: Mapping[str, float] | None = None, gradient: Sequence[str] = (),
+                gradient_errors: bool = True, folder: str | None = None) -> Answer:
         """Trace a scene file's text, with options of ``nsq-gpu trace`` by their names; errors call the scene ``name``.
 
-        ``numbers`` of the scene are set first, by their names.
+        ``numbers`` of the scene are set first, by their names. Detectors are differentiated by the numbers that
+        ``gradient`` names, with standard errors where ``gradient_errors`` is true. Files that the scene names are looked
+        for from ``folder``.
 
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
@@ -195,6 +198,10 @@ class Session:
         named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
         header = {"request": "trace", "scene": scene, "name": name, "options": named, "set": dict(numbers or {}),
                   "progress": progress is not None}
+        if gradient:
+            header |= {"gradient": list(gradient), "gradient_errors": gradient_errors}
+        if folder is not None:
+            header["folder"] = folder
         if self._live is not None:
             header["live"] = self._live
         child = self._running()

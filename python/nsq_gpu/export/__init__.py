@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from nsq_gpu.export.components import components
 from nsq_gpu.export.detectors import detectors
 from nsq_gpu.export.materials import Media
 from nsq_gpu.export.sources import sources, spectra
-from nsq_gpu.export.values import Json, number, refuse_type
+from nsq_gpu.export.values import Json, Wanted, number, refuse, refuse_type, wanted_gradients
 
 #: Version of Optiland's schema that is written.
 SCHEMA_VERSION = 1
@@ -31,6 +31,8 @@ class ExportedScene:
 
     document: Json
     surface_labels: list[str]
+    #: Tensors that want gradients, by the names of their numbers; a number of each name.
+    wanted: dict[str, Any] = field(default_factory=dict)
 
 
 def export_scene(scene: NSQScene, path: str | os.PathLike[str]) -> None:
@@ -79,6 +81,45 @@ def export(scene: NSQScene) -> ExportedScene:
     if filled:
         document["nsq_gpu"] = {"version": BLOCK_VERSION, **filled}
     return ExportedScene(document, parts.labels)
+
+
+def export_wanted(scene: NSQScene) -> ExportedScene:
+    """Return what :func:`export` does; tensors that want gradients are no error.
+
+    Raises:
+        UnsupportedSceneError: Such a tensor stands where no number has a name.
+    """
+    with wanted_gradients():
+        found = export(scene)
+    document = found.document
+    entries = [(entry["name"], entry) for key in ("components", "sources", "detectors") for entry in document[key]]
+    block = document.get("nsq_gpu", {})
+    entries += [(entry["name"], entry) for entry in block.get("surfaces", [])]
+    entries += [pair for key in ("media", "overrides") for pair in block.get(key, {}).items()]
+    wanted = {}
+    for name, entry in entries:
+        label = f'"{name}"' if "." in name or "," in name else name
+        # The program looks for a key in these parts of an entry.
+        parts = [entry, *(entry[key] for key in _PARTS if isinstance(entry.get(key), dict))]
+        for part in parts:
+            wanted |= {f"{label}.{key}": value for key, value in part.items() if isinstance(value, Wanted)}
+    named = {id(value) for value in wanted.values()}
+    for value in _wanted_in(document):
+        if id(value) not in named:
+            raise refuse(value.place, "it has requires_grad=True, and there is no derivative by it: the number has no name",
+                         "detach it")
+    return ExportedScene(document, found.surface_labels, {name: value.tensor for name, value in wanted.items()})
+
+
+#: Parts of an entry whose numbers have the entry's name.
+_PARTS = ("cs", "config", "shape", "bsdf", "coating")
+
+
+def _wanted_in(tree: Any) -> list[Wanted]:
+    if isinstance(tree, Wanted):
+        return [tree]
+    items = tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ()
+    return [found for item in items for found in _wanted_in(item)]
 
 
 def _media_in(tree: Any) -> set[str]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import optiland.backend as be
@@ -24,10 +27,35 @@ def refuse_type(place: str, what: str, value: object, known: str) -> Unsupported
                   f"use {known}")
 
 
+class Wanted(float):
+    """A number by whose tensor a result is to be differentiated."""
+
+    tensor: Any
+    place: str
+
+
+#: True while numbers may be tensors that want gradients.
+_are_wanted: ContextVar[bool] = ContextVar("_are_wanted", default=False)
+
+
+@contextmanager
+def wanted_gradients() -> Iterator[None]:
+    """Let tensors that want gradients become :class:`Wanted` numbers; else they are refused."""
+    token = _are_wanted.set(True)
+    try:
+        yield
+    finally:
+        _are_wanted.reset(token)
+
+
+def _wants_gradient(value: object) -> bool:
+    return bool(getattr(value, "requires_grad", False))
+
+
 def refuse_gradient(value: object, place: str) -> None:
     """Refuse a tensor that wants a gradient."""
-    if getattr(value, "requires_grad", False):
-        raise refuse(place, "it has requires_grad=True, and nsq-gpu computes no gradients",
+    if _wants_gradient(value):
+        raise refuse(place, "it has requires_grad=True, and nothing is differentiated by it here",
                      "detach it, or trace with Optiland's TorchBackend")
 
 
@@ -66,6 +94,12 @@ def rows(values: Any, place: str) -> list[list[float]]:
 
 
 def _plain(value: Any, place: str) -> float:
+    if isinstance(value, Wanted):
+        return value
+    if _are_wanted.get() and _wants_gradient(value) and value.numel() == 1:
+        wanted = Wanted(value.item())
+        wanted.tensor, wanted.place = value, place
+        return wanted
     refuse_gradient(value, place)
     try:
         return float(value.item() if hasattr(value, "item") else value)

@@ -1,0 +1,112 @@
+"""Derivatives of what detectors record, by numbers of a scene: maps, fluxes, and their standard errors."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from optiland.nonsequential import NSQScene
+
+from nsq_gpu.binary import find_binary
+from nsq_gpu.errors import UsageError
+from nsq_gpu.export import export, to_json
+from nsq_gpu.session import EXPORTED, Answer, shared_session
+from nsq_gpu.results import warn_of
+
+#: The array of a detector's map, by its kind.
+MAPS = {"irradiance": "irradiance", "spectral": "irradiance", "far_field": "intensity"}
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """What one parameter does to one detector, per unit of the parameter: mm, rad, um or 1."""
+
+    #: Derivative of the flux [W per unit].
+    flux: float
+    #: Its standard error; NaN where it is not known.
+    standard_error: float
+    #: Derivative of the map, in the shape of the detector's array: W/mm^2 per unit, of far fields W/sr per unit. None of a
+    #: ray database.
+    map: np.ndarray | None
+    #: Standard errors of ``map``.
+    map_standard_error: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """Derivatives of all detectors by some parameters: ``found["L1.r1", "image"].map``."""
+
+    #: By the names of parameter and detector.
+    derivatives: dict[tuple[str, str], Derivative]
+    #: The maps themselves, by detector.
+    maps: dict[str, np.ndarray]
+    #: The report of the trace.
+    report: dict[str, Any]
+
+    def __getitem__(self, names: tuple[str, str]) -> Derivative:
+        return self.derivatives[names]
+
+    def __str__(self) -> str:
+        lines = [f"{'parameter':<20}{'detector':<16}{'d flux [W/.]':>15}{'error':>12}"]
+        lines += [f"{parameter:<20}{detector:<16}{found.flux:>15.5g}{found.standard_error:>12.2g}"
+                  for (parameter, detector), found in self.derivatives.items()]
+        return "\n".join(lines)
+
+
+def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str], num_rays: int, *, seed: int = 0,
+             max_depth: int = 16, precision: str = "auto", adapter: str | None = None,
+             binary: str | os.PathLike[str] | None = None, timeout: float | None = None) -> Jacobian:
+    """Differentiate what all detectors record by numbers of a scene.
+
+    The derivative is that of the interior: of light that goes on through the surfaces that it meets. What a change moves
+    across an edge, such as the rim of a lens, is not in it; :func:`nsq_gpu.diff` sees both.
+
+    >>> found = nsq_gpu.jacobian(scene, ["L1.r1", "L1.z"], 1_000_000)
+    >>> found["L1.r1", "image"].map
+
+    Args:
+        scene: The live scene, or its file.
+        parameters: Names of numbers, as in :meth:`nsq_gpu.Session.sweep`: ``L1.r1``, ``L1.z``, ``lamp.total_flux``.
+        num_rays: Rays to launch.
+        seed: Seed of the draws.
+        max_depth: Largest number of events of a ray.
+        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        adapter: A part of the adapter's name.
+        binary: Path of the program.
+        timeout: Longest time [s].
+
+    Raises:
+        UsageError: A name of nothing, or a number by which nothing can be differentiated.
+        NsqGpuError: One of its other subclasses, by what went wrong.
+    """
+    names = list(parameters)
+    if not names:
+        raise UsageError('name a parameter, such as "L1.r1"')
+    if isinstance(scene, NSQScene):
+        text, called, folder = to_json(export(scene).document, indent=None), EXPORTED, None
+    else:
+        path = Path(scene)
+        text, called, folder = path.read_text(encoding="utf-8"), str(path), str(path.parent.resolve())
+    session = shared_session(find_binary(binary), adapter)
+    options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
+    answer = session.request(text, options, timeout=timeout, name=called, gradient=names, folder=folder)
+    warn_of(answer.report, answer.missed_target)
+    return of_answer(answer)
+
+
+def of_answer(answer: Answer) -> Jacobian:
+    """Return the derivatives of a session's answer."""
+    arrays = answer.arrays(None)
+    derivatives = {}
+    for row in answer.report["gradients"]:
+        name = f"{row['detector']}/{row['parameter']}"
+        error = row["standard_error"]
+        derivatives[row["parameter"], row["detector"]] = Derivative(
+            row["flux"], np.nan if error is None else error, arrays.get(name), arrays.get(f"{name}/standard_error"))
+    maps = {name: answer.arrays(name)[MAPS[entry["kind"]]]
+            for name, entry in answer.report["detectors"].items() if entry["kind"] in MAPS}
+    return Jacobian(derivatives, maps, answer.report)
