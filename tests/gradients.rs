@@ -182,3 +182,189 @@ fn derivatives_are_those_of_differences() {
         assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
     }
 }
+
+/// Whatever the batches, the workgroups and the parameters beside it, a derivative has the same bits.
+#[test]
+fn derivatives_have_the_same_bits_however_they_are_traced() {
+    let options = zoo::options(5000, 2, Precision::F64);
+    let of = |names: &[&str], options: &TraceOptions| {
+        let scene = differentiated(BENCH, names);
+        let found = scene.gradients(zoo::gpu(), options, How::default(), |_| true).unwrap().0;
+        found.into_iter().find(|row| row.parameter == "L1.r1").unwrap()
+    };
+    let alone = of(&["L1.r1"], &options);
+    assert!(alone.map.as_ref().unwrap().iter().any(|value| *value != 0.0));
+    for (names, options) in [
+        (&["L1.r1"][..], TraceOptions { batch_size: Some(700), ..options.clone() }),
+        (&["L1.r1"], TraceOptions { workgroup_size: 32, ..options.clone() }),
+        (&["L1.x", "glass.n", "L1.r1", "image.z", "L1.r2"], options.clone()),
+    ] {
+        let found = of(names, &options);
+        assert_eq!((found.map, found.flux), (alone.map.clone(), alone.flux), "{names:?}");
+    }
+    // On a shelf, and from portable integers.
+    let scene = differentiated(BENCH, &["L1.r1"]);
+    let shelf = nsq_gpu::trace::Shelf::new();
+    for _ in 0..2 {
+        let how = How { shelf: Some(&shelf), without_errors: true, ..How::default() };
+        let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
+        assert_eq!((&found[0].map, found[0].standard_error), (&alone.map, None));
+    }
+    assert_eq!(shelf.len(), 1, "one shader serves both");
+    let found = scene.gradients(zoo::portable_gpu(), &options, How::default(), |_| true).unwrap().0;
+    assert_eq!(found[0].map, alone.map);
+}
+
+/// Derivatives in f32 and in pairs of f32 are those of f64 to the digits of the tier.
+#[test]
+fn derivatives_have_the_precision_of_the_tier() {
+    let names = ["L1.r1", "L1.conic1", "glass.n", "image.z"];
+    let scene = differentiated(BENCH, &names);
+    let of = |precision| {
+        let options = zoo::options(4000, 2, precision);
+        scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0
+    };
+    let exact = of(Precision::F64);
+    for (precision, tolerance) in [(Precision::F32, 2e-3), (Precision::Df64, 1e-9)] {
+        for (found, exact) in of(precision).iter().zip(&exact) {
+            let (found_map, map) = (found.map.as_ref().unwrap(), exact.map.as_ref().unwrap());
+            let size: f64 = map.iter().map(|value| value.abs()).sum();
+            let apart: f64 = found_map.iter().zip(map).map(|(a, b)| (a - b).abs()).sum();
+            // A draw may fall otherwise in f32: so some rays in a thousand.
+            assert!(apart <= tolerance * size, "{precision:?} {}: {:e}", exact.parameter, apart / size);
+        }
+    }
+}
+
+/// A window of index n lets 4 n / (n + 1)^2 through at each face, and sends back the rest; what goes to and fro adds up to
+/// 2 n / (n^2 + 1), whose derivative is 2 (1 - n^2) / (n^2 + 1)^2. What it absorbs is exp(-4 pi k d / lambda) a pass.
+#[test]
+fn a_window_has_the_derivatives_of_its_formula() {
+    let window = |n: f64, k: f64| {
+        format!(
+            r#"{{"nsq_schema_version": 1, "components": [],
+                "sources": [{{"name": "beam", "type": "collimated", "total_flux": 2.0, "aperture_radius": 1.0, "cs": {{"z": -5.0}},
+                    "spectrum": {{"wavelengths": [0.5], "weights": [1.0]}}}}],
+                "detectors": [{{"name": "behind", "type": "irradiance", "width": 8.0, "height": 8.0, "num_pixels_x": 2,
+                    "num_pixels_y": 2, "splat": "hard", "cs": {{"z": 20.0}}}}],
+                "nsq_gpu": {{"version": 1, "media": {{"glass": {{"type": "constant", "n": {n}, "k": {k}}}}},
+                    "sampling": {{"rr_start_flux": 0.0}},
+                    "surfaces": [
+                        {{"name": "front", "shape": {{"type": "plane", "width": 30, "height": 30}}, "interaction": "refractive",
+                            "cs": {{"z": 0}}, "material_back": {{"type": "medium", "name": "glass"}}}},
+                        {{"name": "back", "shape": {{"type": "plane", "width": 30, "height": 30}}, "interaction": "refractive",
+                            "cs": {{"z": 3}}, "material_front": {{"type": "medium", "name": "glass"}}}}]}}}}"#
+        )
+    };
+    let options = TraceOptions { max_depth: 64, ..zoo::options(1_000_000, 4, Precision::F64) };
+    let flux = |text: &str, name: &str| {
+        let scene = differentiated(text, &[name]);
+        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        (found[0].flux, found[0].standard_error.unwrap())
+    };
+    let n = 1.8_f64;
+    let (slope, error) = flux(&window(n, 0.0), "glass.n");
+    let expected = 2.0 * 2.0 * (1.0 - n * n) / (n * n + 1.0).powi(2);
+    assert!(
+        (slope - expected).abs() < 4.0 * error && error < 2e-3 * expected.abs(),
+        "{slope} ± {error}: {expected}"
+    );
+    // T = (1 - R)^2 a / (1 - R^2 a^2), with a = exp(-4 pi k d / lambda).
+    let (k, d, wavelength) = (2e-6, 3.0, 0.5e-3);
+    let rate = 4.0 * std::f64::consts::PI * d / wavelength;
+    let (a, r) = ((-rate * k).exp(), ((n - 1.0) / (n + 1.0)).powi(2));
+    let by_a = (1.0 - r).powi(2) * (1.0 + (r * a).powi(2)) / (1.0 - (r * a).powi(2)).powi(2);
+    let expected = -2.0 * by_a * rate * a;
+    let (slope, error) = flux(&window(n, k), "glass.k");
+    assert!(
+        (slope - expected).abs() < 4.0 * error && error < 2e-3 * expected.abs(),
+        "{slope} ± {error}: {expected}"
+    );
+}
+
+#[test]
+fn what_has_no_derivative_is_refused_by_name() {
+    let refused = |text: &str, name: &str| {
+        let found = Differentiated::new(text, &oracle(), &[], &[name.to_string()], |_| Ok(()));
+        found.map(|_| ()).unwrap_err().to_string()
+    };
+    let said = refused(BENCH, "L2.r1");
+    assert!(said.contains("nothing in the scene is called \"L2\"") && said.contains("L1"), "{said}");
+    let said = refused(BENCH, "L1.material");
+    assert!(said.contains("no single number"), "{said}");
+    let split = BENCH.replace("\"rr_start_flux\": 1e-6", "\"split_depth\": 2");
+    let said = refused(&split, "L1.r1");
+    assert!(said.contains("split rays") && said.contains("nsq-gpu diff"), "{said}");
+    let mesh = std::fs::read_to_string(oracle().join("../../../scenes/mesh_prism.json")).unwrap();
+    let scene: Value = serde_json::from_str(&mesh).unwrap();
+    let source = scene["sources"][0]["name"].as_str().unwrap();
+    let said = refused(&mesh, &format!("{source}.total_flux"));
+    assert!(said.contains("meshes"), "{said}");
+    // Two faces that touch, and part with the parameter.
+    let touching = BENCH.replace("\"cs\": {\"z\": 22}", "\"cs\": {\"z\": 20}");
+    let scene = differentiated(&touching, &["\"filter.back\".z"]);
+    let options = zoo::options(100, 0, Precision::F64);
+    let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true);
+    let said = found.unwrap_err().to_string();
+    assert!(said.contains("filter.back") && said.contains("faces touch"), "{said}");
+    let points = TraceOptions { sampler: nsq_gpu::program::Sampler::Sobol, ..options };
+    let scene = differentiated(BENCH, &["L1.r1"]);
+    let found = scene.gradients(zoo::gpu(), &points, How::default(), |_| true);
+    assert!(found.unwrap_err().to_string().contains("--sampler sobol"));
+}
+
+/// Errors planted in the text of derivatives: the oracle by the same draws finds each of them.
+#[test]
+fn planted_errors_are_found() {
+    let planted = [
+        ("absorbing_singlet", "glass.k", "exp_real(-absorption * distance)", "exp_real(-absorption)"),
+        ("absorbing_singlet", "glass.n", "before * factor * (share / detached(share))", "before * factor"),
+        (
+            "singlet",
+            "L.r1",
+            "hit.distance - crossing_step(ray, hit)",
+            "hit.distance + crossing_step(ray, hit)",
+        ),
+        ("singlet", "L.r1", "detached(2.0 * slope_along(o, d, q))", "detached(slope_along(o, d, q))"),
+        ("singlet", "L.r2", "note_detected(taps.cells.y, shares.y)", "note_detected(taps.cells.x, shares.y)"),
+        ("singlet", "L.r2", "weight - (shares.x + shares.y + shares.z)", "weight - (shares.x + shares.y)"),
+        ("singlet", "glass.n", "select(q, q_sub(NO_QUANTA, q), tangent < 0.0)", "q"),
+        ("gaussian_screen", "L.r1", "note_detected(cell, share)", "note_detected(cell, 0.5 * share)"),
+        (
+            "scattering_mirror",
+            "M.surface.scatter_fraction",
+            "select(1.0 - fraction, fraction, scatters)",
+            "fraction",
+        ),
+        (
+            "ghosts",
+            "glass.n",
+            "let factor = detached(after / select(before, 1.0, before == 0.0))",
+            "let factor = detached(1.0)",
+        ),
+        (
+            "ghosts",
+            "glass.n",
+            "weight_of_branch(before, (*ray).weight, 1.0)",
+            "weight_of_branch(before, (*ray).weight, before)",
+        ),
+    ];
+    for (name, parameter, text, wrong) in planted {
+        let scene = std::fs::read_to_string(oracle().join(format!("{name}.scene.json"))).unwrap();
+        let theirs = std::fs::read_to_string(oracle().join(format!("{name}.json"))).unwrap();
+        let theirs: Value = serde_json::from_str(&theirs).unwrap();
+        let scene = differentiated(&scene, &[parameter]);
+        let edit = |wgsl: String| {
+            assert!(wgsl.contains(text), "{name}: the shader has no `{text}`");
+            wgsl.replace(text, wrong)
+        };
+        let options = zoo::options(2000, 1, Precision::F64);
+        let how = How { edit: Some(&edit), ..How::default() };
+        let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
+        let data = numbers(&theirs["parameters"][parameter]["data"]);
+        let sum_of_sizes: f64 = data.iter().map(|value| value.abs()).sum();
+        let slopes = of_pixel_flux(&found[0], &scene.ir, parameter, &numbers(&theirs["data"]));
+        let worst = slopes.iter().zip(&data).fold(0.0, |worst: f64, (a, b)| worst.max((a - b).abs()));
+        assert!(worst > 1e-6 * sum_of_sizes, "{name} {parameter}: `{wrong}` changes nothing");
+    }
+}

@@ -15,6 +15,7 @@ use crate::program::parsed::Parsed;
 use crate::program::tangents::{BINDING_STRIDE, place_reals, take_reals};
 use crate::program::wgsl::extension::NoExtension;
 use crate::program::{Program, ProgramOptions};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The numbers that a program reads, by binding; those of sources apart, one after the other.
@@ -24,30 +25,19 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// Those of a scene, composed as another program is. `parsed` is the module of the first scene's text. Scenes of one shape
-    /// have the same text, because their numbers are live; none of another text.
+    /// Those of a scene, composed as another program is. `first` is the module of the traced scene's text: scenes of one shape
+    /// have the same text, because their numbers are live. None if this one's text is another.
     fn of(
         ir: &SceneIr,
         options: &TraceOptions,
         like: &ProgramOptions,
-        parsed: &mut Option<Arc<Parsed>>,
+        first: &Arc<Parsed>,
     ) -> Result<Option<Self>> {
-        let rays = distribute(ir, options.budget(), options.shares.as_deref())?;
-        let weights = rays.iter().map(|rays| rays.weight).collect();
-        let like = ProgramOptions { precision: Precision::F64, weights, ..like.clone() };
         let mut is_alike = true;
-        let parse = |wgsl: String, _| match parsed {
-            Some(parsed) => {
-                is_alike = parsed.wgsl == wgsl;
-                Ok(parsed.clone())
-            }
-            None => {
-                let first = Arc::new(Parsed::as_composed(wgsl)?);
-                *parsed = Some(first.clone());
-                Ok(first)
-            }
-        };
-        let program = Program::parsed_by(ir, like, &NoExtension, options.seed, parse)?;
+        let program = composed(ir, options, like, |wgsl| {
+            is_alike = first.wgsl == wgsl;
+            Ok(first.clone())
+        })?;
         if !is_alike {
             return Ok(None);
         }
@@ -64,27 +54,42 @@ impl Numbers {
     }
 }
 
+/// A scene as another program is composed, in f64. `parse` gives the module of its text.
+fn composed(
+    ir: &SceneIr,
+    options: &TraceOptions,
+    like: &ProgramOptions,
+    parse: impl FnOnce(String) -> Result<Arc<Parsed>>,
+) -> Result<Program> {
+    let rays = distribute(ir, options.budget(), options.shares.as_deref())?;
+    let weights = rays.iter().map(|rays| rays.weight).collect();
+    let like = ProgramOptions { precision: Precision::F64, weights, ..like.clone() };
+    Program::parsed_by(ir, like, &NoExtension, options.seed, |wgsl, _| parse(wgsl))
+}
+
 /// Gives a program the tangents of its numbers.
 pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut Program) -> Result<()> {
     let Some(tangents) = &options.tangents else { return Ok(()) };
-    let mut parsed = None;
-    Numbers::of(ir, options, &program.options, &mut parsed)?;
+    let first =
+        composed(ir, options, &program.options, |wgsl| Parsed::as_composed(wgsl).map(Arc::new))?.parsed;
+    let like = program.options.clone();
     let mut added = Vec::new();
     for (number, parameter) in (1..).zip(&tangents.parameters) {
-        let mut sum: Option<Numbers> = None;
-        for (factor, scene) in &parameter.stencil {
-            let Some(mut numbers) = Numbers::of(scene, options, &program.options, &mut parsed)? else {
-                return Err(Error::Usage(format!(
+        let of_scene = |(factor, scene): &(f64, SceneIr)| {
+            let mut numbers = Numbers::of(scene, options, &like, &first)?.ok_or_else(|| {
+                Error::Usage(format!(
                     "`{}` has no derivative here: a change of it changes what the scene is made of, such as which faces touch",
                     shown(&parameter.name)
-                )));
-            };
+                ))
+            })?;
             numbers.all_mut().for_each(|value| *value *= factor);
-            match &mut sum {
-                None => sum = Some(numbers),
-                Some(sum) => sum.all_mut().zip(numbers.all_mut()).for_each(|(sum, value)| *sum += *value),
-            }
-        }
+            Ok(numbers)
+        };
+        let all = parameter.stencil.par_iter().map(of_scene).collect::<Result<Vec<Numbers>>>()?;
+        let sum = all.into_iter().reduce(|mut sum, mut numbers| {
+            sum.all_mut().zip(numbers.all_mut()).for_each(|(sum, value)| *sum += *value);
+            sum
+        });
         let Some(sum) = sum else { continue };
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;

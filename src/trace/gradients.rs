@@ -17,6 +17,7 @@ use crate::trace::blocks::Blocks;
 use crate::trace::{Shelf, Tracer};
 use glam::DMat3;
 use ndarray::ArrayD;
+use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -56,6 +57,9 @@ pub struct How<'a> {
     pub shelf: Option<&'a Shelf>,
     /// No standard errors, which short traces spend most of their time on.
     pub without_errors: bool,
+    /// Changes the composed text: for tests that plant an error in a shader.
+    #[doc(hidden)]
+    pub edit: Option<&'a dyn Fn(String) -> String>,
 }
 
 /// A parameter in units of its natural size, so that sums of derivatives neither overflow nor lose digits.
@@ -77,7 +81,7 @@ impl Differentiated {
         folder: &Path,
         set: &[(String, f64)],
         names: &[String],
-        change: impl Fn(&mut SceneIr) -> Result<()>,
+        change: impl Fn(&mut SceneIr) -> Result<()> + Sync,
     ) -> Result<Self> {
         let scene = |numbers: &[(String, f64)]| -> Result<SceneIr> {
             let numbers = [set, numbers].concat();
@@ -100,7 +104,7 @@ impl Differentiated {
             let size = if is_frame || value == 0.0 { 1.0 } else { value.abs() };
             let step = if is_frame { FRAME_STEP } else { STEP * size };
             let stencil = |points: &[(f64, f64)], sign: f64| -> Result<Vec<(f64, SceneIr)>> {
-                let points = points.iter().map(|(steps, factor)| {
+                let points = points.par_iter().map(|(steps, factor)| {
                     let there = scene(&[(name.clone(), value + sign * steps * step)])?;
                     Ok((sign * factor * size / step, there))
                 });
@@ -180,9 +184,10 @@ impl Differentiated {
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<(Vec<Gradient>, Tally)> {
         let ir = &self.ir;
-        let mut tracer = match how.shelf {
-            Some(shelf) => Tracer::on_shelf(gpu, ir, options, shelf)?,
-            None => Tracer::new(gpu, ir, options)?,
+        let mut tracer = match (how.shelf, how.edit) {
+            (Some(shelf), _) => Tracer::on_shelf(gpu, ir, options, shelf)?,
+            (None, Some(edit)) => Tracer::plain_edited(gpu, ir, options, edit)?,
+            (None, None) => Tracer::new(gpu, ir, options)?,
         };
         let num_rays = tracer.num_rays();
         let least = if how.without_errors { 1 } else { NUM_BLOCKS };

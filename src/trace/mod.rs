@@ -74,6 +74,16 @@ impl<'a> Tracer<'a> {
         Self::with_strategy(gpu, ir, options, Box::new(Plain), |wgsl| wgsl)
     }
 
+    /// As [`Tracer::plain`]. `edit` changes the composed text: for tests that plant an error in a shader.
+    pub(crate) fn plain_edited(
+        gpu: &'a Gpu,
+        ir: &'a SceneIr,
+        options: &TraceOptions,
+        edit: impl FnOnce(String) -> String,
+    ) -> Result<Self> {
+        Self::with_strategy(gpu, ir, options, Box::new(Plain), edit)
+    }
+
     fn with_strategy(
         gpu: &'a Gpu,
         ir: &'a SceneIr,

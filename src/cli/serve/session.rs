@@ -143,7 +143,7 @@ impl<'a> Job<'a> {
         let choice = auto_precision::choose_by(gpu, &scene.ir, &options, request.args.wanted(), pilot)?;
         let options = TraceOptions { precision: choice.precision, live: true, ..options };
         let start = Instant::now();
-        let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors };
+        let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
         let num_rays = options.num_rays * request.gradient.len().div_ceil(MOST_PARAMETERS) as u64;
         let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
             keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))

@@ -691,16 +691,14 @@ impl Rewriter<'_, '_> {
                 let third = self.tangents(old[2]);
                 self.sum(product, third, out)
             }
-            MathFunction::Cross => {
-                let cross = |this: &mut Self, arg: Value, arg1: Value, out: &mut Block| {
-                    let arg1 = Some(arg1);
-                    this.emit(
-                        Expression::Math { fun: MathFunction::Cross, arg, arg1, arg2: None, arg3: None },
-                        out,
-                    )
+            MathFunction::Dot | MathFunction::Cross => {
+                let product = |this: &mut Self, arg: Value, arg1: Value, out: &mut Block| {
+                    this.emit(Expression::Math { fun, arg, arg1: Some(arg1), arg2: None, arg3: None }, out)
                 };
-                let left = self.each(old[0], out, |this, tangent, out| cross(this, tangent, values[1], out));
-                let right = self.each(old[1], out, |this, tangent, out| cross(this, values[0], tangent, out));
+                let left =
+                    self.each(old[0], out, |this, tangent, out| product(this, tangent, values[1], out));
+                let right =
+                    self.each(old[1], out, |this, tangent, out| product(this, values[0], tangent, out));
                 self.sum(left, right, out)
             }
             MathFunction::Floor | MathFunction::Ceil | MathFunction::Trunc | MathFunction::Round => None,
