@@ -26,6 +26,8 @@ STRICT_BITS = ROOT / "benches" / "strict_bits.json"
 STRICT_RAYS = 5000
 # In f64 counts are equal, totals agree to TOTAL_LIMIT of the launched flux, maps to MAP_LIMIT of their peak.
 TOTAL_LIMIT, MAP_LIMIT = 1e-11, 1e-9
+# Derivatives of pixels in f64, relative to the sum of a map's absolute derivatives.
+GRADIENT_LIMIT = 1e-9
 # In f32 an edge may fall to the other side: so many counts in all interactions may differ.
 F32_LIMIT = 1e-4
 # Cases that show what a table of paths costs: few and many rays, events and surfaces, and one lit pixel.
@@ -213,6 +215,40 @@ def determinism(tracer):
     return unequal
 
 
+def derivatives(tracer):
+    """Derivatives by the draws of Optiland's TorchBackend, of which the committed ones are: the worst of each scene, and faults."""
+    rows, faults = [], []
+    for file in sorted((ROOT / "tests" / "oracle" / "gradients").glob("*.scene.json")):
+        name = file.name.removesuffix(".scene.json")
+        known = json.loads(file.with_name(f"{name}.json").read_text())
+        scene = json.loads(file.read_text())
+        screen = next(one for one in scene["detectors"] if one["name"] == known["detector"])
+        area = screen["width"] * screen["height"] / (screen["num_pixels_x"] * screen["num_pixels_y"])
+        worst = 0.0
+        with tempfile.TemporaryDirectory() as folder:
+            output = Path(folder) / "out"
+            try:
+                tracer.trace(file, known["num_rays"], "--seed", known["seed"], "--max-depth", known["max_depth"],
+                             "--precision", "f64", "--gradient", ",".join(known["parameters"]), output=output)
+            except RuntimeError as error:
+                faults.append(str(error))
+                continue
+            for parameter, expected in known["parameters"].items():
+                _, slopes = array(output / "gradients.npz", f"{known['detector']}/{parameter}")
+                # A pixel's flux is its irradiance times its area, which grows with either side.
+                key = parameter.rsplit(".", 1)[1]
+                side = screen[key] if parameter.startswith(screen["name"]) and key in ("width", "height") else None
+                grown = [flux / side if side else 0.0 for flux in known["data"]]
+                size = sum(abs(value) for value in expected["data"])
+                apart = max(abs(slope * area + more - value)
+                            for slope, more, value in zip(slopes, grown, expected["data"]))
+                worst = max(worst, apart / size)
+        rows.append((name, len(known["parameters"]), f"{worst:.1e}"))
+        if not worst < GRADIENT_LIMIT:
+            faults.append(f"{name}: a derivative is {worst:.1e} off")
+    return rows, faults
+
+
 def rate(tracer, folder, name, scene, num_rays):
     """The median rate of three traces of a scene, after one to warm up [rays/s]."""
     file = Path(folder) / f"{name}.json"
@@ -309,6 +345,14 @@ def main():
     section("The cost of the table of paths", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
     if code:
         wrong.append(f"bench --paths: exit code {code}")
+    rows, faults = derivatives(tracer)
+    section("Derivatives, beside those of Optiland's TorchBackend", judged("derivatives", faults),
+            table(["scene", "parameters", "largest difference"], rows))
+    code, printed, said = tracer.run("bench", "--gradients", "--runs", 3, "--scenes", "rays_1e7,lens_0,lens_8",
+                                     *tracer.adapter, *(["--max-rays", "1e5"] if options.quick else []))
+    section("The cost of derivatives", f"```\n{(printed if code == 0 else said).rstrip()}\n```")
+    if code:
+        wrong.append(f"bench --gradients: exit code {code}")
     code, printed, said = tracer.run("bench", "-o", options.output / "bench", *tracer.adapter,
                                      *(["--quick"] if options.quick else []))
     section("Speed of every case", f"```\n{(printed if code == 0 else said).rstrip()}\n```")

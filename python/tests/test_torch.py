@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +14,24 @@ import pytest
 torch = pytest.importorskip("torch")
 
 import optiland.backend as be  # noqa: E402
+from optiland.coordinate_system import CoordinateSystem  # noqa: E402
+from optiland.nonsequential import (  # noqa: E402
+    CollimatedSourceConfig,
+    IrradianceDetectorConfig,
+    LensConfig,
+    NSQScene,
+    Spectrum,
+)
 from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
 from optiland.nonsequential.bsdf import HarveyShackBSDF  # noqa: E402
 
+import nsq_gpu  # noqa: E402
 from nsq_gpu.bsdf import ABg, KCorrelation  # noqa: E402
 from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
 from tests.test_bsdf import lens_and_mirror  # noqa: E402
 from tests.test_convert import pupil_scene  # noqa: E402
+from tools import make_gradients  # noqa: E402
 
 NUM_RAYS = 20_000
 #: One of each shape, source, detector and finish but meshes, at which TorchBackend raises TypeError; it keeps every ray at
@@ -83,3 +94,102 @@ def test_scattering_laws_of_the_package(bsdf: HarveyShackBSDF) -> None:
         theirs = scene.trace(5000, seed=3, backend=TorchBackend(seed=3)).detectors["screen"].irradiance
     assert ours.sum() > 0.0
     np.testing.assert_allclose(be.to_numpy(theirs), ours, rtol=1e-9, atol=1e-12)
+
+
+# Gradients
+
+
+def gradients_of(build: Any, values: dict[str, float], backend: Any, **more: Any) -> tuple[float, dict[str, float]]:
+    """Return a loss that is not linear in the map, and its gradient."""
+    tensors = {name: torch.tensor(value, dtype=torch.float64, requires_grad=True) for name, value in values.items()}
+    result = build(tensors).trace(2000, seed=1, backend=backend, **more)
+    data = result.detectors["screen"].data
+    weights = torch.linspace(0.5, 2.0, data.numel(), dtype=torch.float64)
+    loss = (weights * data * data).sum() + 3.0 * result.detectors["screen"].total_flux
+    loss.backward()
+    return loss.item(), {name: tensor.grad.item() for name, tensor in tensors.items()}
+
+
+@pytest.fixture
+def torch_in_f64() -> None:
+    be.set_backend("torch")
+    be.set_precision("float64")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("case", [case for case in make_gradients.CASES if not case.unnamed], ids=lambda case: case.name)
+def test_gradients_are_those_of_torch(case: Any, torch_in_f64: None) -> None:
+    # A mirror's constant reflectance is attached by Torch only where it is a function.
+    values = {name: value for name, value in case.values.items() if name != "M.reflectance"}
+    build = case.build if values == case.values else (lambda tensors: case.build({**case.values, **tensors}))
+    loss, theirs = gradients_of(build, values, TorchBackend())
+    found, ours = gradients_of(build, values, live.backend(precision="f64"))
+    assert found == pytest.approx(loss, rel=1e-9)
+    size = max(abs(theirs[name] * values[name]) for name in values)
+    for name in values:
+        assert ours[name] * values[name] == pytest.approx(theirs[name] * values[name], abs=1e-8 * size), name
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_graph_can_be_walked_again_and_has_no_second_derivative(torch_in_f64: None) -> None:
+    r1 = torch.tensor(40.0, dtype=torch.float64, requires_grad=True)
+    scene = make_gradients.singlet({"L.r1": r1, "L.r2": -1.1 * r1, "glass.n": 1.52})
+    data = scene.trace(2000, seed=1, backend=live.backend(precision="f64")).detectors["screen"].data
+    loss = (data * data).sum()
+    (first,) = torch.autograd.grad(loss, r1, retain_graph=True)
+    (again,) = torch.autograd.grad(loss, r1, retain_graph=True)
+    assert first == again != 0
+    theirs = scene.trace(2000, seed=1, backend=TorchBackend()).detectors["screen"].data
+    (expected,) = torch.autograd.grad((theirs * theirs).sum(), r1, retain_graph=True)
+    assert first.item() == pytest.approx(expected.item(), rel=1e-8)
+    (slope,) = torch.autograd.grad(loss, r1, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        slope.backward()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_backward_may_draw_otherwise(torch_in_f64: None) -> None:
+    values = {"L.r1": 40.0, "L.r2": -45.0, "glass.n": 1.52}
+    loss, same = gradients_of(make_gradients.singlet, values, live.backend(precision="f64"))
+    found, other = gradients_of(make_gradients.singlet, values, live.backend(precision="f64", backward_seed=9))
+    assert found == loss and other["L.r1"] != same["L.r1"]
+    assert other["L.r1"] == pytest.approx(same["L.r1"], rel=0.3)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_without_gradients_tensors_are_traced_or_refused(torch_in_f64: None) -> None:
+    tensor = torch.tensor(40.0, dtype=torch.float64, requires_grad=True)
+    scene = make_gradients.singlet({"L.r1": tensor, "L.r2": -45.0, "glass.n": 1.52})
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="requires_grad"):
+        scene.trace(100, backend=live.backend(gradient=None))
+    with pytest.raises(nsq_gpu.UsageError, match="sobol"):
+        scene.trace(100, backend=live.backend(sampler="sobol"))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scene_is_optimised_as_by_torch(torch_in_f64: None) -> None:
+    """Optiland's notebook 11, with one word changed: the same radii and losses, step by step."""
+    def steps(backend: Any) -> list[tuple[float, float]]:
+        r1 = torch.tensor(120.0, requires_grad=True, dtype=torch.float64)
+        optimizer = torch.optim.Adam([r1], lr=5.0)
+        found = []
+        for _ in range(8):
+            optimizer.zero_grad()
+            scene = NSQScene()
+            scene.add_source("S1", CoordinateSystem(z=0.0), CollimatedSourceConfig(
+                spectrum=Spectrum.monochromatic(0.55), total_flux=1.0, aperture_radius=10.0))
+            scene.add_lens("L1", CoordinateSystem(z=100.0), LensConfig(
+                r1=r1, r2=float("inf"), thickness=5.0, material="N-BK7", front_aperture_radius=10.0))
+            scene.add_detector("D1", CoordinateSystem(z=210.0), IrradianceDetectorConfig(
+                width=20.0, height=20.0, num_pixels_x=32, num_pixels_y=32, splat="bilinear"))
+            result = backend.trace(scene, num_rays=2000, max_depth=8)
+            map_ = result.detectors["D1"].data.reshape(32, 32) / (20.0 / 32) ** 2
+            loss = torch.mean((map_ - 0.002) ** 2)
+            loss.backward()
+            optimizer.step()
+            found.append((loss.item(), r1.item()))
+        return found
+
+    theirs, ours = steps(TorchBackend(seed=7)), steps(live.backend(seed=7, precision="f64"))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+    assert ours[-1][0] < 0.8 * ours[0][0]

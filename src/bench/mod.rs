@@ -18,6 +18,7 @@
 
 pub mod accuracy;
 pub mod cases;
+pub mod gradients;
 pub mod machine;
 pub mod paths;
 pub mod peers;

@@ -7,7 +7,9 @@ use crate::bench::peers::{DrJit, Mitsuba, Optiland};
 #[cfg(feature = "viewer")]
 use crate::bench::report::ViewerResult;
 use crate::bench::runner::measure;
-use crate::bench::{BenchReport, Case, CaseResult, Peer, Session, cases, machine, paths, stability, tuning};
+use crate::bench::{
+    BenchReport, Case, CaseResult, Peer, Session, cases, gradients, machine, paths, stability, tuning,
+};
 use crate::cli::console::say;
 use crate::count;
 use crate::engine::tuning::Tuning;
@@ -35,6 +37,9 @@ pub struct Args {
     /// Instead of speed: what the table of paths costs, against the plain loop and the usual trace.
     #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "against", "note", "output", "json"])]
     paths: bool,
+    /// Instead of speed: what maps of derivatives cost, against the plain loop.
+    #[arg(long, conflicts_with_all = ["stability", "tune", "accuracy", "paths", "against", "note", "output", "json"])]
+    gradients: bool,
     /// Instead of speed alone: error against time of every tier, sampler and setting, and what Sobol points are worth.
     /// Exit code 6 where that is less than claimed.
     #[arg(long, conflicts_with_all = ["stability", "runs", "max_rays", "json"])]
@@ -135,6 +140,9 @@ pub fn run(args: &Args) -> Result<String> {
     let cases = chosen_cases(args)?;
     if args.paths {
         return run_paths(args, cases);
+    }
+    if args.gradients {
+        return run_gradients(args, cases);
     }
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
@@ -300,6 +308,22 @@ fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
     for case in &cases {
         for precision in precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu) {
             let cost = paths::measure(&gpu, case, precision, num_runs)?;
+            say(cost.line().trim_end());
+            table += &cost.line();
+        }
+    }
+    Ok(table)
+}
+
+/// Measures what derivatives cost.
+fn run_gradients(args: &Args, cases: Vec<Case>) -> Result<String> {
+    let cases = gradients::cases(cases)?;
+    let gpu = open(args)?;
+    let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
+    let mut table = gradients::GradientCost::heading();
+    for case in &cases {
+        for precision in precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu) {
+            let cost = gradients::measure(&gpu, case, precision, num_runs)?;
             say(cost.line().trim_end());
             table += &cost.line();
         }

@@ -172,8 +172,6 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| named(error, &args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
-    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
-    crate::cli::console::choose_vectors(ir, args.trace.num_rays, in_f64);
     if args.watch_stdin {
         end_with_caller();
     }
