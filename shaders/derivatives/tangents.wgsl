@@ -19,20 +19,20 @@ fn detached(value: real) -> real {
 // Sends the derivative of a value to the sums of a cell.
 fn note(cell: u32, value: real) {}
 
-// Adds a tangent to the copy of the detectors' cells that belongs to a parameter. A sum below zero is the complement of its
-// quanta. A tangent that no sum can hold is counted, and nothing is added.
+// Adds a tangent to a copy of the detectors' cells. A parameter has two: one for tangents above zero, and one for those below.
+// So a tangent takes one atomic, as a weight does. A tangent that no sum can hold is counted, and nothing is added.
 fn deposit_tangent(cell: u32, tangent: real, number: u32) {
-    let at = cell + (number + 1u) * REPLICATE_STRIDE;
+    let copy = 2u * number + select(1u, 2u, tangent < 0.0);
+    let at = cell + copy * REPLICATE_STRIDE;
     let size = abs(tangent);
     if !(is_depositable(size) & (size < LARGEST_TANGENT)) {
         count(at);
         return;
     }
     let q = quantize(size);
-    if q_is_zero(q) {
-        return;
+    if !q_is_zero(q) {
+        deposit(at, q);
     }
-    deposit(at, select(q, q_sub(NO_QUANTA, q), tangent < 0.0));
 }
 
 fn note_detected(cell: u32, value: real) {

@@ -25,8 +25,8 @@ pub(crate) struct Intake<'a> {
     /// Numbers that belong to no detector's cell ([`Place::Other`]).
     counters: Vec<u64>,
     sums: Vec<u128>,
-    /// Sums of tangents, by detector, modulo 2^96.
-    tangents: Vec<Vec<u128>>,
+    /// Copies of the detectors' cells hold tangents.
+    has_tangents: bool,
 }
 
 /// To what a counter or a sum belongs.
@@ -96,23 +96,22 @@ impl<'a> Intake<'a> {
                 grow(&mut detector.replicates, layout.copies * num_cells.max(1));
             }
         }
-        let mut tangents = Vec::new();
-        if cells.replicates.is_some_and(|copies| copies.are_tangents) {
+        let has_tangents = cells.replicates.is_some_and(|copies| copies.are_tangents);
+        if has_tangents {
             for detector in &mut tally.detectors {
-                let num = (layout.copies - 1) * detector.quanta.len().max(1);
+                let num = layout.copies / 2 * detector.quanta.len().max(1);
                 grow(&mut detector.tangents, num);
-                tangents.push(vec![0; num]);
             }
         }
         let counters = vec![0; layout.other_counter(cells.num_counters)];
         let sums = vec![0; layout.other_sum(cells.num_sums)];
-        Intake { layout, counted, tally, counters, sums, tangents }
+        Intake { layout, counted, tally, counters, sums, has_tangents }
     }
 
     /// Adds to a counter.
     pub fn count(&mut self, counter: usize, count: u64) {
         match self.layout.place(counter, self.layout.copies) {
-            Place::Cell { detector, copy: 1.., .. } if !self.tangents.is_empty() => {
+            Place::Cell { detector, copy: 1.., .. } if self.has_tangents => {
                 self.tally.detectors[detector].lost_tangents += count;
             }
             Place::Cell { detector, cell, .. } => {
@@ -142,10 +141,11 @@ impl<'a> Intake<'a> {
                     detector.totals[0].squares += value;
                 }
             }
-            Place::Cell { detector, cell, copy: copy @ 1.. } if !self.tangents.is_empty() => {
-                let num_cells = self.tally.detectors[detector].quanta.len().max(1);
-                let sum = &mut self.tangents[detector][(copy - 1) * num_cells + cell];
-                *sum = sum.wrapping_add(value);
+            Place::Cell { detector, cell, copy: copy @ 1.. } if self.has_tangents => {
+                let detector = &mut self.tally.detectors[detector];
+                let num_cells = detector.quanta.len().max(1);
+                let sign = if copy % 2 == 1 { 1 } else { -1 };
+                detector.tangents[(copy - 1) / 2 * num_cells + cell] += sign * value as i128;
             }
             Place::Cell { detector, cell, copy } => {
                 let detector = &mut self.tally.detectors[detector];
@@ -172,11 +172,7 @@ impl<'a> Intake<'a> {
 
     /// Adds the numbers that belong to no detector's cell.
     pub fn finish(self, marks: ReachedMarks) {
-        let Intake { layout, tally, counters, sums, tangents, .. } = self;
-        for (detector, read) in tally.detectors.iter_mut().zip(tangents) {
-            let lit = detector.tangents.iter_mut().zip(read).filter(|(_, read)| *read != 0);
-            lit.for_each(|(sum, read)| *sum += signed(read));
-        }
+        let Intake { layout, tally, counters, sums, .. } = self;
         let flux_sum = |cell: usize| FluxSum { count: counters[cell], quanta: sums[cell] };
         tally.invalid_deposits += counters[0];
         tally.medium_stack_underflows += counters[1];
@@ -212,12 +208,6 @@ impl<'a> Intake<'a> {
         let by_source = tally.detectors.iter_mut().flat_map(|detector| &mut detector.totals);
         by_source.zip(pairs).for_each(|(sum, pair)| *sum += Moments { quanta: pair[0], squares: pair[1] });
     }
-}
-
-/// A sum of either sign, from its three words of 32 bits.
-fn signed(words: u128) -> i128 {
-    const REST: u32 = u128::BITS - 96;
-    (words << REST) as i128 >> REST
 }
 
 /// Lengthens a table with zeros.
@@ -359,33 +349,29 @@ mod tests {
     #[test]
     fn tangents_have_a_sign_and_leave_the_sums_alone() {
         let replicates =
-            Some(crate::program::layout::tables::ReplicateCells { stride: 4, num: 2, are_tangents: true });
+            Some(crate::program::layout::tables::ReplicateCells { stride: 4, num: 3, are_tangents: true });
         let (cells, mut tally) = (
             Cells {
                 replicates,
-                num_cells: 21,
-                reached: 21,
+                num_cells: 25,
+                reached: 25,
                 saturated: None,
-                num_counters: 24,
-                num_sums: 21,
+                num_counters: 28,
+                num_sums: 25,
                 ..cells()
             },
             tally(),
         );
         for _ in 0..2 {
             let mut intake = Intake::new(&cells, NOTHING, 1, &mut tally);
-            intake.sum(13, 5);
-            // The low words and the top word of -3 come apart.
-            intake.sum(18, u128::from(3_u64.wrapping_neg()));
-            intake.sum(18, u128::from(u32::MAX) << 64);
-            intake.sum(20, 7);
+            [(13, 5), (18, 4), (22, 7), (20, 7)]
+                .into_iter()
+                .for_each(|(cell, value)| intake.sum(cell, value));
             intake.count(19, 2);
             intake.finish(ReachedMarks::Counters);
         }
-        assert_eq!(
-            (&tally.detectors[0].quanta[..], &tally.detectors[0].tangents[..]),
-            (&[10, 0, 0][..], &[0, -6, 0][..])
-        );
+        let map = &tally.detectors[0];
+        assert_eq!((&map.quanta[..], &map.tangents[..]), (&[10, 0, 0][..], &[0, -6, 0][..]));
         assert_eq!((tally.detectors[1].recorded.quanta, &tally.detectors[1].tangents[..]), (0, &[14][..]));
         assert_eq!(tally.detectors[0].lost_tangents, 4);
     }

@@ -50,7 +50,7 @@ pub struct ReplicateCells {
     pub stride: u32,
     /// Number of copies.
     pub num: u32,
-    /// The copies but the first hold tangents, one for each parameter: sums of either sign.
+    /// The copies but the first hold tangents, two for each parameter: those above zero, and those below.
     pub are_tangents: bool,
 }
 
@@ -163,12 +163,12 @@ impl Cells {
         })
     }
 
-    /// With a copy of the detectors' cells for each of `num` parameters, in which tangents are summed.
+    /// With two copies of the detectors' cells for each of `num` parameters, in which tangents are summed.
     ///
     /// # Errors
     /// [`Error::Usage`] if there are too many to number.
     pub fn with_tangents(self, num: u32) -> Result<Self> {
-        let cells = self.with_replicates(1 + num)?;
+        let cells = self.with_replicates(1 + 2 * num)?;
         Ok(Cells {
             replicates: cells.replicates.map(|copies| ReplicateCells { are_tangents: true, ..copies }),
             ..cells
