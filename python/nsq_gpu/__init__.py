@@ -39,12 +39,15 @@ ResultWarning is given where numbers are not what was asked for: light that the 
 give, detectors without light, sources without a ray, maps that are mostly noise. ``result.report()`` is Optiland's, but
 for the energy it says what the ledger says.
 
+``jacobian(scene, ["L1.r1"], num_rays)`` gives maps of derivatives with standard errors. With Optiland's backend set to torch,
+results carry a graph to tensors that have ``requires_grad``, where TorchBackend's do; ``backward()`` traces again.
+
 ``diff(a, b, num_rays)`` says what a change does: both scenes by the same draws, A - B with standard errors of its own.
 
 ``export_scene(scene, "scene.json")`` writes a file that alone, given to ``nsq-gpu trace``, traces as the live scene
 does, with all that ``scene.to_json`` drops; ``load_scene("scene.json")`` reads it back, or a file of your own; of
-JSON5, it takes comments and trailing commas, and no more. What no file can hold (polarised coatings, tensors that want
-gradients, classes of your own) is refused by name: ``UnsupportedSceneError``.
+JSON5, it takes comments and trailing commas, and no more. What no file can hold (polarised coatings, classes of
+your own) is refused by name: ``UnsupportedSceneError``.
 
 ``python -m nsq_gpu.compare scene.json -n 1e5 [--torch]`` traces a file with this backend and with Optiland's, prints
 both side by side, and exits with 6 where they disagree, and with the command's codes where something fails.
