@@ -1,6 +1,6 @@
 //! Derivatives of what detectors recorded, by parameters.
 
-use crate::format::{shown, significant};
+use crate::format::{score, shown, significant};
 use ndarray::ArrayD;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -40,12 +40,7 @@ pub fn table(gradients: &[Gradient]) -> String {
     );
     for row in gradients {
         let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
-        let score = match row.standard_error {
-            _ if row.flux == 0.0 => "0.0".into(),
-            Some(error) if error > 0.0 => format!("{:.1}", row.flux / error),
-            Some(_) => "inf".into(),
-            None => "-".into(),
-        };
+        let score = score(row.flux, row.standard_error);
         let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
         let flux = significant(row.flux, 5);
         let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");

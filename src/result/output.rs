@@ -102,7 +102,9 @@ pub fn check(dir: &Path, names: &[String]) -> Result<()> {
     let target = Target::of(dir)?;
     // What a killed run has left undone is undone first.
     target.scratch(dir)?;
-    if target.missing.as_os_str().is_empty() { Before::of(dir).check(dir, names) } else { Ok(()) }
+    // No other run changes what the folder holds between the two looks at it.
+    let _lock = Lock::of(target.guard());
+    if target.exists() { Before::of(dir).check(dir, names) } else { Ok(()) }
 }
 
 /// The names of the files that [`write`] would write.

@@ -14,7 +14,9 @@ use nsq_gpu::program::{Precision, Program};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use targets::{Target, storage_buffers, validate};
-use variants::{Choice, Tier, Variant, everything, everything_split, everything_with_paths};
+use variants::{
+    Choice, Tier, Variant, everything, everything_split, everything_with_paths, everything_with_tangents,
+};
 
 /// The folder of the project.
 pub fn root() -> PathBuf {
@@ -90,7 +92,12 @@ fn variants_of(tier: Tier) -> impl Iterator<Item = (String, Variant)> {
     let scenes = scene_names().into_iter().map(|name| (name.clone(), scene_variant(&name)));
     let whole = [("everything", everything()), ("everything, split", everything_split())];
     let paths = everything_with_paths().into_iter().map(|variant| ("everything with paths".into(), variant));
-    paired.chain(whole.map(|(name, variant)| (name.to_string(), variant))).chain(paths).chain(scenes)
+    let tangents = [("everything with tangents".to_string(), everything_with_tangents())];
+    paired
+        .chain(whole.map(|(name, variant)| (name.to_string(), variant)))
+        .chain(paths)
+        .chain(tangents)
+        .chain(scenes)
 }
 
 #[test]
@@ -142,6 +149,8 @@ fn full_scenes_are_written_with_and_without_checks() {
         for variant in everything_with_paths() {
             check("everything with paths", &variant.program(tier), &[true, false]);
         }
+        let tangents = everything_with_tangents();
+        check("everything with tangents", &tangents.program(tier), &[true, false]);
         for name in ["cooke_triplet", "kaleidoscope", "filter_stack"] {
             check(name, &scene_variant(name).program(tier), &[true, false]);
         }
@@ -171,6 +180,7 @@ fn every_shader_file_is_composed_by_some_variant() {
             let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
             texts.push(together.program(tier).wgsl.clone());
         }
+        texts.push(everything_with_tangents().program(tier).wgsl.clone());
     }
     let dead: Vec<String> = snapshots::shader_files()
         .into_iter()

@@ -68,6 +68,8 @@ pub struct Variant {
     pub side_paths: Vec<PilotPath>,
     /// Sums are bound in parts of at most so many bytes.
     pub part_bytes: u64,
+    /// The parameters of derivatives.
+    pub tangents: u32,
 }
 
 /// One feature.
@@ -521,6 +523,7 @@ impl Default for Variant {
             main_path: None,
             side_paths: Vec::new(),
             part_bytes: 1 << 27,
+            tangents: 0,
             moments: SecondMoments::None,
         }
     }
@@ -568,9 +571,9 @@ impl Variant {
             moments: self.moments,
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             vector_lanes: 0,
-            tangents: 0,
+            tangents: self.tangents,
             part_bytes: self.part_bytes,
-            live: false,
+            live: self.tangents > 0,
         };
         Program::extended(&self.ir, options, extend, 0, |wgsl| wgsl)
             .unwrap_or_else(|error| panic!("{self:?}: {error}"))
@@ -615,6 +618,36 @@ pub fn everything_with_paths() -> Vec<Variant> {
         variant
     };
     path_sums().flat_map(|sums| [with(sums, false), with(sums, true)]).collect()
+}
+
+/// Every choice that has derivatives, with those of some parameters.
+pub fn everything_with_tangents() -> Variant {
+    let has_derivatives = |choice: &Choice| match choice {
+        Choice::Shape(kind) => *kind != ShapeKind::Mesh,
+        Choice::Source(_)
+        | Choice::Detector(_)
+        | Choice::TransmissiveDetector(_)
+        | Choice::Splat(_)
+        | Choice::SpectralSplat(_)
+        | Choice::Scattering(_)
+        | Choice::TransmissiveLobe(_)
+        | Choice::Policy(_) => true,
+        Choice::Refractive
+        | Choice::Reflective
+        | Choice::ReflectiveBySpectrum
+        | Choice::Absorbing
+        | Choice::Clipped
+        | Choice::Coated
+        | Choice::CoatedByAngle
+        | Choice::CoatedBySpectrum
+        | Choice::Roulette
+        | Choice::AbsorbingMedium
+        | Choice::Rotated => true,
+        _ => false,
+    };
+    let mut variant = Variant { tangents: 3, ..Variant::default() };
+    Choice::all().into_iter().filter(has_derivatives).for_each(|choice| choice.apply(&mut variant));
+    variant
 }
 
 fn path_sums() -> impl Iterator<Item = PathSums> {

@@ -1,6 +1,6 @@
 //! A difference as text for a terminal.
 
-use crate::format::{plain, shown, significant, thousands};
+use crate::format::{plain, score, shown, significant, thousands};
 use crate::result::difference::{DetectorDifference, FluxDifference, SceneDifference};
 use std::fmt::Write;
 
@@ -72,11 +72,7 @@ impl SceneDifference {
 
 fn columns(row: &FluxDifference) -> String {
     let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
-    let score = match (row.score(), row.standard_error) {
-        (Some(score), _) => format!("{score:.1}"),
-        (None, Some(_)) => "inf".into(),
-        (None, None) => "-".into(),
-    };
+    let score = score(row.difference, row.standard_error);
     format!(
         "{:>13}{:>13}{:>13}{error:>11}{score:>9}",
         significant(row.a, 7),
