@@ -40,11 +40,12 @@ fn trim_zeros(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }
 
-/// A value in standard errors: `inf` where the error is that of rounding alone, and `-` where it is not known.
-pub(crate) fn score(value: f64, error: Option<f64>) -> String {
+/// A value in standard errors: `inf` where the error is that of rounding alone, and `-` where it is not known. The value is a
+/// difference of numbers as large as `scale`: what their rounding leaves counts as 0.
+pub(crate) fn score(value: f64, error: Option<f64>, scale: f64) -> String {
     const ROUNDING: f64 = 1e-12;
     match error {
-        _ if value == 0.0 => "0.0".into(),
+        _ if value.abs() <= ROUNDING * scale => "0.0".into(),
         Some(error) if error > ROUNDING * value.abs() => format!("{:.1}", value / error),
         Some(_) => "inf".into(),
         None => "-".into(),

@@ -12,7 +12,7 @@ import numpy as np
 from optiland.nonsequential import NSQScene
 
 from nsq_gpu.binary import find_binary
-from nsq_gpu.errors import UsageError
+from nsq_gpu.errors import ResultWarning, UsageError, warn
 from nsq_gpu.export import export, to_json
 from nsq_gpu.session import EXPORTED, Answer, shared_session
 from nsq_gpu.results import warn_of
@@ -103,6 +103,9 @@ def of_answer(answer: Answer) -> Jacobian:
     arrays = answer.arrays(None)
     derivatives = {}
     for row in answer.report["gradients"]:
+        if row["num_lost"]:
+            warn(f"{row['detector']} by {row['parameter']}: derivatives of {row['num_lost']} deposits were no numbers, or "
+                 "too large: they are missing", ResultWarning)
         name = f"{row['detector']}/{row['parameter']}"
         error = row["standard_error"]
         derivatives[row["parameter"], row["detector"]] = Derivative(

@@ -65,9 +65,3 @@ fn intersect(ray: Ray) -> Hit {
     let hit = intersect_of_value(ray);
     return Hit(attached(hit.distance, hit.distance - crossing_step(ray, hit)), hit.primitive);
 }
-
-// The weight after a branch was drawn: what the draw made of it, and the derivative of the branch's share.
-fn weight_of_branch(before: real, after: real, share: real) -> real {
-    let factor = detached(after / select(before, 1.0, before == 0.0));
-    return attached(after, before * factor * (share / detached(share)));
-}

@@ -4,7 +4,7 @@ use crate::cli::console::{choose_vectors, named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::sweep::parse_number;
 use crate::cli::trace::{end_with_caller, stop_on_interrupt};
-use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs};
+use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
 use crate::model::depth;
@@ -23,7 +23,6 @@ pub struct Args {
     /// Scene A.
     a: PathBuf,
     /// Scene B; by default A with what --set changes.
-    #[arg(required_unless_present = "set")]
     b: Option<PathBuf>,
     /// A number of scene B and its value: L1.r1=50.5. Names with dots are quoted: '"a.b".r1=50'.
     #[arg(long, value_name = "NAME=VALUE", value_parser = parse_number)]
@@ -56,6 +55,12 @@ pub struct Args {
 impl Args {
     /// Refuses what a difference has no use for.
     fn check(&self) -> Result<()> {
+        if self.b.is_none() && self.set.is_empty() {
+            return Err(Error::Usage(
+                "a difference needs two scenes: name a second file, or change the first by --set L1.r1=50.5"
+                    .into(),
+            ));
+        }
         let trace = &self.trace;
         let given = [
             ("--target-error", trace.target_error.is_some()),
@@ -63,6 +68,7 @@ impl Args {
             ("--first-ray", trace.first_ray.is_some()),
             ("--of-rays", trace.of_rays.is_some()),
             ("--paths", trace.paths == PathsArg::On),
+            ("--standard-error", trace.standard_error != StandardErrorArg::Auto),
         ];
         match given.iter().find(|(_, is_given)| *is_given) {
             Some((name, _)) => Err(Error::Usage(format!(
@@ -141,14 +147,17 @@ pub fn run(args: &Args) -> Result<String> {
     };
     let warnings = found.run.scene_warnings.iter().chain(&found.run.precision_warning);
     warnings.for_each(|warning| say(&format!("warning: {warning}")));
-    if let Some(dir) = &args.output {
-        let files = difference::write(dir, &found, !args.no_pictures)?;
-        files.iter().for_each(|file| say(&format!("written: {}", file.display())));
-    }
+    let written =
+        args.output.as_ref().map(|dir| difference::write(dir, &found, !args.no_pictures)).transpose();
     let printed = if args.json { found.report()? } else { found.text() };
-    if !found.run.partial {
-        return Ok(printed);
-    }
+    let failure = match written {
+        Ok(files) => {
+            files.iter().flatten().for_each(|file| say(&format!("written: {}", file.display())));
+            found.run.partial.then_some(Error::Interrupted)
+        }
+        Err(error) => Some(error),
+    };
+    let Some(failure) = failure else { return Ok(printed) };
     crate::cli::console::print(&printed)?;
-    Err(Error::Interrupted)
+    Err(failure)
 }

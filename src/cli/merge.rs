@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<String> {
     say(&on_the_bits(&ir, &parts, &merged.tally.rays));
     let result = TraceResult::new(&ir, &run_info(&path, &scene, &merged), &merged.tally)?;
     let printed = Printed { json: args.json, pictures: !args.no_pictures };
-    crate::cli::trace::deliver(&result, &merged, args.output.as_deref(), printed)
+    crate::cli::trace::deliver(&result, || merged.to_bytes().map(Some), args.output.as_deref(), printed)
 }
 
 /// Adds the sums of all parts.

@@ -3,7 +3,7 @@
 use crate::cli::console::{named, read_scene, say};
 use crate::cli::progress::{Mode, Progress, Status};
 use crate::cli::quantity;
-use crate::cli::trace_args::{PathsArg, PrecisionArg, TraceArgs, wanted};
+use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs, wanted};
 use crate::count;
 use crate::error::{Error, Result};
 use crate::gpu::{AdapterChoice, Gpu, Native};
@@ -150,7 +150,8 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         Ok::<_, Error>((result, tally, identity, checkpointed))
     })?;
     let extras = Printed { json: args.json, pictures: !args.no_pictures };
-    let printed = deliver(&result, &Checkpoint { identity, tally }, args.output.as_deref(), extras)?;
+    let sums = || Checkpoint { identity, tally }.to_bytes().map(Some);
+    let printed = deliver(&result, sums, args.output.as_deref(), extras)?;
     match checkpointed.err().or_else(|| failure(&result)) {
         None => Ok(printed),
         Some(failure) => {
@@ -165,6 +166,11 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     if args.trace.paths == PathsArg::On {
         return Err(Error::Usage("--gradient sums up no paths; leave out --paths on".into()));
     }
+    if args.trace.standard_error == StandardErrorArg::On {
+        return Err(Error::Usage(
+            "--gradient gives errors of derivatives alone; leave out --standard-error on".into(),
+        ));
+    }
     let text = std::fs::read_to_string(&args.scene).map_err(|error| Error::file(&args.scene, error))?;
     let folder = args.scene.parent().unwrap_or(Path::new(""));
     let scene = read_scene(&args.scene)?;
@@ -172,12 +178,16 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| named(error, &args.scene.display().to_string()))?;
     let ir = &differentiated.ir;
+    let in_f64 = matches!(args.trace.precision, PrecisionArg::Auto | PrecisionArg::F64);
+    crate::cli::console::choose_vectors(ir, args.trace.num_rays, in_f64);
     if args.watch_stdin {
         end_with_caller();
     }
     if let Some(dir) = &args.output {
         let names = ir.detectors.iter().map(|detector| detector.name.as_str());
-        output::check(dir, &output::file_names(names, !args.no_pictures, false, false, false))?;
+        let mut files = output::file_names(names, !args.no_pictures, false, false, false);
+        files.insert(0, output::GRADIENTS.into());
+        output::check(dir, &files)?;
     }
     let gpu = Gpu::open(&adapter_choice(args))?;
     let max_depth = args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(ir));
@@ -203,18 +213,8 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         ..options.run_info(&gpu.info)
     };
     let result = TraceResult { gradients, ..TraceResult::new(ir, &run, &tally)? };
-    if let Some(dir) = &args.output {
-        let extras = output::Extras { pictures: !args.no_pictures, tally: None };
-        let written = output::write(dir, &result, &extras)?;
-        if args.json {
-            return Ok(written.report);
-        }
-        written.files.iter().for_each(|file| say(&format!("written: {}", file.display())));
-    }
-    Ok(match args.json {
-        true => report::Report::new(&result, &report::Files::default()).to_json(),
-        false => result.report(),
-    })
+    let printed = Printed { json: args.json, pictures: !args.no_pictures };
+    deliver(&result, || Ok(None), args.output.as_deref(), printed)
 }
 
 /// A choice of precision, or one that is still being predicted.
@@ -320,7 +320,7 @@ pub struct Printed {
 /// before the error is returned, because a trace may have taken days.
 pub fn deliver(
     result: &TraceResult,
-    sums: &Checkpoint,
+    sums: impl FnOnce() -> Result<Option<Vec<u8>>>,
     output: Option<&Path>,
     printed: Printed,
 ) -> Result<String> {
@@ -329,8 +329,8 @@ pub fn deliver(
         false => result.report(),
     };
     let Some(dir) = output else { return Ok(unwritten()) };
-    let written = sums.to_bytes().and_then(|tally| {
-        let extras = output::Extras { pictures: printed.pictures, tally: Some(&tally) };
+    let written = sums().and_then(|tally| {
+        let extras = output::Extras { pictures: printed.pictures, tally: tally.as_deref() };
         output::write(dir, result, &extras)
     });
     match written {

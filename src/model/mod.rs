@@ -75,6 +75,8 @@ pub struct Allowance {
     pub turned: bool,
     /// Every medium may absorb.
     pub absorbing: bool,
+    /// Every sphere may become another conic.
+    pub conic: bool,
 }
 
 impl SceneIr {

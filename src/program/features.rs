@@ -60,6 +60,12 @@ pub struct Features {
     pub sources: Vec<SourceFunction>,
 }
 
+/// True if every surface that turns rays has a gradient of unit length on it.
+pub(crate) fn has_unit_gradients(ir: &SceneIr) -> bool {
+    let turning = ir.surfaces.iter().filter(|s| !matches!(s.interaction, Interaction::Absorbing));
+    turning.filter_map(|s| s.shape.quadric()).all(|quadric| quadric.has_unit_gradient())
+}
+
 impl Features {
     /// Derives the features of a scene whose sources' rays are born with these weights, with roulette below
     /// `roulette_threshold` (both in units of the mean weight of a new ray), and with at most `max_depth` events a ray.
@@ -114,11 +120,7 @@ impl Features {
             roulette,
             keeps_weight,
             whole_weights: keeps_weight && grids.iter().all(|splat| *splat == Splat::Hard),
-            unit_gradients: ir
-                .surfaces
-                .iter()
-                .filter(|s| !matches!(s.interaction, Interaction::Absorbing))
-                .all(|s| s.shape.quadric().is_none_or(|quadric| quadric.has_unit_gradient())),
+            unit_gradients: !ir.allowed.conic && has_unit_gradients(ir),
             tips: ir.surfaces.iter().any(|s| s.shape.tip().is_some()),
             splats: [
                 grids.contains(&Splat::Hard),

@@ -27,8 +27,8 @@ pub struct Gradient {
     pub num_lost: u64,
 }
 
-/// Derivatives of fluxes as a table for a terminal.
-pub fn table(gradients: &[Gradient]) -> String {
+/// Derivatives of fluxes as a table for a terminal, of a trace that launched a flux \[W\].
+pub fn table(gradients: &[Gradient], launched: f64) -> String {
     let width = |name: fn(&Gradient) -> &String, title: &str| {
         gradients.iter().map(|row| shown(name(row)).chars().count()).max().unwrap_or(0).max(title.len()) + 2
     };
@@ -40,7 +40,7 @@ pub fn table(gradients: &[Gradient]) -> String {
     );
     for row in gradients {
         let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
-        let score = score(row.flux, row.standard_error);
+        let score = score(row.flux, row.standard_error, launched);
         let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
         let flux = significant(row.flux, 5);
         let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");

@@ -14,7 +14,8 @@ impl TraceResult {
     /// warnings.
     pub fn report(&self) -> String {
         let paths = self.paths.as_ref().map(|table| table.text(TOP_PATHS));
-        let gradients = (!self.gradients.is_empty()).then(|| gradients::table(&self.gradients));
+        let gradients = (!self.gradients.is_empty())
+            .then(|| gradients::table(&self.gradients, self.ledger.launched.flux));
         let parts = [self.header(), self.flux_table(), self.detector_table()];
         let last = [self.ledger_line(), self.warning_list()];
         parts.into_iter().chain(gradients).chain(paths).chain(last).collect::<Vec<_>>().join("\n")
@@ -118,7 +119,8 @@ impl TraceResult {
                 thousands(detector.num_rays_hit),
             );
         }
-        if self.detectors.iter().any(|detector| detector.total_flux_standard_error.is_none()) {
+        let has_unknown = self.detectors.iter().any(|detector| detector.total_flux_standard_error.is_none());
+        if has_unknown && self.gradients.is_empty() {
             table.push_str("-: not computed; --standard-error on gives it\n");
         }
         table

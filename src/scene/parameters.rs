@@ -18,7 +18,7 @@ const LISTS: [&str; 3] = ["components", "sources", "detectors"];
 
 type Object = IndexMap<String, Value>;
 
-/// The number of this name, where the file has it; a frame's default is 0.
+/// The number of this name, where the file has it; a frame's default is 0. A flat face has an infinite radius.
 ///
 /// # Errors
 /// [`Error::Usage`] if the scene has no such number.
@@ -26,6 +26,7 @@ pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
     let Place { object, key } = find(tree, name)?;
     match at(tree, &object).and_then(|object| object.get(&key)) {
         Some(Value::Number(number)) if number.as_f64().is_some() => Ok(number.as_f64().unwrap_or_default()),
+        Some(Value::String(text)) if is_infinite(text) => Ok(f64::INFINITY),
         Some(_) => Err(no_single_number(name)),
         None if FRAME.contains(&key.as_str()) => Ok(0.0),
         None => {
@@ -43,8 +44,6 @@ pub(super) fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
         .ok_or_else(|| Error::Usage(format!("{} is {value}; give a finite number", ticked(name))))?;
     let Place { object, key } = find(tree, name)?;
     let Some(object) = at_mut(tree, &object) else { return Err(no_single_number(name)) };
-    // A radius may be the text "Infinity".
-    let is_infinite = |text: &str| text.trim_start_matches('-') == "Infinity";
     match object.get(&key) {
         None | Some(Value::Number(_) | Value::Null) => {}
         Some(Value::String(text)) if is_infinite(text) => {}
@@ -52,6 +51,11 @@ pub(super) fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
     }
     object.insert(key, Value::Number(number));
     Ok(())
+}
+
+/// True of a radius that is the text "Infinity".
+fn is_infinite(text: &str) -> bool {
+    text.trim_start_matches('-') == "Infinity"
 }
 
 fn no_single_number(name: &str) -> Error {

@@ -4,8 +4,10 @@
 //! blocks' differences gives the error ([`crate::result::difference::Spread`]). Of Sobol points, scrambles take the place of
 //! blocks.
 
+use crate::engine::budget::distribute;
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::error::{Error, Result};
+use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::ray_id::NUM_REPLICATES;
 use crate::model::{PathFilter, SceneIr};
@@ -125,7 +127,18 @@ impl<'a> Pair<'a> {
         let units = scenes.map(|ir| FluxUnit::of_scene(ir, done));
         let scale = num_rays as f64 / done as f64;
         let [a, b] = &sums;
-        let found = pairing.difference([a, b], units, spreads.each_ref(), scale)?;
+        let mut found = pairing.difference([a, b], units, spreads.each_ref(), scale)?;
+        if !is_sobol {
+            let launched = distribute(self.a, options[0].budget(), options[0].shares.as_deref())?;
+            let few = launched.iter().zip(&self.a.sources).filter(|(rays, _)| rays.count < num_blocks);
+            found.notes.extend(few.map(|(rays, source)| {
+                format!(
+                    "source `{}` launches {} rays, fewer than the {num_blocks} blocks: errors of its light are too large",
+                    shown(&source.name),
+                    rays.count
+                )
+            }));
+        }
         let run = RunInfo { partial: done < num_rays, num_rays, ..options[0].run_info(&gpu.info) };
         Ok(SceneDifference { run, ..found })
     }

@@ -8,7 +8,8 @@ use crate::engine::options::{StandardError, TraceOptions};
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
-use crate::model::{Allowance, Frame, Medium, SceneIr};
+use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
+use crate::program::features::has_unit_gradients;
 use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally};
@@ -90,18 +91,27 @@ impl Differentiated {
             Ok(ir)
         };
         let mut ir = scene(&[])?;
-        let mut parameters = Vec::new();
+        let mut parameters: Vec<Scaled> = Vec::new();
         for (name, written) in names.iter().zip(Scene::numbers(text, names)?) {
+            let is_this = |other: &str| unquoted(other) == unquoted(name);
+            if parameters.iter().any(|scaled| is_this(&scaled.parameter.name)) {
+                return Err(Error::Usage(format!("`{}` is named twice; name it once", shown(name))));
+            }
             let value =
-                set.iter().rev().find(|(known, _)| known == name).map_or(written, |(_, value)| *value);
-            if !value.is_finite() {
+                set.iter().rev().find(|(known, _)| is_this(known)).map_or(written, |(_, value)| *value);
+            let key = name.rsplit('.').next().unwrap_or_default();
+            if !value.is_finite() || value == 0.0 && is_radius(key) {
                 return Err(Error::Usage(format!(
-                    "`{}` is {value}, and has no derivative; give it a finite value",
+                    "`{}` is {value}: a flat face has no derivative by its radius; give it a large radius, such as 1e6",
                     shown(name)
                 )));
             }
-            let is_frame = name.rsplit('.').next().is_some_and(|key| FRAME_KEYS.contains(&key));
-            let size = if is_frame || value == 0.0 { 1.0 } else { value.abs() };
+            let is_frame = FRAME_KEYS.contains(&key);
+            let size = match key {
+                _ if is_frame || value == 0.0 => 1.0,
+                _ if key.starts_with("conic") => value.abs().max(1.0),
+                _ => value.abs(),
+            };
             let step = if is_frame { FRAME_STEP } else { STEP * size };
             let stencil = |points: &[(f64, f64)], sign: f64| -> Result<Vec<(f64, SceneIr)>> {
                 let points = points.par_iter().map(|(steps, factor)| {
@@ -111,8 +121,16 @@ impl Differentiated {
                 points.collect()
             };
             let stencil = stencil(&CENTRAL, 1.0).or_else(|error| {
-                stencil(&ONE_SIDED, 1.0).or_else(|_| stencil(&ONE_SIDED, -1.0)).map_err(|_| error)
+                let one_sided = stencil(&ONE_SIDED, 1.0).or_else(|_| stencil(&ONE_SIDED, -1.0));
+                one_sided.map_err(|_| changed_a_little(name, error))
             })?;
+            if stencil.iter().any(|(_, there)| takes_undrawn(&ir, there)) {
+                return Err(Error::Usage(format!(
+                    "`{}` is {value}: no ray takes the branch whose share it changes, so a trace sees no derivative; \
+                     give it a value such as 0.001 or 0.999, or compare two scenes by `nsq-gpu diff`",
+                    shown(name)
+                )));
+            }
             parameters.push(Scaled { parameter: Parameter { name: name.clone(), stencil }, size });
         }
         let allowed = allowance(&ir, &parameters);
@@ -233,6 +251,47 @@ impl Differentiated {
     }
 }
 
+/// A name as it is without quotes.
+fn unquoted(name: &str) -> String {
+    name.replace('"', "")
+}
+
+/// True of `radius`, `r1`, `r2`, and so on: 0 stands for a flat face.
+fn is_radius(key: &str) -> bool {
+    let digits = key.strip_prefix('r').unwrap_or_default();
+    key == "radius" || !digits.is_empty() && digits.chars().all(|digit| digit.is_ascii_digit())
+}
+
+/// The error of a scene that a small change has made wrong.
+fn changed_a_little(name: &str, error: Error) -> Error {
+    Error::Usage(format!("`{}` cannot be changed a little, so it has no derivative: {error}", shown(name)))
+}
+
+/// True if a branch that no ray of the traced scene takes has light in another scene.
+fn takes_undrawn(ir: &SceneIr, there: &SceneIr) -> bool {
+    let by_fresnel = ir.sampling.reflect_prob == ReflectProb::Fresnel;
+    let appears = |here: f64, there: f64| here == 0.0 && there != 0.0;
+    ir.surfaces.iter().zip(&there.surfaces).any(|(here, there)| {
+        let scatter = here.scatter.as_ref().zip(there.scatter.as_ref()).is_some_and(|(here, there)| {
+            appears(here.fraction, there.fraction) || appears(1.0 - here.fraction, 1.0 - there.fraction)
+        });
+        let coatings = here
+            .coating
+            .as_ref()
+            .and_then(Coating::simple)
+            .zip(there.coating.as_ref().and_then(Coating::simple));
+        let any =
+            |here: &[f64], there: &[f64]| here.iter().zip(there).any(|(&here, &there)| appears(here, there));
+        let reflects = coatings.is_some_and(|(here, there)| any(&here.reflectance, &there.reflectance));
+        let passes = coatings.is_some_and(|(here, there)| {
+            let pass =
+                |coating: &SimpleCoating| coating.reflectance.iter().map(|r| 1.0 - r).collect::<Vec<_>>();
+            any(&pass(here), &pass(there))
+        });
+        scatter || by_fresnel && here.interaction == Interaction::Refractive && (reflects || passes)
+    })
+}
+
 /// What shaders must allow for, so that all scenes about the traced one have its shaders.
 fn allowance(ir: &SceneIr, parameters: &[Scaled]) -> Allowance {
     let scenes = || parameters.iter().flat_map(|scaled| &scaled.parameter.stencil).map(|(_, scene)| scene);
@@ -248,6 +307,7 @@ fn allowance(ir: &SceneIr, parameters: &[Scaled]) -> Allowance {
     Allowance {
         turned: scenes().any(|scene| is_turned(scene) != here),
         absorbing: scenes().any(|scene| scene.media.iter().any(Medium::absorbs)),
+        conic: scenes().any(|scene| !has_unit_gradients(scene)),
     }
 }
 

@@ -70,6 +70,9 @@ def number(value: Any, place: str) -> float:
 def radius(value: Any, place: str) -> float:
     """Return a vertex radius [mm]; infinity, which JSON has no word for, becomes 0: both mean flat."""
     plain = _plain(value, place)
+    if math.isinf(plain) and _wants_gradient(value):
+        raise refuse(place, "it is infinite: a flat face has no derivative by its radius",
+                     "give a large radius, such as 1e6, or detach it")
     return 0.0 if math.isinf(plain) else number(plain, place)
 
 

@@ -72,6 +72,20 @@ impl Records {
         Ok(text)
     }
 
+    /// The struct, and the function that gives row `i` from constants, row by row: for many rows, which selects would nest too
+    /// deeply. A `switch` would be nested too: Mesa 22.3 makes nested conditions of its cases, and its lavapipe takes those
+    /// after the eightieth for true.
+    pub fn in_turn(&self, numbers: &Numbers) -> Result<String> {
+        let (name, rows) = (self.name, self.rows);
+        let mut text = declaration(name, self.columns.iter());
+        let _ = writeln!(text, "fn {rows}_of(i: u32) -> {name} {{\n    var row = {};", self.row(numbers, 0)?);
+        for row in 1..self.columns.first().map_or(0, Column::len) {
+            let _ = writeln!(text, "    if i == {row}u {{ row = {}; }}", self.row(numbers, row)?);
+        }
+        text.push_str("    return row;\n}\n");
+        Ok(text)
+    }
+
     /// One row, as a value.
     pub fn row(&self, numbers: &Numbers, row: usize) -> Result<String> {
         let value = |column: &Column| match &column.values {

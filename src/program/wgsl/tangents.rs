@@ -29,8 +29,12 @@ impl Composition<'_> {
             return Ok(());
         }
         let features = &self.features;
+        let branch = match features.importance {
+            true => shader!("derivatives/branch.importance.wgsl"),
+            false => shader!("derivatives/branch.fresnel.wgsl"),
+        };
         let some = [
-            (features.refractive, "draw_reflection", shader!("derivatives/branch.wgsl")),
+            (features.refractive, "draw_reflection", branch),
             (features.bulk_absorption, "attenuated", shader!("derivatives/bulk.wgsl")),
             (features.roulette, "roulette", shader!("derivatives/roulette.wgsl")),
             (!features.bsdfs.is_empty(), "scatter", shader!("derivatives/scatter.wgsl")),
@@ -63,12 +67,19 @@ impl Composition<'_> {
         records.real("offset", primitives.iter().map(|(_, shape)| quadric(shape).offset));
         records.real("constant", primitives.iter().map(|(_, shape)| quadric(shape).constant));
         let rotated = tables::any_rotated(self.ir, primitives.iter().map(|(frame, _)| frame));
-        let mut text = records.baked(&self.numbers)? + &frame_functions("Crossed", "crossed", rotated);
+        let rows = if self.options.bakes_records() {
+            records.baked(&self.numbers)
+        } else {
+            records.in_turn(&self.numbers)
+        };
+        let mut text = rows? + &frame_functions("Crossed", "crossed", rotated);
         text.push_str(
             "fn crossing_step(ray: Ray, hit: Hit) -> real {\n    if hit.primitive == NONE { return 0.0; }\n    \
              let s = crossed_of(hit.primitive);\n    \
              let o = to_crossed(s, ray.position + hit.distance * ray.direction - vec3<real>(s.origin_x, s.origin_y, s.origin_z));\n    \
-             let d = to_crossed(s, ray.direction);\n",
+             let d = to_crossed(s, ray.direction);\n    \
+             let q = Quadric(s.radial, s.axial, s.offset, s.constant);\n    \
+             var step = value_at(o, q) / detached(2.0 * slope_along(o, d, q));\n",
         );
         for (i, (_, shape)) in primitives.iter().enumerate() {
             let kind = ShapeKind::of(shape);
@@ -87,11 +98,9 @@ impl Composition<'_> {
             let _ = writeln!(
                 text,
                 "    if hit.primitive == {i}u {{\n        \
-                 return {height}(o, {arguments}) / detached(dot({normal}(o, {arguments}), d));\n    }}"
+                 step = {height}(o, {arguments}) / detached(dot({normal}(o, {arguments}), d));\n    }}"
             );
         }
-        Ok(text
-            + "    let q = Quadric(s.radial, s.axial, s.offset, s.constant);\n    \
-               return value_at(o, q) / detached(2.0 * slope_along(o, d, q));\n}\n")
+        Ok(text + "    return step;\n}\n")
     }
 }

@@ -233,7 +233,13 @@ impl<'a> Pairing<'a> {
             difference: a - b,
             standard_error: errors.as_ref().and_then(|errors| errors.get(at).copied()),
         };
-        let line = |(at, name): (usize, &str)| number(name, a.lines[at], b.lines[at], &errors[0], at);
+        let line = |(at, name): (usize, &str)| {
+            let line = number(name, a.lines[at], b.lines[at], &errors[0], at);
+            // What sources launch is no estimate.
+            let standard_error =
+                line.standard_error.map(|error| if name == "launched" { 0.0 } else { error });
+            FluxDifference { standard_error, ..line }
+        };
         let has_light = |line: &FluxDifference| line.a != 0.0 || line.b != 0.0;
         let surfaces = self.surfaces.iter().map(|(name, _)| name.as_str());
         let num_totals = names.len();

@@ -1,6 +1,6 @@
 //! Standard errors of sums from blocks of rays that are independent of each other.
 //!
-//! Each block r gives sums D_r over n_r rays, of D over n. Rays are independent draws of one distribution, so D_r / n_r has
+//! Each block r gives sums D_r over n_r rays, of D over n. Rays of one source are independent draws of one distribution, so D_r / n_r has
 //! the variance s^2 / n_r. The weighted squares S = sum n_r (D_r / n_r - D / n)^2 of R blocks have the expectation
 //! (R - 1) s^2. So n S / (R - 1) estimates the variance of D without bias, whatever the sizes of the blocks, with R - 1
 //! degrees of freedom. S is summed up as in West, Updating mean and variance estimates, CACM 22 (1979).

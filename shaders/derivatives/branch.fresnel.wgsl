@@ -1,4 +1,5 @@
-// The branch at a refractive surface: its share of the light is attached to the weight.
+// The branch at a refractive surface, drawn with the probability of its share of the light: the weight carries the share.
+// Twin of branch.importance.wgsl.
 
 fn draw_reflection(
     ray: ptr<function, Ray>, bits: u32, reflectance: Share, transmittance: real, total_reflection: bool,
@@ -6,7 +7,8 @@ fn draw_reflection(
     let before = (*ray).weight;
     let reflects = draw_reflection_of_value(ray, bits, reflectance, transmittance, total_reflection);
     if !total_reflection {
-        (*ray).weight = weight_of_branch(before, (*ray).weight, select(transmittance, quotient(reflectance), reflects));
+        let share = select(transmittance, quotient(reflectance), reflects);
+        (*ray).weight = attached((*ray).weight, before * (share / detached(share)));
     }
     return reflects;
 }
