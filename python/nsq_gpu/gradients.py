@@ -23,7 +23,10 @@ MAPS = {"irradiance": "irradiance", "spectral": "irradiance", "far_field": "inte
 
 @dataclass(frozen=True)
 class Derivative:
-    """What one parameter does to one detector, per unit of the parameter: mm, rad, um or 1."""
+    """What one parameter does to one detector, per unit of the parameter.
+
+    The unit is mm, um, rad, W or 1, and degrees where the file has degrees.
+    """
 
     #: Derivative of the flux [W per unit].
     flux: float

@@ -12,7 +12,8 @@ pub struct Gradient {
     pub parameter: String,
     /// The detector's name.
     pub detector: String,
-    /// Derivative of the detector's flux \[W per unit of the parameter: mm, rad, or 1\].
+    /// Derivative of the detector's flux, in W per unit of the parameter: mm, um, rad, W or 1, and degrees where the file has
+    /// degrees.
     pub flux: f64,
     /// Its standard error; none from too few rays.
     pub standard_error: Option<f64>,
