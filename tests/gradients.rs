@@ -282,6 +282,93 @@ fn a_window_has_the_derivatives_of_its_formula() {
     );
 }
 
+/// Where a thin beam meets a screen, by a parameter: the derivative of the map's centre along x, in mm per unit.
+fn slope_of_centre(surfaces: &str, screen_z: f64, beam_x: f64, parameter: &str) -> f64 {
+    let text = format!(
+        r#"{{"nsq_schema_version": 1, "components": [],
+            "sources": [{{"name": "beam", "type": "collimated", "total_flux": 1.0, "aperture_radius": 1e-4,
+                "cs": {{"x": {beam_x}, "z": -5.0}}, "spectrum": {{"wavelengths": [0.5], "weights": [1.0]}}}}],
+            "detectors": [{{"name": "screen", "type": "irradiance", "width": 40.0, "height": 40.0, "num_pixels_x": 16,
+                "num_pixels_y": 16, "cs": {{"z": {screen_z}}}}}],
+            "nsq_gpu": {{"version": 1, "media": {{"glass": {{"type": "constant", "n": 1.5, "k": 0.0}}}},
+                "sampling": {{"rr_start_flux": 0.0}}, "surfaces": [{surfaces}]}}}}"#
+    );
+    let scene = differentiated(&text, &[parameter]);
+    let options = zoo::options(2_000, 4, Precision::F64);
+    let (found, tally) = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap();
+    // A splat over four pixels keeps the centre of what it spreads.
+    let quanta = &tally.detectors[0].quanta;
+    let map = found[0].map.as_ref().unwrap();
+    let (mut flux, mut centre, mut slope, mut slope_of_flux) = (0.0, 0.0, 0.0, 0.0);
+    for (cell, (derivative, quanta)) in map.iter().zip(quanta).enumerate() {
+        let (x, area) = (((cell % 16) as f64 + 0.5) * 2.5 - 20.0, 2.5 * 2.5);
+        let weight = *quanta as f64 / (1_u64 << 52) as f64 / 2_000.0;
+        flux += weight;
+        centre += weight * x;
+        slope += derivative * area * x;
+        slope_of_flux += derivative * area;
+    }
+    assert!(flux > 0.99, "{parameter}: all light meets the screen, not {flux}");
+    (slope - centre / flux * slope_of_flux) / flux
+}
+
+/// A mirror turned by t sends the beam off by 2 t: its centre moves by 2 L / cos^2(2 t).
+#[test]
+fn a_mirror_moves_the_centre_by_its_formula() {
+    let turn = 0.1_f64;
+    let mirror = format!(
+        r#"{{"name": "M", "shape": {{"type": "plane", "width": 30, "height": 30}}, "interaction": "reflective",
+            "reflectance": 1.0, "cs": {{"z": 10, "ry": {turn}}}}}"#
+    );
+    let slope = slope_of_centre(&mirror, -30.0, 0.0, "M.ry");
+    let expected = 2.0 * 40.0 / (2.0 * turn).cos().powi(2);
+    assert!((slope.abs() - expected).abs() < 1e-4 * expected, "{slope}: {expected}");
+}
+
+/// A prism whose back is turned by a sends the beam off by d = asin(n sin a) - a: its centre moves by L / cos^2 d times that.
+#[test]
+fn a_prism_moves_the_centre_by_its_formula() {
+    let (n, a) = (1.5_f64, 0.2_f64);
+    let clear = r#""coating": {"type": "simple", "reflectance": 0.0, "transmittance": 1.0}"#;
+    let prism = format!(
+        r#"{{"name": "front", "shape": {{"type": "plane", "width": 30, "height": 30}}, "interaction": "refractive",
+            "cs": {{"z": 0}}, "material_back": {{"type": "medium", "name": "glass"}}, {clear}}},
+        {{"name": "back", "shape": {{"type": "plane", "width": 30, "height": 30}}, "interaction": "refractive",
+            "cs": {{"z": 5, "ry": {a}}}, "material_front": {{"type": "medium", "name": "glass"}}, {clear}}}"#
+    );
+    let length = 50.0;
+    let refracted = (n * a.sin()).asin();
+    let rate = length / (refracted - a).cos().powi(2);
+    for (parameter, expected) in [
+        ("back.ry", rate * (n * a.cos() / refracted.cos() - 1.0)),
+        ("glass.n", rate * a.sin() / refracted.cos()),
+    ] {
+        let slope = slope_of_centre(&prism, 5.0 + length, 0.0, parameter);
+        assert!((slope.abs() - expected).abs() < 1e-4 * expected, "{parameter}: {slope}, not {expected}");
+    }
+}
+
+/// A thin lens sends a beam at the height h to h (1 - z / f), with 1 / f = (n - 1) (1 / r1 - 1 / r2): its focus moves with r1.
+#[test]
+fn a_thin_lens_moves_the_centre_by_its_formula() {
+    let (r1, r2, z, h) = (50.0_f64, -80.0_f64, 60.0, 0.05);
+    let clear = r#""coating": {"type": "simple", "reflectance": 0.0, "transmittance": 1.0}"#;
+    let lens = format!(
+        r#"{{"name": "front", "shape": {{"type": "conic", "radius": {r1}, "conic": 0, "aperture_radius": 5}},
+            "interaction": "refractive", "cs": {{"z": 0}}, "material_back": {{"type": "medium", "name": "glass"}}, {clear}}},
+        {{"name": "back", "shape": {{"type": "conic", "radius": {r2}, "conic": 0, "aperture_radius": 5}},
+            "interaction": "refractive", "cs": {{"z": 1e-3}}, "material_front": {{"type": "medium", "name": "glass"}}, {clear}}}"#
+    );
+    for (parameter, expected) in [
+        ("front.radius", h * z * 0.5 / (r1 * r1)),
+        ("back.radius", -h * z * 0.5 / (r2 * r2)),
+        ("glass.n", -h * z * (1.0 / r1 - 1.0 / r2)),
+    ] {
+        let slope = slope_of_centre(&lens, z, h, parameter);
+        assert!((slope - expected).abs() < 1e-3 * expected.abs(), "{parameter}: {slope}, not {expected}");
+    }
+}
+
 /// A coating of R = 0 and T on a plate whose other face has F: it sends back R + T^2 F / (1 - R F), whose derivative by R is
 /// 1 + (T F)^2. Branches without light are drawn where their probability is chosen.
 #[test]
