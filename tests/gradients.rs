@@ -3,6 +3,7 @@
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
+    clippy::print_stdout,
     reason = "clippy's exemption of tests does not reach their helpers"
 )]
 
@@ -438,6 +439,94 @@ fn scenes_of_many_faces_have_derivatives() {
     let largest = few.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
     let apart = (&few - &many).iter().fold(0.0, |apart: f64, value| apart.max(value.abs()));
     assert!(apart <= 1e-9 * largest && largest > 0.0, "{apart:e} of {largest:e}");
+}
+
+/// Of so many rays, the derivative of the map is that of central differences to 1 % of all its pixels, and that of the flux
+/// within three errors. The steps are so small that their own error does not show. Five events let light reach the image that
+/// no face reflects: ghosts cross the border of the image, and the difference of 1e8 rays sees that.
+#[test]
+#[ignore = "long"]
+fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
+    let options = TraceOptions { max_depth: 5, ..zoo::options(100_000_000, 5, Precision::F64) };
+    let steps = [("L1.r1", 0.5), ("L1.rx", 2e-3), ("glass.n", 2e-3), ("\"filter.back\".reflectance", 0.02)];
+    for (name, step) in steps {
+        let scene = differentiated(BENCH, &[name]);
+        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let value = nsq_gpu::Scene::numbers(BENCH, &[name.to_string()]).unwrap()[0];
+        let at = |value: f64| {
+            let numbers = [(name.to_string(), value)];
+            nsq_gpu::Scene::with_numbers(BENCH, Path::new(""), &numbers).unwrap().lower().unwrap()
+        };
+        let (more, less) = (at(value + step), at(value - step));
+        let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
+        let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
+        let theirs = &difference.detectors[0];
+        let (map, expected) =
+            (found[0].map.as_ref().unwrap(), &theirs.map.as_ref().unwrap().values / (2.0 * step));
+        let size = |map: &ndarray::ArrayD<f64>| map.iter().map(|value| value.abs()).sum::<f64>();
+        let apart = size(&(map - &expected)) / size(&expected);
+        let (flux, error) = (theirs.flux.difference / (2.0 * step), theirs.flux.standard_error.unwrap());
+        let sigma = found[0].standard_error.unwrap().hypot(error / (2.0 * step));
+        println!("{name}: {apart:.5} of the map, {:.2} sigmas of the flux", (found[0].flux - flux) / sigma);
+        assert!(apart < 0.01, "{name}: {apart} of the map");
+        assert!((found[0].flux - flux).abs() < 3.0 * sigma, "{name}: {} not {flux} ± {sigma}", found[0].flux);
+    }
+}
+
+/// The mean over seeds is that of many rays, and lies within two errors of one seed as often as Student's distribution of 64
+/// blocks says: for the flux, and for pixels of a twentieth of the largest derivative at least.
+fn check_seeds(seeds: u64, rays_of_truth: u64, shares: std::ops::Range<f64>) {
+    let names = ["L1.r1", "image.z", "glass.n"];
+    let scene = differentiated(BENCH, &names);
+    let shelf = nsq_gpu::trace::Shelf::new();
+    let numbers = |num_rays: u64, seed: u64| -> Vec<Vec<(f64, f64)>> {
+        let how = How { shelf: Some(&shelf), ..How::default() };
+        let options = zoo::options(num_rays, seed, Precision::F64);
+        let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
+        let of_one = |one: &Gradient| {
+            let (map, errors) = (one.map.as_ref().unwrap(), one.map_errors.as_ref().unwrap());
+            let flux = (one.flux, one.standard_error.unwrap());
+            std::iter::once(flux).chain(map.iter().copied().zip(errors.iter().copied())).collect()
+        };
+        found.iter().map(of_one).collect()
+    };
+    let all: Vec<_> = (0..seeds).map(|seed| numbers(20_000, seed)).collect();
+    let truth = numbers(rays_of_truth, seeds);
+    for (parameter, name) in names.iter().enumerate() {
+        let count = truth[parameter].len();
+        let mean = |number: usize| all.iter().map(|of| of[parameter][number].0).sum::<f64>() / seeds as f64;
+        let means: Vec<f64> = (0..count).map(mean).collect();
+        let largest = means[1..].iter().fold(0.0, |largest: f64, mean| largest.max(mean.abs()));
+        let (mut covered, mut num, mut worst) = (0_u64, 0_u64, 0.0_f64);
+        for number in (0..count).filter(|&i| i == 0 || means[i].abs() > 0.05 * largest) {
+            let is_covered = |of: &&Vec<Vec<(f64, f64)>>| {
+                let (value, error) = of[parameter][number];
+                (value - means[number]).abs() <= 1.9983 * error
+            };
+            covered += all.iter().filter(is_covered).count() as u64;
+            num += seeds;
+            let square = |of: &Vec<Vec<(f64, f64)>>| (of[parameter][number].0 - means[number]).powi(2);
+            let variance = all.iter().map(square).sum::<f64>() / (seeds * (seeds - 1)) as f64;
+            let (value, error) = truth[parameter][number];
+            worst = worst.max((means[number] - value).abs() / error.hypot(variance.sqrt()));
+        }
+        let share = covered as f64 / num as f64;
+        println!("{name}: {share:.4} of {num} intervals, means within {worst:.2} errors");
+        assert!(shares.contains(&share), "{name}: {share}");
+        assert!(worst < 4.5, "{name}: {worst} errors off");
+    }
+}
+
+/// Pixels of one seed share rays, so that the share scatters more than that of as many free draws.
+#[test]
+fn derivatives_are_unbiased_and_their_errors_are_right() {
+    check_seeds(48, 2_000_000, 0.92..0.98);
+}
+
+#[test]
+#[ignore = "long"]
+fn derivatives_are_unbiased_and_their_errors_are_right_over_2000_seeds() {
+    check_seeds(2000, 40_000_000, 0.935..0.965);
 }
 
 #[test]
