@@ -1,6 +1,7 @@
 """Runs the tests that take long: those of tests/long.txt, which `make test` leaves out.
 
     python3 tests/long.py                          all of them
+    python3 tests/long.py 2000_seeds               those whose names have this
     python3 tests/long.py --first 7 --seconds 600  from the seventh on, and round, as many as begin within ten minutes
 
 Prints which ones ran, and what they took. Exit code 1 if one failed.
@@ -18,10 +19,14 @@ LIST = Path(__file__).with_name("long.txt")
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", nargs="?", default="", help="only tests whose names have this")
     parser.add_argument("--first", type=int, default=0, help="the number of the test to begin with; past the last, it goes round")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="no test begins later than this")
     options = parser.parse_args()
     tests = [line.split() for line in LIST.read_text().splitlines() if line and not line.startswith("#")]
+    tests = [(program, test) for program, test in tests if options.part in test]
+    if not tests:
+        parser.error(f"no long test has {options.part!r} in its name")
     first = options.first % len(tests)
     start, ran, failed = time.monotonic(), [], []
     for program, test in tests[first:] + tests[:first]:
