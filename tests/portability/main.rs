@@ -92,7 +92,8 @@ fn variants_of(tier: Tier) -> impl Iterator<Item = (String, Variant)> {
     let scenes = scene_names().into_iter().map(|name| (name.clone(), scene_variant(&name)));
     let whole = [("everything", everything()), ("everything, split", everything_split())];
     let paths = everything_with_paths().into_iter().map(|variant| ("everything with paths".into(), variant));
-    let tangents = [("everything with tangents".to_string(), everything_with_tangents())];
+    let tangents =
+        everything_with_tangents().into_iter().map(|variant| ("everything with tangents".into(), variant));
     paired
         .chain(whole.map(|(name, variant)| (name.to_string(), variant)))
         .chain(paths)
@@ -149,8 +150,9 @@ fn full_scenes_are_written_with_and_without_checks() {
         for variant in everything_with_paths() {
             check("everything with paths", &variant.program(tier), &[true, false]);
         }
-        let tangents = everything_with_tangents();
-        check("everything with tangents", &tangents.program(tier), &[true, false]);
+        for variant in everything_with_tangents() {
+            check("everything with tangents", &variant.program(tier), &[true, false]);
+        }
         for name in ["cooke_triplet", "kaleidoscope", "filter_stack"] {
             check(name, &scene_variant(name).program(tier), &[true, false]);
         }
@@ -180,7 +182,8 @@ fn every_shader_file_is_composed_by_some_variant() {
             let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
             texts.push(together.program(tier).wgsl.clone());
         }
-        texts.push(everything_with_tangents().program(tier).wgsl.clone());
+        texts
+            .extend(everything_with_tangents().into_iter().map(|variant| variant.program(tier).wgsl.clone()));
     }
     let dead: Vec<String> = snapshots::shader_files()
         .into_iter()

@@ -620,8 +620,8 @@ pub fn everything_with_paths() -> Vec<Variant> {
     path_sums().flat_map(|sums| [with(sums, false), with(sums, true)]).collect()
 }
 
-/// Every choice that has derivatives, with those of some parameters.
-pub fn everything_with_tangents() -> Variant {
+/// Every choice that has derivatives, with those of some parameters, and each policy of reflection.
+pub fn everything_with_tangents() -> Vec<Variant> {
     let has_derivatives = |choice: &Choice| match choice {
         Choice::Shape(kind) => *kind != ShapeKind::Mesh,
         Choice::Source(_)
@@ -647,7 +647,12 @@ pub fn everything_with_tangents() -> Variant {
     };
     let mut variant = Variant { tangents: 3, ..Variant::default() };
     Choice::all().into_iter().filter(has_derivatives).for_each(|choice| choice.apply(&mut variant));
-    variant
+    let with = |policy| {
+        let mut variant = variant.clone();
+        variant.ir.sampling.reflect_prob = policy;
+        variant
+    };
+    policies().into_iter().map(with).collect()
 }
 
 fn path_sums() -> impl Iterator<Item = PathSums> {
