@@ -11,7 +11,7 @@ mod zoo;
 
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
-use nsq_gpu::result::Gradient;
+use nsq_gpu::result::{Gradient, SceneDifference};
 use nsq_gpu::trace::gradients::{Differentiated, How};
 use nsq_gpu::{StandardError, TraceOptions};
 use serde_json::Value;
@@ -130,6 +130,18 @@ const BENCH: &str = r#"{
     }
 }"#;
 
+/// What the bench with a number larger by a step has more than with the number as much smaller.
+fn central_difference(name: &str, step: f64, options: &TraceOptions) -> SceneDifference {
+    let value = nsq_gpu::Scene::numbers(BENCH, &[name.to_string()]).unwrap()[0];
+    let at = |value: f64| {
+        let numbers = [(name.to_string(), value)];
+        nsq_gpu::Scene::with_numbers(BENCH, Path::new(""), &numbers).unwrap().lower().unwrap()
+    };
+    let (more, less) = (at(value + step), at(value - step));
+    let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
+    pair.difference(zoo::gpu(), options, None, |_| true).unwrap()
+}
+
 /// Pixel by pixel, as far from differences of two traces as chance has it. The step is so large that the difference shows.
 #[test]
 fn derivatives_are_those_of_differences() {
@@ -158,14 +170,7 @@ fn derivatives_are_those_of_differences() {
     for (name, step) in steps {
         let scene = differentiated(BENCH, &[name]);
         let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
-        let value = nsq_gpu::Scene::numbers(BENCH, &[name.to_string()]).unwrap()[0];
-        let at = |value: f64| {
-            let numbers = [(name.to_string(), value)];
-            nsq_gpu::Scene::with_numbers(BENCH, Path::new(""), &numbers).unwrap().lower().unwrap()
-        };
-        let (more, less) = (at(value + step), at(value - step));
-        let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
-        let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
+        let difference = central_difference(name, step, &options);
         let (ours, theirs) = (&found[0], difference.detectors[0].map.as_ref().unwrap());
         let (map, errors) = (ours.map.as_ref().unwrap(), ours.map_errors.as_ref().unwrap());
         let mut scores = Vec::new();
@@ -452,14 +457,7 @@ fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
     for (name, step) in steps {
         let scene = differentiated(BENCH, &[name]);
         let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
-        let value = nsq_gpu::Scene::numbers(BENCH, &[name.to_string()]).unwrap()[0];
-        let at = |value: f64| {
-            let numbers = [(name.to_string(), value)];
-            nsq_gpu::Scene::with_numbers(BENCH, Path::new(""), &numbers).unwrap().lower().unwrap()
-        };
-        let (more, less) = (at(value + step), at(value - step));
-        let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
-        let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
+        let difference = central_difference(name, step, &options);
         let theirs = &difference.detectors[0];
         let (map, expected) =
             (found[0].map.as_ref().unwrap(), &theirs.map.as_ref().unwrap().values / (2.0 * step));

@@ -1,5 +1,7 @@
 //! The cases to measure: scenes in the form of files that users trace, so that every peer reads the same files.
 
+use crate::program::Precision;
+use crate::trace::TraceOptions;
 use serde_json::{Value, json};
 
 /// One scene, and the number of rays to trace.
@@ -18,6 +20,14 @@ pub struct Case {
     pub max_depth: u32,
     /// What is timed.
     pub kind: Kind,
+}
+
+impl Case {
+    /// How the case is traced, with defaults for all else.
+    pub(crate) fn options(&self, precision: Precision) -> TraceOptions {
+        let (num_rays, max_depth) = (self.num_rays, self.max_depth);
+        TraceOptions { num_rays, max_depth, precision, ..TraceOptions::default() }
+    }
 }
 
 /// What is timed.

@@ -63,14 +63,8 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let scenes = COUNTS.map(scene);
     let [one, four] = scenes;
     let scenes = [one?, four?];
-    let options = TraceOptions {
-        num_rays: case.num_rays,
-        max_depth: case.max_depth,
-        precision,
-        standard_error: StandardError::Off,
-        ..Default::default()
-    }
-    .tuned(&gpu.info);
+    let options =
+        TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
     let shelf = Shelf::new();
     let how = How { shelf: Some(&shelf), ..How::default() };
     let mut plain = Tracer::plain(gpu, &scenes[0].ir, &options)?;
@@ -89,8 +83,7 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
             times.iter_mut().zip(lap).for_each(|(times, time)| times.push(time.as_secs_f64()));
         }
     }
-    let [plain_sec, one, four] =
-        times.map(|times| Summary::of(&times).map_or(f64::NAN, |summary| summary.median));
+    let [plain_sec, one, four] = times.map(|times| Summary::median_of(&times));
     Ok(GradientCost { case: case.name.clone(), precision, plain_sec, gradient_sec: [one, four] })
 }
 

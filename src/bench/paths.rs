@@ -35,14 +35,8 @@ pub struct PathCost {
 /// [`Error::Device`] if the device fails.
 pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) -> Result<PathCost> {
     let ir = Scene::from_json(&case.scene)?.lower()?;
-    let options = TraceOptions {
-        num_rays: case.num_rays,
-        max_depth: case.max_depth,
-        precision,
-        standard_error: StandardError::Off,
-        ..Default::default()
-    }
-    .tuned(&gpu.info);
+    let options =
+        TraceOptions { standard_error: StandardError::Off, ..case.options(precision) }.tuned(&gpu.info);
     // As in the midst of a long trace.
     let is_long = if case.num_rays >= 10_000_000 { When::Always } else { When::ItPays };
     let choices = Choices { second_device: is_long, side_paths: is_long, ..Choices::default() };
@@ -64,8 +58,7 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
             times.push(start.elapsed().as_secs_f64());
         }
     }
-    let [plain_sec, default_sec, paths_sec] =
-        times.map(|times| Summary::of(&times).map_or(f64::NAN, |summary| summary.median));
+    let [plain_sec, default_sec, paths_sec] = times.map(|times| Summary::median_of(&times));
     Ok(PathCost { case: case.name.clone(), precision, plain_sec, default_sec, paths_sec, num_rows })
 }
 

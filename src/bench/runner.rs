@@ -275,7 +275,7 @@ impl<'a> Subject<'a> {
                 let is_long = case.num_rays >= LONG_TRACE && Profile::of(session.gpu).two_devices;
                 let in_midst = if is_long { When::Always } else { When::ItPays };
                 let choices = Choices { second_device: in_midst, side_paths: in_midst, ..Choices::default() };
-                let options = options(case, precision).tuned(&session.gpu.info);
+                let options = case.options(precision).tuned(&session.gpu.info);
                 let tracer = Tracer::with_choices(session.gpu, ir, &options, &choices, |wgsl| wgsl)?;
                 let ready_sec = before(Instant::now());
                 (Engine::Tracer { tracer: Box::new(tracer), ir }, Some(ready_sec))
@@ -353,14 +353,10 @@ struct Run {
     report: Value,
 }
 
-fn options(case: &Case, precision: Precision) -> TraceOptions {
-    TraceOptions { num_rays: case.num_rays, max_depth: case.max_depth, precision, ..Default::default() }
-}
-
 /// Counts on recorded paths, so that the trace itself needs no counter of casts.
 fn per_ray(case: &Case, gpu: &Gpu, ir: &SceneIr, precision: Precision) -> Result<PerRay> {
     let num_rays = case.num_rays.min(RECORDED_RAYS);
-    let options = TraceOptions { num_rays, paths: RecordPaths::All, ..options(case, precision) };
+    let options = TraceOptions { num_rays, paths: RecordPaths::All, ..case.options(precision) };
     let paths = Tracer::new(gpu, ir, &options)?.trace(|_| true)?.paths;
     let count = |wanted: fn(&PathEventKind) -> bool| {
         paths.iter().filter(|event| wanted(&event.kind)).count() as f64 / num_rays as f64

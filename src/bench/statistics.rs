@@ -23,6 +23,11 @@ impl Summary {
         Some(Summary { median: 0.5 * (below + above), min, max })
     }
 
+    /// The median of `values`; no number if there are none.
+    pub fn median_of(values: &[f64]) -> f64 {
+        Self::of(values).map_or(f64::NAN, |summary| summary.median)
+    }
+
     /// The summary of rates \[1/s\]: `things` done in each of these times.
     pub fn of_rates(things: f64, seconds: &[f64]) -> Option<Self> {
         let rates: Vec<f64> = seconds.iter().map(|seconds| things / seconds.max(SHORTEST)).collect();

@@ -302,30 +302,34 @@ fn run_stability(args: &Args) -> Result<String> {
 fn run_paths(args: &Args, cases: Vec<Case>) -> Result<String> {
     let cases = paths::cases(cases)?;
     crate::cli::console::choose_width(widest(&widths(&cases)?));
-    let gpu = open(args)?;
-    let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
-    let mut table = paths::PathCost::heading();
-    for case in &cases {
-        for precision in precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu) {
-            let cost = paths::measure(&gpu, case, precision, num_runs)?;
-            say(cost.line().trim_end());
-            table += &cost.line();
-        }
-    }
-    Ok(table)
+    cost_table(args, &cases, paths::PathCost::heading(), |gpu, case, precision, num_runs| {
+        paths::measure(gpu, case, precision, num_runs).map(|cost| cost.line())
+    })
 }
 
 /// Measures what derivatives cost.
 fn run_gradients(args: &Args, cases: Vec<Case>) -> Result<String> {
     let cases = gradients::cases(cases)?;
+    cost_table(args, &cases, gradients::GradientCost::heading(), |gpu, case, precision, num_runs| {
+        gradients::measure(gpu, case, precision, num_runs).map(|cost| cost.line())
+    })
+}
+
+/// Measures each case in each precision, and returns the lines below a heading.
+fn cost_table(
+    args: &Args,
+    cases: &[Case],
+    heading: String,
+    measure: impl Fn(&Gpu, &Case, Precision, usize) -> Result<String>,
+) -> Result<String> {
     let gpu = open(args)?;
     let num_runs = usize::from(args.runs.unwrap_or(if args.quick { 3 } else { 5 }));
-    let mut table = gradients::GradientCost::heading();
-    for case in &cases {
+    let mut table = heading;
+    for case in cases {
         for precision in precisions(args.precision.unwrap_or(PrecisionsArg::Both), &gpu) {
-            let cost = gradients::measure(&gpu, case, precision, num_runs)?;
-            say(cost.line().trim_end());
-            table += &cost.line();
+            let line = measure(&gpu, case, precision, num_runs)?;
+            say(line.trim_end());
+            table += &line;
         }
     }
     Ok(table)

@@ -6,7 +6,7 @@ use crate::cli::sweep::parse_number;
 use crate::cli::trace::{end_with_caller, stop_on_interrupt};
 use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs};
 use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Gpu, Native};
+use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::depth;
 use crate::result::{RunInfo, SceneDifference, difference, output};
 use crate::scene::Scene;
@@ -112,8 +112,7 @@ pub fn run(args: &Args) -> Result<String> {
         let names = ir_a.detectors.iter().map(|detector| detector.name.as_str());
         output::check(dir, &difference::file_names(names, !args.no_pictures))?;
     }
-    let native = if args.portable { Native::Off } else { Native::Allowed };
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), native, ..Default::default() })?;
+    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let deepest = || pair.scenes().map(depth::of_scene).into_iter().max().unwrap_or(depth::OPTILANDS);
     let options = TraceOptions {
         max_depth: args.trace.max_depth.unwrap_or_else(deepest),

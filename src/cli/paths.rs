@@ -6,7 +6,7 @@ use crate::cli::trace::stop_on_interrupt;
 use crate::cli::trace_args::{PrecisionArg, SamplerArg, TraceArgs};
 use crate::count;
 use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Gpu, Native};
+use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::output::Extras;
 use crate::result::{
@@ -132,8 +132,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     if let Some(dir) = &args.output {
         output::check_writable(dir)?;
     }
-    let native = if args.portable { Native::Off } else { Native::Allowed };
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), native, ..Default::default() })?;
+    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let options = TraceOptions {
         max_depth: args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(&ir)),
         ..args.trace.options(&ir)?

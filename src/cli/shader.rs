@@ -3,7 +3,7 @@
 use crate::cli::console::{choose_vectors, read_scene};
 use crate::cli::trace_args::{PrecisionArg, wanted};
 use crate::error::Result;
-use crate::gpu::{AdapterChoice, Gpu, Native};
+use crate::gpu::{AdapterChoice, Gpu};
 use crate::program::Precision;
 use crate::trace::{TraceOptions, Tracer, auto_precision};
 use std::path::PathBuf;
@@ -31,8 +31,7 @@ pub fn run(args: &Args) -> Result<String> {
     let options = TraceOptions { max_depth: crate::model::depth::of_scene(&ir), ..Default::default() };
     let in_f64 = matches!(args.precision, PrecisionArg::Auto | PrecisionArg::F64);
     choose_vectors(&ir, options.num_rays, in_f64);
-    let native = if args.portable { Native::Off } else { Native::Allowed };
-    let gpu = Gpu::open(&AdapterChoice { name: args.adapter.clone(), native, ..Default::default() })?;
+    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let options = options.tuned(&gpu.info);
     let precision = auto_precision::choose(&gpu, &ir, &options, wanted(args.precision))?.precision;
     let tracer = Tracer::new(&gpu, &ir, &TraceOptions { precision, ..options })?;

@@ -6,7 +6,7 @@ use crate::cli::quantity;
 use crate::cli::trace_args::{PathsArg, PrecisionArg, StandardErrorArg, TraceArgs, wanted};
 use crate::count;
 use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Gpu, Native};
+use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::program::Precision;
 use crate::result::StoppedBy;
@@ -14,7 +14,7 @@ use crate::result::{Recording, RunInfo, StageTime, Tally, TraceResult, output, r
 use crate::scene::Scene;
 use crate::trace::auto_precision::{self, Choice, Wanted};
 use crate::trace::checkpoint::{self, Checkpoint, Identity};
-use crate::trace::gradients::{Differentiated, How, MOST_PARAMETERS};
+use crate::trace::gradients::{Differentiated, How};
 use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
 use std::path::{Path, PathBuf};
@@ -129,7 +129,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
         checkpoint::check_writable(path)?;
     }
     let resumed = args.resume.as_deref().map(Checkpoint::read).transpose()?;
-    let gpu = Gpu::open(&adapter_choice(args))?;
+    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let of_resumed = resumed.as_ref().map(|resumed| resumed.identity.max_depth);
     let max_depth = args.trace.max_depth.or(of_resumed).unwrap_or_else(|| crate::model::depth::of_scene(&ir));
     let options = TraceOptions {
@@ -189,13 +189,13 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         files.insert(0, output::GRADIENTS.into());
         output::check(dir, &files)?;
     }
-    let gpu = Gpu::open(&adapter_choice(args))?;
+    let gpu = Gpu::open(&AdapterChoice::of_command(args.adapter.as_deref(), args.portable))?;
     let max_depth = args.trace.max_depth.unwrap_or_else(|| crate::model::depth::of_scene(ir));
     let options = TraceOptions { max_depth, ..args.trace.options(ir)? }.tuned(&gpu.info);
     let choice = auto_precision::choose(&gpu, ir, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
     let stop = stop_on_interrupt()?;
-    let num_rays = options.num_rays * names.len().div_ceil(MOST_PARAMETERS) as u64;
+    let num_rays = differentiated.num_passes() * options.num_rays;
     let mut shown = Progress::new(args.progress, num_rays);
     let start = Instant::now();
     let (gradients, tally) = differentiated.gradients(&gpu, &options, How::default(), |rays| {
@@ -344,11 +344,6 @@ pub fn deliver(
             Err(error)
         }
     }
-}
-
-fn adapter_choice(args: &Args) -> AdapterChoice {
-    let native = if args.portable { Native::Off } else { Native::Allowed };
-    AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() }
 }
 
 /// A trace that is ready to start.

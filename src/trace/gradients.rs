@@ -158,6 +158,11 @@ impl Differentiated {
         Ok(())
     }
 
+    /// How often all rays are traced.
+    pub fn num_passes(&self) -> u64 {
+        self.parameters.len().div_ceil(MOST_PARAMETERS) as u64
+    }
+
     /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done of
     /// all passes, and ends the trace by returning false.
     ///

@@ -11,7 +11,7 @@ use crate::cli::serve::requests::{Request, TraceRequest};
 use crate::cli::serve::session::Session;
 use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
-use crate::gpu::{AdapterChoice, Native};
+use crate::gpu::AdapterChoice;
 use crate::result::{Report, TraceResult, npz_files, report};
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -59,9 +59,7 @@ pub fn run(args: &Args) -> Result<String> {
         let parent = std::os::unix::process::parent_id();
         std::thread::spawn(move || crate::cli::trace::end_with_parent(parent));
     }
-    let native = if args.portable { Native::Off } else { Native::Allowed };
-    let choice = AdapterChoice { name: args.adapter.clone(), native, ..AdapterChoice::default() };
-    let mut session = Session::new(choice);
+    let mut session = Session::new(AdapterChoice::of_command(args.adapter.as_deref(), args.portable));
     let cancels = Cancels::default();
     let (sender, jobs) = mpsc::channel();
     let known = cancels.clone();

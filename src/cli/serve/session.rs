@@ -8,7 +8,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::{RunInfo, TraceResult};
 use crate::scene::Scene;
-use crate::trace::gradients::{Differentiated, How, MOST_PARAMETERS};
+use crate::trace::gradients::{Differentiated, How};
 use crate::trace::stopping::Stopping;
 use crate::trace::{Progress, Shelf, Strict, TraceOptions, Tracer, auto_precision};
 use std::time::Instant;
@@ -144,7 +144,7 @@ impl<'a> Job<'a> {
         let options = TraceOptions { precision: choice.precision, live: true, ..options };
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
-        let num_rays = options.num_rays * request.gradient.len().div_ceil(MOST_PARAMETERS) as u64;
+        let num_rays = scene.num_passes() * options.num_rays;
         let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
             keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
         })?;
