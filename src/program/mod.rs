@@ -11,6 +11,8 @@ pub mod options;
 pub mod parsed;
 pub mod prepared;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
+mod statements;
+#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod tangents;
 pub mod wgsl;
 

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::program::df64::rewriting::{Rewriting, literal_f32, unknown};
+use crate::program::statements::Rewrite;
 use naga::valid::FunctionInfo;
 use naga::{
     BinaryOperator, Block, Expression, Function, Handle, Literal, MathFunction, RelationalFunction, Scalar,
@@ -51,6 +52,69 @@ struct Rewriter<'r, 'm> {
     locals: HashMap<Handle<naga::LocalVariable>, Handle<naga::LocalVariable>>,
 }
 
+impl Rewrite for Rewriter<'_, '_> {
+    fn new_function(&mut self) -> &mut Function {
+        &mut self.new
+    }
+
+    fn value(&mut self, old: Value) -> Result<Value> {
+        if let Some(new) = self.known.get(&old) {
+            return Ok(*new);
+        }
+        let new = match &self.old.expressions[old] {
+            Expression::Literal(Literal::F64(value)) => Expression::Constant(self.shared.literal(*value)?),
+            Expression::Literal(literal) => Expression::Literal(*literal),
+            Expression::Constant(constant) => Expression::Constant(self.shared.constants[constant]),
+            Expression::ZeroValue(ty) => Expression::ZeroValue(self.shared.map_type(*ty)?),
+            Expression::FunctionArgument(index) => Expression::FunctionArgument(*index),
+            Expression::GlobalVariable(variable) => Expression::GlobalVariable(self.shared.globals[variable]),
+            Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable]),
+            other => return Err(unknown(other)),
+        };
+        let new = self.append(new);
+        self.known.insert(old, new);
+        Ok(new)
+    }
+
+    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
+        let new = match statement {
+            Statement::Emit(range) => {
+                for value in range.clone() {
+                    let new = self.emitted(value, out)?;
+                    self.known.insert(value, new);
+                }
+                return Ok(());
+            }
+            Statement::Return { value } => Statement::Return { value: self.optional(*value)? },
+            Statement::Store { pointer, value } => {
+                Statement::Store { pointer: self.value(*pointer)?, value: self.value(*value)? }
+            }
+            Statement::Atomic { pointer, fun, value, result } => {
+                let fun = self.atomic_function(fun)?;
+                Statement::Atomic {
+                    pointer: self.value(*pointer)?,
+                    fun,
+                    value: self.value(*value)?,
+                    result: result.map(|result| self.atomic_result(result)).transpose()?,
+                }
+            }
+            Statement::Call { function, arguments, result } => {
+                let function = self.shared.functions[function];
+                let arguments = arguments.iter().map(|a| self.value(*a)).collect::<Result<_>>()?;
+                let result = result.map(|old| {
+                    let new = self.append(Expression::CallResult(function));
+                    self.known.insert(old, new);
+                    new
+                });
+                Statement::Call { function, arguments, result }
+            }
+            other => self.control(other)?.ok_or_else(|| unknown(other))?,
+        };
+        out.push(new, Span::UNDEFINED);
+        Ok(())
+    }
+}
+
 impl Rewriter<'_, '_> {
     fn local_variables(&mut self) -> Result<()> {
         for (handle, variable) in self.old.local_variables.iter() {
@@ -73,80 +137,6 @@ impl Rewriter<'_, '_> {
         Ok(self.append(Expression::Compose { ty, components }))
     }
 
-    fn block(&mut self, block: &Block) -> Result<Block> {
-        let mut out = Block::new();
-        for statement in block.iter() {
-            self.statement(statement, &mut out)?;
-        }
-        Ok(out)
-    }
-
-    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
-        let new = match statement {
-            Statement::Emit(range) => {
-                for value in range.clone() {
-                    let new = self.emitted(value, out)?;
-                    self.known.insert(value, new);
-                }
-                return Ok(());
-            }
-            Statement::Block(block) => Statement::Block(self.block(block)?),
-            Statement::If { condition, accept, reject } => Statement::If {
-                condition: self.value(*condition)?,
-                accept: self.block(accept)?,
-                reject: self.block(reject)?,
-            },
-            Statement::Switch { selector, cases } => Statement::Switch {
-                selector: self.value(*selector)?,
-                cases: cases
-                    .iter()
-                    .map(|case| Ok(naga::SwitchCase { body: self.block(&case.body)?, ..case.clone() }))
-                    .collect::<Result<_>>()?,
-            },
-            Statement::Loop { body, continuing, break_if } => Statement::Loop {
-                body: self.block(body)?,
-                continuing: self.block(continuing)?,
-                break_if: self.optional(*break_if)?,
-            },
-            Statement::Return { value } => Statement::Return { value: self.optional(*value)? },
-            Statement::Store { pointer, value } => {
-                Statement::Store { pointer: self.value(*pointer)?, value: self.value(*value)? }
-            }
-            Statement::Atomic { pointer, fun, value, result } => {
-                let fun = match fun {
-                    naga::AtomicFunction::Exchange { compare: Some(compare) } => {
-                        naga::AtomicFunction::Exchange { compare: Some(self.value(*compare)?) }
-                    }
-                    other => *other,
-                };
-                Statement::Atomic {
-                    pointer: self.value(*pointer)?,
-                    fun,
-                    value: self.value(*value)?,
-                    result: result.map(|result| self.atomic_result(result)).transpose()?,
-                }
-            }
-            Statement::Call { function, arguments, result } => {
-                let function = self.shared.functions[function];
-                let arguments = arguments.iter().map(|a| self.value(*a)).collect::<Result<_>>()?;
-                let result = result.map(|old| {
-                    let new = self.append(Expression::CallResult(function));
-                    self.known.insert(old, new);
-                    new
-                });
-                Statement::Call { function, arguments, result }
-            }
-            Statement::Break
-            | Statement::Continue
-            | Statement::Kill
-            | Statement::ControlBarrier(_)
-            | Statement::MemoryBarrier(_) => statement.clone(),
-            other => return Err(unknown(other)),
-        };
-        out.push(new, Span::UNDEFINED);
-        Ok(())
-    }
-
     fn atomic_result(&mut self, old: Value) -> Result<Value> {
         let Expression::AtomicResult { ty, comparison } = self.old.expressions[old] else {
             return Err(unknown("the result of an atomic"));
@@ -155,17 +145,6 @@ impl Rewriter<'_, '_> {
         let new = self.append(Expression::AtomicResult { ty, comparison });
         self.known.insert(old, new);
         Ok(new)
-    }
-
-    fn append(&mut self, expression: Expression) -> Value {
-        self.new.expressions.append(expression, Span::UNDEFINED)
-    }
-
-    /// Appends an expression that is evaluated here.
-    fn emit(&mut self, expression: Expression, out: &mut Block) -> Value {
-        let value = self.append(expression);
-        out.push(Statement::Emit(naga::Range::new_from_bounds(value, value)), Span::UNDEFINED);
-        value
     }
 
     /// Calls a function of the library.
@@ -179,30 +158,6 @@ impl Rewriter<'_, '_> {
 
     fn f32(&mut self, value: f32) -> Value {
         self.append(literal_f32(value))
-    }
-
-    fn optional(&mut self, old: Option<Value>) -> Result<Option<Value>> {
-        old.map(|old| self.value(old)).transpose()
-    }
-
-    /// The new value of an old one that has been emitted, or that needs no evaluation.
-    fn value(&mut self, old: Value) -> Result<Value> {
-        if let Some(new) = self.known.get(&old) {
-            return Ok(*new);
-        }
-        let new = match &self.old.expressions[old] {
-            Expression::Literal(Literal::F64(value)) => Expression::Constant(self.shared.literal(*value)?),
-            Expression::Literal(literal) => Expression::Literal(*literal),
-            Expression::Constant(constant) => Expression::Constant(self.shared.constants[constant]),
-            Expression::ZeroValue(ty) => Expression::ZeroValue(self.shared.map_type(*ty)?),
-            Expression::FunctionArgument(index) => Expression::FunctionArgument(*index),
-            Expression::GlobalVariable(variable) => Expression::GlobalVariable(self.shared.globals[variable]),
-            Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable]),
-            other => return Err(unknown(other)),
-        };
-        let new = self.append(new);
-        self.known.insert(old, new);
-        Ok(new)
     }
 
     fn reals(&self, old: Value) -> Reals {

@@ -1,12 +1,13 @@
 //! Rewrites one function, with tangents beside its reals.
 
 use crate::error::Result;
+use crate::program::statements::Rewrite;
 use crate::program::tangents::rewriting::{Rewriting, unknown};
 use crate::program::tangents::rules::{DEPOSIT, Rule, rule};
 use naga::valid::FunctionInfo;
 use naga::{
     BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, Literal, LocalVariable,
-    MathFunction, Range, ScalarKind, Span, Statement, Type, TypeInner, UnaryOperator,
+    MathFunction, ScalarKind, Span, Statement, Type, TypeInner, UnaryOperator,
 };
 use std::collections::HashMap;
 
@@ -112,6 +113,80 @@ struct Rewriter<'r, 'm> {
     locals: HashMap<Handle<LocalVariable>, Local>,
 }
 
+impl Rewrite for Rewriter<'_, '_> {
+    fn new_function(&mut self) -> &mut Function {
+        &mut self.new
+    }
+
+    fn value(&mut self, old: Value) -> Result<Value> {
+        if let Some(new) = self.known.get(&old) {
+            return Ok(*new);
+        }
+        let new = match &self.old.expressions[old] {
+            expression @ (Expression::Literal(_)
+            | Expression::Constant(_)
+            | Expression::ZeroValue(_)
+            | Expression::GlobalVariable(_)) => expression.clone(),
+            Expression::FunctionArgument(index) => {
+                Expression::FunctionArgument(self.arguments[*index as usize])
+            }
+            Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable].plain),
+            other => return Err(unknown(other)),
+        };
+        let new = self.append(new);
+        self.known.insert(old, new);
+        Ok(new)
+    }
+
+    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
+        let new = match statement {
+            Statement::Emit(range) => {
+                for old in range.clone() {
+                    let new = self.emitted(old, out)?;
+                    self.known.insert(old, new);
+                    let tangents = if self.has_reals(old) { self.tangents_of(old, new, out)? } else { None };
+                    self.tangents.insert(old, tangents);
+                }
+                return Ok(());
+            }
+            Statement::Return { value } => {
+                let value = match value {
+                    Some(value) if self.has_dual => Some(self.dual(*value, out)?),
+                    value => self.optional(*value)?,
+                };
+                Statement::Return { value }
+            }
+            Statement::Store { pointer, value } => {
+                let (to, what) = (self.value(*pointer)?, self.value(*value)?);
+                out.push(Statement::Store { pointer: to, value: what }, Span::UNDEFINED);
+                if let Some(pointers) = self.tangents(*pointer) {
+                    let tangents = self.tangents_or_zeros(*value);
+                    for (pointer, value) in pointers.into_iter().zip(tangents) {
+                        out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
+                    }
+                }
+                return Ok(());
+            }
+            Statement::Atomic { pointer, fun, value, result } => {
+                let fun = self.atomic_function(fun)?;
+                let (pointer, value) = (self.value(*pointer)?, self.value(*value)?);
+                let result = result.map(|old| {
+                    let new = self.append(self.old.expressions[old].clone());
+                    self.known.insert(old, new);
+                    new
+                });
+                Statement::Atomic { pointer, fun, value, result }
+            }
+            Statement::Call { function, arguments, result } => {
+                return self.call(*function, arguments, *result, out);
+            }
+            other => self.control(other)?.ok_or_else(|| unknown(other))?,
+        };
+        out.push(new, Span::UNDEFINED);
+        Ok(())
+    }
+}
+
 impl Rewriter<'_, '_> {
     fn local_variables(&mut self) -> Result<()> {
         for (handle, variable) in self.old.local_variables.iter() {
@@ -145,17 +220,6 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    fn append(&mut self, expression: Expression) -> Value {
-        self.new.expressions.append(expression, Span::UNDEFINED)
-    }
-
-    /// Appends an expression that is evaluated here.
-    fn emit(&mut self, expression: Expression, out: &mut Block) -> Value {
-        let value = self.append(expression);
-        out.push(Statement::Emit(Range::new_from_bounds(value, value)), Span::UNDEFINED);
-        value
-    }
-
     fn binary(&mut self, op: BinaryOperator, left: Value, right: Value, out: &mut Block) -> Value {
         self.emit(Expression::Binary { op, left, right }, out)
     }
@@ -167,33 +231,8 @@ impl Rewriter<'_, '_> {
         }))
     }
 
-    /// The new value of an old one that has been emitted, or that needs no evaluation.
-    fn value(&mut self, old: Value) -> Result<Value> {
-        if let Some(new) = self.known.get(&old) {
-            return Ok(*new);
-        }
-        let new = match &self.old.expressions[old] {
-            expression @ (Expression::Literal(_)
-            | Expression::Constant(_)
-            | Expression::ZeroValue(_)
-            | Expression::GlobalVariable(_)) => expression.clone(),
-            Expression::FunctionArgument(index) => {
-                Expression::FunctionArgument(self.arguments[*index as usize])
-            }
-            Expression::LocalVariable(variable) => Expression::LocalVariable(self.locals[variable].plain),
-            other => return Err(unknown(other)),
-        };
-        let new = self.append(new);
-        self.known.insert(old, new);
-        Ok(new)
-    }
-
     fn values(&mut self, old: &[Value]) -> Result<Vec<Value>> {
         old.iter().map(|old| self.value(*old)).collect()
-    }
-
-    fn optional(&mut self, old: Option<Value>) -> Result<Option<Value>> {
-        old.map(|old| self.value(old)).transpose()
     }
 
     /// The tangents of an old value; of a pointer, pointers to the twins of its variable.
@@ -272,90 +311,6 @@ impl Rewriter<'_, '_> {
             }
             (one, None) | (None, one) => one,
         }
-    }
-
-    fn block(&mut self, block: &Block) -> Result<Block> {
-        let mut out = Block::new();
-        for statement in block.iter() {
-            self.statement(statement, &mut out)?;
-        }
-        Ok(out)
-    }
-
-    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
-        let new = match statement {
-            Statement::Emit(range) => {
-                for old in range.clone() {
-                    let new = self.emitted(old, out)?;
-                    self.known.insert(old, new);
-                    let tangents = if self.has_reals(old) { self.tangents_of(old, new, out)? } else { None };
-                    self.tangents.insert(old, tangents);
-                }
-                return Ok(());
-            }
-            Statement::Block(block) => Statement::Block(self.block(block)?),
-            Statement::If { condition, accept, reject } => Statement::If {
-                condition: self.value(*condition)?,
-                accept: self.block(accept)?,
-                reject: self.block(reject)?,
-            },
-            Statement::Switch { selector, cases } => Statement::Switch {
-                selector: self.value(*selector)?,
-                cases: cases
-                    .iter()
-                    .map(|case| Ok(naga::SwitchCase { body: self.block(&case.body)?, ..case.clone() }))
-                    .collect::<Result<_>>()?,
-            },
-            Statement::Loop { body, continuing, break_if } => Statement::Loop {
-                body: self.block(body)?,
-                continuing: self.block(continuing)?,
-                break_if: self.optional(*break_if)?,
-            },
-            Statement::Return { value } => {
-                let value = match value {
-                    Some(value) if self.has_dual => Some(self.dual(*value, out)?),
-                    value => self.optional(*value)?,
-                };
-                Statement::Return { value }
-            }
-            Statement::Store { pointer, value } => {
-                let (to, what) = (self.value(*pointer)?, self.value(*value)?);
-                out.push(Statement::Store { pointer: to, value: what }, Span::UNDEFINED);
-                if let Some(pointers) = self.tangents(*pointer) {
-                    let tangents = self.tangents_or_zeros(*value);
-                    for (pointer, value) in pointers.into_iter().zip(tangents) {
-                        out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
-                    }
-                }
-                return Ok(());
-            }
-            Statement::Atomic { pointer, fun, value, result } => {
-                let fun = match fun {
-                    naga::AtomicFunction::Exchange { compare: Some(compare) } => {
-                        naga::AtomicFunction::Exchange { compare: Some(self.value(*compare)?) }
-                    }
-                    other => *other,
-                };
-                let (pointer, value) = (self.value(*pointer)?, self.value(*value)?);
-                let result = result.map(|old| {
-                    let new = self.append(self.old.expressions[old].clone());
-                    self.known.insert(old, new);
-                    new
-                });
-                Statement::Atomic { pointer, fun, value, result }
-            }
-            Statement::Call { function, arguments, result } => {
-                return self.call(*function, arguments, *result, out);
-            }
-            Statement::Break
-            | Statement::Continue
-            | Statement::Kill
-            | Statement::ControlBarrier(_)
-            | Statement::MemoryBarrier(_) => statement.clone(),
-            other => return Err(unknown(other)),
-        };
-        out.push(new, Span::UNDEFINED);
-        Ok(())
     }
 
     /// A result with its tangents.

@@ -1,0 +1,81 @@
+//! What all rewritings of functions share: new expressions, and the statements that decide and jump. Each rewriting has rules
+//! of its own for values, and for what reads and writes them.
+
+use crate::error::Result;
+use naga::{AtomicFunction, Block, Expression, Function, Handle, Range, Span, Statement, SwitchCase};
+
+/// A function that is written anew, statement by statement, from an old one.
+pub(super) trait Rewrite {
+    /// The new function.
+    fn new_function(&mut self) -> &mut Function;
+
+    /// The new value of an old one that has been emitted, or that needs no evaluation.
+    fn value(&mut self, old: Handle<Expression>) -> Result<Handle<Expression>>;
+
+    /// Appends what an old statement becomes.
+    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()>;
+
+    /// A new expression, which is evaluated elsewhere.
+    fn append(&mut self, expression: Expression) -> Handle<Expression> {
+        self.new_function().expressions.append(expression, Span::UNDEFINED)
+    }
+
+    /// A new expression that is evaluated here.
+    fn emit(&mut self, expression: Expression, out: &mut Block) -> Handle<Expression> {
+        let value = self.append(expression);
+        out.push(Statement::Emit(Range::new_from_bounds(value, value)), Span::UNDEFINED);
+        value
+    }
+
+    fn optional(&mut self, old: Option<Handle<Expression>>) -> Result<Option<Handle<Expression>>> {
+        old.map(|old| self.value(old)).transpose()
+    }
+
+    fn block(&mut self, block: &Block) -> Result<Block> {
+        let mut out = Block::new();
+        for statement in block.iter() {
+            self.statement(statement, &mut out)?;
+        }
+        Ok(out)
+    }
+
+    /// What a statement becomes that decides, jumps or waits; none of any other statement.
+    fn control(&mut self, statement: &Statement) -> Result<Option<Statement>> {
+        Ok(Some(match statement {
+            Statement::Block(block) => Statement::Block(self.block(block)?),
+            Statement::If { condition, accept, reject } => Statement::If {
+                condition: self.value(*condition)?,
+                accept: self.block(accept)?,
+                reject: self.block(reject)?,
+            },
+            Statement::Switch { selector, cases } => Statement::Switch {
+                selector: self.value(*selector)?,
+                cases: cases
+                    .iter()
+                    .map(|case| Ok(SwitchCase { body: self.block(&case.body)?, ..case.clone() }))
+                    .collect::<Result<_>>()?,
+            },
+            Statement::Loop { body, continuing, break_if } => Statement::Loop {
+                body: self.block(body)?,
+                continuing: self.block(continuing)?,
+                break_if: self.optional(*break_if)?,
+            },
+            Statement::Break
+            | Statement::Continue
+            | Statement::Kill
+            | Statement::ControlBarrier(_)
+            | Statement::MemoryBarrier(_) => statement.clone(),
+            _ => return Ok(None),
+        }))
+    }
+
+    /// What an atomic does, with the new value that it compares with.
+    fn atomic_function(&mut self, old: &AtomicFunction) -> Result<AtomicFunction> {
+        Ok(match old {
+            AtomicFunction::Exchange { compare: Some(compare) } => {
+                AtomicFunction::Exchange { compare: Some(self.value(*compare)?) }
+            }
+            other => *other,
+        })
+    }
+}
