@@ -40,16 +40,21 @@ fn trim_zeros(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }
 
-/// A value in standard errors: `inf` where the error is that of rounding alone, and `-` where it is not known. The value is a
-/// difference of numbers as large as `scale`: what their rounding leaves counts as 0.
-pub(crate) fn score(value: f64, error: Option<f64>, scale: f64) -> String {
+/// A value in standard errors: infinite where the error is that of rounding alone, and none where the error is not known. The
+/// value is a difference of numbers as large as `scale`: what their rounding leaves counts as 0.
+pub(crate) fn sigmas(value: f64, error: Option<f64>, scale: f64) -> Option<f64> {
     const ROUNDING: f64 = 1e-12;
     match error {
-        _ if value.abs() <= ROUNDING * scale => "0.0".into(),
-        Some(error) if error > ROUNDING * value.abs() => format!("{:.1}", value / error),
-        Some(_) => "inf".into(),
-        None => "-".into(),
+        _ if value.abs() <= ROUNDING * scale => Some(0.0),
+        Some(error) if error > ROUNDING * value.abs() => Some(value / error),
+        Some(_) => Some(f64::INFINITY),
+        None => None,
     }
+}
+
+/// [`sigmas`] in a table.
+pub(crate) fn score(value: f64, error: Option<f64>, scale: f64) -> String {
+    sigmas(value, error, scale).map_or("-".into(), |sigmas| format!("{sigmas:.1}"))
 }
 
 /// `count` with separators: 1,234,567.

@@ -173,7 +173,6 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     }
     let text = std::fs::read_to_string(&args.scene).map_err(|error| Error::file(&args.scene, error))?;
     let folder = args.scene.parent().unwrap_or(Path::new(""));
-    let scene = read_scene(&args.scene)?;
     let change = |ir: &mut SceneIr| args.trace.override_sampling(ir);
     let differentiated = Differentiated::new(&text, folder, &[], names, change)
         .map_err(|error| named(error, &args.scene.display().to_string()))?;
@@ -208,7 +207,7 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         precision_reason: choice.reason,
         precision_warning: choice.warning,
         trace_time_sec: start.elapsed().as_secs_f64(),
-        scene_warnings: scene.warnings,
+        scene_warnings: differentiated.warnings.clone(),
         has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
     };

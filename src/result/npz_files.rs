@@ -68,7 +68,10 @@ fn add_gradients(mut file: ArrayWriter, result: &TraceResult) -> Result<Vec<(Str
         file.add_optional(&name, &row.map)?;
         file.add_optional(&format!("{name}/standard_error"), &row.map_errors)?;
     }
-    let units = [("derivative", "unit of the map per unit of the parameter: mm, rad, um or 1")];
+    let units = [(
+        "derivative",
+        "unit of the map per unit of the parameter: mm, um, rad, W or 1, degrees where the file has degrees",
+    )];
     file.add_string("meta", &meta(result, "gradients", "gradients", &units))?;
     file.finish()
 }

@@ -48,6 +48,8 @@ const FRAME_KEYS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 pub struct Differentiated {
     /// The scene, with what its shaders must allow for.
     pub ir: SceneIr,
+    /// Warnings of reading it.
+    pub warnings: Vec<String>,
     parameters: Vec<Scaled>,
 }
 
@@ -84,13 +86,13 @@ impl Differentiated {
         names: &[String],
         change: impl Fn(&mut SceneIr) -> Result<()> + Sync,
     ) -> Result<Self> {
-        let scene = |numbers: &[(String, f64)]| -> Result<SceneIr> {
-            let numbers = [set, numbers].concat();
-            let mut ir = Scene::with_numbers(text, folder, &numbers)?.lower()?;
+        let read = |numbers: &[(String, f64)]| -> Result<(SceneIr, Vec<String>)> {
+            let scene = Scene::with_numbers(text, folder, &[set, numbers].concat())?;
+            let mut ir = scene.lower()?;
             change(&mut ir)?;
-            Ok(ir)
+            Ok((ir, scene.warnings))
         };
-        let mut ir = scene(&[])?;
+        let (mut ir, warnings) = read(&[])?;
         let mut parameters: Vec<Scaled> = Vec::new();
         for (name, written) in names.iter().zip(Scene::numbers(text, names)?) {
             let is_this = |other: &str| unquoted(other) == unquoted(name);
@@ -115,7 +117,7 @@ impl Differentiated {
             let step = if is_frame { FRAME_STEP } else { STEP * size };
             let stencil = |points: &[(f64, f64)], sign: f64| -> Result<Vec<(f64, SceneIr)>> {
                 let points = points.par_iter().map(|(steps, factor)| {
-                    let there = scene(&[(name.clone(), value + sign * steps * step)])?;
+                    let (there, _) = read(&[(name.clone(), value + sign * steps * step)])?;
                     Ok((sign * factor * size / step, there))
                 });
                 points.collect()
@@ -137,7 +139,7 @@ impl Differentiated {
         ir.allowed = allowed;
         let scenes = parameters.iter_mut().flat_map(|scaled| &mut scaled.parameter.stencil);
         scenes.for_each(|(_, scene)| scene.allowed = allowed);
-        let found = Differentiated { ir, parameters };
+        let found = Differentiated { ir, warnings, parameters };
         found.check()?;
         Ok(found)
     }

@@ -15,7 +15,7 @@ pub use crate::result::difference::files::{file_names, write};
 pub use crate::result::difference::spread::Spread;
 
 use crate::error::{Error, Result};
-use crate::format::shown;
+use crate::format::{shown, sigmas};
 use crate::model::SceneIr;
 use crate::model::detectors::grid::PixelGrid;
 use crate::model::place::did_you_mean;
@@ -40,12 +40,14 @@ pub struct FluxDifference {
 }
 
 impl FluxDifference {
-    /// The difference in standard errors: 0 where there is none, none where the error is not known or 0.
+    /// The difference in standard errors: 0 where there is none but by rounding, none where the error is not known or 0.
     pub fn score(&self) -> Option<f64> {
-        match self.difference == 0.0 {
-            true => Some(0.0),
-            false => self.standard_error.filter(|error| *error > 0.0).map(|error| self.difference / error),
-        }
+        sigmas(self.difference, self.standard_error, self.largest()).filter(|sigmas| sigmas.is_finite())
+    }
+
+    /// The larger flux of the two.
+    pub(crate) fn largest(&self) -> f64 {
+        self.a.abs().max(self.b.abs())
     }
 }
 

@@ -72,7 +72,7 @@ impl SceneDifference {
 
 fn columns(row: &FluxDifference) -> String {
     let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
-    let score = score(row.difference, row.standard_error, row.a.abs().max(row.b.abs()));
+    let score = score(row.difference, row.standard_error, row.largest());
     format!(
         "{:>13}{:>13}{:>13}{error:>11}{score:>9}",
         significant(row.a, 7),
