@@ -37,6 +37,9 @@ pub enum Error {
         /// What the operating system said.
         problem: String,
     },
+    /// A function of the shader has no reverse pass. Forward derivatives take its place.
+    #[error("there is no reverse pass through `{0}`; forward derivatives have none of its limits")]
+    NoWayBack(String),
     /// The trace was interrupted; partial results were kept.
     #[error("interrupted")]
     Interrupted,
@@ -70,7 +73,7 @@ impl Error {
     /// codes: 6 tolerance not met, 130 interrupted. An unreadable scene or unwritable output is a usage error.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Error::Internal(_) => 1,
+            Error::Internal(_) | Error::NoWayBack(_) => 1,
             Error::Usage(_) | Error::File { .. } => 2,
             Error::Scene { .. } => 3,
             Error::NoAdapter(_) => 4,

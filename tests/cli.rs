@@ -964,6 +964,7 @@ fn compose(text: &str) -> Result<(), Error> {
             most_rays_per_invocation: 1,
             vector_lanes: 0,
             tangents: 0,
+            adjoints: false,
             moments: SecondMoments::None,
             part_bytes: 1 << 27,
             live: false,

@@ -12,7 +12,7 @@ mod zoo;
 use nsq_gpu::model::SceneIr;
 use nsq_gpu::program::Precision;
 use nsq_gpu::result::{Gradient, SceneDifference};
-use nsq_gpu::trace::gradients::{Differentiated, How};
+use nsq_gpu::trace::gradients::{Differentiated, How, LossGradient};
 use nsq_gpu::{StandardError, TraceOptions};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -621,5 +621,35 @@ fn planted_errors_are_found() {
         let slopes = of_pixel_flux(&found[0], &scene.ir, parameter, &numbers(&theirs["data"]));
         let worst = slopes.iter().zip(&data).fold(0.0, |worst: f64, (a, b)| worst.max((a - b).abs()));
         assert!(worst > 1e-6 * sum_of_sizes, "{name} {parameter}: `{wrong}` changes nothing");
+    }
+}
+
+/// Adjoints of all cells of all detectors, which differ from cell to cell.
+fn some_adjoints(ir: &SceneIr) -> Vec<Vec<f64>> {
+    let of = |(number, num): (usize, usize)| {
+        (0..num).map(|cell| ((number * 7 + cell * 13) % 17) as f64 / 8.0 - 0.9).collect()
+    };
+    ir.detectors.iter().map(|detector| detector.num_cells().max(1)).enumerate().map(of).collect()
+}
+
+/// The gradients of a loss back, then forward: by the same draws.
+fn back_and_forward(text: &str, names: &[&str], options: &TraceOptions) -> [LossGradient; 2] {
+    let scene = differentiated(text, names);
+    let adjoints = some_adjoints(&scene.ir);
+    [false, true].map(|forward| {
+        let how = How { forward, ..How::default() };
+        scene.loss_gradient(zoo::gpu(), options, how, &adjoints, |_| true).unwrap()
+    })
+}
+
+#[test]
+fn the_way_back_is_the_way_forward() {
+    let options = TraceOptions { num_rays: 20_000, ..zoo::options(0, 5, Precision::F64) };
+    let names = ["L1.x", "L1.z", "L1.rx", "L1.thickness", "L1.r1", "L1.r2", "L1.conic1", "image.z", "image.ry", "image.width",
+        "beam.aperture_radius", "beam.x", "beam.ry", "beam.total_flux", "lamp.half_angle_deg", "lamp.x", "glass.n", "smoked.k",
+        "\"filter.back\".z", "\"filter.front\".ry"];
+    let [back, forward] = back_and_forward(BENCH, &names, &options);
+    for ((name, back), forward) in names.iter().zip(&back.values).zip(&forward.values) {
+        println!("{name:25} {back:15.6e} {forward:15.6e} {:10.2e}", (back - forward) / forward);
     }
 }

@@ -142,7 +142,10 @@ fn deposit_taps(taps: FourTaps, weight: real) {
 
 // Deposits a Gaussian splat: shares exp(-(i - position)^2 / (2 sigma^2)) over the taps within the radius, renormalised.
 fn splat_gaussian(weight: real, detector: Detector, p: vec3<real>, base: u32, stride: u32) {
-    let position = pixel_position(p, detector);
+    splat_gaussian_at(weight, detector, pixel_position(p, detector), base, stride);
+}
+
+fn splat_gaussian_at(weight: real, detector: Detector, position: vec2<real>, base: u32, stride: u32) {
     let ix = i32(floor(position.x));
     let iy = i32(floor(position.y));
     let radius = i32(detector.splat_radius);

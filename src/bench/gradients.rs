@@ -23,6 +23,8 @@ pub struct GradientCost {
     pub plain_sec: f64,
     /// Median times with one parameter, and with four \[s\].
     pub gradient_sec: [f64; 2],
+    /// Median time of the gradient of a loss by four parameters: rays are walked back \[s\].
+    pub back_sec: f64,
 }
 
 /// The numbers of parameters that are measured.
@@ -68,7 +70,9 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let shelf = Shelf::new();
     let how = How { shelf: Some(&shelf), ..How::default() };
     let mut plain = Tracer::plain(gpu, &scenes[0].ir, &options)?;
-    let mut times = [const { Vec::new() }; 3];
+    let adjoints: Vec<Vec<f64>> =
+        scenes[1].ir.detectors.iter().map(|detector| vec![1.0; detector.num_cells().max(1)]).collect();
+    let mut times = [const { Vec::new() }; 4];
     // The first round compiles.
     for round in 0..=num_runs {
         let start = Instant::now();
@@ -79,32 +83,36 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
             scene.gradients(gpu, &options, how, |_| true)?;
             lap.push(start.elapsed());
         }
+        let start = Instant::now();
+        scenes[1].loss_gradient(gpu, &options, how, &adjoints, |_| true)?;
+        lap.push(start.elapsed());
         if round > 0 {
             times.iter_mut().zip(lap).for_each(|(times, time)| times.push(time.as_secs_f64()));
         }
     }
-    let [plain_sec, one, four] = times.map(|times| Summary::median_of(&times));
-    Ok(GradientCost { case: case.name.clone(), precision, plain_sec, gradient_sec: [one, four] })
+    let [plain_sec, one, four, back_sec] = times.map(|times| Summary::median_of(&times));
+    Ok(GradientCost { case: case.name.clone(), precision, plain_sec, gradient_sec: [one, four], back_sec })
 }
 
 impl GradientCost {
     /// The heading of the table.
     pub fn heading() -> String {
         format!(
-            "{:<14}{:>5}{:>12}{:>18}{:>18}{:>12}{:>12}\n",
-            "case", "", "plain [s]", "one number [s]", "four numbers [s]", "one/plain", "four/plain"
+            "{:<14}{:>5}{:>12}{:>18}{:>18}{:>12}{:>12}{:>12}{:>12}\n",
+            "case", "", "plain [s]", "one number [s]", "four numbers [s]", "back [s]", "one/plain", "four/plain", "back/plain"
         )
     }
 
     /// The case as a line.
     pub fn line(&self) -> String {
-        let GradientCost { case, precision, plain_sec, gradient_sec: [one, four] } = self;
+        let GradientCost { case, precision, plain_sec, gradient_sec: [one, four], back_sec } = self;
         let mut line = format!("{case:<14}{:>5}", precision.name());
         let _ = writeln!(
             line,
-            "{plain_sec:>12.5}{one:>18.5}{four:>18.5}{:>12.2}{:>12.2}",
+            "{plain_sec:>12.5}{one:>18.5}{four:>18.5}{back_sec:>12.5}{:>12.2}{:>12.2}{:>12.2}",
             one / plain_sec,
-            four / plain_sec
+            four / plain_sec,
+            back_sec / plain_sec
         );
         line
     }

@@ -41,6 +41,7 @@ pub mod strategy;
 pub mod submit;
 pub mod sums;
 pub mod tangents;
+pub(crate) mod walk;
 pub mod tuning;
 pub mod undrained;
 pub mod wavefront;

@@ -75,6 +75,8 @@ pub struct TraceOptions {
     /// Parameters by which the detectors' sums are differentiated. Such a trace has live numbers, all events of a ray in one
     /// dispatch, and no split rays.
     pub tangents: Option<Arc<Tangents>>,
+    /// Rays are walked back ([`crate::engine::walk`]).
+    pub adjoints: bool,
     /// Most bytes of a part in which sums are bound; `None`: as many as the adapter binds. No result changes.
     #[doc(hidden)]
     pub part_bytes: Option<u64>,
@@ -160,6 +162,7 @@ impl Default for TraceOptions {
             strict: Strict::Auto,
             live: false,
             tangents: None,
+            adjoints: false,
             part_bytes: None,
         }
     }

@@ -106,7 +106,7 @@ fn plain(
     let primitives = ir.surfaces.len() + ir.detectors.len();
     let events_per_dispatch = match moments {
         // Rays that wait in a queue have no tangents.
-        _ if options.tangents.is_some() => options.max_depth,
+        _ if options.tangents.is_some() || options.adjoints => options.max_depth,
         // Only the invocation that traces a ray knows the ray's crossings of detectors.
         MomentSource::Device if ir.detectors.iter().any(|detector| !detector.absorb) => options.max_depth,
         _ => options.events_per_dispatch.min(options.max_depth),
@@ -135,6 +135,7 @@ fn plain(
         part_bytes: options.part_bytes.unwrap_or(gpu.largest_binding()),
         live: options.live,
         tangents: options.tangents.as_ref().map_or(0, |tangents| tangents.num()),
+        adjoints: options.adjoints,
     }
 }
 

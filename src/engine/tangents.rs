@@ -12,16 +12,16 @@ use crate::format::shown;
 use crate::model::{Precision, SceneIr};
 use crate::program::layout::bindings;
 use crate::program::parsed::Parsed;
-use crate::program::tangents::{BINDING_STRIDE, place_reals, take_reals};
+use crate::program::tangents::{BINDING_STRIDE, Parameter, place_reals, take_reals};
 use crate::program::wgsl::extension::NoExtension;
 use crate::program::{Program, ProgramOptions};
 use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The numbers that a program reads, by binding; those of sources apart, one after the other.
-struct Numbers {
-    buffers: Vec<(u32, Vec<f64>)>,
-    sources: Vec<Vec<f64>>,
+pub(crate) struct Numbers {
+    pub(crate) buffers: Vec<(u32, Vec<f64>)>,
+    pub(crate) sources: Vec<Vec<f64>>,
 }
 
 impl Numbers {
@@ -69,16 +69,22 @@ fn composed(
     Program::parsed_by(ir, like, &NoExtension, options.seed, |wgsl, _| parse(wgsl))
 }
 
-/// Gives a program the tangents of its numbers.
-pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut Program) -> Result<()> {
-    let Some(tangents) = &options.tangents else { return Ok(()) };
-    let first =
-        composed(ir, options, &program.options, |wgsl| Parsed::as_composed(wgsl).map(Arc::new))?.parsed;
-    let like = program.options.clone();
-    let mut added = Vec::new();
-    for (number, parameter) in (1..).zip(&tangents.parameters) {
+/// A program's text as it is composed in f64: where its numbers lie.
+pub(crate) fn as_composed(ir: &SceneIr, options: &TraceOptions, program: &Program) -> Result<Arc<Parsed>> {
+    Ok(composed(ir, options, &program.options, |wgsl| Parsed::as_composed(wgsl).map(Arc::new))?.parsed)
+}
+
+/// The derivatives of a program's numbers by each parameter. `first` is the program's text ([`as_composed`]).
+pub(crate) fn slopes(
+    options: &TraceOptions,
+    program: &Program,
+    first: &Arc<Parsed>,
+    parameters: &[Parameter],
+) -> Result<Vec<Numbers>> {
+    let mut found = Vec::new();
+    for parameter in parameters {
         let of_scene = |(factor, scene): &(f64, SceneIr)| {
-            let mut numbers = Numbers::of(scene, options, &like, &first)?.ok_or_else(|| {
+            let mut numbers = Numbers::of(scene, options, &program.options, first)?.ok_or_else(|| {
                 Error::Usage(format!(
                     "`{}` has no derivative here: a small change of it changes what the scene is made of, such as whether faces touch",
                     shown(&parameter.name)
@@ -92,7 +98,17 @@ pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut P
             sum.all_mut().zip(numbers.all_mut()).for_each(|(sum, value)| *sum += *value);
             sum
         });
-        let Some(sum) = sum else { continue };
+        found.push(sum.unwrap_or_else(|| Numbers { buffers: Vec::new(), sources: Vec::new() }));
+    }
+    Ok(found)
+}
+
+/// Gives a program the tangents of its numbers.
+pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut Program) -> Result<()> {
+    let Some(tangents) = &options.tangents else { return Ok(()) };
+    let first = as_composed(ir, options, program)?;
+    let mut added = Vec::new();
+    for (number, sum) in (1..).zip(slopes(options, program, &first, &tangents.parameters)?) {
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;
             place_reals(&program.module, twin, program.options.precision, num_bytes, reals)

@@ -243,7 +243,11 @@ impl Program {
 
     /// The entry point that follows new rays.
     pub fn entry_point(&self) -> &'static str {
-        if self.features.splits { "trace_split" } else { "trace_new" }
+        match (self.options.adjoints, self.features.splits) {
+            (true, _) => crate::program::adjoints::ENTRY_POINT,
+            (false, true) => "trace_split",
+            (false, false) => "trace_new",
+        }
     }
 
     /// Most rays that one launched ray can become.

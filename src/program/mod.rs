@@ -1,5 +1,7 @@
 //! From the flat scene to what the GPU runs: features, specialised WGSL and packed buffers.
 
+#[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
+pub mod adjoints;
 mod composed;
 #[allow(clippy::wildcard_enum_match_arm, reason = "of what naga has, it is refused what shaders do not use")]
 pub mod df64;

@@ -47,6 +47,10 @@ pub enum PathSums {
     Told,
 }
 
+/// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
+/// the adapter, because the bits of the sums depend on it.
+const MOST_RAYS_WALKED_BACK: u32 = 16;
+
 /// How a program is specialised.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProgramOptions {
@@ -94,6 +98,8 @@ pub struct ProgramOptions {
     pub live: bool,
     /// Parameters by which the detectors' sums are differentiated.
     pub tangents: u32,
+    /// Rays are walked back, so that a loss is differentiated by all numbers.
+    pub adjoints: bool,
 }
 
 /// What the device sums beside the first moments, so that results tell their errors.
@@ -164,7 +170,12 @@ impl ProgramOptions {
 
     /// True if an invocation begins by copying the table of live numbers. Derivatives read all of them at every event.
     pub fn copies_numbers(&self) -> bool {
-        self.tangents > 0
+        self.has_derivatives()
+    }
+
+    /// True if derivatives are traced.
+    pub fn has_derivatives(&self) -> bool {
+        self.tangents > 0 || self.adjoints
     }
 
     /// True if media are compiled in, where shaders read them: few rows are sooner chosen from than read from a table in
@@ -190,6 +201,9 @@ impl ProgramOptions {
     /// rays outlive a dispatch, and where the loops of many could make too many rounds; so one, too, where an invocation
     /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
+        if self.adjoints {
+            return MOST_RAYS_WALKED_BACK.min(FEW_EVENTS / self.max_depth).max(1);
+        }
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;
         }

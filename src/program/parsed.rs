@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::model::Precision;
-use crate::program::{df64, tangents};
+use crate::program::{adjoints, df64, tangents};
 use naga::Scalar;
 
 /// A composed module, parsed, and in df64 rewritten.
@@ -10,7 +10,7 @@ use naga::Scalar;
 pub struct Parsed {
     /// The WGSL as it is composed.
     pub wgsl: String,
-    /// The WGSL with tangents beside reals, where there are any; in df64 with pairs in place of f64.
+    /// The WGSL with tangents beside reals, or that walks rays back, where that is asked for; in df64 with pairs in place of f64.
     pub rewritten: Option<String>,
     /// The module that the device runs, for reflection.
     pub module: naga::Module,
@@ -24,16 +24,17 @@ impl Parsed {
     pub fn of(wgsl: String, precision: Precision) -> Result<Self> {
         let module = naga::front::wgsl::parse_str(&wgsl)
             .map_err(|e| Error::Internal(format!("the composed shader: {}", e.emit_to_string(&wgsl))))?;
-        let (module, with_tangents) = match tangents::num_tangents(&module) {
-            0 => (module, None),
-            num => {
-                let real = if precision == Precision::F32 { Scalar::F32 } else { Scalar::F64 };
-                tangents::rewrite(&module, real, num).map(|(module, wgsl)| (module, Some(wgsl)))?
+        let real = if precision == Precision::F32 { Scalar::F32 } else { Scalar::F64 };
+        let (module, with_derivatives) = match tangents::num_tangents(&module) {
+            0 if adjoints::has_adjoints(&module) => {
+                adjoints::rewrite(&module, real).map(|(module, wgsl)| (module, Some(wgsl)))?
             }
+            0 => (module, None),
+            num => tangents::rewrite(&module, real, num).map(|(module, wgsl)| (module, Some(wgsl)))?,
         };
         let (module, rewritten) = match precision {
             Precision::Df64 => df64::rewrite(&module).map(|(module, wgsl)| (module, Some(wgsl)))?,
-            Precision::F32 | Precision::F64 => (module, with_tangents),
+            Precision::F32 | Precision::F64 => (module, with_derivatives),
         };
         Ok(Parsed { wgsl, rewritten, module })
     }

@@ -91,7 +91,7 @@ impl<'a> Prepared<'a> {
             tree
         });
         // Squares are sums that no count tells.
-        let constant_weights = options.tangents == 0
+        let constant_weights = !options.has_derivatives()
             && features.whole_weights
             && options.moments != SecondMoments::Squares
             && options.weights.iter().all(|weight| *weight == options.weights[0]);

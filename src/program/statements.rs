@@ -2,18 +2,12 @@
 //! of its own for values, and for what reads and writes them.
 
 use crate::error::Result;
-use naga::{AtomicFunction, Block, Expression, Function, Handle, Range, Span, Statement, SwitchCase};
+use naga::{AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Range, Span, Statement, SwitchCase};
 
-/// A function that is written anew, statement by statement, from an old one.
-pub(super) trait Rewrite {
+/// A function that is written.
+pub(super) trait Write {
     /// The new function.
     fn new_function(&mut self) -> &mut Function;
-
-    /// The new value of an old one that has been emitted, or that needs no evaluation.
-    fn value(&mut self, old: Handle<Expression>) -> Result<Handle<Expression>>;
-
-    /// Appends what an old statement becomes.
-    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()>;
 
     /// A new expression, which is evaluated elsewhere.
     fn append(&mut self, expression: Expression) -> Handle<Expression> {
@@ -26,6 +20,37 @@ pub(super) trait Rewrite {
         out.push(Statement::Emit(Range::new_from_bounds(value, value)), Span::UNDEFINED);
         value
     }
+
+    fn binary(
+        &mut self,
+        op: BinaryOperator,
+        left: Handle<Expression>,
+        right: Handle<Expression>,
+        out: &mut Block,
+    ) -> Handle<Expression> {
+        self.emit(Expression::Binary { op, left, right }, out)
+    }
+
+    /// Calls a function of the new module, and gives its result.
+    fn call_plain(
+        &mut self,
+        function: Handle<Function>,
+        arguments: Vec<Handle<Expression>>,
+        out: &mut Block,
+    ) -> Handle<Expression> {
+        let value = self.append(Expression::CallResult(function));
+        out.push(Statement::Call { function, arguments, result: Some(value) }, Span::UNDEFINED);
+        value
+    }
+}
+
+/// A function that is written anew, statement by statement, from an old one.
+pub(super) trait Rewrite: Write {
+    /// The new value of an old one that has been emitted, or that needs no evaluation.
+    fn value(&mut self, old: Handle<Expression>) -> Result<Handle<Expression>>;
+
+    /// Appends what an old statement becomes.
+    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()>;
 
     fn optional(&mut self, old: Option<Handle<Expression>>) -> Result<Option<Handle<Expression>>> {
         old.map(|old| self.value(old)).transpose()

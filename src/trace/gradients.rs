@@ -5,11 +5,14 @@
 //! across an edge, such as the rim of a lens, is not in it; `nsq-gpu diff` sees both.
 
 use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::tangents::{Numbers, slopes};
+use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
 use crate::program::features::has_unit_gradients;
+use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally};
@@ -40,6 +43,8 @@ const ONE_SIDED: [(f64, f64); 7] =
 const STEP: f64 = 2e-3;
 /// A step of a position \[mm\] or an angle \[rad\].
 const FRAME_STEP: f64 = 1e-3;
+/// The weight of a quantum.
+const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
 /// Keys of positions and angles.
 const FRAME_KEYS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 
@@ -53,6 +58,17 @@ pub struct Differentiated {
     parameters: Vec<Scaled>,
 }
 
+/// The gradient of a loss.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LossGradient {
+    /// What the loss gains by a unit of each parameter, in their order \[units of the loss per unit of the parameter\].
+    pub values: Vec<f64>,
+    /// Rays, or deposits, whose derivatives are no numbers, or too large: they are missing.
+    pub num_lost: u64,
+    /// Parameters that were differentiated forward, because there is no reverse pass to them.
+    pub num_forward: usize,
+}
+
 /// How derivatives are traced.
 #[derive(Clone, Copy, Default)]
 pub struct How<'a> {
@@ -60,6 +76,9 @@ pub struct How<'a> {
     pub shelf: Option<&'a Shelf>,
     /// No standard errors, which short traces spend most of their time on.
     pub without_errors: bool,
+    /// A loss is differentiated forward where it could be differentiated back: for tests and measurements.
+    #[doc(hidden)]
+    pub forward: bool,
     /// Changes the composed text: for tests that plant an error in a shader.
     #[doc(hidden)]
     pub edit: Option<&'a dyn Fn(String) -> String>,
@@ -198,6 +217,151 @@ impl Differentiated {
         }
         let sums = sums.ok_or_else(|| Error::Usage("name a parameter, such as L1.r1".into()))?;
         Ok((found, sums))
+    }
+
+    /// The gradient of a loss by all parameters: what the loss gains by a unit of each. `adjoints` says for each detector what
+    /// the loss gains by a watt in each cell \[1/W\]: in the order of its array, and one number of a detector without cells.
+    ///
+    /// Rays are walked back once, however many parameters there are. Parameters of what has no reverse pass are
+    /// differentiated forward.
+    ///
+    /// # Errors
+    /// As [`Differentiated::gradients`].
+    pub fn loss_gradient(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        how: How,
+        adjoints: &[Vec<f64>],
+        mut keep_going: impl FnMut(u64) -> bool,
+    ) -> Result<LossGradient> {
+        self.check_adjoints(adjoints)?;
+        let ir = &self.ir;
+        let fluxes: Vec<f64> = ir.sources.iter().map(|source| source.total_flux).collect();
+        let options = TraceOptions {
+            live: true,
+            shares: options.shares.clone().or(Some(fluxes.into())),
+            standard_error: StandardError::Off,
+            ..options.clone()
+        };
+        let mut found = LossGradient { values: vec![0.0; self.parameters.len()], num_lost: 0, num_forward: 0 };
+        let mut forward: Vec<usize> = (0..self.parameters.len()).collect();
+        let mut done_before = 0;
+        let walker = match how.forward {
+            true => Err(Error::NoWayBack("what is asked for".into())),
+            false => Walker::new(gpu, ir, &options, how.shelf, how.edit),
+        };
+        match walker {
+            Ok(walker) => {
+                forward = self.walk_back(&walker, &options, adjoints, &mut found, &mut keep_going)?;
+                done_before = options.num_rays;
+            }
+            Err(Error::NoWayBack(what)) => { if std::env::var("NWB").is_ok() { eprintln!("NO WAY BACK {what}"); } }
+            Err(error) => return Err(error),
+        }
+        found.num_forward = forward.len();
+        for numbers in forward.chunks(MOST_PARAMETERS) {
+            let parameters: Vec<Scaled> = numbers.iter().map(|number| self.parameters[*number].clone()).collect();
+            let tangents =
+                Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
+            let options = TraceOptions { tangents: Some(Arc::new(tangents)), ..options.clone() };
+            let how = How { without_errors: true, ..how };
+            let sums = self.pass(gpu, &options, how, &parameters, |done| keep_going(done_before + done))?.1;
+            done_before += options.num_rays;
+            for (at, (number, scaled)) in numbers.iter().zip(&parameters).enumerate() {
+                let chain = Chain::of(ir, scaled, options.num_rays)?;
+                for (detector, adjoints) in sums.detectors.iter().zip(adjoints) {
+                    let num_cells = detector.quanta.len().max(1);
+                    let tangents = detector.tangents.get(at * num_cells..).unwrap_or_default();
+                    let quanta = if detector.quanta.is_empty() {
+                        vec![detector.total().quanta]
+                    } else {
+                        detector.quanta.clone()
+                    };
+                    for ((tangent, quanta), adjoint) in tangents.iter().zip(quanta).zip(adjoints) {
+                        found.values[*number] += adjoint * chain.of_flux(*tangent, quanta);
+                    }
+                }
+            }
+            found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
+        }
+        Ok(found)
+    }
+
+    /// Walks rays back, and gives the numbers of the parameters that have no reverse pass.
+    fn walk_back(
+        &self,
+        walker: &Walker,
+        options: &TraceOptions,
+        adjoints: &[Vec<f64>],
+        found: &mut LossGradient,
+        keep_going: &mut dyn FnMut(u64) -> bool,
+    ) -> Result<Vec<usize>> {
+        let cells = &walker.program().cells;
+        let first = cells.detectors.first().copied().unwrap_or(cells.num_cells);
+        let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        // A power of two, so that no digit is lost; reals of 32 bits hold the quotients.
+        let scale = if largest > 0.0 { largest.log2().floor().exp2() } else { 1.0 };
+        let mut of_cells = vec![0.0; (cells.num_cells - first) as usize];
+        for (begin, adjoints) in cells.detectors.iter().zip(adjoints) {
+            let begin = (begin - first) as usize;
+            for (cell, adjoint) in of_cells[begin..].iter_mut().zip(adjoints) {
+                *cell = adjoint / scale;
+            }
+        }
+        let parameters: Vec<Parameter> =
+            self.parameters.iter().map(|scaled| scaled.parameter.clone()).collect();
+        let slopes = slopes(options, walker.program(), &walker.first, &parameters)?;
+        let has_no_way = |slopes: &Numbers| {
+            let is_known = |binding: u32| walker.layout.buffers.iter().any(|(known, _)| *known == binding);
+            slopes
+                .buffers
+                .iter()
+                .any(|(binding, reals)| !is_known(*binding) && reals.iter().any(|real| *real != 0.0))
+        };
+        let walked = walker.walk(&of_cells, keep_going)?;
+        let mut forward = Vec::new();
+        for (number, (scaled, slopes)) in self.parameters.iter().zip(&slopes).enumerate() {
+            if has_no_way(slopes) {
+                forward.push(number);
+                continue;
+            }
+            let [unit, slope] = Chain::of(&self.ir, scaled, options.num_rays)?.unit;
+            let mut value = 0.0;
+            for (source, walked) in walked.iter().enumerate() {
+                let mut at = 0;
+                for (binding, num) in &walker.layout.buffers {
+                    let of_buffer = slopes.buffers.iter().find(|(known, _)| known == binding);
+                    let reals = match *binding {
+                        bindings::SOURCE => slopes.sources.get(source),
+                        _ => of_buffer.map(|(_, reals)| reals),
+                    };
+                    let given = &walked.numbers[at..at + num];
+                    let products = reals.into_iter().flatten().zip(given).map(|(slope, adjoint)| slope * adjoint);
+                    value += unit / scaled.size * products.sum::<f64>();
+                    at += num;
+                }
+                value += slope * walked.noted;
+            }
+            found.values[number] = scale * value;
+        }
+        found.num_lost += walked.iter().map(|walked| walked.num_lost).sum::<u64>();
+        Ok(forward)
+    }
+
+    fn check_adjoints(&self, adjoints: &[Vec<f64>]) -> Result<()> {
+        let wanted: Vec<usize> =
+            self.ir.detectors.iter().map(|detector| detector.num_cells().max(1)).collect();
+        let given: Vec<usize> = adjoints.iter().map(Vec::len).collect();
+        if wanted != given {
+            return Err(Error::Usage(format!(
+                "the adjoints of a loss have {given:?} numbers by detector; give {wanted:?}"
+            )));
+        }
+        match adjoints.iter().flatten().find(|value| !value.is_finite()) {
+            Some(value) => Err(Error::Usage(format!("an adjoint of the loss is {value}; give finite numbers"))),
+            None => Ok(()),
+        }
     }
 
     fn pass(
@@ -357,25 +521,27 @@ impl Chain {
         Ok(Chain { unit: [flux(ir), derivative(&flux)], size: scaled.size, cells, shapes })
     }
 
+    /// The derivative of a flux \[W per unit of the parameter\].
+    fn of_flux(&self, tangent: i128, quanta: u128) -> f64 {
+        let [unit, slope] = self.unit;
+        unit * (tangent as f64 * QUANTUM) / self.size + slope * (quanta as f64 * QUANTUM)
+    }
+
     /// The derivatives of a detector's fluxes, then of all cells of maps, by the parameter of this number.
     fn derivatives(&self, tally: &Tally, number: usize) -> Vec<f64> {
-        const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
-        let [unit, slope] = self.unit;
+        let [unit, _] = self.unit;
         let (mut fluxes, mut values) = (Vec::new(), Vec::new());
         for (detector, cells) in tally.detectors.iter().zip(&self.cells) {
             let num_cells = detector.quanta.len().max(1);
             let tangents =
                 detector.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default();
-            let of_flux = |tangent: i128, quanta: u128| {
-                unit * (tangent as f64 * QUANTUM) / self.size + slope * (quanta as f64 * QUANTUM)
-            };
-            fluxes.push(of_flux(tangents.iter().sum(), detector.total().quanta));
+            fluxes.push(self.of_flux(tangents.iter().sum(), detector.total().quanta));
             let Some([sizes, slopes]) = cells else { continue };
             let per_size = num_cells / sizes.len().max(1);
             for (cell, (&tangent, &quanta)) in tangents.iter().zip(&detector.quanta).enumerate() {
                 let (size, slope_of_size) = (sizes[cell / per_size], slopes[cell / per_size]);
                 let value = unit * (quanta as f64 * QUANTUM) / size;
-                values.push((of_flux(tangent, quanta) - value * slope_of_size) / size);
+                values.push((self.of_flux(tangent, quanta) - value * slope_of_size) / size);
             }
         }
         fluxes.extend(values);

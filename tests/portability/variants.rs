@@ -572,6 +572,7 @@ impl Variant {
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             vector_lanes: 0,
             tangents: self.tangents,
+            adjoints: false,
             part_bytes: self.part_bytes,
             live: self.tangents > 0,
         };

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::program::df64::rewriting::{Rewriting, literal_f32, unknown};
-use crate::program::statements::Rewrite;
+use crate::program::statements::{Rewrite, Write};
 use naga::valid::FunctionInfo;
 use naga::{
     BinaryOperator, Block, Expression, Function, Handle, Literal, MathFunction, RelationalFunction, Scalar,
@@ -52,11 +52,13 @@ struct Rewriter<'r, 'm> {
     locals: HashMap<Handle<naga::LocalVariable>, Handle<naga::LocalVariable>>,
 }
 
-impl Rewrite for Rewriter<'_, '_> {
+impl Write for Rewriter<'_, '_> {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }
+}
 
+impl Rewrite for Rewriter<'_, '_> {
     fn value(&mut self, old: Value) -> Result<Value> {
         if let Some(new) = self.known.get(&old) {
             return Ok(*new);

@@ -70,6 +70,10 @@ numbers! { "BINDING_", BINDINGS:
     PATHS = 24;
     /// How large the table of paths is, and whether it takes new keys.
     PATHS_HEAD = 25;
+    /// What a loss gains by a unit of weight in each cell.
+    ADJOINTS = 26;
+    /// What a loss gains by a unit of each number, by invocation.
+    ADJOINT_SUMS = 27;
     /// The word that compilers must not know to be zero (shaders/math/df64.wgsl).
     DF64_ZERO = 30;
     /// The second of all parts of sums that are cut. It ends the list: the others follow it.

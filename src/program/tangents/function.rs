@@ -1,7 +1,7 @@
 //! Rewrites one function, with tangents beside its reals.
 
 use crate::error::Result;
-use crate::program::statements::Rewrite;
+use crate::program::statements::{Rewrite, Write};
 use crate::program::tangents::rewriting::{Rewriting, unknown};
 use crate::program::tangents::rules::{DEPOSIT, Rule, rule};
 use naga::valid::FunctionInfo;
@@ -17,7 +17,7 @@ type Value = Handle<Expression>;
 type Tangents = Option<Vec<Value>>;
 
 /// The function as it was, with the new handles of what it calls.
-pub(super) fn called_as_before(shared: &Rewriting, old: &Function) -> Function {
+pub(in crate::program) fn called_as_before(shared: &Rewriting, old: &Function) -> Function {
     let mut new = old.clone();
     for (_, expression) in new.expressions.iter_mut() {
         if let Expression::CallResult(function) = expression {
@@ -50,7 +50,7 @@ fn rename_calls(shared: &Rewriting, block: &mut Block) {
 }
 
 /// The function with tangents: each argument that holds reals is followed by its tangents, and so is the result.
-pub(super) fn rewrite_function(
+pub(in crate::program) fn rewrite_function(
     shared: &mut Rewriting,
     old: &Function,
     info: &FunctionInfo,
@@ -113,11 +113,13 @@ struct Rewriter<'r, 'm> {
     locals: HashMap<Handle<LocalVariable>, Local>,
 }
 
-impl Rewrite for Rewriter<'_, '_> {
+impl Write for Rewriter<'_, '_> {
     fn new_function(&mut self) -> &mut Function {
         &mut self.new
     }
+}
 
+impl Rewrite for Rewriter<'_, '_> {
     fn value(&mut self, old: Value) -> Result<Value> {
         if let Some(new) = self.known.get(&old) {
             return Ok(*new);
@@ -220,10 +222,6 @@ impl Rewriter<'_, '_> {
         }
     }
 
-    fn binary(&mut self, op: BinaryOperator, left: Value, right: Value, out: &mut Block) -> Value {
-        self.emit(Expression::Binary { op, left, right }, out)
-    }
-
     fn literal(&mut self, value: f64) -> Value {
         self.append(Expression::Literal(match self.shared.real.width {
             8 => Literal::F64(value),
@@ -323,20 +321,6 @@ impl Rewriter<'_, '_> {
         Ok(self.emit(Expression::Compose { ty, components }, out))
     }
 
-    /// Calls a function as it was.
-    fn call_plain(
-        &mut self,
-        function: Handle<Function>,
-        arguments: Vec<Value>,
-        result: bool,
-        out: &mut Block,
-    ) -> Value {
-        let value = self.append(Expression::CallResult(function));
-        let result = result.then_some(value);
-        out.push(Statement::Call { function, arguments, result }, Span::UNDEFINED);
-        value
-    }
-
     fn call(
         &mut self,
         function: Handle<Function>,
@@ -358,7 +342,7 @@ impl Rewriter<'_, '_> {
                 out.push(call, Span::UNDEFINED);
                 return Ok(());
             }
-            let value = self.call_plain(new.plain, values.clone(), true, out);
+            let value = self.call_plain(new.plain, values.clone(), out);
             let tangents = self.by_rule(rule, arguments, &values, value, out)?;
             result.into_iter().for_each(|old| {
                 self.known.insert(old, value);
@@ -384,7 +368,7 @@ impl Rewriter<'_, '_> {
             out.push(call, Span::UNDEFINED);
             return Ok(());
         };
-        let found = self.call_plain(with_tangents, all, true, out);
+        let found = self.call_plain(with_tangents, all, out);
         if !self.has_reals(old) {
             self.known.insert(old, found);
             self.tangents.insert(old, None);
@@ -422,7 +406,7 @@ impl Rewriter<'_, '_> {
     ) -> Result<Tangents> {
         use BinaryOperator::{Divide, Multiply};
         Ok(match rule {
-            None | Some(Rule::Constant | Rule::Note) => None,
+            None | Some(Rule::Constant | Rule::Note | Rule::Recalled(_)) => None,
             Some(Rule::Attached) => self.tangents(old[1]),
             Some(Rule::Exponential) => {
                 self.each(old[0], out, |this, tangent, out| this.binary(Multiply, result, tangent, out))
@@ -436,7 +420,7 @@ impl Rewriter<'_, '_> {
                     return Ok(None);
                 }
                 let function = self.shared.plain(name)?;
-                let turned = self.call_plain(function, vec![values[0]], true, out);
+                let turned = self.call_plain(function, vec![values[0]], out);
                 let sign = self.literal(sign);
                 let slope = self.binary(Multiply, turned, sign, out);
                 self.each(old[0], out, |this, tangent, out| this.binary(Multiply, slope, tangent, out))

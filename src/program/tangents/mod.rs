@@ -9,11 +9,11 @@
 //!
 //! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.1, forward propagation of tangents.
 
-mod function;
+pub(in crate::program) mod function;
 mod parameters;
 mod reals;
-mod rewriting;
-mod rules;
+pub(in crate::program) mod rewriting;
+pub(in crate::program) mod rules;
 
 pub use crate::program::tangents::parameters::{Parameter, Tangents};
 pub use crate::program::tangents::reals::{place_reals, take_reals};

@@ -15,35 +15,35 @@ pub const BINDING_STRIDE: u32 = 200;
 /// Uniform buffers that every adapter of WebGPU binds.
 const MOST_UNIFORMS: usize = 12;
 
-pub(super) fn unknown(what: impl std::fmt::Debug) -> Error {
+pub(in crate::program) fn unknown(what: impl std::fmt::Debug) -> Error {
     Error::Internal(format!("no rule for the derivative of {what:?}"))
 }
 
 /// A function of the new module.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct NewFunction {
+pub(in crate::program) struct NewFunction {
     /// As it was.
-    pub(super) plain: Handle<Function>,
+    pub(in crate::program) plain: Handle<Function>,
     /// With tangents; none if no real goes in or out of it.
-    pub(super) with_tangents: Option<Handle<Function>>,
+    pub(in crate::program) with_tangents: Option<Handle<Function>>,
 }
 
 /// The new module as it grows. Types, constants and variables keep their handles.
-pub(super) struct Rewriting<'a> {
-    pub(super) old: &'a Module,
-    pub(super) info: &'a ModuleInfo,
-    pub(super) new: Module,
-    pub(super) real: Scalar,
+pub(in crate::program) struct Rewriting<'a> {
+    pub(in crate::program) old: &'a Module,
+    pub(in crate::program) info: &'a ModuleInfo,
+    pub(in crate::program) new: Module,
+    pub(in crate::program) real: Scalar,
     /// Tangents beside each real.
-    pub(super) num: usize,
-    pub(super) globals: HashMap<Handle<GlobalVariable>, Vec<Handle<GlobalVariable>>>,
-    pub(super) functions: HashMap<Handle<Function>, NewFunction>,
+    pub(in crate::program) num: usize,
+    pub(in crate::program) globals: HashMap<Handle<GlobalVariable>, Vec<Handle<GlobalVariable>>>,
+    pub(in crate::program) functions: HashMap<Handle<Function>, NewFunction>,
     /// Results with their tangents, by the type of the result.
     duals: HashMap<Handle<Type>, Handle<Type>>,
 }
 
 impl<'a> Rewriting<'a> {
-    pub(super) fn new(old: &'a Module, info: &'a ModuleInfo, real: Scalar, num: usize) -> Self {
+    pub(in crate::program) fn new(old: &'a Module, info: &'a ModuleInfo, real: Scalar, num: usize) -> Self {
         let mut new = old.clone();
         new.functions = Default::default();
         new.entry_points = Vec::new();
@@ -52,11 +52,11 @@ impl<'a> Rewriting<'a> {
     }
 
     /// True if a value of the type holds a real, or points to one.
-    pub(super) fn has_reals(&self, ty: Handle<Type>) -> bool {
+    pub(in crate::program) fn has_reals(&self, ty: Handle<Type>) -> bool {
         self.inner_has_reals(&self.new.types[ty].inner)
     }
 
-    pub(super) fn inner_has_reals(&self, inner: &TypeInner) -> bool {
+    pub(in crate::program) fn inner_has_reals(&self, inner: &TypeInner) -> bool {
         match inner {
             TypeInner::Scalar(scalar)
             | TypeInner::Vector { scalar, .. }
@@ -71,7 +71,7 @@ impl<'a> Rewriting<'a> {
     /// Gives a twin for each parameter to every variable that holds reals, and that shaders do not write for the host.
     ///
     /// Twins of uniforms are uniforms where an adapter surely binds so many. Lavapipe reads these faster than other buffers.
-    pub(super) fn globals(&mut self) {
+    pub(in crate::program) fn globals(&mut self) {
         let uniforms = || self.old.global_variables.iter().filter(|(_, v)| v.space == AddressSpace::Uniform);
         let num_twins = self.num * uniforms().filter(|(_, variable)| self.has_reals(variable.ty)).count();
         let are_uniforms = uniforms().count() + num_twins <= MOST_UNIFORMS;
@@ -104,7 +104,7 @@ impl<'a> Rewriting<'a> {
     }
 
     /// A result with its tangents: a struct of the value, then one member for each parameter.
-    pub(super) fn dual(&mut self, ty: Handle<Type>) -> Result<Handle<Type>> {
+    pub(in crate::program) fn dual(&mut self, ty: Handle<Type>) -> Result<Handle<Type>> {
         if let Some(dual) = self.duals.get(&ty) {
             return Ok(*dual);
         }
@@ -126,7 +126,7 @@ impl<'a> Rewriting<'a> {
     }
 
     /// The function of this name, as it was.
-    pub(super) fn plain(&self, name: &str) -> Result<Handle<Function>> {
+    pub(in crate::program) fn plain(&self, name: &str) -> Result<Handle<Function>> {
         let mut functions = self.new.functions.iter();
         let found = functions.find(|(_, function)| function.name.as_deref() == Some(name));
         let (handle, _) =
@@ -135,7 +135,7 @@ impl<'a> Rewriting<'a> {
     }
 
     /// True if tangents can go into a function, come out of it, or be noted in it.
-    pub(super) fn has_tangents(&self, function: &Function) -> bool {
+    pub(in crate::program) fn has_tangents(&self, function: &Function) -> bool {
         let in_types =
             function.arguments.iter().map(|argument| argument.ty).chain(function.result.iter().map(|r| r.ty));
         in_types.into_iter().any(|ty| self.has_reals(ty))

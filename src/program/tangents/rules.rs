@@ -2,7 +2,7 @@
 
 /// The rule of a function.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Rule {
+pub(in crate::program) enum Rule {
     /// The result has no tangent, and the function is called as it is.
     Constant,
     /// The result has the tangent of the second argument.
@@ -15,13 +15,15 @@ pub(super) enum Rule {
     Logarithm,
     /// The tangent comes from another function of the argument; with a sign.
     Turned(&'static str, f64),
+    /// The result has no derivative. On a way back, another function gives it again.
+    Recalled(&'static str),
 }
 
 /// The function that adds a tangent to a sum: (cell, tangent, number of the parameter).
-pub(super) const DEPOSIT: &str = "deposit_tangent";
+pub(in crate::program) const DEPOSIT: &str = "deposit_tangent";
 
 /// The rule of a function, if it has one.
-pub(super) fn rule(name: &str) -> Option<Rule> {
+pub(in crate::program) fn rule(name: &str) -> Option<Rule> {
     Some(match name {
         "detached"
         | "nearest_primitive"
@@ -41,6 +43,7 @@ pub(super) fn rule(name: &str) -> Option<Rule> {
         | "record_hit"
         | "record_birth"
         | "record_death" => Rule::Constant,
+        "search" => Rule::Recalled("recalled_hit"),
         "attached" => Rule::Attached,
         "note" => Rule::Note,
         "exp_real" | "exp_near_zero" => Rule::Exponential,

@@ -25,7 +25,7 @@ impl Composition<'_> {
     /// Makes the functions of the loop tell derivatives, if there are any to tell.
     pub(super) fn tell_tangents(&self, text: &mut Text) -> Result<()> {
         let num = self.options.tangents;
-        if num == 0 {
+        if !self.options.has_derivatives() {
             return Ok(());
         }
         let features = &self.features;
@@ -44,12 +44,18 @@ impl Composition<'_> {
             text.rename(&format!("fn {name}("), &format!("fn {name}_of_value("));
         }
         let mut constants = Constants::default();
-        constants.uint(NUM_TANGENTS, num);
         let first = self.cells.detectors.first().copied().unwrap_or(self.cells.num_cells);
         constants.uint("FIRST_DETECTOR_CELL", first);
-        constants.real("LARGEST_TANGENT", 8796093022208.0 / MOST_DEPOSITS);
+        if num > 0 {
+            constants.uint(NUM_TANGENTS, num);
+            constants.real("LARGEST_TANGENT", 8796093022208.0 / MOST_DEPOSITS);
+        }
         text.composed("program::wgsl::tangents", constants.text());
-        text.file(shader!("derivatives/tangents.wgsl"));
+        text.file(shader!("derivatives/seen.wgsl"));
+        text.file(match num {
+            0 => shader!("derivatives/adjoints.wgsl"),
+            _ => shader!("derivatives/tangents.wgsl"),
+        });
         text.files(some().map(|(.., file)| *file));
         text.composed("program::wgsl::tangents", &self.crossing_step()?);
         Ok(())

@@ -1,0 +1,139 @@
+// The way back: a ray is followed to its end, and its path is then walked from the last event to the first. Each event hands on
+// what the loss gains by a change of the ray (the adjoint): from the ray after the event to the ray before, and to the
+// numbers of the scene. Twin of tangents.wgsl.
+//
+// program::adjoints writes the functions that are empty here. A name that ends in `_back` means the function of the name
+// without this end: it takes that function's arguments, then pointers to adjoints of those that hold reals, then the adjoint of
+// the result. Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.2: reverse propagation of gradients.
+
+fn begin_back() {}
+fn generate_back(index: u32, adjoint: Ray) {}
+fn next_event_back(ray: ptr<function, Ray>, adjoint: ptr<function, Ray>) {}
+fn settle_back(ray: Ray, adjoint: ptr<function, Ray>) {}
+
+// Adds the adjoints of the scene's numbers, which one ray has given, to those of the invocation. If one is no number, the ray
+// is counted instead.
+fn add_up_adjoints() {}
+
+// Writes the sums of an invocation for the host.
+fn write_adjoints(invocation: u32) {}
+
+// What the loss gains by a unit of weight in each cell of the detectors.
+@group(GROUP_SCENE) @binding(BINDING_ADJOINTS) var<storage, read> cell_adjoints: array<real>;
+@group(GROUP_SCENE) @binding(BINDING_ADJOINT_SUMS) var<storage, read_write> adjoint_sums: array<real>;
+
+// The weight of each deposit, times what the loss gains by a unit of it: for the derivative by the total flux.
+var<private> noted: real;
+
+fn adjoint_of(cell: u32, value: real) -> real {
+    let adjoint = cell_adjoints[cell - FIRST_DETECTOR_CELL];
+    noted += adjoint * value;
+    return adjoint;
+}
+
+// What functions note whose way back is made of forward derivatives (program::adjoints::loops).
+var<private> forward_noted: real;
+
+fn deposit_tangent(cell: u32, tangent: real, number: u32) {
+    forward_noted += cell_adjoints[cell - FIRST_DETECTOR_CELL] * tangent;
+}
+
+// The search has no adjoint. On the way back, its result is the one that was kept.
+var<private> last_hit: Hit;
+
+fn search(ray: Ray) -> Hit {
+    last_hit = intersect_of_value(ray);
+    return last_hit;
+}
+
+fn recalled_hit(ray: Ray) -> Hit {
+    return last_hit;
+}
+
+fn intersect(ray: Ray) -> Hit {
+    let hit = search(ray);
+    return Hit(attached(hit.distance, hit.distance - crossing_step(ray, hit)), hit.primitive);
+}
+
+// A ray before an event, and what it then met.
+struct Kept {
+    ray: Ray,
+    hit: Hit,
+}
+
+// Of a longer path, the last events are kept. Where they have been walked back, the ray is traced again up to them.
+const MOST_KEPT: u32 = 16u;
+const NUM_KEPT: u32 = min(MAX_DEPTH, MOST_KEPT);
+
+fn walk(index: u32) {
+    var kept: array<Kept, NUM_KEPT>;
+    var adjoint: Ray;
+    // Events that are not walked back yet.
+    var left = MAX_DEPTH;
+    loop {
+        var ray = generate(index);
+        var num = 0u;
+        loop {
+            if always_true() & (ray.fate == ALIVE) & (num < left) {
+                kept[num % NUM_KEPT].ray = ray;
+                next_event(&ray);
+                kept[num % NUM_KEPT].hit = last_hit;
+                num += 1u;
+            }
+            if num >= left || ray.fate != ALIVE {
+                break;
+            }
+        }
+        if left == MAX_DEPTH {
+            if has_position(ray) & (HAS_TRANSMISSIVE | (ray.fate == DETECTED)) {
+                settle_back(ray, &adjoint);
+            } else {
+                num = 0u;
+            }
+        }
+        let first = max(num, NUM_KEPT) - NUM_KEPT;
+        var event = num;
+        loop {
+            if always_true() & (event > first) {
+                event -= 1u;
+                var before = kept[event % NUM_KEPT].ray;
+                // What no event changes need not be kept.
+                before.key = ray.key;
+                before.index = ray.index;
+                before.wavelength = ray.wavelength;
+                last_hit = kept[event % NUM_KEPT].hit;
+                next_event_back(&before, &adjoint);
+            }
+            if event <= first {
+                break;
+            }
+        }
+        left = first;
+        if MAX_DEPTH <= MOST_KEPT || left == 0u {
+            break;
+        }
+    }
+    generate_back(index, adjoint);
+    begin_back();
+    add_up_adjoints();
+}
+
+@compute @workgroup_size(WORKGROUP_SIZE)
+fn trace_back(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    begin();
+    let invocation = id.y * groups.x * WORKGROUP_SIZE + id.x;
+    let first = invocation * RAYS_PER_INVOCATION;
+    var done = 0u;
+    loop {
+        if always_true() & (first + done < range.count) {
+            walk(first + done);
+        }
+        done += 1u;
+        if done >= RAYS_PER_INVOCATION || first + done >= range.count {
+            break;
+        }
+    }
+    if first < range.count {
+        write_adjoints(invocation);
+    }
+}

@@ -1,0 +1,140 @@
+//! Derivatives of a loss, in reverse mode: what the loss gains by a change of each number of the scene, in one pass over the
+//! rays, however many numbers there are.
+//!
+//! The physics is composed as for a plain trace, parsed, and transposed in naga's representation. Each function that a ray's
+//! path goes through gets two halves ([`forward`], [`back`]): one goes forward and records what the way back needs; one goes
+//! back, from adjoints of what the function gave to adjoints of what it took. A variable with numbers of the scene has a twin
+//! for their adjoints. The walk back along a ray's events is written by hand (shaders/derivatives/adjoints.wgsl).
+//!
+//! What a derivative sees is said by the same rules as for tangents ([`crate::program::tangents::rules`]).
+//!
+//! Source: Griewank and Walther, Evaluating Derivatives (2008), section 3.2, reverse propagation of gradients.
+
+mod activity;
+mod adjoint;
+mod back;
+mod forward;
+mod loops;
+mod silent;
+mod sums;
+mod transposing;
+mod writer;
+
+pub use crate::program::adjoints::sums::{Layout, NUM_OTHER_SUMS};
+
+use crate::error::{Error, Result};
+use crate::program::adjoints::silent::silent;
+use crate::program::adjoints::transposing::Transposing;
+use crate::program::tangents::function::called_as_before;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{Block, Function, Handle, Module, Scalar, Span, Statement};
+use std::collections::HashSet;
+
+/// The entry point that walks rays back.
+pub const ENTRY_POINT: &str = "trace_back";
+
+/// The function that tells the adjoint of a cell: (cell, value deposited there).
+const ADJOINT_OF: &str = "adjoint_of";
+
+/// The variable that sums what the loss gains by forward derivatives.
+const FORWARD_NOTED: &str = "forward_noted";
+
+/// Ends the name of a function that goes a way and back.
+const BACK: &str = "_back";
+
+/// Private variables that belong to the pass, and have no adjoints.
+const OF_PASS: [&str; 3] = ["last_hit", "noted", FORWARD_NOTED];
+
+/// The error of a function that does something for which there is no way back.
+fn no_way_back(name: &str) -> Error {
+    Error::NoWayBack(name.to_owned())
+}
+
+/// True if a composed module asks for adjoints.
+pub fn has_adjoints(module: &Module) -> bool {
+    module.entry_points.iter().any(|entry| entry.name == ENTRY_POINT)
+}
+
+/// The module that walks rays back, and its WGSL.
+///
+/// # Errors
+/// [`Error::NoWayBack`] if the shader does something that has no way back. [`Error::Internal`] if the module is wrong.
+pub fn rewrite(module: &Module, real: Scalar) -> Result<(Module, String)> {
+    let validate = |module: &Module| {
+        Validator::new(ValidationFlags::all(), Capabilities::all())
+            .validate(module)
+            .map_err(|error| Error::internal("the shader of adjoints", &error))
+    };
+    let silent = silent(module);
+    let info = validate(&silent)?;
+    let mut transposing = Transposing::new(&silent, &info, real);
+    transposing.add_twins();
+    transposing.functions()?;
+    let rewritten = transposing.rewriting.new;
+    let info = validate(&rewritten)?;
+    let wgsl = naga::back::wgsl::write_string(&rewritten, &info, naga::back::wgsl::WriterFlags::empty())
+        .map_err(|error| Error::internal("writing the shader of adjoints", &error))?;
+    Ok((rewritten, wgsl))
+}
+
+/// What a function is that a shader declares without a body.
+fn is_declared(name: &str) -> bool {
+    name.ends_with(BACK) || name == sums::ADD_UP || name == sums::WRITE
+}
+
+impl Transposing<'_> {
+    fn functions(&mut self) -> Result<()> {
+        let module = self.module;
+        // What calls a function that is yet to be written comes after it.
+        let mut late = HashSet::new();
+        for (handle, function) in module.functions.iter() {
+            let name = self.name(handle);
+            if is_declared(name) || calls_one_of(&function.body, &late) {
+                late.insert(handle);
+            } else {
+                self.append_plain(handle);
+            }
+        }
+        let layout = Layout::of(module, self.rewriting.real);
+        for (handle, function) in module.functions.iter().filter(|(handle, _)| late.contains(handle)) {
+            let name = self.name(handle);
+            let new = match name.strip_suffix(BACK) {
+                Some(of) => self.both_ways(handle, of)?,
+                None if name == sums::ADD_UP => self.add_up(function, &layout)?,
+                None if name == sums::WRITE => self.write_sums(function, &layout)?,
+                None => called_as_before(&self.rewriting, function),
+            };
+            self.append(handle, new);
+        }
+        for entry in module.entry_points.iter().filter(|entry| entry.name == ENTRY_POINT) {
+            let function = called_as_before(&self.rewriting, &entry.function);
+            self.rewriting.new.entry_points.push(naga::EntryPoint { function, ..entry.clone() });
+        }
+        Ok(())
+    }
+
+    /// Appends a function that takes the place of an old one.
+    fn append(&mut self, old: Handle<Function>, new: Function) {
+        let plain = self.rewriting.new.functions.append(new, Span::UNDEFINED);
+        let new = crate::program::tangents::rewriting::NewFunction { plain, with_tangents: None };
+        self.rewriting.functions.insert(old, new);
+    }
+
+    fn append_plain(&mut self, handle: Handle<Function>) {
+        let plain = called_as_before(&self.rewriting, &self.module.functions[handle]);
+        self.append(handle, plain);
+    }
+}
+
+fn calls_one_of(block: &Block, some: &HashSet<Handle<Function>>) -> bool {
+    block.iter().any(|statement| match statement {
+        Statement::Call { function, .. } => some.contains(function),
+        Statement::Block(inner) => calls_one_of(inner, some),
+        Statement::If { accept, reject, .. } => calls_one_of(accept, some) || calls_one_of(reject, some),
+        Statement::Switch { cases, .. } => cases.iter().any(|case| calls_one_of(&case.body, some)),
+        Statement::Loop { body, continuing, .. } => {
+            calls_one_of(body, some) || calls_one_of(continuing, some)
+        }
+        _ => false,
+    })
+}

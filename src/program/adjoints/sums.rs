@@ -1,0 +1,213 @@
+//! Sums of adjoints: which numbers of the scene have one, in which order, and the functions that sum and write them.
+
+use crate::error::{Error, Result};
+use crate::program::adjoints::transposing::Transposing;
+use crate::program::adjoints::writer::Writer;
+use crate::program::layout::bindings;
+use crate::program::statements::Write;
+use naga::{
+    AddressSpace, ArraySize, BinaryOperator, Block, Expression, Function, GlobalVariable, Handle, Literal,
+    Module, Scalar, Span, Statement, StorageAccess, Type, TypeInner,
+};
+
+/// The function that adds one ray's adjoints to the sums.
+pub(super) const ADD_UP: &str = "add_up_adjoints";
+/// The function that writes the sums of an invocation.
+pub(super) const WRITE: &str = "write_adjoints";
+
+/// Sums after those of the numbers: of deposits times the adjoints of their cells, and of rays whose adjoints are no numbers.
+pub const NUM_OTHER_SUMS: usize = 2;
+
+/// True of a variable whose reals are numbers of the scene, and have adjoints.
+pub(super) fn has_adjoint(module: &Module, variable: &GlobalVariable) -> bool {
+    let is_sized = !matches!(
+        module.types[variable.ty].inner,
+        TypeInner::Array { size: ArraySize::Dynamic | ArraySize::Pending(_), .. }
+    );
+    is_sized
+        && match variable.space {
+            AddressSpace::Private | AddressSpace::Uniform => true,
+            AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
+            _ => false,
+        }
+}
+
+/// The numbers that have adjoints: by binding, then in their order in the buffer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Layout {
+    /// The binding of a buffer, and how many reals it has.
+    pub buffers: Vec<(u32, usize)>,
+}
+
+impl Layout {
+    /// That of a composed module.
+    pub fn of(module: &Module, real: Scalar) -> Self {
+        let mut buffers: Vec<(u32, usize)> = bound(module)
+            .map(|(binding, variable)| {
+                let mut chains = Vec::new();
+                add_chains(module, variable.1.ty, real, &mut Vec::new(), &mut chains);
+                (binding, chains.len())
+            })
+            .filter(|(_, num)| *num > 0)
+            .collect();
+        buffers.sort_unstable();
+        Layout { buffers }
+    }
+
+    /// The number of sums of an invocation.
+    pub fn num_sums(&self) -> usize {
+        self.num_numbers() + NUM_OTHER_SUMS
+    }
+
+    /// The number of numbers that have adjoints.
+    pub fn num_numbers(&self) -> usize {
+        self.buffers.iter().map(|(_, num)| num).sum()
+    }
+}
+
+fn bound(module: &Module) -> impl Iterator<Item = (u32, (Handle<GlobalVariable>, &GlobalVariable))> {
+    module.global_variables.iter().filter_map(|(handle, variable)| {
+        let binding = variable.binding.as_ref().filter(|binding| binding.group == bindings::SCENE)?;
+        has_adjoint(module, variable).then_some((binding.binding, (handle, variable)))
+    })
+}
+
+/// The ways to all reals of a type.
+pub(super) fn add_chains(
+    module: &Module,
+    ty: Handle<Type>,
+    real: Scalar,
+    at: &mut Vec<u32>,
+    found: &mut Vec<Vec<u32>>,
+) {
+    let mut add = |at: &mut Vec<u32>, index: u32, ty: Handle<Type>| {
+        at.push(index);
+        add_chains(module, ty, real, at, found);
+        at.pop();
+    };
+    match &module.types[ty].inner {
+        TypeInner::Scalar(scalar) if *scalar == real => found.push(at.clone()),
+        TypeInner::Vector { size, scalar } if *scalar == real => {
+            found.extend((0..*size as u32).map(|index| [&at[..], &[index]].concat()));
+        }
+        TypeInner::Struct { members, .. } => {
+            (0..).zip(members).for_each(|(index, member)| add(at, index, member.ty));
+        }
+        TypeInner::Array { base, size: ArraySize::Constant(num), .. } => {
+            (0..num.get()).for_each(|index| add(at, index, *base));
+        }
+        _ => {}
+    }
+}
+
+impl Transposing<'_> {
+    /// The variable that sums one invocation's adjoints.
+    fn sums_variable(&mut self, layout: &Layout) -> Result<Handle<GlobalVariable>> {
+        const NAME: &str = "sums_of_adjoints";
+        let known = self.rewriting.new.global_variables.iter();
+        let known = known.filter(|(_, variable)| variable.name.as_deref() == Some(NAME));
+        if let Some((handle, _)) = known.last() {
+            return Ok(handle);
+        }
+        let real = self.rewriting.real;
+        let base = self.type_with(TypeInner::Scalar(real));
+        let num = std::num::NonZeroU32::new(layout.num_sums() as u32);
+        let num = num.ok_or_else(|| Error::Internal("no sums of adjoints".into()))?;
+        let size = ArraySize::Constant(num);
+        let ty = self.type_with(TypeInner::Array { base, size, stride: u32::from(real.width) });
+        let variable = GlobalVariable {
+            name: Some(NAME.into()),
+            space: AddressSpace::Private,
+            ty,
+            binding: None,
+            init: None,
+            memory_decorations: Default::default(),
+        };
+        Ok(self.rewriting.new.global_variables.append(variable, Span::UNDEFINED))
+    }
+
+    /// The function [`ADD_UP`].
+    pub(super) fn add_up(&mut self, old: &Function, layout: &Layout) -> Result<Function> {
+        let sums = self.sums_variable(layout)?;
+        let module = self.module;
+        let real = self.rewriting.real;
+        let is_number = self.function("is_number")?;
+        let is_number = self.plain(is_number);
+        let noted = self.global("noted")?;
+        let real_type = module.global_variables[noted].ty;
+        let mut twins: Vec<_> = bound(module).collect();
+        twins.sort_unstable_by_key(|(binding, _)| *binding);
+        let mut writer = Writer::of(old);
+        let mut values = Vec::new();
+        for (_, (handle, variable)) in twins {
+            let Some(twin) = self.twins.get(&handle) else { continue };
+            let mut chains = Vec::new();
+            add_chains(module, variable.ty, real, &mut Vec::new(), &mut chains);
+            let twin = writer.append(Expression::GlobalVariable(*twin));
+            for chain in chains {
+                let pointer = chain
+                    .into_iter()
+                    .fold(twin, |base, index| writer.now(Expression::AccessIndex { base, index }));
+                values.push(writer.now(Expression::Load { pointer }));
+            }
+        }
+        let noted = writer.append(Expression::GlobalVariable(noted));
+        values.push(writer.now(Expression::Load { pointer: noted }));
+        // One number that is none makes the sum of all no number.
+        let first = values[0];
+        let total = values[1..].to_vec().into_iter().fold(first, |sum, value| {
+            writer.now(Expression::Binary { op: BinaryOperator::Add, left: sum, right: value })
+        });
+        let condition = writer.call_now(is_number, vec![total]);
+        let sums = writer.append(Expression::GlobalVariable(sums));
+        let add = |writer: &mut Writer, index: usize, value: Handle<Expression>, out: &mut Block| {
+            let pointer = writer.emit(Expression::AccessIndex { base: sums, index: index as u32 }, out);
+            let before = writer.emit(Expression::Load { pointer }, out);
+            let value = writer.binary(BinaryOperator::Add, before, value, out);
+            out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
+        };
+        let (mut accept, mut reject) = (Block::new(), Block::new());
+        for (index, value) in values.iter().enumerate() {
+            add(&mut writer, index, *value, &mut accept);
+        }
+        let one = Expression::Literal(if real.width == 8 { Literal::F64(1.0) } else { Literal::F32(1.0) });
+        let one = writer.append(one);
+        add(&mut writer, values.len(), one, &mut reject);
+        writer.body.push(Statement::If { condition, accept, reject }, Span::UNDEFINED);
+        let mut zeroed: Vec<_> = self.twins.iter().map(|(old, twin)| (*twin, module.global_variables[*old].ty)).collect();
+        zeroed.sort_unstable_by_key(|(twin, _)| twin.index());
+        for (twin, ty) in zeroed {
+            let pointer = writer.append(Expression::GlobalVariable(twin));
+            let value = writer.append(Expression::ZeroValue(ty));
+            writer.store(pointer, value);
+        }
+        let value = writer.append(Expression::ZeroValue(real_type));
+        writer.store(noted, value);
+        Ok(writer.finished())
+    }
+
+    /// The function [`WRITE`].
+    pub(super) fn write_sums(&mut self, old: &Function, layout: &Layout) -> Result<Function> {
+        let sums = self.sums_variable(layout)?;
+        let rows = self.global("adjoint_sums")?;
+        let mut writer = Writer::of(old);
+        let [sums, rows] = [sums, rows].map(|variable| writer.append(Expression::GlobalVariable(variable)));
+        let invocation = writer.append(Expression::FunctionArgument(0));
+        let literal = |writer: &mut Writer, value: usize| {
+            writer.append(Expression::Literal(Literal::U32(value as u32)))
+        };
+        let num = literal(&mut writer, layout.num_sums());
+        let first =
+            writer.now(Expression::Binary { op: BinaryOperator::Multiply, left: invocation, right: num });
+        for index in 0..layout.num_sums() {
+            let offset = literal(&mut writer, index);
+            let place =
+                writer.now(Expression::Binary { op: BinaryOperator::Add, left: first, right: offset });
+            let to = writer.now(Expression::Access { base: rows, index: place });
+            let from = writer.now(Expression::AccessIndex { base: sums, index: index as u32 });
+            let value = writer.now(Expression::Load { pointer: from });
+            writer.store(to, value);
+        }
+        Ok(writer.finished())
+    }
+}
