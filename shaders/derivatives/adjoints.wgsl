@@ -11,9 +11,9 @@ fn generate_back(index: u32, adjoint: Ray) {}
 fn next_event_back(ray: ptr<function, Ray>, adjoint: ptr<function, Ray>) {}
 fn settle_back(ray: Ray, adjoint: ptr<function, Ray>) {}
 
-// Adds the adjoints of the scene's numbers, which one ray has given, to those of the invocation. If one is no number, the ray
-// is counted instead.
-fn add_up_adjoints() {}
+// Adds the adjoints of the scene's numbers, which one ray has given, to those of the invocation. If they are not valid, or one is
+// no number, the ray is counted instead.
+fn add_up_adjoints(are_valid: bool) {}
 
 // Writes the sums of an invocation for the host.
 fn write_adjoints(invocation: u32) {}
@@ -55,18 +55,56 @@ fn intersect(ray: Ray) -> Hit {
     return Hit(attached(hit.distance, hit.distance - crossing_step(ray, hit)), hit.primitive);
 }
 
-// A ray before an event, and what it then met.
-struct Kept {
-    ray: Ray,
-    hit: Hit,
-}
-
-// Of a longer path, the last events are kept. Where they have been walked back, the ray is traced again up to them.
+// Of each event is kept what the way back cannot find again: where the ray came from, how far, in what medium and with what
+// weight, and what it met. Of a longer path, the last events are kept. Where these have been walked back, the ray is traced
+// again up to them.
 const MOST_KEPT: u32 = 16u;
 const NUM_KEPT: u32 = min(MAX_DEPTH, MOST_KEPT);
 
+struct Kept {
+    directions: array<vec3<real>, NUM_KEPT>,
+    distances: array<real, NUM_KEPT>,
+    primitives: array<u32, NUM_KEPT>,
+    media: array<u32, NUM_KEPT>,
+    weights: array<real, NUM_KEPT>,
+}
+
+fn keep(kept: ptr<function, Kept>, event: u32, before: Ray) {
+    let at = event % NUM_KEPT;
+    (*kept).directions[at] = before.direction;
+    (*kept).distances[at] = last_hit.distance;
+    (*kept).primitives[at] = last_hit.primitive;
+    if HAS_BULK_ABSORPTION {
+        (*kept).media[at] = before.medium;
+    }
+    if WEIGHTS_VARY {
+        (*kept).weights[at] = before.weight;
+    }
+}
+
+// Takes the ray from after an event to before it. Sets the hit that the search then found.
+fn restore(kept: ptr<function, Kept>, event: u32, ray: ptr<function, Ray>) {
+    let at = event % NUM_KEPT;
+    last_hit = Hit((*kept).distances[at], (*kept).primitives[at]);
+    (*ray).direction = (*kept).directions[at];
+    (*ray).position -= select(last_hit.distance, 0.0, last_hit.primitive == NONE) * (*ray).direction;
+    if HAS_BULK_ABSORPTION {
+        (*ray).medium = (*kept).media[at];
+    }
+    if WEIGHTS_VARY {
+        (*ray).weight = (*kept).weights[at];
+    }
+    // A ray that has ended did not go on to its next draws.
+    if (*ray).bounce > event {
+        (*ray).fresnel = stream_before((*ray).fresnel);
+        (*ray).roulette = stream_before((*ray).roulette);
+    }
+    (*ray).bounce = event;
+    (*ray).fate = ALIVE;
+}
+
 fn walk(index: u32) {
-    var kept: array<Kept, NUM_KEPT>;
+    var kept: Kept;
     var adjoint: Ray;
     // Events that are not walked back yet.
     var left = MAX_DEPTH;
@@ -75,9 +113,9 @@ fn walk(index: u32) {
         var num = 0u;
         loop {
             if always_true() & (ray.fate == ALIVE) & (num < left) {
-                kept[num % NUM_KEPT].ray = ray;
+                let before = ray;
                 next_event(&ray);
-                kept[num % NUM_KEPT].hit = last_hit;
+                keep(&kept, num, before);
                 num += 1u;
             }
             if num >= left || ray.fate != ALIVE {
@@ -96,12 +134,8 @@ fn walk(index: u32) {
         loop {
             if always_true() & (event > first) {
                 event -= 1u;
-                var before = kept[event % NUM_KEPT].ray;
-                // What no event changes need not be kept.
-                before.key = ray.key;
-                before.index = ray.index;
-                before.wavelength = ray.wavelength;
-                last_hit = kept[event % NUM_KEPT].hit;
+                restore(&kept, event, &ray);
+                var before = ray;
                 next_event_back(&before, &adjoint);
             }
             if event <= first {
@@ -115,7 +149,7 @@ fn walk(index: u32) {
     }
     generate_back(index, adjoint);
     begin_back();
-    add_up_adjoints();
+    add_up_adjoints(!loops_were_cut());
 }
 
 @compute @workgroup_size(WORKGROUP_SIZE)

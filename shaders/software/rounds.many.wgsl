@@ -4,14 +4,18 @@
 // all lanes of its vector. Once these have made 65,535 rounds, every later loop makes one round. So each invocation
 // ends with a loop that should make two rounds. If the loop makes fewer, the invocation marks its results as void.
 
-fn notice_cut_loops() {
+fn loops_were_cut() -> bool {
     // With a constant, a compiler would unroll the loop.
     let wanted = select(3u, 2u, always_true());
     var rounds = 0u;
     for (var i = 0u; i < wanted; i++) {
         rounds += 1u;
     }
-    if rounds < wanted {
+    return rounds < wanted;
+}
+
+fn notice_cut_loops() {
+    if loops_were_cut() {
         atomicStore(&queue_counts.cut, 1u);
     }
 }

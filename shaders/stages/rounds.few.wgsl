@@ -1,2 +1,6 @@
 // Loops here make too few rounds for a driver to cut them short. Twin of software/rounds.many.wgsl.
 fn notice_cut_loops() {}
+
+fn loops_were_cut() -> bool {
+    return false;
+}

@@ -23,7 +23,7 @@ use std::sync::Arc;
 
 /// Most rays of a dispatch, and most bytes of its sums.
 const MOST_RAYS: u64 = 1 << 19;
-const MOST_BYTES: u64 = 1 << 26;
+const MOST_BYTES: u64 = 1 << 24;
 
 /// More numbers than that do not fit the registers of an invocation.
 const MOST_NUMBERS: usize = 512;
@@ -77,7 +77,6 @@ impl<'a> Walker<'a> {
         if layout.num_numbers() > MOST_NUMBERS {
             return Err(Error::NoWayBack(format!("{} numbers at once", layout.num_numbers())));
         }
-        if std::env::var("NWB").is_ok() { let _ = std::fs::write("/tmp/w/back.wgsl", plan.program.device_wgsl()); let _ = std::fs::write("/tmp/w/composed.wgsl", &plan.program.wgsl); eprintln!("{layout:?} {}", plan.program.options.rays_per_invocation(&plan.program.features)); }
         let strict = options.is_strict(&gpu.info);
         let stages = match shelf.filter(|_| edit.is_none()) {
             Some(shelf) => shelf.stages(gpu, &plan.program, strict)?,
@@ -124,13 +123,12 @@ impl<'a> Walker<'a> {
                 let count = most.min(rays.count - first);
                 let range = RayRange::of(rays.first + first, count as u32, source);
                 submit_alone(&device, plan, &range, 1)?;
-                gpu.read_blocks(&rows, 0, bytes_of(count), |offset, bytes| {
-                    let at = offset as usize / size;
-                    let reals = bytes.chunks_exact(size).map(|bytes| real_of(bytes, program.options.precision));
-                    for (index, value) in (at..).zip(reals) {
-                        sums[index % num_sums] += value;
+                let bytes = gpu.read(&rows, bytes_of(count))?;
+                for invocation in bytes.chunks_exact(num_sums * size) {
+                    for (sum, bytes) in sums.iter_mut().zip(invocation.chunks_exact(size)) {
+                        *sum += real_of(bytes, program.options.precision);
                     }
-                })?;
+                }
                 done += count;
                 if !keep_going(done) {
                     return Err(Error::Interrupted);

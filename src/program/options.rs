@@ -49,7 +49,9 @@ pub enum PathSums {
 
 /// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
 /// the adapter, because the bits of the sums depend on it.
-const MOST_RAYS_WALKED_BACK: u32 = 16;
+const MOST_RAYS_WALKED_BACK: u32 = 32;
+/// Most events that an invocation walks back.
+const MOST_EVENTS_WALKED_BACK: u32 = 1 << 9;
 
 /// How a program is specialised.
 #[derive(Debug, Clone, PartialEq)]
@@ -195,6 +197,7 @@ impl ProgramOptions {
             || gaussian
             || features.transmissive && self.moments == SecondMoments::Squares
             || self.events_per_dispatch > FEW_EVENTS
+            || self.adjoints && features.has_sags()
     }
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
@@ -202,7 +205,7 @@ impl ProgramOptions {
     /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.adjoints {
-            return MOST_RAYS_WALKED_BACK.min(FEW_EVENTS / self.max_depth).max(1);
+            return (MOST_EVENTS_WALKED_BACK / self.max_depth).clamp(1, MOST_RAYS_WALKED_BACK);
         }
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;

@@ -256,7 +256,7 @@ impl Differentiated {
                 forward = self.walk_back(&walker, &options, adjoints, &mut found, &mut keep_going)?;
                 done_before = options.num_rays;
             }
-            Err(Error::NoWayBack(what)) => { if std::env::var("NWB").is_ok() { eprintln!("NO WAY BACK {what}"); } }
+            Err(Error::NoWayBack(_)) => {}
             Err(error) => return Err(error),
         }
         found.num_forward = forward.len();

@@ -77,9 +77,10 @@ pub fn rewrite(module: &Module, real: Scalar) -> Result<(Module, String)> {
     Ok((rewritten, wgsl))
 }
 
-/// What a function is that a shader declares without a body.
-fn is_declared(name: &str) -> bool {
-    name.ends_with(BACK) || name == sums::ADD_UP || name == sums::WRITE
+/// True of a function that a shader declares without a body, to be written here.
+fn is_declared(name: &str, function: &Function) -> bool {
+    let is_empty = function.body.iter().all(|statement| matches!(statement, Statement::Return { value: None }));
+    is_empty && (name.ends_with(BACK) || name == sums::ADD_UP || name == sums::WRITE)
 }
 
 impl Transposing<'_> {
@@ -89,7 +90,7 @@ impl Transposing<'_> {
         let mut late = HashSet::new();
         for (handle, function) in module.functions.iter() {
             let name = self.name(handle);
-            if is_declared(name) || calls_one_of(&function.body, &late) {
+            if is_declared(name, function) || calls_one_of(&function.body, &late) {
                 late.insert(handle);
             } else {
                 self.append_plain(handle);
@@ -99,10 +100,11 @@ impl Transposing<'_> {
         for (handle, function) in module.functions.iter().filter(|(handle, _)| late.contains(handle)) {
             let name = self.name(handle);
             let new = match name.strip_suffix(BACK) {
+                _ if !is_declared(name, function) => called_as_before(&self.rewriting, function),
                 Some(of) => self.both_ways(handle, of)?,
                 None if name == sums::ADD_UP => self.add_up(function, &layout)?,
                 None if name == sums::WRITE => self.write_sums(function, &layout)?,
-                None => called_as_before(&self.rewriting, function),
+                None => return Err(Error::Internal(format!("no text for {name}"))),
             };
             self.append(handle, new);
         }

@@ -158,7 +158,10 @@ impl Transposing<'_> {
         let total = values[1..].to_vec().into_iter().fold(first, |sum, value| {
             writer.now(Expression::Binary { op: BinaryOperator::Add, left: sum, right: value })
         });
-        let condition = writer.call_now(is_number, vec![total]);
+        let are_numbers = writer.call_now(is_number, vec![total]);
+        let are_valid = writer.append(Expression::FunctionArgument(0));
+        let condition =
+            writer.now(Expression::Binary { op: BinaryOperator::And, left: are_valid, right: are_numbers });
         let sums = writer.append(Expression::GlobalVariable(sums));
         let add = |writer: &mut Writer, index: usize, value: Handle<Expression>, out: &mut Block| {
             let pointer = writer.emit(Expression::AccessIndex { base: sums, index: index as u32 }, out);

@@ -49,6 +49,9 @@ impl Composition<'_> {
         if num > 0 {
             constants.uint(NUM_TANGENTS, num);
             constants.real("LARGEST_TANGENT", 8796093022208.0 / MOST_DEPOSITS);
+        } else {
+            constants.bool("HAS_BULK_ABSORPTION", features.bulk_absorption);
+            constants.bool("WEIGHTS_VARY", !features.keeps_weight);
         }
         text.composed("program::wgsl::tangents", constants.text());
         text.file(shader!("derivatives/seen.wgsl"));
@@ -56,6 +59,12 @@ impl Composition<'_> {
             0 => shader!("derivatives/adjoints.wgsl"),
             _ => shader!("derivatives/tangents.wgsl"),
         });
+        if self.options.adjoints {
+            text.file(match self.options.native {
+                true => shader!("derivatives/streams.native.wgsl"),
+                false => shader!("derivatives/streams.portable.wgsl"),
+            });
+        }
         text.files(some().map(|(.., file)| *file));
         text.composed("program::wgsl::tangents", &self.crossing_step()?);
         Ok(())
