@@ -39,7 +39,8 @@ ResultWarning is given where numbers are not what was asked for: light that the 
 give, detectors without light, sources without a ray, maps that are mostly noise. ``result.report()`` is Optiland's, but
 for the energy it says what the ledger says.
 
-``jacobian(scene, ["L1.r1"], num_rays)`` gives maps of derivatives with standard errors. With Optiland's backend set to torch,
+``jacobian(scene, ["L1.r1"], num_rays)`` gives maps of derivatives with standard errors; ``loss_gradient`` the gradient of a loss
+by any number of parameters, in one pass. With Optiland's backend set to torch,
 results carry a graph to tensors that have ``requires_grad``, where TorchBackend's do; ``backward()`` traces again.
 
 ``diff(a, b, num_rays)`` says what a change does: both scenes by the same draws, A - B with standard errors of its own.
@@ -75,7 +76,7 @@ from nsq_gpu.errors import (
     UsageError,
 )
 from nsq_gpu.export import export_scene
-from nsq_gpu.gradients import Jacobian, jacobian
+from nsq_gpu.gradients import Jacobian, jacobian, loss_gradient
 from nsq_gpu.loading import load_scene
 from nsq_gpu.paths import PathTable
 from nsq_gpu.session import Session
@@ -106,5 +107,6 @@ __all__ = [
     "from_optic",
     "jacobian",
     "load_scene",
+    "loss_gradient",
     "use",
 ]

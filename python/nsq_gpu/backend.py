@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optiland.backend as be
 from optiland.nonsequential import NSQScene
 from optiland.nonsequential._utils import DEFAULT_BATCH_SIZE
@@ -22,7 +23,7 @@ from nsq_gpu.errors import (
     error_of,
 )
 from nsq_gpu.export import ExportedScene, export, export_wanted, to_json
-from nsq_gpu.gradients import Jacobian, of_answer
+from nsq_gpu.gradients import warn_of_lost
 from nsq_gpu.integrity import read_report
 from nsq_gpu.process import ProgressCallback, Shown, Update, run
 from nsq_gpu.results import check_paths, fill_scene, in_folder, warn_of
@@ -159,7 +160,7 @@ class NsqGpuBackend(TracerBackend):
     def _trace_attached(self, binary: str, scene: NSQScene, exported: ExportedScene,
                         options: dict[str, Any]) -> SimulationResult:
         """Trace in this process's session; put results on the graph of the scene's tensors."""
-        from nsq_gpu.autograd import Traced, areas_of, attach
+        from nsq_gpu.autograd import Traced, attach, smooth_detectors
 
         for name in ("record_paths", "target_error", "time_limit", "paths"):
             if name in options:
@@ -177,11 +178,12 @@ class NsqGpuBackend(TracerBackend):
         if self.backward_seed is not None:
             backward["seed"] = _whole("backward_seed", self.backward_seed) % _SEEDS
 
-        def trace(names: list[str]) -> Jacobian:
-            return of_answer(session.request(text, backward, timeout=self.timeout, name=EXPORTED, gradient=names,
-                                             gradient_errors=False))
+        def gradient(adjoints: dict[str, np.ndarray]) -> list[float]:
+            answer = session.loss_gradient(text, backward, names, adjoints, timeout=self.timeout, name=EXPORTED)
+            warn_of_lost(answer["num_lost"])
+            return answer["values"]
 
-        traced = Traced(names, trace, *areas_of(scene))
+        traced = Traced(gradient, smooth_detectors(scene))
         return fill_scene(scene, answer.report, answer.arrays, exported.surface_labels,
                           attach=lambda: attach(scene, traced, list(exported.wanted.values())))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,19 +86,77 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str]
         UsageError: A name of nothing, or a number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
     """
-    names = list(parameters)
-    if not names:
-        raise UsageError('name a parameter, such as "L1.r1"')
-    if isinstance(scene, NSQScene):
-        text, called, folder = to_json(export(scene).document, indent=None), EXPORTED, None
-    else:
-        path = Path(scene)
-        text, called, folder = path.read_text(encoding="utf-8"), str(path), str(path.parent.resolve())
+    names = _named(parameters)
+    text, called, folder = _text_of(scene)
     session = shared_session(find_binary(binary), adapter)
     options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
     answer = session.request(text, options, timeout=timeout, name=called, gradient=names, folder=folder)
     warn_of(answer.report, answer.missed_target)
     return of_answer(answer)
+
+
+def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str],
+                  adjoints: Mapping[str, np.ndarray], num_rays: int, *, seed: int = 0, max_depth: int = 16,
+                  precision: str = "auto", adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
+                  timeout: float | None = None) -> dict[str, float]:
+    """Differentiate a loss by any number of a scene's numbers, in one pass over the rays.
+
+    A loss is a number that you compute from what detectors record, such as the flux beyond a spot. Say what the loss gains by
+    a watt in each pixel; rays are then walked back from there. As with :func:`jacobian`, the derivative is that of the
+    interior.
+
+    >>> flux = result.detectors["image"].data * pixel_area            # [W]
+    >>> nsq_gpu.loss_gradient(scene, ["L1.r1", "L1.z"], {"image": 2 * (flux - wanted)}, 1_000_000)
+    {'L1.r1': -0.0031, 'L1.z': 0.0102}
+
+    Args:
+        scene: The live scene, or its file.
+        parameters: Names of numbers, as those of :func:`jacobian`.
+        adjoints: By detector, an array in the shape of its map: what the loss gains by a watt in each cell [1/W]. For a ray
+            database, one number. Detectors that are missing do not count.
+        num_rays: Rays to launch.
+        seed: Seed of the draws.
+        max_depth: Largest number of events of a ray.
+        precision: As that of :class:`nsq_gpu.NsqGpuBackend`.
+        adapter: A part of the adapter's name.
+        binary: Path of the program.
+        timeout: Longest time [s].
+
+    Returns:
+        What the loss gains by a unit of each parameter.
+
+    Raises:
+        UsageError: A name of nothing, or a number by which nothing can be differentiated.
+        NsqGpuError: One of its other subclasses, by what went wrong.
+    """
+    names = _named(parameters)
+    text, called, folder = _text_of(scene)
+    session = shared_session(find_binary(binary), adapter)
+    options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
+    answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, name=called, folder=folder)
+    warn_of_lost(answer["num_lost"])
+    return dict(zip(names, answer["values"], strict=True))
+
+
+def warn_of_lost(num_lost: int) -> None:
+    """Warn of rays that are missing in a gradient."""
+    if num_lost:
+        warn(f"derivatives of {num_lost} rays were no numbers, or too large: they are missing", ResultWarning)
+
+
+def _named(parameters: Sequence[str]) -> list[str]:
+    names = list(parameters)
+    if not names:
+        raise UsageError('name a parameter, such as "L1.r1"')
+    return names
+
+
+def _text_of(scene: NSQScene | str | os.PathLike[str]) -> tuple[str, str, str | None]:
+    """Return the text of a scene, what errors call it, and the folder of its files."""
+    if isinstance(scene, NSQScene):
+        return to_json(export(scene).document, indent=None), EXPORTED, None
+    path = Path(scene)
+    return path.read_text(encoding="utf-8"), str(path), str(path.parent.resolve())
 
 
 def of_answer(answer: Answer) -> Jacobian:

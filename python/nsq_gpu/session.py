@@ -208,6 +208,24 @@ class Session:
         header, body = child.ask(header, timeout, progress)
         return Answer(header, body)
 
+    def loss_gradient(self, scene: str | Json, options: Mapping[str, Any], parameters: Sequence[str],
+                      adjoints: Mapping[str, np.ndarray], *, timeout: float | None = None, name: str | None = None,
+                      folder: str | None = None) -> Json:
+        """Differentiate a loss by numbers of a scene file's text: :func:`nsq_gpu.loss_gradient`.
+
+        Returns the answer's header: ``values`` in the order of ``parameters``, ``num_lost``, ``num_forward``.
+
+        Raises:
+            NsqGpuError: One of its subclasses, by what went wrong.
+        """
+        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
+        arrays = {detector: _npy(array) for detector, array in adjoints.items()}
+        header = {"request": "trace", "scene": scene, "name": name, "options": named, "gradient": list(parameters),
+                  "adjoints": [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]}
+        if folder is not None:
+            header["folder"] = folder
+        return self._running().ask(header, timeout, None, b"".join(arrays.values()))[0]
+
     def hello(self) -> Json:
         """Return what the process says of itself: its version, its adapter, how many shaders it keeps."""
         return self._running().ask({"request": "hello"}, None, None)[0]
@@ -300,21 +318,22 @@ class _Child:
         """Tell whether the process still answers."""
         return self._reader.is_alive()
 
-    def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None) -> tuple[Json, bytearray]:
-        """Send a request; return the answer. Whatever ends the call early cancels the request."""
+    def ask(self, request: Json, timeout: float | None, progress: Callable[[Json], None] | None,
+            arrays: bytes = b"") -> tuple[Json, bytearray]:
+        """Send a request with its arrays; return the answer. Whatever ends the call early cancels the request."""
         number = next(self._ids)
         data = _encoded({"id": number, **request})
         # One request at a time: a cancel of this one would else wait for those before it.
         with self._turn:
-            return self._ask(number, data, timeout, progress)
+            return self._ask(number, data, arrays, timeout, progress)
 
-    def _ask(self, number: int, data: bytes, timeout: float | None,
+    def _ask(self, number: int, data: bytes, arrays: bytes, timeout: float | None,
              progress: Callable[[Json], None] | None) -> tuple[Json, bytearray]:
         deadline = None if timeout is None else time.monotonic() + timeout
         answers: queue.SimpleQueue[tuple[Json, bytearray] | None] = queue.SimpleQueue()
         self._waiting[number] = answers
         try:
-            self._send(data)
+            self._send(data, arrays)
             while True:
                 if deadline is not None and time.monotonic() > deadline:
                     raise TraceTimeoutError(f"the trace took longer than timeout = {timeout:g} s and was ended")
@@ -358,11 +377,11 @@ class _Child:
                 except OSError:
                     pass
 
-    def _send(self, data: bytes) -> None:
+    def _send(self, data: bytes, arrays: bytes = b"") -> None:
         stream = self._process.stdin
         assert stream is not None
         try:
-            stream.write(_FRAME.pack(len(data), 0) + data)
+            stream.write(_FRAME.pack(len(data), len(arrays)) + data + arrays)
             stream.flush()
         except (OSError, ValueError):
             # The reader sees the end of the process as well, or that its streams were closed.
@@ -420,6 +439,13 @@ class _Child:
                 del self._said[:-100]
         except (OSError, ValueError):
             pass
+
+
+def _npy(array: np.ndarray) -> bytes:
+    """Return an array as it is sent."""
+    file = io.BytesIO()
+    np.lib.format.write_array(file, np.ascontiguousarray(array, dtype=np.float64), allow_pickle=False)
+    return file.getvalue()
 
 
 def _encoded(header: Json) -> bytes:

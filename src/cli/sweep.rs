@@ -219,6 +219,7 @@ pub fn run(args: &Args) -> Result<String> {
             live: None,
             gradient: Vec::new(),
             gradient_errors: false,
+            adjoints: None,
             progress: false,
         };
         match session.trace(&request, |_| true) {

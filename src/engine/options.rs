@@ -265,7 +265,7 @@ pub(crate) fn check_options(gpu: &Gpu, options: &TraceOptions) -> Result<()> {
             options.path_rows
         ));
     }
-    if options.tangents.is_some() && options.sampler == Sampler::Sobol {
+    if (options.tangents.is_some() || options.adjoints) && options.sampler == Sampler::Sobol {
         return usage("derivatives take random numbers; leave out --sampler sobol".into());
     }
     if options.batch_size == Some(0) {

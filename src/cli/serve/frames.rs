@@ -6,14 +6,14 @@ use std::io::{self, Read, Write};
 
 /// Longest header that is read \[bytes\]: a scene file may have 256 MiB.
 const MOST_HEADER_BYTES: u32 = 260 << 20;
-/// Most bytes of arrays that are read: no request has any.
-const MOST_ARRAY_BYTES: u64 = 1 << 20;
+/// Most bytes of arrays that are read: adjoints of large maps.
+const MOST_ARRAY_BYTES: u64 = 1 << 32;
 
 /// A message that was read.
 #[derive(Debug, PartialEq)]
 pub enum Incoming {
-    /// Its header.
-    Header(Value),
+    /// Its header, and its arrays, one after the other.
+    Header(Value, Vec<u8>),
     /// Its header is no JSON; what comes after it can be read.
     Broken(String),
 }
@@ -43,9 +43,9 @@ pub fn read(input: &mut impl Read) -> io::Result<Option<Incoming>> {
         )));
     }
     let header = exactly(input, u64::from(header))?;
-    exactly(input, arrays)?;
+    let arrays = exactly(input, arrays)?;
     Ok(Some(match serde_json::from_slice(&header) {
-        Ok(value) => Incoming::Header(value),
+        Ok(value) => Incoming::Header(value, arrays),
         Err(error) => Incoming::Broken(format!("the header is no JSON: {error}")),
     }))
 }
@@ -93,8 +93,8 @@ mod tests {
         write(&mut bytes, &json!({"id": 1, "name": "ä"}), [&[1_u8, 2][..], &[3]].into_iter()).unwrap();
         write(&mut bytes, &json!({"id": 2}), std::iter::empty()).unwrap();
         let mut input = &bytes[..];
-        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({"id": 1, "name": "ä"}))));
-        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({"id": 2}))));
+        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({"id": 1, "name": "ä"}), vec![1, 2, 3])));
+        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({"id": 2}), Vec::new())));
         assert_eq!(read(&mut input).unwrap(), None);
     }
 
@@ -106,7 +106,7 @@ mod tests {
         write(&mut bytes, &json!({}), std::iter::empty()).unwrap();
         let mut input = &bytes[..];
         assert!(matches!(read(&mut input).unwrap(), Some(Incoming::Broken(_))));
-        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({}))));
+        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({}), Vec::new())));
     }
 
     #[test]

@@ -12,6 +12,7 @@ use crate::cli::serve::session::Session;
 use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterChoice;
+use crate::trace::gradients::LossGradient;
 use crate::result::{Report, TraceResult, npz_files, report};
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -45,6 +46,7 @@ enum Job {
     Request {
         id: Value,
         header: Value,
+        arrays: Vec<u8>,
         cancelled: Arc<AtomicBool>,
     },
     Broken(String),
@@ -69,8 +71,8 @@ pub fn run(args: &Args) -> Result<String> {
     let mut output = Output(std::io::BufWriter::new(std::io::stdout()));
     for job in jobs {
         let problem = match job {
-            Job::Request { id, header, cancelled } => {
-                let answered = answer(&mut session, &mut output, &id, header, &cancelled);
+            Job::Request { id, header, arrays, cancelled } => {
+                let answered = answer(&mut session, &mut output, &id, (header, &arrays), &cancelled);
                 cancels.lock().unwrap_or_else(PoisonError::into_inner).remove(&id.to_string());
                 answered
             }
@@ -94,7 +96,7 @@ fn listen(jobs: &mpsc::Sender<Job>, cancels: &Cancels) {
             Ok(None) => Job::End(None),
             Err(error) => Job::End(Some(error.to_string())),
             Ok(Some(Incoming::Broken(problem))) => Job::Broken(problem),
-            Ok(Some(Incoming::Header(header))) => {
+            Ok(Some(Incoming::Header(header, arrays))) => {
                 let id = header.get("id").cloned().unwrap_or(Value::Null);
                 let mut cancels = cancels.lock().unwrap_or_else(PoisonError::into_inner);
                 if header.get("request").and_then(Value::as_str) == Some("cancel") {
@@ -105,7 +107,7 @@ fn listen(jobs: &mpsc::Sender<Job>, cancels: &Cancels) {
                 }
                 let cancelled = Arc::new(AtomicBool::new(false));
                 cancels.insert(id.to_string(), cancelled.clone());
-                Job::Request { id, header, cancelled }
+                Job::Request { id, header, arrays, cancelled }
             }
         };
         let is_end = matches!(job, Job::End(_));
@@ -120,10 +122,10 @@ fn answer(
     session: &mut Session,
     output: &mut Output,
     id: &Value,
-    header: Value,
+    (header, arrays): (Value, &[u8]),
     cancelled: &AtomicBool,
 ) -> Result<()> {
-    let request = match Request::of(header) {
+    let request = match Request::of(header, arrays) {
         Ok(request) => request,
         Err(error) => return output.fail(id, &error),
     };
@@ -164,18 +166,30 @@ fn trace(
         return output.fail(id, &Error::Interrupted);
     }
     let traced = catch_unwind(AssertUnwindSafe(|| {
-        session.trace(request, |status| {
+        let keep_going = |status: &Status| {
             let is_last = status.rays >= status.num_rays;
             if request.progress && (is_last || told.elapsed() >= PROGRESS_INTERVAL) {
                 told = Instant::now();
                 unsent = output.send(&progress(id, status));
             }
             unsent.is_ok() && !cancelled.load(Ordering::Relaxed)
-        })
+        };
+        match &request.adjoints {
+            None => session.trace(request, keep_going).map(Answer::Traced),
+            Some(adjoints) => session.loss_gradient(request, adjoints, keep_going).map(Answer::Loss),
+        }
     }));
     unsent?;
     match traced {
-        Ok(Ok(result)) => output.send_result(id, &result),
+        Ok(Ok(Answer::Traced(result))) => output.send_result(id, &result),
+        Ok(Ok(Answer::Loss(gradient))) => output.send(&json!({
+            "id": id,
+            "reply": "loss_gradient",
+            "parameters": request.gradient,
+            "values": gradient.values,
+            "num_lost": gradient.num_lost,
+            "num_forward": gradient.num_forward,
+        })),
         Ok(Err(error)) => {
             if matches!(error, Error::Device(_)) {
                 session.close();
@@ -194,6 +208,12 @@ fn progress(id: &Value, status: &Status) -> Value {
     let fields = status.json().as_object().cloned().unwrap_or_default();
     fields.into_iter().for_each(|(key, value)| message[key] = value);
     message
+}
+
+/// What a request is answered with.
+enum Answer {
+    Traced(TraceResult),
+    Loss(LossGradient),
 }
 
 /// Where answers go.

@@ -5,6 +5,7 @@ use crate::cli::trace_args::TraceArgs;
 use crate::error::{Error, Result};
 use crate::trace::RecordPaths;
 use clap::Parser;
+use ndarray_npy::ReadNpyExt;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
@@ -39,6 +40,9 @@ pub(crate) struct TraceRequest {
     pub(crate) gradient: Vec<String>,
     /// Derivatives have standard errors.
     pub(crate) gradient_errors: bool,
+    /// What a loss gains by a watt in each cell of a detector, by the detector's name: the loss is differentiated, and not
+    /// the sums. None: no loss.
+    pub(crate) adjoints: Option<Vec<(String, Vec<f64>)>>,
     /// True: the progress is sent.
     pub(crate) progress: bool,
 }
@@ -62,8 +66,17 @@ struct TraceHeader {
     gradient: Vec<String>,
     #[serde(default = "yes")]
     gradient_errors: bool,
+    adjoints: Option<Vec<AdjointHeader>>,
     #[serde(default)]
     progress: bool,
+}
+
+/// An array of adjoints that comes after the header.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AdjointHeader {
+    detector: String,
+    bytes: usize,
 }
 
 fn yes() -> bool {
@@ -84,10 +97,10 @@ impl Request {
     ///
     /// # Errors
     /// [`Error::Usage`] if it asks for nothing that there is.
-    pub(crate) fn of(header: Value) -> Result<Self> {
+    pub(crate) fn of(header: Value, arrays: &[u8]) -> Result<Self> {
         match header.get("request").and_then(Value::as_str) {
             Some("hello") => Ok(Request::Hello),
-            Some("trace") => TraceRequest::of(header).map(|request| Request::Trace(Box::new(request))),
+            Some("trace") => TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request))),
             Some(other) => {
                 Err(Error::Usage(format!("there is no request `{other}`; there are hello, trace and cancel")))
             }
@@ -97,7 +110,7 @@ impl Request {
 }
 
 impl TraceRequest {
-    fn of(header: Value) -> Result<Self> {
+    fn of(header: Value, arrays: &[u8]) -> Result<Self> {
         let header: TraceHeader =
             serde_json::from_value(header).map_err(|error| Error::Usage(format!("the request: {error}")))?;
         let scene = match header.scene {
@@ -115,9 +128,26 @@ impl TraceRequest {
             live: header.live,
             gradient: header.gradient,
             gradient_errors: header.gradient_errors,
+            adjoints: header.adjoints.map(|told| adjoints(told, arrays)).transpose()?,
             progress: header.progress,
         })
     }
+}
+
+/// The arrays of adjoints, each in the format `.npy`.
+fn adjoints(told: Vec<AdjointHeader>, mut arrays: &[u8]) -> Result<Vec<(String, Vec<f64>)>> {
+    let mut found = Vec::new();
+    for AdjointHeader { detector, bytes } in told {
+        let problem = |problem: &dyn std::fmt::Display| {
+            Error::Usage(format!("adjoints of `{detector}`: {problem}; give an array of float64 in the format .npy"))
+        };
+        let (own, rest) =
+            arrays.split_at_checked(bytes).ok_or_else(|| problem(&"the arrays of the message end before"))?;
+        arrays = rest;
+        let array = ndarray::ArrayD::<f64>::read_npy(own).map_err(|error| problem(&error))?;
+        found.push((detector, array.iter().copied().collect()));
+    }
+    Ok(found)
 }
 
 /// Numbers to set: `{"L1.r1": 51.0}`.

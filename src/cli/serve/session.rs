@@ -8,7 +8,7 @@ use crate::gpu::{AdapterChoice, Gpu};
 use crate::model::SceneIr;
 use crate::result::{RunInfo, TraceResult};
 use crate::scene::Scene;
-use crate::trace::gradients::{Differentiated, How};
+use crate::trace::gradients::{Differentiated, How, LossGradient};
 use crate::trace::stopping::Stopping;
 use crate::trace::{Progress, Shelf, Strict, TraceOptions, Tracer, auto_precision};
 use std::time::Instant;
@@ -58,6 +58,23 @@ impl Session {
         request: &TraceRequest,
         keep_going: impl FnMut(&Status) -> bool,
     ) -> Result<TraceResult> {
+        self.job(request, |job| match request.gradient.is_empty() {
+            true => job.trace(keep_going),
+            false => job.differentiate(keep_going),
+        })
+    }
+
+    /// Differentiates the loss that a request has adjoints of.
+    pub(crate) fn loss_gradient(
+        &mut self,
+        request: &TraceRequest,
+        adjoints: &[(String, Vec<f64>)],
+        keep_going: impl FnMut(&Status) -> bool,
+    ) -> Result<LossGradient> {
+        self.job(request, |job| job.differentiate_loss(adjoints, keep_going))
+    }
+
+    fn job<T>(&mut self, request: &TraceRequest, act: impl FnOnce(Job) -> Result<T>) -> Result<T> {
         let start = Instant::now();
         let scene =
             Scene::with_numbers(&request.scene, &request.folder, &request.set).map_err(
@@ -72,8 +89,7 @@ impl Session {
         let Some(Opened { gpu, shelf }) = &self.opened else {
             return Err(Error::Internal("no device".into()));
         };
-        let job = Job { request, scene: &scene, ir: &ir, gpu, shelf, start };
-        if request.gradient.is_empty() { job.trace(keep_going) } else { job.differentiate(keep_going) }
+        act(Job { request, scene: &scene, ir: &ir, gpu, shelf, start })
     }
 }
 
@@ -126,17 +142,53 @@ impl<'a> Job<'a> {
         TraceResult::new(ir, &run, &tally)
     }
 
-    /// Traces with derivatives.
-    fn differentiate(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
-        let Job { request, gpu, .. } = self;
+    /// The scene, and the parameters by which it is differentiated.
+    fn differentiated(&self) -> Result<Differentiated> {
+        let request = self.request;
         let named_error = |error| match &request.name {
             Some(name) => named(error, name),
             None => error,
         };
         let change = |ir: &mut SceneIr| request.args.override_sampling(ir);
-        let scene =
-            Differentiated::new(&request.scene, &request.folder, &request.set, &request.gradient, change)
-                .map_err(named_error)?;
+        Differentiated::new(&request.scene, &request.folder, &request.set, &request.gradient, change)
+            .map_err(named_error)
+    }
+
+    /// The gradient of a loss.
+    fn differentiate_loss(
+        &self,
+        adjoints: &[(String, Vec<f64>)],
+        mut keep_going: impl FnMut(&Status) -> bool,
+    ) -> Result<LossGradient> {
+        let Job { request, gpu, .. } = self;
+        if request.gradient.is_empty() {
+            return Err(Error::Usage("a loss has adjoints and no parameters; name some in `gradient`".into()));
+        }
+        let scene = self.differentiated()?;
+        let mut of_all: Vec<Vec<f64>> =
+            scene.ir.detectors.iter().map(|detector| vec![0.0; detector.num_cells().max(1)]).collect();
+        for (name, adjoints) in adjoints {
+            let known = scene.ir.detectors.iter().position(|detector| detector.name == *name);
+            let known = known.ok_or_else(|| Error::Usage(format!("adjoints of `{name}`: no detector has this name")))?;
+            of_all[known].clone_from(adjoints);
+        }
+        let job = Job { ir: &scene.ir, ..*self };
+        let options = job.options()?;
+        let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
+        let choice = auto_precision::choose_by(gpu, &scene.ir, &options, request.args.wanted(), pilot)?;
+        let options = TraceOptions { precision: choice.precision, live: true, ..options };
+        let start = Instant::now();
+        let how = How { shelf: Some(self.shelf), ..How::default() };
+        let num_rays = options.num_rays;
+        scene.loss_gradient(gpu, &options, how, &of_all, |rays| {
+            keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
+        })
+    }
+
+    /// Traces with derivatives.
+    fn differentiate(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
+        let Job { request, gpu, .. } = self;
+        let scene = self.differentiated()?;
         let job = Job { ir: &scene.ir, ..*self };
         let options = job.options()?;
         let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
