@@ -22,13 +22,12 @@ fn write_adjoints(invocation: u32) {}
 @group(GROUP_SCENE) @binding(BINDING_ADJOINTS) var<storage, read> cell_adjoints: array<real>;
 @group(GROUP_SCENE) @binding(BINDING_ADJOINT_SUMS) var<storage, read_write> adjoint_sums: array<real>;
 
-// The weight of each deposit, times what the loss gains by a unit of it: for the derivative by the total flux.
+// All deposits of a ray, each times what the loss gains by a unit of weight in its cell: for derivatives by the total flux. The
+// deposits are in proportion to the weight with which the ray is born.
 var<private> noted: real;
 
-fn adjoint_of(cell: u32, value: real) -> real {
-    let adjoint = cell_adjoints[cell - FIRST_DETECTOR_CELL];
-    noted += adjoint * value;
-    return adjoint;
+fn adjoint_of(cell: u32) -> real {
+    return cell_adjoints[cell - FIRST_DETECTOR_CELL];
 }
 
 // What functions note whose way back is made of forward derivatives (program::adjoints::loops).
@@ -147,6 +146,7 @@ fn walk(index: u32) {
             break;
         }
     }
+    noted = adjoint.weight * source().weight;
     generate_back(index, adjoint);
     begin_back();
     add_up_adjoints(!loops_were_cut());

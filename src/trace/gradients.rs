@@ -67,6 +67,8 @@ pub struct LossGradient {
     pub num_lost: u64,
     /// Parameters that were differentiated forward, because there is no reverse pass to them.
     pub num_forward: usize,
+    /// Why some were.
+    pub why_forward: Option<String>,
 }
 
 /// How derivatives are traced.
@@ -244,7 +246,7 @@ impl Differentiated {
             standard_error: StandardError::Off,
             ..options.clone()
         };
-        let mut found = LossGradient { values: vec![0.0; self.parameters.len()], num_lost: 0, num_forward: 0 };
+        let mut found = LossGradient { values: vec![0.0; self.parameters.len()], num_lost: 0, num_forward: 0, why_forward: None };
         let mut forward: Vec<usize> = (0..self.parameters.len()).collect();
         let mut done_before = 0;
         let walker = match how.forward {
@@ -256,7 +258,7 @@ impl Differentiated {
                 forward = self.walk_back(&walker, &options, adjoints, &mut found, &mut keep_going)?;
                 done_before = options.num_rays;
             }
-            Err(Error::NoWayBack(_)) => {}
+            Err(error @ Error::NoWayBack(_)) => found.why_forward = Some(error.to_string()),
             Err(error) => return Err(error),
         }
         found.num_forward = forward.len();
@@ -323,6 +325,8 @@ impl Differentiated {
         let mut forward = Vec::new();
         for (number, (scaled, slopes)) in self.parameters.iter().zip(&slopes).enumerate() {
             if has_no_way(slopes) {
+                let name = &scaled.parameter.name;
+                found.why_forward = Some(format!("`{}` changes a table of unknown length", shown(name)));
                 forward.push(number);
                 continue;
             }

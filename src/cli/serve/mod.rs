@@ -189,6 +189,7 @@ fn trace(
             "values": gradient.values,
             "num_lost": gradient.num_lost,
             "num_forward": gradient.num_forward,
+            "why_forward": gradient.why_forward,
         })),
         Ok(Err(error)) => {
             if matches!(error, Error::Device(_)) {

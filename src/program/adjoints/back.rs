@@ -642,9 +642,9 @@ impl<'r, 'm> Back<'r, 'm> {
         let rule = rule(self.shared.name(function));
         if rule == Some(Rule::Note) {
             if self.varies(arguments[1]) {
-                let arguments_of = vec![self.value(arguments[0]), self.value(arguments[1])];
+                let cell = self.value(arguments[0]);
                 let found = self.shared.function(ADJOINT_OF)?;
-                let found = self.call_plain(self.shared.plain(found), arguments_of, out);
+                let found = self.call_plain(self.shared.plain(found), vec![cell], out);
                 self.contribute_whole(arguments[1], found, out);
             }
             return Ok(());

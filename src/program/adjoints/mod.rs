@@ -33,7 +33,7 @@ use std::collections::HashSet;
 /// The entry point that walks rays back.
 pub const ENTRY_POINT: &str = "trace_back";
 
-/// The function that tells the adjoint of a cell: (cell, value deposited there).
+/// The function that tells the adjoint of a cell.
 const ADJOINT_OF: &str = "adjoint_of";
 
 /// The variable that sums what the loss gains by forward derivatives.
