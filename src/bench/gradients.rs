@@ -99,7 +99,15 @@ impl GradientCost {
     pub fn heading() -> String {
         format!(
             "{:<14}{:>5}{:>12}{:>18}{:>18}{:>12}{:>12}{:>12}{:>12}\n",
-            "case", "", "plain [s]", "one number [s]", "four numbers [s]", "back [s]", "one/plain", "four/plain", "back/plain"
+            "case",
+            "",
+            "plain [s]",
+            "one number [s]",
+            "four numbers [s]",
+            "back [s]",
+            "one/plain",
+            "four/plain",
+            "back/plain"
         )
     }
 

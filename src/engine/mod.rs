@@ -41,9 +41,9 @@ pub mod strategy;
 pub mod submit;
 pub mod sums;
 pub mod tangents;
-pub(crate) mod walk;
 pub mod tuning;
 pub mod undrained;
+pub(crate) mod walk;
 pub mod wavefront;
 
 use crate::engine::device::DeviceState;

@@ -71,7 +71,7 @@ impl<'a> Walker<'a> {
             (Some(shelf), None) => shelf.parsed(wgsl, precision),
             (None, None) => Parsed::of(wgsl, precision).map(Arc::new),
         };
-        let plan = draft.compose(gpu, ir, &NoExtension, parse, |program| DispatchLimits::of(program))?;
+        let plan = draft.compose(gpu, ir, &NoExtension, parse, DispatchLimits::of)?;
         let first = as_composed(ir, &options, &plan.program)?;
         let layout = Layout::of(&first.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {
@@ -148,7 +148,8 @@ impl<'a> Walker<'a> {
 
 /// A real as a device writes it.
 fn real_of(bytes: &[u8], precision: Precision) -> f64 {
-    let single = |at: usize| f64::from(f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]));
+    let single =
+        |at: usize| f64::from(f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]));
     match precision {
         Precision::F32 => single(0),
         Precision::Df64 => single(0) + single(4),

@@ -2,7 +2,9 @@
 //! of its own for values, and for what reads and writes them.
 
 use crate::error::Result;
-use naga::{AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Range, Span, Statement, SwitchCase};
+use naga::{
+    AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Range, Span, Statement, SwitchCase,
+};
 
 /// A function that is written.
 pub(super) trait Write {

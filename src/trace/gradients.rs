@@ -246,7 +246,12 @@ impl Differentiated {
             standard_error: StandardError::Off,
             ..options.clone()
         };
-        let mut found = LossGradient { values: vec![0.0; self.parameters.len()], num_lost: 0, num_forward: 0, why_forward: None };
+        let mut found = LossGradient {
+            values: vec![0.0; self.parameters.len()],
+            num_lost: 0,
+            num_forward: 0,
+            why_forward: None,
+        };
         let mut forward: Vec<usize> = (0..self.parameters.len()).collect();
         let mut done_before = 0;
         let walker = match how.forward {
@@ -263,7 +268,8 @@ impl Differentiated {
         }
         found.num_forward = forward.len();
         for numbers in forward.chunks(MOST_PARAMETERS) {
-            let parameters: Vec<Scaled> = numbers.iter().map(|number| self.parameters[*number].clone()).collect();
+            let parameters: Vec<Scaled> =
+                numbers.iter().map(|number| self.parameters[*number].clone()).collect();
             let tangents =
                 Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
             let options = TraceOptions { tangents: Some(Arc::new(tangents)), ..options.clone() };
@@ -341,7 +347,8 @@ impl Differentiated {
                         _ => of_buffer.map(|(_, reals)| reals),
                     };
                     let given = &walked.numbers[at..at + num];
-                    let products = reals.into_iter().flatten().zip(given).map(|(slope, adjoint)| slope * adjoint);
+                    let products =
+                        reals.into_iter().flatten().zip(given).map(|(slope, adjoint)| slope * adjoint);
                     value += unit / scaled.size * products.sum::<f64>();
                     at += num;
                 }
@@ -363,7 +370,9 @@ impl Differentiated {
             )));
         }
         match adjoints.iter().flatten().find(|value| !value.is_finite()) {
-            Some(value) => Err(Error::Usage(format!("an adjoint of the loss is {value}; give finite numbers"))),
+            Some(value) => {
+                Err(Error::Usage(format!("an adjoint of the loss is {value}; give finite numbers")))
+            }
             None => Ok(()),
         }
     }

@@ -93,7 +93,10 @@ mod tests {
         write(&mut bytes, &json!({"id": 1, "name": "ä"}), [&[1_u8, 2][..], &[3]].into_iter()).unwrap();
         write(&mut bytes, &json!({"id": 2}), std::iter::empty()).unwrap();
         let mut input = &bytes[..];
-        assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({"id": 1, "name": "ä"}), vec![1, 2, 3])));
+        assert_eq!(
+            read(&mut input).unwrap(),
+            Some(Incoming::Header(json!({"id": 1, "name": "ä"}), vec![1, 2, 3]))
+        );
         assert_eq!(read(&mut input).unwrap(), Some(Incoming::Header(json!({"id": 2}), Vec::new())));
         assert_eq!(read(&mut input).unwrap(), None);
     }

@@ -12,8 +12,8 @@ use crate::cli::serve::session::Session;
 use crate::cli::trace::missed_target;
 use crate::error::{Error, Result};
 use crate::gpu::AdapterChoice;
-use crate::trace::gradients::LossGradient;
 use crate::result::{Report, TraceResult, npz_files, report};
+use crate::trace::gradients::LossGradient;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -175,7 +175,7 @@ fn trace(
             unsent.is_ok() && !cancelled.load(Ordering::Relaxed)
         };
         match &request.adjoints {
-            None => session.trace(request, keep_going).map(Answer::Traced),
+            None => session.trace(request, keep_going).map(|result| Answer::Traced(Box::new(result))),
             Some(adjoints) => session.loss_gradient(request, adjoints, keep_going).map(Answer::Loss),
         }
     }));
@@ -213,7 +213,7 @@ fn progress(id: &Value, status: &Status) -> Value {
 
 /// What a request is answered with.
 enum Answer {
-    Traced(TraceResult),
+    Traced(Box<TraceResult>),
     Loss(LossGradient),
 }
 

@@ -100,7 +100,9 @@ impl Request {
     pub(crate) fn of(header: Value, arrays: &[u8]) -> Result<Self> {
         match header.get("request").and_then(Value::as_str) {
             Some("hello") => Ok(Request::Hello),
-            Some("trace") => TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request))),
+            Some("trace") => {
+                TraceRequest::of(header, arrays).map(|request| Request::Trace(Box::new(request)))
+            }
             Some(other) => {
                 Err(Error::Usage(format!("there is no request `{other}`; there are hello, trace and cancel")))
             }
@@ -139,7 +141,9 @@ fn adjoints(told: Vec<AdjointHeader>, mut arrays: &[u8]) -> Result<Vec<(String, 
     let mut found = Vec::new();
     for AdjointHeader { detector, bytes } in told {
         let problem = |problem: &dyn std::fmt::Display| {
-            Error::Usage(format!("adjoints of `{detector}`: {problem}; give an array of float64 in the format .npy"))
+            Error::Usage(format!(
+                "adjoints of `{detector}`: {problem}; give an array of float64 in the format .npy"
+            ))
         };
         let (own, rest) =
             arrays.split_at_checked(bytes).ok_or_else(|| problem(&"the arrays of the message end before"))?;

@@ -162,14 +162,17 @@ impl<'a> Job<'a> {
     ) -> Result<LossGradient> {
         let Job { request, gpu, .. } = self;
         if request.gradient.is_empty() {
-            return Err(Error::Usage("a loss has adjoints and no parameters; name some in `gradient`".into()));
+            return Err(Error::Usage(
+                "a loss has adjoints and no parameters; name some in `gradient`".into(),
+            ));
         }
         let scene = self.differentiated()?;
         let mut of_all: Vec<Vec<f64>> =
             scene.ir.detectors.iter().map(|detector| vec![0.0; detector.num_cells().max(1)]).collect();
         for (name, adjoints) in adjoints {
             let known = scene.ir.detectors.iter().position(|detector| detector.name == *name);
-            let known = known.ok_or_else(|| Error::Usage(format!("adjoints of `{name}`: no detector has this name")))?;
+            let known = known
+                .ok_or_else(|| Error::Usage(format!("adjoints of `{name}`: no detector has this name")))?;
             of_all[known].clone_from(adjoints);
         }
         let job = Job { ir: &scene.ir, ..*self };

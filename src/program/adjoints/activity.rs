@@ -38,9 +38,10 @@ impl Transposing<'_> {
             locals: HashSet::new(),
             results: HashSet::new(),
         };
-        search.found.has_effects = old.arguments.iter().zip(mask).any(|(argument, varies)| {
-            *varies && is_pointer(&search.shared.module.types[argument.ty].inner)
-        });
+        search.found.has_effects =
+            old.arguments.iter().zip(mask).any(|(argument, varies)| {
+                *varies && is_pointer(&search.shared.module.types[argument.ty].inner)
+            });
         loop {
             let before = (search.found.varied.len(), search.locals.len(), search.results.len());
             search.block(&old.body);
@@ -92,11 +93,7 @@ impl Search<'_, '_> {
             Statement::Emit(range) => range.clone().for_each(|value| {
                 self.varies(value);
             }),
-            Statement::Store { pointer, value } => {
-                if self.varies(*value) {
-                    self.may_vary(*pointer);
-                }
-            }
+            Statement::Store { pointer, value } if self.varies(*value) => self.may_vary(*pointer),
             Statement::Return { value: Some(value) } => self.found.varies |= self.varies(*value),
             Statement::Call { function, arguments, result } => self.call(*function, arguments, *result),
             Statement::Block(block) => self.block(block),

@@ -13,8 +13,7 @@ use crate::program::statements::Write;
 use crate::program::tangents::rules::{Rule, rule};
 use naga::{
     AddressSpace, BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, Literal,
-    LocalVariable, MathFunction, ScalarKind, Span, Statement, SwitchCase, Type, TypeInner,
-    UnaryOperator,
+    LocalVariable, MathFunction, ScalarKind, Span, Statement, SwitchCase, Type, TypeInner, UnaryOperator,
 };
 use std::collections::HashMap;
 
@@ -78,9 +77,8 @@ impl Transposing<'_> {
         back.new.arguments = back.old.arguments.clone();
         let mut forward: Vec<Value> = arguments[..mask.len()].iter().map(|(_, value)| *value).collect();
         let mut adjoints = arguments[mask.len()..].iter().map(|(_, value)| *value);
-        let mut next = || {
-            adjoints.next().ok_or_else(|| Error::Internal(format!("{name}_back has too few arguments")))
-        };
+        let mut next =
+            || adjoints.next().ok_or_else(|| Error::Internal(format!("{name}_back has too few arguments")));
         let (mut given, mut taken) = (Vec::new(), Vec::new());
         for (argument, _) in old.arguments.iter().zip(&mask).filter(|(_, has_reals)| **has_reals) {
             let pointer = next()?;
@@ -203,7 +201,9 @@ impl<'r, 'm> Back<'r, 'm> {
         self.block = ROOT;
         for (index, (argument, varies)) in (0..).zip(self.old.arguments.iter().zip(mask)) {
             let old = self.old_argument(index);
-            let (Some(old), true, false) = (old, *varies, self.pointers.contains_key(&index)) else { continue };
+            let (Some(old), true, false) = (old, *varies, self.pointers.contains_key(&index)) else {
+                continue;
+            };
             let adjoint = self.take(old, argument.ty, &mut body);
             if let Some(value) = self.materialised(&adjoint, argument.ty, &mut body) {
                 members[index as usize] = Some(types.len() as u32);
@@ -215,8 +215,7 @@ impl<'r, 'm> Back<'r, 'm> {
             true => None,
             false => Some(self.shared.structure("Adjoints", &types)?),
         };
-        let value = adjoints
-            .map(|ty| self.emit(Expression::Compose { ty, components: values }, &mut body));
+        let value = adjoints.map(|ty| self.emit(Expression::Compose { ty, components: values }, &mut body));
         body.push(Statement::Return { value }, Span::UNDEFINED);
         self.new.result = adjoints.map(|ty| naga::FunctionResult { ty, binding: None });
         let mut all = std::mem::take(&mut self.prologue);
@@ -318,7 +317,9 @@ impl<'r, 'm> Back<'r, 'm> {
     fn parts(&mut self, adjoint: Adjoint, ty: Handle<Type>, out: &mut Block) -> Adjoint {
         let Some(whole) = adjoint.whole else { return adjoint };
         let parts: Vec<(u32, Handle<Type>)> = match self.inner(ty).clone() {
-            TypeInner::Struct { members, .. } => (0..).zip(members).map(|(i, member)| (i, member.ty)).collect(),
+            TypeInner::Struct { members, .. } => {
+                (0..).zip(members).map(|(i, member)| (i, member.ty)).collect()
+            }
             TypeInner::Array { base, size: naga::ArraySize::Constant(num), .. } => {
                 (0..num.get()).map(|i| (i, base)).collect()
             }

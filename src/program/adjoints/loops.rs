@@ -14,8 +14,8 @@ use crate::program::tangents::function::rewrite_function;
 use crate::program::tangents::rewriting::NewFunction;
 use crate::program::tangents::rules::rule;
 use naga::{
-    BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Literal, Span, Statement,
-    Type, TypeInner,
+    BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Literal, Span,
+    Statement, Type, TypeInner,
 };
 use std::collections::HashMap;
 
@@ -59,7 +59,10 @@ impl Transposing<'_> {
         let kept = argument(&mut back, "record", record_type);
         let mut values = Vec::new();
         for (index, of) in (0..).zip(&old.arguments) {
-            let used = old.expressions.iter().find(|(_, e)| matches!(e, Expression::FunctionArgument(i) if *i == index));
+            let used = old
+                .expressions
+                .iter()
+                .find(|(_, e)| matches!(e, Expression::FunctionArgument(i) if *i == index));
             let member = used.and_then(|(value, _)| record.values.get(&value));
             values.push(match member {
                 Some(member) => back.now(Expression::AccessIndex { base: kept, index: *member }),
@@ -73,7 +76,14 @@ impl Transposing<'_> {
             }
             let mut found = HashMap::new();
             for chain in self.used_chains(function, index as u32, of.ty) {
-                let slope = self.slope(&mut back, function, with_tangents, &values, (index, &chain), result.zip(adjoint))?;
+                let slope = self.slope(
+                    &mut back,
+                    function,
+                    with_tangents,
+                    &values,
+                    (index, &chain),
+                    result.zip(adjoint),
+                )?;
                 found.insert(chain, slope);
             }
             members[index] = Some(types.len() as u32);
@@ -133,7 +143,9 @@ impl Transposing<'_> {
         add_chains(self.module, ty, self.rewriting.real, &mut Vec::new(), &mut chains);
         for chain in chains {
             let [left, right] = [tangent, adjoint].map(|base| {
-                chain.iter().fold(base, |base, index| back.now(Expression::AccessIndex { base, index: *index }))
+                chain
+                    .iter()
+                    .fold(base, |base, index| back.now(Expression::AccessIndex { base, index: *index }))
             });
             let product = back.now(Expression::Binary { op: BinaryOperator::Multiply, left, right });
             sum = back.now(Expression::Binary { op: BinaryOperator::Add, left: sum, right: product });
@@ -161,7 +173,9 @@ impl Transposing<'_> {
                 let scalar = self.type_with(TypeInner::Scalar(scalar));
                 vec![scalar; size as usize]
             }
-            TypeInner::Array { base, size: naga::ArraySize::Constant(num), .. } => vec![base; num.get() as usize],
+            TypeInner::Array { base, size: naga::ArraySize::Constant(num), .. } => {
+                vec![base; num.get() as usize]
+            }
             _ => Vec::new(),
         };
         let mut components = Vec::new();
@@ -224,7 +238,10 @@ impl Transposing<'_> {
             Expression::GlobalVariable(variable) => self.twins.contains_key(variable),
             _ => false,
         });
-        reads || called(&old.body).into_iter().any(|callee| rule(self.name(callee)).is_none() && self.reads_twins(callee))
+        reads
+            || called(&old.body)
+                .into_iter()
+                .any(|callee| rule(self.name(callee)).is_none() && self.reads_twins(callee))
     }
 
     /// Sees to it that a function, and all that it calls, has a half with tangents.

@@ -79,7 +79,8 @@ pub fn rewrite(module: &Module, real: Scalar) -> Result<(Module, String)> {
 
 /// True of a function that a shader declares without a body, to be written here.
 fn is_declared(name: &str, function: &Function) -> bool {
-    let is_empty = function.body.iter().all(|statement| matches!(statement, Statement::Return { value: None }));
+    let is_empty =
+        function.body.iter().all(|statement| matches!(statement, Statement::Return { value: None }));
     is_empty && (name.ends_with(BACK) || name == sums::ADD_UP || name == sums::WRITE)
 }
 

@@ -104,9 +104,9 @@ impl Transposing<'_> {
     /// The variable that sums one invocation's adjoints.
     fn sums_variable(&mut self, layout: &Layout) -> Result<Handle<GlobalVariable>> {
         const NAME: &str = "sums_of_adjoints";
-        let known = self.rewriting.new.global_variables.iter();
-        let known = known.filter(|(_, variable)| variable.name.as_deref() == Some(NAME));
-        if let Some((handle, _)) = known.last() {
+        let is_known = |variable: &GlobalVariable| variable.name.as_deref() == Some(NAME);
+        let known = self.rewriting.new.global_variables.iter().find(|(_, variable)| is_known(variable));
+        if let Some(handle) = known.map(|(handle, _)| handle) {
             return Ok(handle);
         }
         let real = self.rewriting.real;
@@ -155,7 +155,7 @@ impl Transposing<'_> {
         values.push(writer.now(Expression::Load { pointer: noted }));
         // One number that is none makes the sum of all no number.
         let first = values[0];
-        let total = values[1..].to_vec().into_iter().fold(first, |sum, value| {
+        let total = values[1..].iter().copied().fold(first, |sum, value| {
             writer.now(Expression::Binary { op: BinaryOperator::Add, left: sum, right: value })
         });
         let are_numbers = writer.call_now(is_number, vec![total]);
@@ -177,7 +177,8 @@ impl Transposing<'_> {
         let one = writer.append(one);
         add(&mut writer, values.len(), one, &mut reject);
         writer.body.push(Statement::If { condition, accept, reject }, Span::UNDEFINED);
-        let mut zeroed: Vec<_> = self.twins.iter().map(|(old, twin)| (*twin, module.global_variables[*old].ty)).collect();
+        let mut zeroed: Vec<_> =
+            self.twins.iter().map(|(old, twin)| (*twin, module.global_variables[*old].ty)).collect();
         zeroed.sort_unstable_by_key(|(twin, _)| twin.index());
         for (twin, ty) in zeroed {
             let pointer = writer.append(Expression::GlobalVariable(twin));
