@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use targets::{Target, storage_buffers, validate};
 use variants::{
-    Choice, Tier, Variant, everything, everything_split, everything_with_paths, everything_with_tangents,
+    Choice, Tier, Variant, everything, everything_split, everything_with_derivatives, everything_with_paths,
 };
 
 /// The folder of the project.
@@ -92,12 +92,13 @@ fn variants_of(tier: Tier) -> impl Iterator<Item = (String, Variant)> {
     let scenes = scene_names().into_iter().map(|name| (name.clone(), scene_variant(&name)));
     let whole = [("everything", everything()), ("everything, split", everything_split())];
     let paths = everything_with_paths().into_iter().map(|variant| ("everything with paths".into(), variant));
-    let tangents =
-        everything_with_tangents().into_iter().map(|variant| ("everything with tangents".into(), variant));
+    let derivatives = everything_with_derivatives()
+        .into_iter()
+        .map(|variant| ("everything with derivatives".into(), variant));
     paired
         .chain(whole.map(|(name, variant)| (name.to_string(), variant)))
         .chain(paths)
-        .chain(tangents)
+        .chain(derivatives)
         .chain(scenes)
 }
 
@@ -150,8 +151,8 @@ fn full_scenes_are_written_with_and_without_checks() {
         for variant in everything_with_paths() {
             check("everything with paths", &variant.program(tier), &[true, false]);
         }
-        for variant in everything_with_tangents() {
-            check("everything with tangents", &variant.program(tier), &[true, false]);
+        for variant in everything_with_derivatives() {
+            check("everything with derivatives", &variant.program(tier), &[true, false]);
         }
         for name in ["cooke_triplet", "kaleidoscope", "filter_stack"] {
             check(name, &scene_variant(name).program(tier), &[true, false]);
@@ -182,8 +183,9 @@ fn every_shader_file_is_composed_by_some_variant() {
             let together = Variant { lanes: 8, ..Variant::of_choice(choice).1 };
             texts.push(together.program(tier).wgsl.clone());
         }
-        texts
-            .extend(everything_with_tangents().into_iter().map(|variant| variant.program(tier).wgsl.clone()));
+        texts.extend(
+            everything_with_derivatives().into_iter().map(|variant| variant.program(tier).wgsl.clone()),
+        );
     }
     let dead: Vec<String> = snapshots::shader_files()
         .into_iter()

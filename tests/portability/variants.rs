@@ -70,6 +70,8 @@ pub struct Variant {
     pub part_bytes: u64,
     /// The parameters of derivatives.
     pub tangents: u32,
+    /// Rays are walked back.
+    pub adjoints: bool,
 }
 
 /// One feature.
@@ -524,6 +526,7 @@ impl Default for Variant {
             side_paths: Vec::new(),
             part_bytes: 1 << 27,
             tangents: 0,
+            adjoints: false,
             moments: SecondMoments::None,
         }
     }
@@ -572,9 +575,9 @@ impl Variant {
             most_rays_per_invocation: if self.host_sums { 8 } else { 1 },
             vector_lanes: 0,
             tangents: self.tangents,
-            adjoints: false,
+            adjoints: self.adjoints,
             part_bytes: self.part_bytes,
-            live: self.tangents > 0,
+            live: self.tangents > 0 || self.adjoints,
         };
         Program::extended(&self.ir, options, extend, 0, |wgsl| wgsl)
             .unwrap_or_else(|error| panic!("{self:?}: {error}"))
@@ -621,8 +624,8 @@ pub fn everything_with_paths() -> Vec<Variant> {
     path_sums().flat_map(|sums| [with(sums, false), with(sums, true)]).collect()
 }
 
-/// Every choice that has derivatives, with those of some parameters, and each policy of reflection.
-pub fn everything_with_tangents() -> Vec<Variant> {
+/// Every choice that has derivatives, with those of some parameters and with those of a loss, and each policy of reflection.
+pub fn everything_with_derivatives() -> Vec<Variant> {
     let has_derivatives = |choice: &Choice| match choice {
         Choice::Shape(kind) => *kind != ShapeKind::Mesh,
         Choice::Source(_)
@@ -646,14 +649,14 @@ pub fn everything_with_tangents() -> Vec<Variant> {
         | Choice::Rotated => true,
         _ => false,
     };
-    let mut variant = Variant { tangents: 3, ..Variant::default() };
+    let mut variant = Variant::default();
     Choice::all().into_iter().filter(has_derivatives).for_each(|choice| choice.apply(&mut variant));
     let with = |policy| {
         let mut variant = variant.clone();
         variant.ir.sampling.reflect_prob = policy;
-        variant
+        [Variant { tangents: 3, ..variant.clone() }, Variant { adjoints: true, ..variant }]
     };
-    policies().into_iter().map(with).collect()
+    policies().into_iter().flat_map(with).collect()
 }
 
 fn path_sums() -> impl Iterator<Item = PathSums> {

@@ -153,11 +153,16 @@ impl Transposing<'_> {
         }
         let noted = writer.append(Expression::GlobalVariable(noted));
         values.push(writer.now(Expression::Load { pointer: noted }));
-        // One number that is none makes the sum of all no number.
-        let first = values[0];
-        let total = values[1..].iter().copied().fold(first, |sum, value| {
-            writer.now(Expression::Binary { op: BinaryOperator::Add, left: sum, right: value })
-        });
+        // One number that is none makes the sum of all no number. Summed in pairs, because texts nest only so deep.
+        let mut sums_of_pairs = values.clone();
+        while sums_of_pairs.len() > 1 {
+            let pair = |pair: &[Handle<Expression>]| match *pair {
+                [left, right] => writer.now(Expression::Binary { op: BinaryOperator::Add, left, right }),
+                _ => pair[0],
+            };
+            sums_of_pairs = sums_of_pairs.chunks(2).map(pair).collect();
+        }
+        let total = sums_of_pairs[0];
         let are_numbers = writer.call_now(is_number, vec![total]);
         let are_valid = writer.append(Expression::FunctionArgument(0));
         let condition =
