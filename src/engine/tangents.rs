@@ -71,7 +71,12 @@ fn composed(
 
 /// A program's text as it is composed in f64: where its numbers lie.
 pub(crate) fn as_composed(ir: &SceneIr, options: &TraceOptions, program: &Program) -> Result<Arc<Parsed>> {
-    Ok(composed(ir, options, &program.options, |wgsl| Parsed::as_composed(wgsl).map(Arc::new))?.parsed)
+    let parse = |wgsl: String| match wgsl == program.parsed.wgsl {
+        // Rewriting leaves the buffers of numbers as they are.
+        true => Ok(program.parsed.clone()),
+        false => Parsed::as_composed(wgsl).map(Arc::new),
+    };
+    Ok(composed(ir, options, &program.options, parse)?.parsed)
 }
 
 /// The derivatives of a program's numbers by each parameter. `first` is the program's text ([`as_composed`]).
