@@ -37,8 +37,8 @@ pub enum Error {
         /// What the operating system said.
         problem: String,
     },
-    /// A function of the shader has no reverse pass. Forward derivatives take its place.
-    #[error("there is no reverse pass through `{0}`; forward derivatives have none of its limits")]
+    /// What has no reverse pass, such as a function of the shader. Forward derivatives take its place.
+    #[error("there is no reverse pass through {0}")]
     NoWayBack(String),
     /// The trace was interrupted; partial results were kept.
     #[error("interrupted")]

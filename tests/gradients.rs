@@ -869,3 +869,18 @@ fn errors_planted_in_the_way_back_are_found() {
         assert!((found - right).abs() > 1e-6 * right.abs(), "{name} {parameter}: `{wrong}` changes nothing");
     }
 }
+
+/// A wide splat takes many rounds: fewer rays share an invocation, and where a driver cuts loops short all the same, the loss is
+/// differentiated forward. No ray is dropped.
+#[test]
+fn wide_splats_lose_no_ray() {
+    let options = zoo::options(300, 5, Precision::F64);
+    for (sigma, is_cut) in [(4.0, false), (12.0, false), (40.0, true)] {
+        let screen =
+            format!(r#""num_pixels_y": 8, "splat": "gaussian", "splat_sigma": {sigma}, "cs": {{"z": 40.0}}"#);
+        let text = BENCH.replace("\"num_pixels_y\": 8, \"cs\": {\"z\": 40.0}", &screen);
+        assert!(text.contains("gaussian"));
+        let num_forward = check_back("wide", &text, &["L1.r1", "image.z"], &options, 1e-9);
+        assert_eq!(num_forward > 0, is_cut, "{sigma}: {num_forward}");
+    }
+}

@@ -41,7 +41,7 @@ for the energy it says what the ledger says.
 
 ``jacobian(scene, ["L1.r1"], num_rays)`` gives maps of derivatives with standard errors; ``loss_gradient`` the gradient of a loss
 by any number of parameters, in one pass. With Optiland's backend set to torch,
-results carry a graph to tensors that have ``requires_grad``, where TorchBackend's do; ``backward()`` traces again.
+results carry a graph to tensors that have ``requires_grad``, where TorchBackend's do; ``backward()`` walks rays back.
 
 ``diff(a, b, num_rays)`` says what a change does: both scenes by the same draws, A - B with standard errors of its own.
 

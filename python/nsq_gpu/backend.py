@@ -64,7 +64,7 @@ class NsqGpuBackend(TracerBackend):
         paths: True sums up light by its path, from its source to a detector. ``result.paths`` is then a
             :class:`nsq_gpu.PathTable`, a structured array with the strongest path first; it is None otherwise.
         gradient: With Optiland's backend set to torch, results carry a graph to tensors of the scene that have
-            ``requires_grad``, where TorchBackend's do; ``backward()`` traces again. ``"interior"`` is the derivative of light
+            ``requires_grad``, where TorchBackend's do; ``backward()`` walks rays back. ``"interior"`` is the derivative of light
             that goes on through the surfaces that it meets. None refuses such tensors.
         backward_seed: Seed of the draws of ``backward``; None takes those of the trace. Other draws make the gradient of a
             loss that is not linear in the map unbiased.

@@ -95,10 +95,17 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str]
     return of_answer(answer)
 
 
+class LossGradient(dict[str, float]):
+    """What a loss gains by a unit of each parameter, by the parameter's name."""
+
+    #: Why some parameters were differentiated forward, four a pass over the rays; None where all were differentiated back.
+    why_forward: str | None = None
+
+
 def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str],
                   adjoints: Mapping[str, np.ndarray], num_rays: int, *, seed: int = 0, max_depth: int = 16,
                   precision: str = "auto", adapter: str | None = None, binary: str | os.PathLike[str] | None = None,
-                  timeout: float | None = None) -> dict[str, float]:
+                  timeout: float | None = None) -> LossGradient:
     """Differentiate a loss by any number of a scene's numbers, in one pass over the rays.
 
     A loss is a number that you compute from what detectors record, such as the flux beyond a spot. Say what the loss gains by
@@ -123,7 +130,7 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence
         timeout: Longest time [s].
 
     Returns:
-        What the loss gains by a unit of each parameter.
+        What the loss gains by a unit of each parameter; ``why_forward`` tells whether rays could not be walked back.
 
     Raises:
         UsageError: A name of nothing, or a number by which nothing can be differentiated.
@@ -135,13 +142,15 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence
     options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
     answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, name=called, folder=folder)
     warn_of_lost(answer["num_lost"])
-    return dict(zip(names, answer["values"], strict=True))
+    found = LossGradient(zip(names, answer["values"], strict=True))
+    found.why_forward = answer["why_forward"]
+    return found
 
 
 def warn_of_lost(num_lost: int) -> None:
     """Warn of rays that are missing in a gradient."""
     if num_lost:
-        warn(f"derivatives of {num_lost} rays were no numbers, or too large: they are missing", ResultWarning)
+        warn(f"{num_lost} derivatives were no numbers, or too large: they are missing", ResultWarning)
 
 
 def _named(parameters: Sequence[str]) -> list[str]:

@@ -15,8 +15,11 @@ fn settle_back(ray: Ray, adjoint: ptr<function, Ray>) {}
 // no number, the ray is counted instead.
 fn add_up_adjoints(are_valid: bool) {}
 
-// Writes the sums of an invocation for the host.
+// Writes the sums of an invocation for the host, and whether loops were cut.
 fn write_adjoints(invocation: u32) {}
+
+// 1 if a driver cut loops of this invocation short (rounds.many.wgsl): its sums are void.
+var<private> cut_loops: real;
 
 // What the loss gains by a unit of weight in each cell of the detectors.
 @group(GROUP_SCENE) @binding(BINDING_ADJOINTS) var<storage, read> cell_adjoints: array<real>;
@@ -107,6 +110,7 @@ fn walk(index: u32) {
     var adjoint: Ray;
     // Events that are not walked back yet.
     var left = MAX_DEPTH;
+    var is_valid = true;
     loop {
         var ray = generate(index);
         var num = 0u;
@@ -122,7 +126,8 @@ fn walk(index: u32) {
             }
         }
         if left == MAX_DEPTH {
-            if has_position(ray) & (HAS_TRANSMISSIVE | (ray.fate == DETECTED)) {
+            is_valid = has_position(ray);
+            if is_valid & (HAS_TRANSMISSIVE | (ray.fate == DETECTED)) {
                 settle_back(ray, &adjoint);
             } else {
                 num = 0u;
@@ -149,7 +154,7 @@ fn walk(index: u32) {
     noted = adjoint.weight * source().weight;
     generate_back(index, adjoint);
     begin_back();
-    add_up_adjoints(!loops_were_cut());
+    add_up_adjoints(is_valid);
 }
 
 @compute @workgroup_size(WORKGROUP_SIZE)
@@ -168,6 +173,7 @@ fn trace_back(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgro
         }
     }
     if first < range.count {
+        cut_loops = choose(0.0, 1.0, loops_were_cut());
         write_adjoints(invocation);
     }
 }

@@ -63,7 +63,7 @@ fn pay_coating(
     let whole = select(1.0 - coating.reflectance, 1.0, total_reflection);
     let before = (*ray).weight;
     // Where R is 1, nothing is transmitted. By rounding alone the quotient exceeds 1.
-    let after = before * select(0.0, min(part / whole, 1.0), whole > 0.0);
+    let after = before * select(0.0, min(part / select(1.0, whole, whole > 0.0), 1.0), whole > 0.0);
     deposit_loss(CELL_COATING, before, after);
     (*ray).weight = after;
 }

@@ -20,10 +20,14 @@ use crate::program::wgsl::extension::NoExtension;
 use crate::program::{Program, RayRange};
 use naga::Scalar;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-/// Most rays of a dispatch, and most bytes of its sums.
+/// Rays of the first dispatch; most rays of one, and most bytes of its sums.
+const FIRST_RAYS: u64 = 1 << 15;
 const MOST_RAYS: u64 = 1 << 19;
 const MOST_BYTES: u64 = 1 << 24;
+/// Dispatches that take less are doubled: a driver may give up on a long one.
+const SHORT: Duration = Duration::from_millis(100);
 
 /// More numbers than that do not fit the registers of an invocation.
 const MOST_NUMBERS: usize = 512;
@@ -63,6 +67,11 @@ impl<'a> Walker<'a> {
     ) -> Result<Self> {
         let options = TraceOptions { adjoints: true, ..options.clone() };
         let draft = Draft::new(gpu, ir, &options)?;
+        // The path of a ray is known at its end alone, and not where the ray passes a detector.
+        let passes = ir.detectors.iter().any(|detector| !detector.absorb);
+        if options.path_filter.is_some() && passes {
+            return Err(Error::NoWayBack("a filter of paths and detectors that light passes".into()));
+        }
         if !draft.program.bakes_records() {
             return Err(Error::NoWayBack("a table of many surfaces".into()));
         }
@@ -89,7 +98,8 @@ impl<'a> Walker<'a> {
     /// source. `keep_going` gets the rays done, and ends the walk by returning false.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if the walk was ended. [`Error::Device`] if the device fails.
+    /// [`Error::NoWayBack`] if the driver cut loops short, or there are too many cells. [`Error::Interrupted`] if the walk was
+    /// ended. [`Error::Device`] if the device fails.
     pub(crate) fn walk(
         &self,
         cell_adjoints: &[f64],
@@ -102,6 +112,9 @@ impl<'a> Walker<'a> {
         for (place, value) in cells.chunks_exact_mut(size).zip(cell_adjoints) {
             put_real(place, *value, program.options.precision)?;
         }
+        if cells.len() as u64 > gpu.largest_binding() {
+            return Err(Error::NoWayBack(format!("{} cells at once", cell_adjoints.len())));
+        }
         let rays_per_invocation = u64::from(program.options.rays_per_invocation(&program.features));
         let bytes_of = |rays: u64| rays.div_ceil(rays_per_invocation) * (num_sums * size) as u64;
         let most = MOST_RAYS.min(MOST_BYTES / bytes_of(1) * rays_per_invocation);
@@ -110,17 +123,18 @@ impl<'a> Walker<'a> {
         let most = (most / rays_per_invocation).max(1) * rays_per_invocation;
         let room = bytes_of(most.min(plan.num_rays));
         let rows = gpu.buffer("sums of adjoints", room)?;
-        let added = vec![
-            (bindings::ADJOINTS, gpu.constant_buffer("adjoints of cells", &cells)),
-            (bindings::ADJOINT_SUMS, rows.clone()),
-        ];
+        let added =
+            vec![(bindings::ADJOINTS, gpu.scene_buffer(&cells)?), (bindings::ADJOINT_SUMS, rows.clone())];
         let additions = Additions { groups: vec![added], stages: Vec::new() };
         let device = DeviceState::new(gpu, program, plan.batch, stages.clone(), &additions, None)?;
         let (mut found, mut done) = (Vec::new(), 0);
+        let mut in_dispatch = FIRST_RAYS.next_multiple_of(rays_per_invocation).min(most);
         for (source, rays) in plan.rays.iter().enumerate() {
             let mut sums = vec![0.0; num_sums];
-            for first in (0..rays.count).step_by(most as usize) {
-                let count = most.min(rays.count - first);
+            let mut first = 0;
+            while first < rays.count {
+                let count = in_dispatch.min(rays.count - first);
+                let start = Instant::now();
                 let range = RayRange::of(rays.first + first, count as u32, source);
                 submit_alone(&device, plan, &range, 1)?;
                 let bytes = gpu.read(&rows, bytes_of(count))?;
@@ -129,12 +143,19 @@ impl<'a> Walker<'a> {
                         *sum += real_of(bytes, program.options.precision);
                     }
                 }
+                if start.elapsed() < SHORT {
+                    in_dispatch = most.min(2 * in_dispatch);
+                }
+                first += count;
                 done += count;
                 if !keep_going(done) {
                     return Err(Error::Interrupted);
                 }
             }
             let others = sums.split_off(num_sums - NUM_OTHER_SUMS);
+            if others[2] > 0.0 {
+                return Err(Error::NoWayBack("loops of more rounds than the driver makes".into()));
+            }
             found.push(Walked { numbers: sums, noted: others[0], num_lost: others[1] as u64 });
         }
         Ok(found)

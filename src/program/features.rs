@@ -8,6 +8,7 @@ use crate::model::{
     SourceFunction, Splat,
 };
 use crate::program::layout::bsdf;
+use crate::program::layout::tables::splat_radius;
 
 /// What the scene and the options of the trace need.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,6 +53,8 @@ pub struct Features {
     pub tips: bool,
     /// Splats of irradiance and spectral detectors: hard, bilinear, Gaussian.
     pub splats: [bool; 3],
+    /// The largest radius of a Gaussian splat \[pixels\].
+    pub splat_radius: u32,
     /// Some detector lets rays pass.
     pub transmissive: bool,
     /// Functions of detectors, without repetition.
@@ -127,6 +130,7 @@ impl Features {
                 grids.contains(&Splat::Bilinear),
                 grids.iter().any(|s| matches!(s, Splat::Gaussian { .. })),
             ],
+            splat_radius: grids.iter().map(|splat| splat_radius(*splat)).max().unwrap_or(0),
             transmissive: ir.detectors.iter().any(|s| !s.absorb),
             detectors,
             sources,

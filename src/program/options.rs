@@ -49,9 +49,9 @@ pub enum PathSums {
 
 /// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
 /// the adapter, because the bits of the sums depend on it.
-const MOST_RAYS_WALKED_BACK: u32 = 32;
-/// Most events that an invocation walks back.
-const MOST_EVENTS_WALKED_BACK: u32 = 1 << 9;
+const MOST_RAYS_WALKED_BACK: u64 = 32;
+/// Rounds of loops that an invocation is to make at most on its ways forward and back.
+const MOST_ROUNDS_WALKED_BACK: u64 = 1 << 14;
 
 /// How a program is specialised.
 #[derive(Debug, Clone, PartialEq)]
@@ -175,6 +175,16 @@ impl ProgramOptions {
         self.has_derivatives()
     }
 
+    /// Rays that an invocation walks back, one after the other: fewer where loops make many rounds. A Gaussian splat is gone over
+    /// five times on the way back (program::adjoints::loops).
+    fn rays_walked_back(&self, features: &Features) -> u32 {
+        let side = 2 * u64::from(features.splat_radius) + 1;
+        let rounds_of_splat = side.saturating_mul(5 * (side + 2));
+        let rounds_of_search = if features.has_sags() { 512 } else { 0 };
+        let rounds = rounds_of_splat.saturating_add(u64::from(2 * self.max_depth + rounds_of_search));
+        (MOST_ROUNDS_WALKED_BACK / rounds).clamp(1, MOST_RAYS_WALKED_BACK) as u32
+    }
+
     /// True if derivatives are traced.
     pub fn has_derivatives(&self) -> bool {
         self.tangents > 0 || self.adjoints
@@ -197,7 +207,7 @@ impl ProgramOptions {
             || gaussian
             || features.transmissive && self.moments == SecondMoments::Squares
             || self.events_per_dispatch > FEW_EVENTS
-            || self.adjoints && features.has_sags()
+            || self.adjoints
     }
 
     /// Rays that an invocation of trace_new follows, one after the other: the atomics of its bins then cost little. One where
@@ -205,7 +215,7 @@ impl ProgramOptions {
     /// remembers a ray's visits (shaders/sums/visits.on.wgsl).
     pub fn rays_per_invocation(&self, features: &Features) -> u32 {
         if self.adjoints {
-            return (MOST_EVENTS_WALKED_BACK / self.max_depth).clamp(1, MOST_RAYS_WALKED_BACK);
+            return self.rays_walked_back(features);
         }
         if self.has_queue() || self.has_many_rounds(features) {
             return 1;

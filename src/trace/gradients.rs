@@ -4,7 +4,7 @@
 //! The derivative is that of the interior: of light that goes on through the surfaces that it meets. What a change moves
 //! across an edge, such as the rim of a lens, is not in it; `nsq-gpu diff` sees both.
 
-use crate::engine::options::{StandardError, TraceOptions};
+use crate::engine::options::{RecordPaths, StandardError, TraceOptions};
 use crate::engine::tangents::{Numbers, slopes};
 use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
@@ -43,6 +43,8 @@ const ONE_SIDED: [(f64, f64); 7] =
 const STEP: f64 = 2e-3;
 /// A step of a position \[mm\] or an angle \[rad\].
 const FRAME_STEP: f64 = 1e-3;
+/// Differences of scenes on one side leave so much of what does not change.
+const NOISE: f64 = 1e-9;
 /// The weight of a quantum.
 const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
 /// Keys of positions and angles.
@@ -244,6 +246,8 @@ impl Differentiated {
             live: true,
             shares: options.shares.clone().or(Some(fluxes.into())),
             standard_error: StandardError::Off,
+            paths: RecordPaths::None,
+            path_table: false,
             ..options.clone()
         };
         let mut found = LossGradient {
@@ -254,13 +258,13 @@ impl Differentiated {
         };
         let mut forward: Vec<usize> = (0..self.parameters.len()).collect();
         let mut done_before = 0;
-        let walker = match how.forward {
-            true => Err(Error::NoWayBack("what is asked for".into())),
-            false => Walker::new(gpu, ir, &options, how.shelf, how.edit),
-        };
-        match walker {
-            Ok(walker) => {
-                forward = self.walk_back(&walker, &options, adjoints, &mut found, &mut keep_going)?;
+        let walked = (!how.forward).then(|| {
+            let walker = Walker::new(gpu, ir, &options, how.shelf, how.edit)?;
+            self.walk_back(&walker, &options, adjoints, &mut found, &mut keep_going)
+        });
+        match walked.unwrap_or_else(|| Ok(forward.clone())) {
+            Ok(left) => {
+                forward = left;
                 done_before = options.num_rays;
             }
             Err(error @ Error::NoWayBack(_)) => found.why_forward = Some(error.to_string()),
@@ -277,7 +281,7 @@ impl Differentiated {
             let sums = self.pass(gpu, &options, how, &parameters, |done| keep_going(done_before + done))?.1;
             done_before += options.num_rays;
             for (at, (number, scaled)) in numbers.iter().zip(&parameters).enumerate() {
-                let chain = Chain::of(ir, scaled, options.num_rays)?;
+                let chain = Chain::of(ir, scaled, sums.launched.count)?;
                 for (detector, adjoints) in sums.detectors.iter().zip(adjoints) {
                     let num_cells = detector.quanta.len().max(1);
                     let tangents = detector.tangents.get(at * num_cells..).unwrap_or_default();
@@ -325,7 +329,7 @@ impl Differentiated {
             slopes
                 .buffers
                 .iter()
-                .any(|(binding, reals)| !is_known(*binding) && reals.iter().any(|real| *real != 0.0))
+                .any(|(binding, reals)| !is_known(*binding) && reals.iter().any(|real| real.abs() > NOISE))
         };
         let walked = walker.walk(&of_cells, keep_going)?;
         let mut forward = Vec::new();
@@ -336,7 +340,7 @@ impl Differentiated {
                 forward.push(number);
                 continue;
             }
-            let [unit, slope] = Chain::of(&self.ir, scaled, options.num_rays)?.unit;
+            let [unit, slope] = Chain::of(&self.ir, scaled, walker.plan.num_rays)?.unit;
             let mut value = 0.0;
             for (source, walked) in walked.iter().enumerate() {
                 let mut at = 0;
@@ -358,6 +362,31 @@ impl Differentiated {
         }
         found.num_lost += walked.iter().map(|walked| walked.num_lost).sum::<u64>();
         Ok(forward)
+    }
+
+    /// Adjoints of one detector's cells, in the order of its array.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if they have another shape than the detector's map, and another number than its cells.
+    pub fn adjoints_of(&self, number: usize, given: &ArrayD<f64>) -> Result<Vec<f64>> {
+        let detector = &self.ir.detectors[number];
+        let shape = sizes(&self.ir, number)?.map_or_else(|| ndarray::IxDyn(&[]), |(_, shape)| shape);
+        let is_flat = given.ndim() <= 1 && given.len() == detector.num_cells().max(1);
+        if given.raw_dim() != shape && !is_flat {
+            return Err(Error::Usage(format!(
+                "adjoints of `{}` have the shape {:?}; its map has {:?}",
+                shown(&detector.name),
+                given.shape(),
+                ndarray::Dimension::slice(&shape),
+            )));
+        }
+        match given.iter().find(|value| !value.is_finite()) {
+            Some(value) => Err(Error::Usage(format!(
+                "an adjoint of `{}` is {value}; give finite numbers",
+                shown(&detector.name)
+            ))),
+            None => Ok(given.iter().copied().collect()),
+        }
     }
 
     fn check_adjoints(&self, adjoints: &[Vec<f64>]) -> Result<()> {

@@ -5,6 +5,7 @@ use crate::cli::trace_args::TraceArgs;
 use crate::error::{Error, Result};
 use crate::trace::RecordPaths;
 use clap::Parser;
+use ndarray::ArrayD;
 use ndarray_npy::ReadNpyExt;
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -42,7 +43,7 @@ pub(crate) struct TraceRequest {
     pub(crate) gradient_errors: bool,
     /// What a loss gains by a watt in each cell of a detector, by the detector's name: the loss is differentiated, and not
     /// the sums. None: no loss.
-    pub(crate) adjoints: Option<Vec<(String, Vec<f64>)>>,
+    pub(crate) adjoints: Option<Vec<(String, ArrayD<f64>)>>,
     /// True: the progress is sent.
     pub(crate) progress: bool,
 }
@@ -137,7 +138,7 @@ impl TraceRequest {
 }
 
 /// The arrays of adjoints, each in the format `.npy`.
-fn adjoints(told: Vec<AdjointHeader>, mut arrays: &[u8]) -> Result<Vec<(String, Vec<f64>)>> {
+fn adjoints(told: Vec<AdjointHeader>, mut arrays: &[u8]) -> Result<Vec<(String, ArrayD<f64>)>> {
     let mut found = Vec::new();
     for AdjointHeader { detector, bytes } in told {
         let problem = |problem: &dyn std::fmt::Display| {
@@ -148,8 +149,8 @@ fn adjoints(told: Vec<AdjointHeader>, mut arrays: &[u8]) -> Result<Vec<(String, 
         let (own, rest) =
             arrays.split_at_checked(bytes).ok_or_else(|| problem(&"the arrays of the message end before"))?;
         arrays = rest;
-        let array = ndarray::ArrayD::<f64>::read_npy(own).map_err(|error| problem(&error))?;
-        found.push((detector, array.iter().copied().collect()));
+        let array = ArrayD::<f64>::read_npy(own).map_err(|error| problem(&error))?;
+        found.push((detector, array));
     }
     Ok(found)
 }

@@ -10,7 +10,8 @@ use crate::result::{RunInfo, TraceResult};
 use crate::scene::Scene;
 use crate::trace::gradients::{Differentiated, How, LossGradient};
 use crate::trace::stopping::Stopping;
-use crate::trace::{Progress, Shelf, Strict, TraceOptions, Tracer, auto_precision};
+use crate::trace::{Progress, RecordPaths, Shelf, Strict, TraceOptions, Tracer, auto_precision};
+use ndarray::ArrayD;
 use std::time::Instant;
 
 /// Most rays of a trace whose numbers are live. In a longer one the rays take longer than compiling, and a shader with
@@ -68,7 +69,7 @@ impl Session {
     pub(crate) fn loss_gradient(
         &mut self,
         request: &TraceRequest,
-        adjoints: &[(String, Vec<f64>)],
+        adjoints: &[(String, ArrayD<f64>)],
         keep_going: impl FnMut(&Status) -> bool,
     ) -> Result<LossGradient> {
         self.job(request, |job| job.differentiate_loss(adjoints, keep_going))
@@ -157,7 +158,7 @@ impl<'a> Job<'a> {
     /// The gradient of a loss.
     fn differentiate_loss(
         &self,
-        adjoints: &[(String, Vec<f64>)],
+        adjoints: &[(String, ArrayD<f64>)],
         mut keep_going: impl FnMut(&Status) -> bool,
     ) -> Result<LossGradient> {
         let Job { request, gpu, .. } = self;
@@ -166,6 +167,17 @@ impl<'a> Job<'a> {
                 "a loss has adjoints and no parameters; name some in `gradient`".into(),
             ));
         }
+        let args = &request.args;
+        let others = [
+            ("target_error", args.target_error.is_some()),
+            ("time_limit", args.time_limit.is_some()),
+            ("record_paths", request.record_paths != RecordPaths::None),
+        ];
+        if let Some((name, _)) = others.into_iter().find(|(_, is_asked)| *is_asked) {
+            return Err(Error::Usage(format!(
+                "options.{name} and adjoints do not go together; give one of them up"
+            )));
+        }
         let scene = self.differentiated()?;
         let mut of_all: Vec<Vec<f64>> =
             scene.ir.detectors.iter().map(|detector| vec![0.0; detector.num_cells().max(1)]).collect();
@@ -173,13 +185,9 @@ impl<'a> Job<'a> {
             let known = scene.ir.detectors.iter().position(|detector| detector.name == *name);
             let known = known
                 .ok_or_else(|| Error::Usage(format!("adjoints of `{name}`: no detector has this name")))?;
-            of_all[known].clone_from(adjoints);
+            of_all[known] = scene.adjoints_of(known, adjoints)?;
         }
-        let job = Job { ir: &scene.ir, ..*self };
-        let options = job.options()?;
-        let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
-        let choice = auto_precision::choose_by(gpu, &scene.ir, &options, request.args.wanted(), pilot)?;
-        let options = TraceOptions { precision: choice.precision, live: true, ..options };
+        let (options, _) = Job { ir: &scene.ir, ..*self }.live_options()?;
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), ..How::default() };
         let num_rays = options.num_rays;
@@ -192,11 +200,7 @@ impl<'a> Job<'a> {
     fn differentiate(&self, mut keep_going: impl FnMut(&Status) -> bool) -> Result<TraceResult> {
         let Job { request, gpu, .. } = self;
         let scene = self.differentiated()?;
-        let job = Job { ir: &scene.ir, ..*self };
-        let options = job.options()?;
-        let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
-        let choice = auto_precision::choose_by(gpu, &scene.ir, &options, request.args.wanted(), pilot)?;
-        let options = TraceOptions { precision: choice.precision, live: true, ..options };
+        let (options, choice) = Job { ir: &scene.ir, ..*self }.live_options()?;
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
         let num_rays = scene.num_passes() * options.num_rays;
@@ -212,6 +216,15 @@ impl<'a> Job<'a> {
             ..options.run_info(&gpu.info)
         };
         Ok(TraceResult { gradients, ..TraceResult::new(&scene.ir, &run, &tally)? })
+    }
+
+    /// Options of a trace with derivatives, whose numbers are live, and why it has its precision.
+    fn live_options(&self) -> Result<(TraceOptions, auto_precision::Choice)> {
+        let options = self.options()?;
+        let pilot = |ir: &SceneIr, options: &TraceOptions| self.tracer(ir, options)?.trace(|_| true);
+        let choice =
+            auto_precision::choose_by(self.gpu, self.ir, &options, self.request.args.wanted(), pilot)?;
+        Ok((TraceOptions { precision: choice.precision, live: true, ..options }, choice))
     }
 
     fn options(&self) -> Result<TraceOptions> {

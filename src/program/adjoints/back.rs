@@ -80,11 +80,11 @@ impl Transposing<'_> {
         let mut next =
             || adjoints.next().ok_or_else(|| Error::Internal(format!("{name}_back has too few arguments")));
         let (mut given, mut taken) = (Vec::new(), Vec::new());
-        for (argument, _) in old.arguments.iter().zip(&mask).filter(|(_, has_reals)| **has_reals) {
+        for (index, argument) in old.arguments.iter().enumerate().filter(|(index, _)| mask[*index]) {
             let pointer = next()?;
             match is_pointer(&back.shared.module.types[argument.ty].inner) {
                 true => given.push(pointer),
-                false => taken.push((argument.ty, pointer)),
+                false => taken.push((index, argument.ty, pointer)),
             }
         }
         if made.varies {
@@ -113,8 +113,8 @@ impl Transposing<'_> {
             out.push(call, Span::UNDEFINED);
         } else {
             let found = back.call_plain(made.back, given, &mut out);
-            let members: Vec<u32> = made.members.iter().copied().flatten().collect();
-            for (index, (ty, pointer)) in members.into_iter().zip(taken) {
+            for (member, ty, pointer) in taken {
+                let Some(index) = made.members[member] else { continue };
                 let adjoint = Adjoint::whole(back.part(found, index, &mut out));
                 back.add_to_memory(pointer, ty, adjoint, &mut out);
             }
@@ -870,6 +870,12 @@ impl<'r, 'm> Back<'r, 'm> {
                 }
             }
             Multiply => {
+                let is_matrix = |this: &Self, old: Value| {
+                    matches!(this.shared.inner(this.function, old), TypeInner::Matrix { .. })
+                };
+                if is_matrix(self, left) || is_matrix(self, right) {
+                    return Err(no_way_back(self.shared.name(self.function)));
+                }
                 for (one, other) in [(left, right), (right, left)] {
                     if self.varies(one) {
                         let other_value = self.value(other);

@@ -194,7 +194,10 @@ impl Transposing<'_> {
         let mut used = Some(Vec::new());
         self.add_used(function, argument, &mut used);
         match used {
-            Some(members) => all.into_iter().filter(|chain| members.contains(&chain[0])).collect(),
+            Some(members) => all
+                .into_iter()
+                .filter(|chain| chain.first().is_some_and(|first| members.contains(first)))
+                .collect(),
             None => all,
         }
     }

@@ -39,11 +39,14 @@ const ADJOINT_OF: &str = "adjoint_of";
 /// The variable that sums what the loss gains by forward derivatives.
 const FORWARD_NOTED: &str = "forward_noted";
 
+/// The variable that says that a driver cut loops short: 0 or 1.
+const CUT_LOOPS: &str = "cut_loops";
+
 /// Ends the name of a function that goes a way and back.
 const BACK: &str = "_back";
 
 /// Private variables that belong to the pass, and have no adjoints.
-const OF_PASS: [&str; 3] = ["last_hit", "noted", FORWARD_NOTED];
+const OF_PASS: [&str; 4] = ["last_hit", "noted", CUT_LOOPS, FORWARD_NOTED];
 
 /// The error of a function that does something for which there is no way back.
 fn no_way_back(name: &str) -> Error {

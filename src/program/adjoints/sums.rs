@@ -1,6 +1,7 @@
 //! Sums of adjoints: which numbers of the scene have one, in which order, and the functions that sum and write them.
 
 use crate::error::{Error, Result};
+use crate::program::adjoints::CUT_LOOPS;
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::adjoints::writer::Writer;
 use crate::program::layout::bindings;
@@ -15,8 +16,9 @@ pub(super) const ADD_UP: &str = "add_up_adjoints";
 /// The function that writes the sums of an invocation.
 pub(super) const WRITE: &str = "write_adjoints";
 
-/// Sums after those of the numbers: of deposits times the adjoints of their cells, and of rays whose adjoints are no numbers.
-pub const NUM_OTHER_SUMS: usize = 2;
+/// Sums after those of the numbers: of deposits times the adjoints of their cells, of rays whose adjoints are no numbers, and
+/// whether loops were cut short.
+pub const NUM_OTHER_SUMS: usize = 3;
 
 /// True of a variable whose reals are numbers of the scene, and have adjoints.
 pub(super) fn has_adjoint(module: &Module, variable: &GlobalVariable) -> bool {
@@ -208,12 +210,18 @@ impl Transposing<'_> {
         let num = literal(&mut writer, layout.num_sums());
         let first =
             writer.now(Expression::Binary { op: BinaryOperator::Multiply, left: invocation, right: num });
-        for index in 0..layout.num_sums() {
+        let cut_loops = self.global(CUT_LOOPS)?;
+        let cut_loops = writer.append(Expression::GlobalVariable(cut_loops));
+        let last = layout.num_sums() - 1;
+        for index in 0..=last {
             let offset = literal(&mut writer, index);
             let place =
                 writer.now(Expression::Binary { op: BinaryOperator::Add, left: first, right: offset });
             let to = writer.now(Expression::Access { base: rows, index: place });
-            let from = writer.now(Expression::AccessIndex { base: sums, index: index as u32 });
+            let from = match index == last {
+                true => cut_loops,
+                false => writer.now(Expression::AccessIndex { base: sums, index: index as u32 }),
+            };
             let value = writer.now(Expression::Load { pointer: from });
             writer.store(to, value);
         }

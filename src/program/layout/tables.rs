@@ -487,7 +487,7 @@ fn splat_code(splat: Splat) -> u32 {
     }
 }
 
-fn splat_radius(splat: Splat) -> u32 {
+pub(crate) fn splat_radius(splat: Splat) -> u32 {
     match splat {
         Splat::Gaussian { sigma } => (3.0 * sigma).ceil().max(1.0) as u32,
         Splat::Hard | Splat::Bilinear => 0,
