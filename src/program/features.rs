@@ -8,7 +8,6 @@ use crate::model::{
     SourceFunction, Splat,
 };
 use crate::program::layout::bsdf;
-use crate::program::layout::tables::splat_radius;
 
 /// What the scene and the options of the trace need.
 #[derive(Debug, Clone, PartialEq)]
@@ -130,7 +129,7 @@ impl Features {
                 grids.contains(&Splat::Bilinear),
                 grids.iter().any(|s| matches!(s, Splat::Gaussian { .. })),
             ],
-            splat_radius: grids.iter().map(|splat| splat_radius(*splat)).max().unwrap_or(0),
+            splat_radius: grids.iter().map(|splat| splat.radius()).max().unwrap_or(0),
             transmissive: ir.detectors.iter().any(|s| !s.absorb),
             detectors,
             sources,

@@ -38,6 +38,16 @@ pub enum Splat {
     },
 }
 
+impl Splat {
+    /// How far a Gaussian splat reaches \[pixels\]; 0 of other splats.
+    pub fn radius(self) -> u32 {
+        match self {
+            Splat::Gaussian { sigma } => (3.0 * sigma).ceil().max(1.0) as u32,
+            Splat::Hard | Splat::Bilinear => 0,
+        }
+    }
+}
+
 /// How flux is spread over pixels.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

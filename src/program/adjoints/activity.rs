@@ -1,25 +1,9 @@
 //! Which values of a function depend on a number by which a trace can be differentiated.
 
-use crate::program::adjoints::transposing::Transposing;
+use crate::program::adjoints::transposing::{Activity, Transposing, is_pointer};
 use crate::program::tangents::rules::{Rule, rule};
-use naga::{Block, Expression, Function, Handle, LocalVariable, ScalarKind, Statement, TypeInner};
+use naga::{Block, Expression, Function, Handle, LocalVariable, ScalarKind, Statement};
 use std::collections::HashSet;
-
-/// What is known of a function, given which of its arguments vary.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Activity {
-    /// Its values, and pointers to variables, that vary.
-    pub(super) varied: HashSet<Handle<Expression>>,
-    /// The result varies.
-    pub(super) varies: bool,
-    /// Adjoints can come from within it, or go through its pointers, whatever becomes of its result.
-    pub(super) has_effects: bool,
-}
-
-/// True of a pointer.
-pub(super) fn is_pointer(inner: &TypeInner) -> bool {
-    matches!(inner, TypeInner::Pointer { .. } | TypeInner::ValuePointer { .. })
-}
 
 impl Transposing<'_> {
     /// What is known of a function whose arguments vary where `mask` says so.

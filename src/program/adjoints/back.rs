@@ -4,40 +4,23 @@
 //! taken which the recorded condition tells. Loops in which a value that varies changes have no way back.
 
 use crate::error::{Error, Result};
-use crate::program::adjoints::activity::{Activity, is_pointer};
 use crate::program::adjoints::adjoint::Adjoint;
 use crate::program::adjoints::forward;
-use crate::program::adjoints::transposing::{Transposed, Transposing};
-use crate::program::adjoints::{ADJOINT_OF, no_way_back};
+use crate::program::adjoints::names::{ADJOINT_OF, no_way_back};
+use crate::program::adjoints::record::{Record, key_of};
+use crate::program::adjoints::transposing::{Activity, Transposed, Transposing, is_pointer};
 use crate::program::statements::Write;
 use crate::program::tangents::rules::{Rule, rule};
 use naga::{
-    AddressSpace, BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, Literal,
-    LocalVariable, MathFunction, ScalarKind, Span, Statement, SwitchCase, Type, TypeInner, UnaryOperator,
+    BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
+    SwitchCase, Type, TypeInner,
 };
 use std::collections::HashMap;
 
 type Value = Handle<Expression>;
 
 /// The block of the function's body, to which its arguments belong.
-const ROOT: usize = 1;
-
-/// A statement of the old function, by its address.
-pub(super) fn key_of(statement: &Statement) -> usize {
-    std::ptr::from_ref(statement) as usize
-}
-
-/// What the way back needs of the way forward.
-#[derive(Default)]
-pub(super) struct Record {
-    /// Types of its members.
-    pub(super) types: Vec<Handle<Type>>,
-    /// Members that hold values.
-    pub(super) values: HashMap<Value, u32>,
-    /// Calls whose functions have a way back, by their statements: the half that goes forward, and the member that holds its
-    /// record.
-    pub(super) calls: HashMap<usize, (Handle<Function>, Option<u32>)>,
-}
+pub(super) const ROOT: usize = 1;
 
 impl Transposing<'_> {
     /// Both halves of a function whose arguments vary where `mask` says so.
@@ -124,30 +107,31 @@ impl Transposing<'_> {
     }
 }
 
-struct Back<'r, 'm> {
-    shared: &'r mut Transposing<'m>,
-    function: Handle<Function>,
-    old: &'m Function,
-    activity: Activity,
-    new: Function,
+/// A half as it is written.
+pub(super) struct Back<'r, 'm> {
+    pub(super) shared: &'r mut Transposing<'m>,
+    pub(super) function: Handle<Function>,
+    pub(super) old: &'m Function,
+    pub(super) activity: Activity,
+    pub(super) new: Function,
     /// Where the record is read.
-    prologue: Block,
-    record: Record,
-    record_argument: u32,
+    pub(super) prologue: Block,
+    pub(super) record: Record,
+    pub(super) record_argument: u32,
     /// Values of the way forward.
-    known: HashMap<Value, Value>,
+    pub(super) known: HashMap<Value, Value>,
     /// Pointers to adjoints, by the number of the argument that points to the reals.
-    pointers: HashMap<u32, Value>,
-    locals: HashMap<Handle<LocalVariable>, Handle<LocalVariable>>,
-    adjoints: HashMap<Value, Adjoint>,
+    pub(super) pointers: HashMap<u32, Value>,
+    pub(super) locals: HashMap<Handle<LocalVariable>, Handle<LocalVariable>>,
+    pub(super) adjoints: HashMap<Value, Adjoint>,
     /// Adjoints that come from other blocks than that of the value.
-    variables: HashMap<Value, Handle<LocalVariable>>,
+    pub(super) variables: HashMap<Value, Handle<LocalVariable>>,
     /// The block in which a value is computed.
-    homes: HashMap<Value, usize>,
-    block: usize,
-    num_blocks: usize,
+    pub(super) homes: HashMap<Value, usize>,
+    pub(super) block: usize,
+    pub(super) num_blocks: usize,
     /// The adjoint of the result.
-    result: Option<Value>,
+    pub(super) result: Option<Value>,
 }
 
 impl Write for Back<'_, '_> {
@@ -157,7 +141,11 @@ impl Write for Back<'_, '_> {
 }
 
 impl<'r, 'm> Back<'r, 'm> {
-    fn new(shared: &'r mut Transposing<'m>, function: Handle<Function>, activity: Activity) -> Self {
+    pub(super) fn new(
+        shared: &'r mut Transposing<'m>,
+        function: Handle<Function>,
+        activity: Activity,
+    ) -> Self {
         let old = &shared.module.functions[function];
         let name = format!("{}_back", old.name.as_deref().unwrap_or_default());
         Back {
@@ -181,7 +169,7 @@ impl<'r, 'm> Back<'r, 'm> {
         }
     }
 
-    fn write(mut self, mask: &[bool]) -> Result<Transposed> {
+    pub(super) fn write(mut self, mask: &[bool]) -> Result<Transposed> {
         for (index, (argument, varies)) in (0..).zip(self.old.arguments.iter().zip(mask)) {
             if *varies && is_pointer(&self.shared.module.types[argument.ty].inner) {
                 let name = argument.name.as_ref().map(|name| format!("{name}_adjoint"));
@@ -235,42 +223,42 @@ impl<'r, 'm> Back<'r, 'm> {
         Ok(Transposed { forward, back, record, adjoints, members, varies })
     }
 
-    fn argument(&mut self, name: Option<String>, ty: Handle<Type>) -> Value {
+    pub(super) fn argument(&mut self, name: Option<String>, ty: Handle<Type>) -> Value {
         let index = self.new.arguments.len() as u32;
         self.new.arguments.push(FunctionArgument { name, ty, binding: None });
         self.append(Expression::FunctionArgument(index))
     }
 
     /// The old value of an argument, if the function uses it.
-    fn old_argument(&self, index: u32) -> Option<Value> {
+    pub(super) fn old_argument(&self, index: u32) -> Option<Value> {
         let mut all = self.old.expressions.iter();
         all.find(|(_, expression)| matches!(expression, Expression::FunctionArgument(i) if *i == index))
             .map(|(handle, _)| handle)
     }
 
-    fn varies(&self, old: Value) -> bool {
+    pub(super) fn varies(&self, old: Value) -> bool {
         self.activity.varied.contains(&old)
     }
 
-    fn is_pointer(&self, old: Value) -> bool {
+    pub(super) fn is_pointer(&self, old: Value) -> bool {
         is_pointer(self.shared.inner(self.function, old))
     }
 
-    fn type_of(&mut self, old: Value) -> Handle<Type> {
+    pub(super) fn type_of(&mut self, old: Value) -> Handle<Type> {
         self.shared.type_of(self.function, old)
     }
 
-    fn inner(&self, ty: Handle<Type>) -> &TypeInner {
+    pub(super) fn inner(&self, ty: Handle<Type>) -> &TypeInner {
         &self.shared.rewriting.new.types[ty].inner
     }
 
-    fn real_type(&mut self) -> Handle<Type> {
+    pub(super) fn real_type(&mut self) -> Handle<Type> {
         let real = self.shared.rewriting.real;
         self.shared.type_with(TypeInner::Scalar(real))
     }
 
     /// The value that an old expression had on the way forward.
-    fn value(&mut self, old: Value) -> Value {
+    pub(super) fn value(&mut self, old: Value) -> Value {
         if let Some(known) = self.known.get(&old) {
             return *known;
         }
@@ -290,7 +278,7 @@ impl<'r, 'm> Back<'r, 'm> {
         new
     }
 
-    fn member_of_record(&mut self, index: u32) -> Value {
+    pub(super) fn member_of_record(&mut self, index: u32) -> Value {
         let base = self.append(Expression::FunctionArgument(self.record_argument));
         let mut prologue = std::mem::take(&mut self.prologue);
         let member = self.emit(Expression::AccessIndex { base, index }, &mut prologue);
@@ -298,204 +286,9 @@ impl<'r, 'm> Back<'r, 'm> {
         member
     }
 
-    // Adjoints.
-
-    /// The type of a part.
-    fn part_type(&mut self, ty: Handle<Type>, index: u32) -> Handle<Type> {
-        match self.inner(ty).clone() {
-            TypeInner::Struct { members, .. } => members[index as usize].ty,
-            TypeInner::Array { base, .. } => base,
-            _ => self.real_type(),
-        }
-    }
-
-    fn part(&mut self, base: Value, index: u32, out: &mut Block) -> Value {
-        self.emit(Expression::AccessIndex { base, index }, out)
-    }
-
-    /// The parts of an adjoint of a struct or an array, of which all that hold reals are there if it was known as a whole.
-    fn parts(&mut self, adjoint: Adjoint, ty: Handle<Type>, out: &mut Block) -> Adjoint {
-        let Some(whole) = adjoint.whole else { return adjoint };
-        let parts: Vec<(u32, Handle<Type>)> = match self.inner(ty).clone() {
-            TypeInner::Struct { members, .. } => {
-                (0..).zip(members).map(|(i, member)| (i, member.ty)).collect()
-            }
-            TypeInner::Array { base, size: naga::ArraySize::Constant(num), .. } => {
-                (0..num.get()).map(|i| (i, base)).collect()
-            }
-            _ => return adjoint,
-        };
-        let mut all = Adjoint { whole: None, parts: adjoint.parts };
-        for (index, ty) in parts {
-            if self.shared.rewriting.has_reals(ty) {
-                let part = Adjoint::whole(self.part(whole, index, out));
-                let known = all.parts.remove(&index).unwrap_or_default();
-                let sum = self.sum(known, part, ty, out);
-                all.parts.insert(index, sum);
-            }
-        }
-        all
-    }
-
-    fn is_composite(&self, ty: Handle<Type>) -> bool {
-        matches!(self.inner(ty), TypeInner::Struct { .. } | TypeInner::Array { .. })
-    }
-
-    fn sum(&mut self, left: Adjoint, right: Adjoint, ty: Handle<Type>, out: &mut Block) -> Adjoint {
-        if left.is_zero() {
-            return right;
-        }
-        if right.is_zero() {
-            return left;
-        }
-        let (mut left, mut right) = (left, right);
-        if self.is_composite(ty) {
-            left = self.parts(left, ty, out);
-            right = self.parts(right, ty, out);
-        }
-        left.whole = match (left.whole, right.whole) {
-            (Some(a), Some(b)) => Some(self.binary(BinaryOperator::Add, a, b, out)),
-            (one, other) => one.or(other),
-        };
-        for (index, part) in right.parts {
-            let known = left.parts.remove(&index).unwrap_or_default();
-            let ty = self.part_type(ty, index);
-            let sum = self.sum(known, part, ty, out);
-            left.parts.insert(index, sum);
-        }
-        left
-    }
-
-    /// An adjoint as one value; none if it is zero.
-    fn materialised(&mut self, adjoint: &Adjoint, ty: Handle<Type>, out: &mut Block) -> Option<Value> {
-        if adjoint.is_zero() {
-            return None;
-        }
-        if adjoint.parts.is_empty() {
-            return adjoint.whole;
-        }
-        let adjoint = match self.is_composite(ty) {
-            true => self.parts(adjoint.clone(), ty, out),
-            false => adjoint.clone(),
-        };
-        let num = match self.inner(ty) {
-            TypeInner::Struct { members, .. } => members.len() as u32,
-            TypeInner::Vector { size, .. } => *size as u32,
-            TypeInner::Array { size: naga::ArraySize::Constant(num), .. } => num.get(),
-            _ => 0,
-        };
-        let mut components = Vec::new();
-        for index in 0..num {
-            let part_ty = self.part_type(ty, index);
-            let mut part = adjoint.parts.get(&index).cloned().unwrap_or_default();
-            if let Some(whole) = adjoint.whole {
-                let of_whole = Adjoint::whole(self.part(whole, index, out));
-                part = self.sum(part, of_whole, part_ty, out);
-            }
-            let value = self.materialised(&part, part_ty, out);
-            components.push(value.unwrap_or_else(|| self.append(Expression::ZeroValue(part_ty))));
-        }
-        Some(self.emit(Expression::Compose { ty, components }, out))
-    }
-
-    /// Adds to the adjoint of an old value.
-    fn contribute(&mut self, old: Value, adjoint: Adjoint, out: &mut Block) {
-        if adjoint.is_zero() || !self.varies(old) {
-            return;
-        }
-        let ty = self.type_of(old);
-        let home = match &self.old.expressions[old] {
-            Expression::FunctionArgument(_) => ROOT,
-            _ => self.homes.get(&old).copied().unwrap_or_default(),
-        };
-        if home == self.block {
-            let known = self.adjoints.remove(&old).unwrap_or_default();
-            let sum = self.sum(known, adjoint, ty, out);
-            self.adjoints.insert(old, sum);
-            return;
-        }
-        let variable = match self.variables.get(&old) {
-            Some(variable) => *variable,
-            None => {
-                let variable = LocalVariable { name: Some("adjoint".into()), ty, init: None };
-                let variable = self.new.local_variables.append(variable, Span::UNDEFINED);
-                self.variables.insert(old, variable);
-                variable
-            }
-        };
-        let pointer = self.append(Expression::LocalVariable(variable));
-        self.add_to_memory(pointer, ty, adjoint, out);
-    }
-
-    fn contribute_whole(&mut self, old: Value, value: Value, out: &mut Block) {
-        self.contribute(old, Adjoint::whole(value), out);
-    }
-
-    /// The adjoint of an old value where the value is computed.
-    fn take(&mut self, old: Value, ty: Handle<Type>, out: &mut Block) -> Adjoint {
-        let known = self.adjoints.remove(&old).unwrap_or_default();
-        let Some(variable) = self.variables.get(&old) else { return known };
-        let pointer = self.append(Expression::LocalVariable(*variable));
-        let loaded = self.emit(Expression::Load { pointer }, out);
-        self.sum(known, Adjoint::whole(loaded), ty, out)
-    }
-
-    fn add_to_memory(&mut self, pointer: Value, ty: Handle<Type>, adjoint: Adjoint, out: &mut Block) {
-        let adjoint = if self.is_composite(ty) { self.parts(adjoint, ty, out) } else { adjoint };
-        if let Some(whole) = adjoint.whole {
-            let before = self.emit(Expression::Load { pointer }, out);
-            let value = self.binary(BinaryOperator::Add, before, whole, out);
-            out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
-        }
-        for (index, part) in adjoint.parts {
-            if !part.is_zero() {
-                let ty = self.part_type(ty, index);
-                let pointer = self.part(pointer, index, out);
-                self.add_to_memory(pointer, ty, part, out);
-            }
-        }
-    }
-
-    /// A pointer to the adjoints of what an old pointer points to; none of what has no adjoints.
-    fn adjoint_pointer(&mut self, pointer: Value, out: &mut Block) -> Option<Value> {
-        Some(match self.old.expressions[pointer].clone() {
-            Expression::LocalVariable(variable) => {
-                let twin = match self.locals.get(&variable) {
-                    Some(twin) => *twin,
-                    None => {
-                        let old = &self.old.local_variables[variable];
-                        let name = old.name.as_ref().map(|name| format!("{name}_adjoint"));
-                        let twin = LocalVariable { name, ty: old.ty, init: None };
-                        let twin = self.new.local_variables.append(twin, Span::UNDEFINED);
-                        self.locals.insert(variable, twin);
-                        twin
-                    }
-                };
-                self.append(Expression::LocalVariable(twin))
-            }
-            Expression::GlobalVariable(variable) => {
-                let twin = *self.shared.twins.get(&variable)?;
-                self.append(Expression::GlobalVariable(twin))
-            }
-            Expression::FunctionArgument(index) => *self.pointers.get(&index)?,
-            Expression::AccessIndex { base, index } => {
-                let base = self.adjoint_pointer(base, out)?;
-                self.part(base, index, out)
-            }
-            Expression::Access { base, index } => {
-                let base = self.adjoint_pointer(base, out)?;
-                let index = self.value(index);
-                self.emit(Expression::Access { base, index }, out)
-            }
-            _ => return None,
-        })
-    }
-
-    // Statements.
-
     /// Goes back over statements, which end where the function does: what follows a branch that may return stands within its
     /// other branches.
-    fn list(&mut self, statements: &[&'m Statement], out: &mut Block) -> Result<()> {
+    pub(super) fn list(&mut self, statements: &[&'m Statement], out: &mut Block) -> Result<()> {
         let statements = flat(statements);
         self.num_blocks += 1;
         let own = self.num_blocks;
@@ -530,7 +323,7 @@ impl<'r, 'm> Back<'r, 'm> {
         Ok(())
     }
 
-    fn statement(&mut self, statement: &'m Statement, out: &mut Block) -> Result<()> {
+    pub(super) fn statement(&mut self, statement: &'m Statement, out: &mut Block) -> Result<()> {
         match statement {
             Statement::Emit(range) => {
                 let values: Vec<Value> = range.clone().collect();
@@ -563,7 +356,12 @@ impl<'r, 'm> Back<'r, 'm> {
     }
 
     /// Goes back over the branches of a statement, each of which goes on with the same statements.
-    fn branches(&mut self, statement: &'m Statement, after: &[&'m Statement], out: &mut Block) -> Result<()> {
+    pub(super) fn branches(
+        &mut self,
+        statement: &'m Statement,
+        after: &[&'m Statement],
+        out: &mut Block,
+    ) -> Result<()> {
         let back = |this: &mut Self, block: &'m Block| -> Result<Block> {
             let mut statements: Vec<&Statement> = block.iter().collect();
             let is_break = |statement: &&Statement| matches!(statement, Statement::Break);
@@ -606,7 +404,7 @@ impl<'r, 'm> Back<'r, 'm> {
     }
 
     /// True if a value that varies changes in a statement.
-    fn is_active(&mut self, statement: &Statement) -> bool {
+    pub(super) fn is_active(&mut self, statement: &Statement) -> bool {
         let mut any = |block: &Block| block.iter().any(|statement| self.is_active(statement));
         match statement {
             Statement::Store { pointer, .. } => self.varies(*pointer),
@@ -626,7 +424,7 @@ impl<'r, 'm> Back<'r, 'm> {
         }
     }
 
-    fn call(
+    pub(super) fn call(
         &mut self,
         statement: &Statement,
         function: Handle<Function>,
@@ -684,7 +482,7 @@ impl<'r, 'm> Back<'r, 'm> {
         Ok(())
     }
 
-    fn call_back(
+    pub(super) fn call_back(
         &mut self,
         statement: &Statement,
         function: Handle<Function>,
@@ -736,265 +534,6 @@ impl<'r, 'm> Back<'r, 'm> {
         }
         Ok(())
     }
-
-    // Expressions.
-
-    fn literal(&mut self, value: f64) -> Value {
-        self.append(Expression::Literal(match self.shared.rewriting.real.width {
-            8 => Literal::F64(value),
-            _ => Literal::F32(value as f32),
-        }))
-    }
-
-    fn select(&mut self, condition: Value, accept: Value, reject: Value, out: &mut Block) -> Value {
-        self.emit(Expression::Select { condition, accept, reject }, out)
-    }
-
-    fn negated(&mut self, expr: Value, out: &mut Block) -> Value {
-        self.emit(Expression::Unary { op: UnaryOperator::Negate, expr }, out)
-    }
-
-    fn is_vector(&self, old: Value) -> bool {
-        matches!(self.shared.inner(self.function, old), TypeInner::Vector { .. })
-    }
-
-    /// Hands the adjoint of an expression on to what it is made of.
-    fn expression(&mut self, old: Value, out: &mut Block) -> Result<()> {
-        let ty = self.type_of(old);
-        let adjoint = self.take(old, ty, out);
-        if adjoint.is_zero() {
-            return Ok(());
-        }
-        let expression = self.old.expressions[old].clone();
-        match expression {
-            Expression::Load { pointer } => {
-                if let Some(pointer) = self.adjoint_pointer(pointer, out) {
-                    self.add_to_memory(pointer, ty, adjoint, out);
-                }
-                return Ok(());
-            }
-            Expression::AccessIndex { base, index } => {
-                self.contribute(base, Adjoint::part(index, adjoint), out);
-                return Ok(());
-            }
-            _ => {}
-        }
-        let is_composed = matches!(expression, Expression::Compose { .. });
-        if is_composed && self.is_composite(ty) {
-            let Expression::Compose { components, .. } = expression else { return Ok(()) };
-            let mut parts = self.parts(adjoint, ty, out).parts;
-            for (index, component) in (0..).zip(components) {
-                self.contribute(component, parts.remove(&index).unwrap_or_default(), out);
-            }
-            return Ok(());
-        }
-        let Some(whole) = self.materialised(&adjoint, ty, out) else { return Ok(()) };
-        match expression {
-            Expression::Compose { components, .. } => {
-                let mut first = 0;
-                for component in components {
-                    let inner = self.shared.inner(self.function, component).clone();
-                    if let TypeInner::Vector { size, .. } = inner {
-                        let parts = (first..first + size as u32).map(|i| self.part(whole, i, out)).collect();
-                        let ty = self.type_of(component);
-                        let part = self.emit(Expression::Compose { ty, components: parts }, out);
-                        self.contribute_whole(component, part, out);
-                        first += size as u32;
-                    } else {
-                        let part = self.part(whole, first, out);
-                        self.contribute_whole(component, part, out);
-                        first += 1;
-                    }
-                }
-            }
-            Expression::Splat { size, value } => {
-                let mut sum = self.part(whole, 0, out);
-                for index in 1..size as u32 {
-                    let part = self.part(whole, index, out);
-                    sum = self.binary(BinaryOperator::Add, sum, part, out);
-                }
-                self.contribute_whole(value, sum, out);
-            }
-            Expression::Swizzle { size, vector, pattern } => {
-                for (index, component) in (0..size as u32).zip(pattern) {
-                    let part = Adjoint::whole(self.part(whole, index, out));
-                    self.contribute(vector, Adjoint::part(component as u32, part), out);
-                }
-            }
-            Expression::Unary { op: UnaryOperator::Negate, expr } => {
-                let negated = self.negated(whole, out);
-                self.contribute_whole(expr, negated, out);
-            }
-            Expression::Binary { op, left, right } => self.arithmetic(op, [left, right], old, whole, out)?,
-            Expression::Select { condition, accept, reject } => {
-                let condition = self.value(condition);
-                let zero = self.append(Expression::ZeroValue(ty));
-                if self.varies(accept) {
-                    let part = self.select(condition, whole, zero, out);
-                    self.contribute_whole(accept, part, out);
-                }
-                if self.varies(reject) {
-                    let part = self.select(condition, zero, whole, out);
-                    self.contribute_whole(reject, part, out);
-                }
-            }
-            Expression::Math { fun, arg, arg1, arg2, .. } => {
-                let arguments: Vec<Value> = [Some(arg), arg1, arg2].into_iter().flatten().collect();
-                self.math(fun, &arguments, old, whole, out)?;
-            }
-            Expression::As { expr, kind: ScalarKind::Float, .. } => self.contribute_whole(expr, whole, out),
-            _ => return Err(no_way_back(self.shared.name(self.function))),
-        }
-        Ok(())
-    }
-
-    fn arithmetic(
-        &mut self,
-        op: BinaryOperator,
-        [left, right]: [Value; 2],
-        old: Value,
-        whole: Value,
-        out: &mut Block,
-    ) -> Result<()> {
-        use BinaryOperator::{Add, Divide, Multiply, Subtract};
-        match op {
-            Add => {
-                self.contribute_whole(left, whole, out);
-                self.contribute_whole(right, whole, out);
-            }
-            Subtract => {
-                self.contribute_whole(left, whole, out);
-                if self.varies(right) {
-                    let negated = self.negated(whole, out);
-                    self.contribute_whole(right, negated, out);
-                }
-            }
-            Multiply => {
-                let is_matrix = |this: &Self, old: Value| {
-                    matches!(this.shared.inner(this.function, old), TypeInner::Matrix { .. })
-                };
-                if is_matrix(self, left) || is_matrix(self, right) {
-                    return Err(no_way_back(self.shared.name(self.function)));
-                }
-                for (one, other) in [(left, right), (right, left)] {
-                    if self.varies(one) {
-                        let other_value = self.value(other);
-                        // A scalar times a vector.
-                        let part = match !self.is_vector(one) && self.is_vector(other) {
-                            true => self.dot(whole, other_value, out),
-                            false => self.binary(Multiply, whole, other_value, out),
-                        };
-                        self.contribute_whole(one, part, out);
-                    }
-                }
-            }
-            Divide => {
-                // (a / b)' = (a' - (a / b) b') / b.
-                let divisor = self.value(right);
-                let over = self.binary(Divide, whole, divisor, out);
-                self.contribute_whole(left, over, out);
-                if self.varies(right) {
-                    let quotient = self.value(old);
-                    let product = self.binary(Multiply, over, quotient, out);
-                    let negated = self.negated(product, out);
-                    self.contribute_whole(right, negated, out);
-                }
-            }
-            _ => return Err(no_way_back(self.shared.name(self.function))),
-        }
-        Ok(())
-    }
-
-    fn dot(&mut self, arg: Value, arg1: Value, out: &mut Block) -> Value {
-        let fun = MathFunction::Dot;
-        self.emit(Expression::Math { fun, arg, arg1: Some(arg1), arg2: None, arg3: None }, out)
-    }
-
-    fn math(
-        &mut self,
-        fun: MathFunction,
-        old: &[Value],
-        result: Value,
-        whole: Value,
-        out: &mut Block,
-    ) -> Result<()> {
-        use BinaryOperator::{Divide, Greater, Less, Multiply};
-        let ty = self.type_of(old[0]);
-        let zero = self.append(Expression::ZeroValue(ty));
-        match fun {
-            MathFunction::Abs => {
-                let value = self.value(old[0]);
-                let is_below = self.binary(Less, value, zero, out);
-                let negated = self.negated(whole, out);
-                let part = self.select(is_below, negated, whole, out);
-                self.contribute_whole(old[0], part, out);
-            }
-            MathFunction::Min | MathFunction::Max => {
-                let op = if fun == MathFunction::Min { Less } else { Greater };
-                let [first, second] = [self.value(old[0]), self.value(old[1])];
-                let is_second = self.binary(op, second, first, out);
-                let part = self.select(is_second, zero, whole, out);
-                self.contribute_whole(old[0], part, out);
-                let part = self.select(is_second, whole, zero, out);
-                self.contribute_whole(old[1], part, out);
-            }
-            MathFunction::Clamp => {
-                let [x, low, high] = [0, 1, 2].map(|i| self.value(old[i]));
-                let is_low = self.binary(Less, x, low, out);
-                let is_high = self.binary(Greater, x, high, out);
-                let within = self.select(is_low, zero, whole, out);
-                let within = self.select(is_high, zero, within, out);
-                self.contribute_whole(old[0], within, out);
-                let below = self.select(is_low, whole, zero, out);
-                let below = self.select(is_high, zero, below, out);
-                self.contribute_whole(old[1], below, out);
-                let above = self.select(is_high, whole, zero, out);
-                self.contribute_whole(old[2], above, out);
-            }
-            MathFunction::Sqrt => {
-                // As on the way forward, a root of 0 has no slope.
-                let root = self.value(result);
-                let is_positive = self.binary(Greater, root, zero, out);
-                let doubled = self.binary(BinaryOperator::Add, root, root, out);
-                let slope = self.binary(Divide, whole, doubled, out);
-                let part = self.select(is_positive, slope, zero, out);
-                self.contribute_whole(old[0], part, out);
-            }
-            MathFunction::Fma => {
-                for (one, other) in [(old[0], old[1]), (old[1], old[0])] {
-                    if self.varies(one) {
-                        let other = self.value(other);
-                        let part = self.binary(Multiply, whole, other, out);
-                        self.contribute_whole(one, part, out);
-                    }
-                }
-                self.contribute_whole(old[2], whole, out);
-            }
-            MathFunction::Dot => {
-                for (one, other) in [(old[0], old[1]), (old[1], old[0])] {
-                    if self.varies(one) {
-                        let other = self.value(other);
-                        let part = self.binary(Multiply, whole, other, out);
-                        self.contribute_whole(one, part, out);
-                    }
-                }
-            }
-            MathFunction::Cross => {
-                // y' = a' x b + a x b', so that y . (a' x b) = a' . (b x y).
-                let cross = |this: &mut Self, arg: Value, arg1: Value, out: &mut Block| {
-                    this.emit(Expression::Math { fun, arg, arg1: Some(arg1), arg2: None, arg3: None }, out)
-                };
-                let [a, b] = [self.value(old[0]), self.value(old[1])];
-                let part = cross(self, b, whole, out);
-                self.contribute_whole(old[0], part, out);
-                let part = cross(self, whole, a, out);
-                self.contribute_whole(old[1], part, out);
-            }
-            MathFunction::Floor | MathFunction::Ceil | MathFunction::Trunc | MathFunction::Round => {}
-            _ => return Err(no_way_back(self.shared.name(self.function))),
-        }
-        Ok(())
-    }
 }
 
 /// Statements without blocks that decide nothing.
@@ -1031,9 +570,4 @@ fn breaks(statement: &Statement) -> bool {
         Statement::If { accept, reject, .. } => any(accept) || any(reject),
         _ => false,
     }
-}
-
-/// A pointer to what a function keeps for its way back.
-pub(super) fn pointer_to(base: Handle<Type>) -> TypeInner {
-    TypeInner::Pointer { base, space: AddressSpace::Function }
 }

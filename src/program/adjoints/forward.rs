@@ -1,6 +1,6 @@
 //! Writes the half of a function that goes forward: the function as it was, which records what the way back needs.
 
-use crate::program::adjoints::back::{Record, key_of, pointer_to};
+use crate::program::adjoints::record::{Record, key_of, pointer_to};
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::statements::Write;
 use crate::program::tangents::rules::{Rule, rule};

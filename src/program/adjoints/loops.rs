@@ -2,13 +2,12 @@
 //! function takes. Few functions have such loops, and these take few reals.
 
 use crate::error::Result;
-use crate::program::adjoints::activity::{Activity, is_pointer};
-use crate::program::adjoints::back::Record;
-use crate::program::adjoints::no_way_back;
-use crate::program::adjoints::sums::add_chains;
-use crate::program::adjoints::transposing::{Transposed, Transposing};
+use crate::program::adjoints::forward;
+use crate::program::adjoints::layout::add_chains;
+use crate::program::adjoints::names::{FORWARD_NOTED, no_way_back};
+use crate::program::adjoints::record::Record;
+use crate::program::adjoints::transposing::{Activity, Transposed, Transposing, is_pointer};
 use crate::program::adjoints::writer::Writer;
-use crate::program::adjoints::{FORWARD_NOTED, forward};
 use crate::program::statements::Write;
 use crate::program::tangents::function::rewrite_function;
 use crate::program::tangents::rewriting::NewFunction;

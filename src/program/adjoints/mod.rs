@@ -13,16 +13,22 @@
 mod activity;
 mod adjoint;
 mod back;
+mod expressions;
 mod forward;
+mod handing;
+mod layout;
 mod loops;
+mod names;
+mod record;
 mod silent;
 mod sums;
 mod transposing;
 mod writer;
 
-pub use crate::program::adjoints::sums::{Layout, NUM_OTHER_SUMS};
+pub use crate::program::adjoints::layout::{Layout, NUM_OTHER_SUMS};
 
 use crate::error::{Error, Result};
+use crate::program::adjoints::names::{ADD_UP, BACK, WRITE};
 use crate::program::adjoints::silent::silent;
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::tangents::function::called_as_before;
@@ -32,26 +38,6 @@ use std::collections::HashSet;
 
 /// The entry point that walks rays back.
 pub const ENTRY_POINT: &str = "trace_back";
-
-/// The function that tells the adjoint of a cell.
-const ADJOINT_OF: &str = "adjoint_of";
-
-/// The variable that sums what the loss gains by forward derivatives.
-const FORWARD_NOTED: &str = "forward_noted";
-
-/// The variable that says that a driver cut loops short: 0 or 1.
-const CUT_LOOPS: &str = "cut_loops";
-
-/// Ends the name of a function that goes a way and back.
-const BACK: &str = "_back";
-
-/// Private variables that belong to the pass, and have no adjoints.
-const OF_PASS: [&str; 4] = ["last_hit", "noted", CUT_LOOPS, FORWARD_NOTED];
-
-/// The error of a function that does something for which there is no way back.
-fn no_way_back(name: &str) -> Error {
-    Error::NoWayBack(name.to_owned())
-}
 
 /// True if a composed module asks for adjoints.
 pub fn has_adjoints(module: &Module) -> bool {
@@ -84,7 +70,7 @@ pub fn rewrite(module: &Module, real: Scalar) -> Result<(Module, String)> {
 fn is_declared(name: &str, function: &Function) -> bool {
     let is_empty =
         function.body.iter().all(|statement| matches!(statement, Statement::Return { value: None }));
-    is_empty && (name.ends_with(BACK) || name == sums::ADD_UP || name == sums::WRITE)
+    is_empty && (name.ends_with(BACK) || name == ADD_UP || name == WRITE)
 }
 
 impl Transposing<'_> {
@@ -106,8 +92,8 @@ impl Transposing<'_> {
             let new = match name.strip_suffix(BACK) {
                 _ if !is_declared(name, function) => called_as_before(&self.rewriting, function),
                 Some(of) => self.both_ways(handle, of)?,
-                None if name == sums::ADD_UP => self.add_up(function, &layout)?,
-                None if name == sums::WRITE => self.write_sums(function, &layout)?,
+                None if name == ADD_UP => self.add_up(function, &layout)?,
+                None if name == WRITE => self.write_sums(function, &layout)?,
                 None => return Err(Error::Internal(format!("no text for {name}"))),
             };
             self.append(handle, new);

@@ -1,106 +1,15 @@
-//! Sums of adjoints: which numbers of the scene have one, in which order, and the functions that sum and write them.
+//! The functions that sum adjoints of the scene's numbers, and write the sums.
 
 use crate::error::{Error, Result};
-use crate::program::adjoints::CUT_LOOPS;
+use crate::program::adjoints::layout::{Layout, add_chains, bound};
+use crate::program::adjoints::names::CUT_LOOPS;
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::adjoints::writer::Writer;
-use crate::program::layout::bindings;
 use crate::program::statements::Write;
 use naga::{
     AddressSpace, ArraySize, BinaryOperator, Block, Expression, Function, GlobalVariable, Handle, Literal,
-    Module, Scalar, Span, Statement, StorageAccess, Type, TypeInner,
+    Span, Statement, TypeInner,
 };
-
-/// The function that adds one ray's adjoints to the sums.
-pub(super) const ADD_UP: &str = "add_up_adjoints";
-/// The function that writes the sums of an invocation.
-pub(super) const WRITE: &str = "write_adjoints";
-
-/// Sums after those of the numbers: of deposits times the adjoints of their cells, of rays whose adjoints are no numbers, and
-/// whether loops were cut short.
-pub const NUM_OTHER_SUMS: usize = 3;
-
-/// True of a variable whose reals are numbers of the scene, and have adjoints.
-pub(super) fn has_adjoint(module: &Module, variable: &GlobalVariable) -> bool {
-    let is_sized = !matches!(
-        module.types[variable.ty].inner,
-        TypeInner::Array { size: ArraySize::Dynamic | ArraySize::Pending(_), .. }
-    );
-    is_sized
-        && match variable.space {
-            AddressSpace::Private | AddressSpace::Uniform => true,
-            AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
-            _ => false,
-        }
-}
-
-/// The numbers that have adjoints: by binding, then in their order in the buffer.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Layout {
-    /// The binding of a buffer, and how many reals it has.
-    pub buffers: Vec<(u32, usize)>,
-}
-
-impl Layout {
-    /// That of a composed module.
-    pub fn of(module: &Module, real: Scalar) -> Self {
-        let mut buffers: Vec<(u32, usize)> = bound(module)
-            .map(|(binding, variable)| {
-                let mut chains = Vec::new();
-                add_chains(module, variable.1.ty, real, &mut Vec::new(), &mut chains);
-                (binding, chains.len())
-            })
-            .filter(|(_, num)| *num > 0)
-            .collect();
-        buffers.sort_unstable();
-        Layout { buffers }
-    }
-
-    /// The number of sums of an invocation.
-    pub fn num_sums(&self) -> usize {
-        self.num_numbers() + NUM_OTHER_SUMS
-    }
-
-    /// The number of numbers that have adjoints.
-    pub fn num_numbers(&self) -> usize {
-        self.buffers.iter().map(|(_, num)| num).sum()
-    }
-}
-
-fn bound(module: &Module) -> impl Iterator<Item = (u32, (Handle<GlobalVariable>, &GlobalVariable))> {
-    module.global_variables.iter().filter_map(|(handle, variable)| {
-        let binding = variable.binding.as_ref().filter(|binding| binding.group == bindings::SCENE)?;
-        has_adjoint(module, variable).then_some((binding.binding, (handle, variable)))
-    })
-}
-
-/// The ways to all reals of a type.
-pub(super) fn add_chains(
-    module: &Module,
-    ty: Handle<Type>,
-    real: Scalar,
-    at: &mut Vec<u32>,
-    found: &mut Vec<Vec<u32>>,
-) {
-    let mut add = |at: &mut Vec<u32>, index: u32, ty: Handle<Type>| {
-        at.push(index);
-        add_chains(module, ty, real, at, found);
-        at.pop();
-    };
-    match &module.types[ty].inner {
-        TypeInner::Scalar(scalar) if *scalar == real => found.push(at.clone()),
-        TypeInner::Vector { size, scalar } if *scalar == real => {
-            found.extend((0..*size as u32).map(|index| [&at[..], &[index]].concat()));
-        }
-        TypeInner::Struct { members, .. } => {
-            (0..).zip(members).for_each(|(index, member)| add(at, index, member.ty));
-        }
-        TypeInner::Array { base, size: ArraySize::Constant(num), .. } => {
-            (0..num.get()).for_each(|index| add(at, index, *base));
-        }
-        _ => {}
-    }
-}
 
 impl Transposing<'_> {
     /// The variable that sums one invocation's adjoints.
@@ -128,7 +37,7 @@ impl Transposing<'_> {
         Ok(self.rewriting.new.global_variables.append(variable, Span::UNDEFINED))
     }
 
-    /// The function [`ADD_UP`].
+    /// The function `ADD_UP`.
     pub(super) fn add_up(&mut self, old: &Function, layout: &Layout) -> Result<Function> {
         let sums = self.sums_variable(layout)?;
         let module = self.module;
@@ -197,7 +106,7 @@ impl Transposing<'_> {
         Ok(writer.finished())
     }
 
-    /// The function [`WRITE`].
+    /// The function `WRITE`.
     pub(super) fn write_sums(&mut self, old: &Function, layout: &Layout) -> Result<Function> {
         let sums = self.sums_variable(layout)?;
         let rows = self.global("adjoint_sums")?;

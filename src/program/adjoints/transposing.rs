@@ -1,15 +1,31 @@
 //! The state of transposing a module, which all its functions share.
 
 use crate::error::{Error, Result};
-use crate::program::adjoints::activity::Activity;
-use crate::program::adjoints::sums::has_adjoint;
+use crate::program::adjoints::layout::has_adjoint;
+use crate::program::adjoints::names::OF_PASS;
 use crate::program::tangents::rewriting::Rewriting;
 use naga::valid::ModuleInfo;
 use naga::{
     AddressSpace, Expression, Function, GlobalVariable, Handle, Module, Scalar, Span, StructMember, Type,
     TypeInner,
 };
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+
+/// What is known of a function, given which of its arguments vary.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Activity {
+    /// Its values, and pointers to variables, that vary.
+    pub(super) varied: HashSet<Handle<Expression>>,
+    /// The result varies.
+    pub(super) varies: bool,
+    /// Adjoints can come from within it, or go through its pointers, whatever becomes of its result.
+    pub(super) has_effects: bool,
+}
+
+/// True of a pointer.
+pub(super) fn is_pointer(inner: &TypeInner) -> bool {
+    matches!(inner, TypeInner::Pointer { .. } | TypeInner::ValuePointer { .. })
+}
 
 /// A function of the old module in two halves: one that goes forward and records what the way back needs, and one that goes
 /// back.
@@ -62,7 +78,7 @@ impl<'a> Transposing<'a> {
     /// length have none.
     pub(super) fn add_twins(&mut self) {
         for (handle, variable) in self.module.global_variables.iter() {
-            let is_of_pass = variable.name.as_deref().is_some_and(|name| super::OF_PASS.contains(&name));
+            let is_of_pass = variable.name.as_deref().is_some_and(|name| OF_PASS.contains(&name));
             if has_adjoint(self.module, variable) && !is_of_pass && self.rewriting.has_reals(variable.ty) {
                 let name = variable.name.as_ref().map(|name| format!("{name}_adjoint"));
                 let space = AddressSpace::Private;

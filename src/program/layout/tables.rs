@@ -465,8 +465,7 @@ pub fn detector_records(ir: &SceneIr, centre: DVec3, cells: &Cells) -> Records {
     records.uint("num_x", grids.iter().map(|g| g.num_x));
     records.uint("num_y", grids.iter().map(|g| g.num_y));
     records.uint("splat", detectors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_code(g.splat))));
-    records
-        .uint("splat_radius", detectors.iter().map(|s| s.kind.grid().map_or(0, |g| splat_radius(g.splat))));
+    records.uint("splat_radius", detectors.iter().map(|s| s.kind.grid().map_or(0, |g| g.splat.radius())));
     records.real(
         "splat_falloff",
         detectors.iter().map(|s| s.kind.grid().map_or(0.0, |g| splat_falloff(g.splat))),
@@ -484,13 +483,6 @@ fn splat_code(splat: Splat) -> u32 {
         Splat::Hard => 0,
         Splat::Bilinear => 1,
         Splat::Gaussian { .. } => 2,
-    }
-}
-
-pub(crate) fn splat_radius(splat: Splat) -> u32 {
-    match splat {
-        Splat::Gaussian { sigma } => (3.0 * sigma).ceil().max(1.0) as u32,
-        Splat::Hard | Splat::Bilinear => 0,
     }
 }
 

@@ -1,0 +1,28 @@
+//! Names that shaders and this module share (shaders/derivatives/adjoints.wgsl).
+
+use crate::error::Error;
+
+/// The function that tells the adjoint of a cell.
+pub(super) const ADJOINT_OF: &str = "adjoint_of";
+
+/// The variable that sums what the loss gains by forward derivatives.
+pub(super) const FORWARD_NOTED: &str = "forward_noted";
+
+/// The variable that says that a driver cut loops short: 0 or 1.
+pub(super) const CUT_LOOPS: &str = "cut_loops";
+
+/// Ends the name of a function that goes a way and back.
+pub(super) const BACK: &str = "_back";
+
+/// Private variables that belong to the pass, and have no adjoints.
+pub(super) const OF_PASS: [&str; 4] = ["last_hit", "noted", CUT_LOOPS, FORWARD_NOTED];
+
+/// The error of a function that does something for which there is no way back.
+pub(super) fn no_way_back(name: &str) -> Error {
+    Error::NoWayBack(name.to_owned())
+}
+
+/// The function that adds one ray's adjoints to the sums.
+pub(super) const ADD_UP: &str = "add_up_adjoints";
+/// The function that writes the sums of an invocation.
+pub(super) const WRITE: &str = "write_adjoints";
