@@ -62,3 +62,30 @@ def test_what_has_no_derivative_is_refused() -> None:
     source = json.loads(mesh.read_text(encoding="utf-8"))["sources"][0]["name"]
     with pytest.raises(nsq_gpu.UsageError, match="meshes have no derivatives"):
         nsq_gpu.jacobian(mesh, [f"{source}.total_flux"], 1000, binary=live.binary())
+
+
+def test_a_loss_has_the_gradient_that_maps_of_derivatives_give() -> None:
+    scene, names = singlet(), ["L.r1", "L.z", "image.z"]
+    maps = nsq_gpu.jacobian(scene, names, 20_000, seed=3, precision="f64", binary=live.binary())
+    shape = maps.maps["image"].shape
+    adjoints = np.linspace(-1.0, 2.0, maps.maps["image"].size).reshape(shape)
+    found = nsq_gpu.loss_gradient(scene, names, {"image": adjoints}, 20_000, seed=3, precision="f64", binary=live.binary())
+    detector = scene.detectors[0]
+    area = float(detector.width) * float(detector.height) / maps.maps["image"].size
+    assert found.why_forward is None
+    assert list(found) == names
+    for name in names:
+        map_ = maps[name, "image"].map
+        assert map_ is not None
+        assert found[name] == pytest.approx(float((adjoints * map_).sum()) * area, rel=1e-9)
+
+
+def test_adjoints_of_a_wrong_shape_are_refused_by_the_detectors_name() -> None:
+    def refused(adjoints: dict[str, np.ndarray], message: str) -> None:
+        with pytest.raises(nsq_gpu.UsageError, match=message):
+            nsq_gpu.loss_gradient(singlet(), ["L.r1"], adjoints, 1000, binary=live.binary())
+
+    refused({"image": np.zeros((3, 5))}, r"adjoints of `image` have the shape \[3, 5\]; its map has")
+    refused({"nowhere": np.zeros(1)}, "no detector has this name")
+    refused({"image": np.full(nsq_gpu.jacobian(singlet(), ["L.r1"], 100, binary=live.binary()).maps["image"].shape, np.nan)},
+            "adjoint of `image` is NaN")
