@@ -195,9 +195,8 @@ class Session:
             NsqGpuError: One of its subclasses, by what went wrong.
             TraceTimeoutError: The trace took longer than ``timeout`` [s], and was cancelled.
         """
-        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
-        header = {"request": "trace", "scene": scene, "name": name, "options": named, "set": dict(numbers or {}),
-                  "progress": progress is not None}
+        header = {"request": "trace", "scene": scene, "name": name, "options": self._with_own(options),
+                  "set": dict(numbers or {}), "progress": progress is not None}
         if gradient:
             header |= {"gradient": list(gradient), "gradient_errors": gradient_errors}
         if folder is not None:
@@ -218,13 +217,16 @@ class Session:
         Raises:
             NsqGpuError: One of its subclasses, by what went wrong.
         """
-        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
         arrays = {detector: _npy(array) for detector, array in adjoints.items()}
-        header = {"request": "trace", "scene": scene, "name": name, "options": named, "gradient": list(parameters),
-                  "adjoints": [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]}
+        header = {"request": "trace", "scene": scene, "name": name, "options": self._with_own(options),
+                  "gradient": list(parameters), "adjoints": [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]}
         if folder is not None:
             header["folder"] = folder
         return self._running().ask(header, timeout, None, b"".join(arrays.values()))[0]
+
+    def _with_own(self, options: Mapping[str, Any]) -> Json:
+        """Return options as they are sent, with those of the session where they say nothing."""
+        return {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
 
     def hello(self) -> Json:
         """Return what the process says of itself: its version, its adapter, how many shaders it keeps."""

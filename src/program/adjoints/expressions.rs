@@ -239,7 +239,7 @@ impl Back<'_, '_> {
                 let part = self.select(is_positive, slope, zero, out);
                 self.contribute_whole(old[0], part, out);
             }
-            MathFunction::Fma => {
+            MathFunction::Fma | MathFunction::Dot => {
                 for (one, other) in [(old[0], old[1]), (old[1], old[0])] {
                     if self.varies(one) {
                         let other = self.value(other);
@@ -247,15 +247,8 @@ impl Back<'_, '_> {
                         self.contribute_whole(one, part, out);
                     }
                 }
-                self.contribute_whole(old[2], whole, out);
-            }
-            MathFunction::Dot => {
-                for (one, other) in [(old[0], old[1]), (old[1], old[0])] {
-                    if self.varies(one) {
-                        let other = self.value(other);
-                        let part = self.binary(Multiply, whole, other, out);
-                        self.contribute_whole(one, part, out);
-                    }
+                if let Some(added) = old.get(2) {
+                    self.contribute_whole(*added, whole, out);
                 }
             }
             MathFunction::Cross => {
