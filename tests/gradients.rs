@@ -884,3 +884,45 @@ fn wide_splats_lose_no_ray() {
         assert_eq!(num_forward > 0, is_cut, "{sigma}: {num_forward}");
     }
 }
+
+/// An aspheric lens: its coefficients are numbers of a list. The difference of two traces sees the whole change, because light
+/// stays clear of the rim.
+#[test]
+fn coefficients_of_aspheres_have_derivatives() {
+    let text = r#"{"nsq_schema_version": 1, "components": [],
+        "sources": [{"name": "beam", "type": "collimated", "total_flux": 1.0, "aperture_radius": 6.0, "cs": {"z": -20.0},
+            "spectrum": {"wavelengths": [0.5], "weights": [1.0]}}],
+        "detectors": [{"name": "image", "type": "irradiance", "width": 8.0, "height": 8.0, "num_pixels_x": 8,
+            "num_pixels_y": 8, "splat": "bilinear", "absorb": true, "cs": {"z": 30.0}}],
+        "nsq_gpu": {"version": 1, "media": {"glass": {"type": "constant", "n": 1.5, "k": 0.0}}, "surfaces": [
+            {"name": "front", "shape": {"type": "even_asphere", "radius": 40.0, "conic": -0.5, "coefficients": [0.0, 2e-5, 1e-8],
+                "aperture_radius": 10.0}, "cs": {}, "interaction": "refractive", "material_back": {"type": "medium", "name": "glass"}},
+            {"name": "back", "shape": {"type": "plane", "width": 40, "height": 40}, "interaction": "refractive",
+                "material_front": {"type": "medium", "name": "glass"}, "cs": {"z": 5.0}}]}}"#;
+    let names = ["front.coefficients.1", "front.coefficients.2", "front.radius"];
+    let options = zoo::options(50_000, 5, Precision::F64);
+    assert_eq!(check_back("asphere", text, &names, &options, 1e-11), 0);
+    let scene = differentiated(text, &names[..1]);
+    let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+    let (map, errors) = (found[0].map.as_ref().unwrap(), found[0].map_errors.as_ref().unwrap());
+    let step = 4e-7;
+    let at = |value: f64| {
+        let numbers = [(names[0].to_string(), value)];
+        nsq_gpu::Scene::with_numbers(text, Path::new(""), &numbers).unwrap().lower().unwrap()
+    };
+    let more = at(2e-5 + step);
+    let pair = nsq_gpu::trace::difference::Pair::new(&more, at(2e-5 - step)).unwrap();
+    let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
+    let theirs = difference.detectors[0].map.as_ref().unwrap();
+    let mut seen = 0;
+    for (((ours, own), theirs), error) in
+        map.iter().zip(errors).zip(&theirs.values).zip(theirs.errors.as_ref().unwrap())
+    {
+        let sigma = own.hypot(error / (2.0 * step));
+        assert!((ours - theirs / (2.0 * step)).abs() <= 4.5 * sigma, "{ours} {theirs}");
+        seen += u32::from(ours.abs() > 5.0 * own);
+    }
+    assert!(seen > 5, "the derivative shows in {seen} pixels alone");
+    let zero = Differentiated::new(text, &oracle(), &[], &["front.coefficients.0".into()], |_| Ok(()));
+    assert!(zero.unwrap_err().to_string().contains("give it a small value"));
+}

@@ -2,11 +2,12 @@
 //! `screen.width` or `glass.n`.
 //!
 //! A name begins with that of a component, a surface, a source, a detector or a medium. It ends with a key of that
-//! entry, as the scene file has it. Names with dots are quoted: `"a.b".r1`.
+//! entry, as the scene file has it; of a list follow the places of the number, from 0 on: `asphere.coefficients.1`. Names with
+//! dots are quoted: `"a.b".r1`.
 
 use crate::error::{Error, Result};
 use crate::model::place::{did_you_mean, quoted, ticked};
-use crate::scene::tree::{Array, Value};
+use crate::scene::tree::{Array, Value, View};
 use indexmap::IndexMap;
 use serde_json::Number;
 
@@ -23,8 +24,12 @@ type Object = IndexMap<String, Value>;
 /// # Errors
 /// [`Error::Usage`] if the scene has no such number.
 pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
-    let Place { object, key } = find(tree, name)?;
-    match at(tree, &object).and_then(|object| object.get(&key)) {
+    let Place { object, key, items } = find(tree, name)?;
+    let found = at(tree, &object).and_then(|object| object.get(&key));
+    if let (Some(list), false) = (found, items.is_empty()) {
+        return item(list, &items).ok_or_else(|| no_item(name));
+    }
+    match found {
         Some(Value::Number(number)) if number.as_f64().is_some() => Ok(number.as_f64().unwrap_or_default()),
         Some(Value::String(text)) if is_infinite(text) => Ok(f64::INFINITY),
         Some(_) => Err(no_single_number(name)),
@@ -42,8 +47,11 @@ pub(super) fn get(tree: &Value, name: &str) -> Result<f64> {
 pub(super) fn set(tree: &mut Value, name: &str, value: f64) -> Result<()> {
     let number = Number::from_f64(value)
         .ok_or_else(|| Error::Usage(format!("{} is {value}; give a finite number", ticked(name))))?;
-    let Place { object, key } = find(tree, name)?;
+    let Place { object, key, items } = find(tree, name)?;
     let Some(object) = at_mut(tree, &object) else { return Err(no_single_number(name)) };
+    if let (Some(list), false) = (object.get_mut(&key), items.is_empty()) {
+        return set_item(list, &items, value).ok_or_else(|| no_item(name));
+    }
     match object.get(&key) {
         None | Some(Value::Number(_) | Value::Null) => {}
         Some(Value::String(text)) if is_infinite(text) => {}
@@ -62,6 +70,43 @@ fn no_single_number(name: &str) -> Error {
     Error::Usage(format!("{} is no single number in the scene", ticked(name)))
 }
 
+fn no_item(name: &str) -> Error {
+    Error::Usage(format!(
+        "{} is no number of a list in the scene; places count from 0, as in `asphere.coefficients.1`",
+        ticked(name)
+    ))
+}
+
+/// The number at these places of lists within lists.
+fn item(value: &Value, places: &[usize]) -> Option<f64> {
+    match (value, places) {
+        (Value::Number(number), []) => number.as_f64(),
+        (Value::Array(array), [first, rest @ ..]) => match (array.get(*first)?, rest) {
+            (View::Number(number), []) => Some(number),
+            (View::Row(row), [place]) => row.get(*place).copied(),
+            (View::Value(value), rest) => item(value, rest),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Sets that number; none if there is none.
+fn set_item(value: &mut Value, places: &[usize], to: f64) -> Option<()> {
+    match (value, places) {
+        (Value::Number(number), []) => *number = Number::from_f64(to)?,
+        (Value::Array(Array::Numbers(numbers)), [place]) => *numbers.get_mut(*place)? = to,
+        (Value::Array(Array::Rows { length, numbers }), [row, place]) if *place < *length => {
+            *numbers.get_mut(row.checked_mul(*length)?.checked_add(*place)?)? = to;
+        }
+        (Value::Array(Array::Values(values)), [first, rest @ ..]) => {
+            return set_item(values.get_mut(*first)?, rest, to);
+        }
+        _ => return None,
+    }
+    Some(())
+}
+
 /// A step into a tree.
 #[derive(Debug, Clone, PartialEq)]
 enum Step {
@@ -73,6 +118,8 @@ enum Step {
 struct Place {
     object: Vec<Step>,
     key: String,
+    /// Places in lists within lists, where the key has a list.
+    items: Vec<usize>,
 }
 
 fn key(name: &str) -> Step {
@@ -128,7 +175,12 @@ fn entries(tree: &Value) -> Vec<(String, Vec<Step>)> {
 }
 
 fn find(tree: &Value, name: &str) -> Result<Place> {
-    let parts = parts(name)?;
+    let mut parts = parts(name)?;
+    let mut items = Vec::new();
+    while let Some(place) = parts.last().filter(|_| parts.len() > 2).and_then(|last| last.parse().ok()) {
+        items.insert(0, place);
+        parts.pop();
+    }
     let Some((last, entry)) = parts.split_last().filter(|(_, entry)| !entry.is_empty()) else {
         return Err(Error::Usage(format!("{} names no number; write it as in `L1.r1`", ticked(name))));
     };
@@ -143,7 +195,7 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
                 quoted(&label)
             )));
         }
-        return Ok(Place { object: inner(tree, way, last), key: last.clone() });
+        return Ok(Place { object: inner(tree, way, last), key: last.clone(), items });
     }
     let known = entries.iter().map(|(name, _)| name.as_str());
     let advice = did_you_mean(&label, known);
@@ -199,6 +251,7 @@ mod tests {
                 "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}],
                 "detectors": [{"name": "a.b", "cs": {}, "width": 4.0}],
                 "nsq_gpu": {"media": {"glass": {"type": "constant", "n": 1.5}, "table": {"n": [1.5, 1.6]}},
+                            "surfaces": [{"name": "A", "shape": {"coefficients": [0.0, 2e-6], "table": [[1.0, 2.0], [3.0, 4.0]]}}],
                             "overrides": {"L1.front": {"reflectance": 0.1}}}}"#,
         )
         .unwrap()
@@ -215,6 +268,8 @@ mod tests {
             ("\"a.b\".width", 4.0),
             ("glass.n", 1.5),
             ("L1.front.reflectance", 0.1),
+            ("A.coefficients.1", 2e-6),
+            ("A.table.1.0", 3.0),
         ] {
             assert_eq!(get(&tree, name), Ok(before), "{name}");
             set(&mut tree, name, before + 1.0).unwrap();
@@ -235,6 +290,9 @@ mod tests {
             ("L1.material", "no single number"),
             ("table.n", "no single number"),
             ("L1.conic2", "does not give"),
+            ("A.coefficients.2", "no number of a list"),
+            ("A.table.1", "no number of a list"),
+            ("L1.r1.0", "no number of a list"),
         ] {
             let found =
                 if name == "L1.conic2" { get(&tree, name).map(|_| ()) } else { set(&mut tree, name, 1.0) };

@@ -131,6 +131,12 @@ impl Differentiated {
                     shown(name)
                 )));
             }
+            if value == 0.0 && key.parse::<usize>().is_ok() {
+                return Err(Error::Usage(format!(
+                    "`{}` is 0, which says nothing of the size of a change; give it a small value, such as 1e-9",
+                    shown(name)
+                )));
+            }
             let is_frame = FRAME_KEYS.contains(&key);
             let size = match key {
                 _ if is_frame || value == 0.0 => 1.0,
