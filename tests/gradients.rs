@@ -926,3 +926,27 @@ fn coefficients_of_aspheres_have_derivatives() {
     let zero = Differentiated::new(text, &oracle(), &[], &["front.coefficients.0".into()], |_| Ok(()));
     assert!(zero.unwrap_err().to_string().contains("give it a small value"));
 }
+
+/// A larger lens lets more of a wide beam through: the interior sees nothing of that, and a difference sees it. Of light that stays
+/// clear of edges, both see the same.
+#[test]
+fn what_crosses_edges_is_told_on_request() {
+    let options = TraceOptions { num_rays: 100_000, ..zoo::options(0, 5, Precision::F64) };
+    let of = |text: &str, name: &str| {
+        let scene = differentiated(text, &[name]);
+        let mut found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        scene.add_edges(zoo::gpu(), &options, &mut found, |_| true).unwrap();
+        found.swap_remove(0)
+    };
+    let clear = of(BENCH, "glass.n");
+    let edges = clear.with_edges.unwrap();
+    let sigma = clear.standard_error.unwrap().hypot(edges.standard_error.unwrap());
+    assert!((clear.flux - edges.flux).abs() <= 4.5 * sigma, "{clear:?}");
+    assert!(clear.flux.abs() > 5.0 * sigma, "{clear:?}");
+    let wide = BENCH.replace("\"aperture_radius\": 8.0", "\"aperture_radius\": 20.0");
+    assert_ne!(wide, BENCH);
+    let rim = of(&wide, "L1.front_aperture_radius");
+    let edges = rim.with_edges.unwrap();
+    assert_eq!(rim.flux, 0.0);
+    assert!(edges.flux > 5.0 * edges.standard_error.unwrap(), "{rim:?}");
+}

@@ -54,6 +54,10 @@ pub struct Args {
     #[arg(long, value_name = "NAMES", value_parser = parse_names, conflicts_with_all = ["checkpoint", "resume",
         "record_paths", "profile", "target_error", "time_limit", "first_ray", "of_rays"])]
     gradient: Option<Names>,
+    /// With --gradient: also find each derivative by a difference of two traces, which sees light that crosses edges, such as
+    /// the rim of a lens. Takes two more traces for each number.
+    #[arg(long, requires = "gradient")]
+    gradient_edges: bool,
     /// Write report.json and, per detector, NAME.npz and NAME.png into this folder.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -194,13 +198,19 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let choice = auto_precision::choose(&gpu, ir, &options, args.trace.wanted())?;
     let options = TraceOptions { precision: choice.precision, ..options };
     let stop = stop_on_interrupt()?;
-    let num_rays = differentiated.num_passes() * options.num_rays;
+    let of_edges = if args.gradient_edges { 2 * names.len() as u64 } else { 0 };
+    let num_rays = (differentiated.num_passes() + of_edges) * options.num_rays;
     let mut shown = Progress::new(args.progress, num_rays);
     let start = Instant::now();
-    let (gradients, tally) = differentiated.gradients(&gpu, &options, How::default(), |rays| {
+    let mut keep_going = |rays| {
         shown.update(&Status::of_rays(rays, num_rays, start.elapsed()));
         !stop.load(Ordering::Relaxed)
-    })?;
+    };
+    let (mut gradients, tally) = differentiated.gradients(&gpu, &options, How::default(), &mut keep_going)?;
+    if args.gradient_edges {
+        let done = differentiated.num_passes() * options.num_rays;
+        differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays))?;
+    }
     shown.finish();
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),

@@ -26,6 +26,18 @@ pub struct Gradient {
     pub map_errors: Option<ArrayD<f64>>,
     /// Derivatives of deposits that were no number, or too large to be summed: they are missing.
     pub num_lost: u64,
+    /// The same derivative by a difference of two traces, edges included; where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub with_edges: Option<WithEdges>,
+}
+
+/// A derivative by a difference of two traces, which sees what moves across edges, too.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WithEdges {
+    /// Of the detector's flux, as that of the interior.
+    pub flux: f64,
+    /// Its standard error; none from too few rays.
+    pub standard_error: Option<f64>,
 }
 
 /// Derivatives of fluxes as a table for a terminal, of a trace that launched a flux \[W\].
@@ -36,15 +48,23 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
     let (parameters, detectors) =
         (width(|row| &row.parameter, "parameter"), width(|row| &row.detector, "detector"));
     let mut text = format!(
-        "{:<parameters$}{:<detectors$}{:>15}{:>11}{:>9}\n",
+        "{:<parameters$}{:<detectors$}{:>15}{:>11}{:>9}",
         "parameter", "detector", "d flux [W/.]", "error", "sigmas"
     );
+    if gradients.iter().any(|row| row.with_edges.is_some()) {
+        let _ = write!(text, "{:>15}{:>11}", "with edges", "error");
+    }
+    text.push('\n');
     for row in gradients {
         let error = row.standard_error.map_or("-".into(), |error| significant(error, 2));
         let score = score(row.flux, row.standard_error, launched);
         let (parameter, detector) = (shown(&row.parameter), shown(&row.detector));
         let flux = significant(row.flux, 5);
         let _ = write!(text, "{parameter:<parameters$}{detector:<detectors$}{flux:>15}{error:>11}{score:>9}");
+        if let Some(WithEdges { flux, standard_error }) = row.with_edges {
+            let error = standard_error.map_or("-".into(), |error| significant(error, 2));
+            let _ = write!(text, "{:>15}{error:>11}", significant(flux, 5));
+        }
         if row.num_lost > 0 {
             let _ = write!(
                 text,

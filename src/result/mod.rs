@@ -46,7 +46,7 @@ pub use crate::result::detectors::{
 pub use crate::result::diagnostics::{DetectorDiagnostic, Diagnostics};
 pub use crate::result::difference::{DetectorDifference, FluxDifference, MapDifference, SceneDifference};
 pub use crate::result::flux_unit::FluxUnit;
-pub use crate::result::gradients::Gradient;
+pub use crate::result::gradients::{Gradient, WithEdges};
 pub use crate::result::ledger::{Entry, Ledger};
 pub use crate::result::path_tally::{PathSum, PathTally};
 pub use crate::result::paths::{Grouping, LightPath, PathTable, Sorting};

@@ -15,9 +15,10 @@ use crate::program::features::has_unit_gradients;
 use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
-use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally};
+use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally, WithEdges};
 use crate::scene::Scene;
 use crate::trace::blocks::Blocks;
+use crate::trace::difference::Pair;
 use crate::trace::{Shelf, Tracer};
 use glam::DMat3;
 use ndarray::ArrayD;
@@ -93,6 +94,8 @@ pub struct How<'a> {
 struct Scaled {
     parameter: Parameter,
     size: f64,
+    /// Two scenes of the stencil, and how much larger the number is in the first.
+    ends: ([usize; 2], f64),
 }
 
 impl Differentiated {
@@ -151,9 +154,10 @@ impl Differentiated {
                 });
                 points.collect()
             };
-            let stencil = stencil(&CENTRAL, 1.0).or_else(|error| {
-                let one_sided = stencil(&ONE_SIDED, 1.0).or_else(|_| stencil(&ONE_SIDED, -1.0));
-                one_sided.map_err(|_| changed_a_little(name, error))
+            let central = stencil(&CENTRAL, 1.0).map(|found| (found, ([0, 1], 2.0 * step)));
+            let (stencil, ends) = central.or_else(|error| {
+                let of_sign = |sign: f64| Ok((stencil(&ONE_SIDED, sign)?, ([1, 0], sign * step)));
+                of_sign(1.0).or_else(|_: Error| of_sign(-1.0)).map_err(|_| changed_a_little(name, error))
             })?;
             if stencil.iter().any(|(_, there)| takes_undrawn(&ir, there)) {
                 return Err(Error::Usage(format!(
@@ -162,7 +166,7 @@ impl Differentiated {
                     shown(name)
                 )));
             }
-            parameters.push(Scaled { parameter: Parameter { name: name.clone(), stencil }, size });
+            parameters.push(Scaled { parameter: Parameter { name: name.clone(), stencil }, size, ends });
         }
         let allowed = allowance(&ir, &parameters);
         ir.allowed = allowed;
@@ -227,6 +231,36 @@ impl Differentiated {
         }
         let sums = sums.ok_or_else(|| Error::Usage("name a parameter, such as L1.r1".into()))?;
         Ok((found, sums))
+    }
+
+    /// Adds to derivatives what a difference of two traces gives in their place, which sees what moves across edges, too.
+    /// `keep_going` gets the rays done of both traces for all parameters.
+    ///
+    /// # Errors
+    /// As [`Differentiated::gradients`].
+    pub fn add_edges(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        gradients: &mut [Gradient],
+        mut keep_going: impl FnMut(u64) -> bool,
+    ) -> Result<()> {
+        for (number, Scaled { parameter, ends: ([more, less], distance), .. }) in (0..).zip(&self.parameters)
+        {
+            let scene = |end: usize| &parameter.stencil[end].1;
+            let pair = Pair::new(scene(*more), scene(*less).clone())?;
+            let done_before = 2 * number * options.num_rays;
+            let found = pair
+                .difference(gpu, options, None, |done| keep_going(done_before + done.iter().sum::<u64>()))?;
+            for row in gradients.iter_mut().filter(|row| row.parameter == parameter.name) {
+                let of_detector = found.detectors.iter().find(|detector| detector.flux.name == row.detector);
+                row.with_edges = of_detector.map(|detector| WithEdges {
+                    flux: detector.flux.difference / distance,
+                    standard_error: detector.flux.standard_error.map(|error| error / distance.abs()),
+                });
+            }
+        }
+        Ok(())
     }
 
     /// The gradient of a loss by all parameters: what the loss gains by a unit of each. `adjoints` says for each detector what
@@ -462,6 +496,7 @@ impl Differentiated {
                     map: cut(&values)?,
                     map_errors: errors.as_ref().map(|errors| cut(errors)).transpose()?.flatten(),
                     num_lost: blocks.sums.detectors[index].lost_tangents,
+                    with_edges: None,
                 });
                 at += num_cells;
             }
