@@ -3,7 +3,8 @@
 
 use crate::error::Result;
 use naga::{
-    AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Range, Span, Statement, SwitchCase,
+    AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Literal, Range, Scalar, Span, Statement,
+    SwitchCase,
 };
 
 /// A function that is written.
@@ -105,4 +106,43 @@ pub(super) trait Rewrite: Write {
             other => *other,
         })
     }
+}
+
+/// A number as a literal of the reals' width.
+pub(super) fn real_literal(real: Scalar, value: f64) -> Expression {
+    Expression::Literal(match real.width {
+        8 => Literal::F64(value),
+        _ => Literal::F32(value as f32),
+    })
+}
+
+/// The blocks within a statement.
+pub(super) fn inner_blocks(statement: &Statement) -> Box<dyn Iterator<Item = &Block> + '_> {
+    match statement {
+        Statement::Block(block) => Box::new(std::iter::once(block)),
+        Statement::If { accept, reject, .. } => Box::new([accept, reject].into_iter()),
+        Statement::Switch { cases, .. } => Box::new(cases.iter().map(|case| &case.body)),
+        Statement::Loop { body, continuing, .. } => Box::new([body, continuing].into_iter()),
+        _ => Box::new(std::iter::empty()),
+    }
+}
+
+/// The same, to be changed.
+pub(super) fn inner_blocks_mut(statement: &mut Statement) -> Box<dyn Iterator<Item = &mut Block> + '_> {
+    match statement {
+        Statement::Block(block) => Box::new(std::iter::once(block)),
+        Statement::If { accept, reject, .. } => Box::new([accept, reject].into_iter()),
+        Statement::Switch { cases, .. } => Box::new(cases.iter_mut().map(|case| &mut case.body)),
+        Statement::Loop { body, continuing, .. } => Box::new([body, continuing].into_iter()),
+        _ => Box::new(std::iter::empty()),
+    }
+}
+
+/// The functions that a block calls.
+pub(super) fn called(block: &Block) -> Vec<Handle<Function>> {
+    let of = |statement: &Statement| match statement {
+        Statement::Call { function, .. } => vec![*function],
+        other => inner_blocks(other).flat_map(called).collect(),
+    };
+    block.iter().flat_map(of).collect()
 }

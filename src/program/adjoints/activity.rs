@@ -1,6 +1,7 @@
 //! Which values of a function depend on a number by which a trace can be differentiated.
 
 use crate::program::adjoints::transposing::{Activity, Transposing, is_pointer};
+use crate::program::statements::inner_blocks;
 use crate::program::tangents::rules::{Rule, rule};
 use naga::{Block, Expression, Function, Handle, LocalVariable, ScalarKind, Statement};
 use std::collections::HashSet;
@@ -80,17 +81,7 @@ impl Search<'_, '_> {
             Statement::Store { pointer, value } if self.varies(*value) => self.may_vary(*pointer),
             Statement::Return { value: Some(value) } => self.found.varies |= self.varies(*value),
             Statement::Call { function, arguments, result } => self.call(*function, arguments, *result),
-            Statement::Block(block) => self.block(block),
-            Statement::If { accept, reject, .. } => {
-                self.block(accept);
-                self.block(reject);
-            }
-            Statement::Switch { cases, .. } => cases.iter().for_each(|case| self.block(&case.body)),
-            Statement::Loop { body, continuing, .. } => {
-                self.block(body);
-                self.block(continuing);
-            }
-            _ => {}
+            other => inner_blocks(other).for_each(|block| self.block(block)),
         }
     }
 

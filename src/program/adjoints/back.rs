@@ -9,7 +9,7 @@ use crate::program::adjoints::forward;
 use crate::program::adjoints::names::{ADJOINT_OF, no_way_back};
 use crate::program::adjoints::record::{Record, key_of};
 use crate::program::adjoints::transposing::{Activity, Transposed, Transposing, is_pointer};
-use crate::program::statements::Write;
+use crate::program::statements::{Write, inner_blocks, real_literal};
 use crate::program::tangents::rules::{Rule, rule};
 use naga::{
     BinaryOperator, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
@@ -48,18 +48,13 @@ impl Transposing<'_> {
         let mask: Vec<bool> = old.arguments.iter().map(|a| self.rewriting.has_reals(a.ty)).collect();
         let made = self.transposed(function, &mask)?;
         let mut back = Back::new(self, declared, Activity::default());
-        let mut out = Block::new();
-        let arguments: Vec<(Handle<Type>, Value)> = (0..)
-            .zip(&back.old.arguments)
-            .map(|(index, argument)| (argument.ty, index))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .map(|(ty, index)| (ty, back.append(Expression::FunctionArgument(index))))
-            .collect();
         back.new.name = back.old.name.clone();
+        let mut out = Block::new();
+        let num = back.old.arguments.len() as u32;
+        let mut forward: Vec<Value> =
+            (0..num).map(|index| back.append(Expression::FunctionArgument(index))).collect();
         back.new.arguments = back.old.arguments.clone();
-        let mut forward: Vec<Value> = arguments[..mask.len()].iter().map(|(_, value)| *value).collect();
-        let mut adjoints = arguments[mask.len()..].iter().map(|(_, value)| *value);
+        let mut adjoints = forward.split_off(mask.len()).into_iter();
         let mut next =
             || adjoints.next().ok_or_else(|| Error::Internal(format!("{name}_back has too few arguments")));
         let (mut given, mut taken) = (Vec::new(), Vec::new());
@@ -216,7 +211,7 @@ impl<'r, 'm> Back<'r, 'm> {
         if let Some(ty) = record {
             self.argument(Some("record".into()), ty);
         }
-        let forward = forward::write(self.shared, self.function, &self.record, record);
+        let forward = forward::write(self.shared, self.function, &self.record, record)?;
         let functions = &mut self.shared.rewriting.new.functions;
         let forward = functions.append(forward, Span::UNDEFINED);
         let back = functions.append(std::mem::take(&mut self.new), Span::UNDEFINED);
@@ -405,7 +400,6 @@ impl<'r, 'm> Back<'r, 'm> {
 
     /// True if a value that varies changes in a statement.
     pub(super) fn is_active(&mut self, statement: &Statement) -> bool {
-        let mut any = |block: &Block| block.iter().any(|statement| self.is_active(statement));
         match statement {
             Statement::Store { pointer, .. } => self.varies(*pointer),
             Statement::Call { function, arguments, .. } => match rule(self.shared.name(*function)) {
@@ -416,11 +410,7 @@ impl<'r, 'm> Back<'r, 'm> {
                     self.shared.activity(*function, &mask).has_effects
                 }
             },
-            Statement::Block(block) => any(block),
-            Statement::If { accept, reject, .. } => any(accept) || any(reject),
-            Statement::Switch { cases, .. } => cases.iter().any(|case| any(&case.body)),
-            Statement::Loop { body, continuing, .. } => any(body) || any(continuing),
-            _ => false,
+            other => inner_blocks(other).flat_map(|block| block.iter()).any(|inner| self.is_active(inner)),
         }
     }
 
@@ -442,8 +432,8 @@ impl<'r, 'm> Back<'r, 'm> {
         if rule == Some(Rule::Note) {
             if self.varies(arguments[1]) {
                 let cell = self.value(arguments[0]);
-                let found = self.shared.function(ADJOINT_OF)?;
-                let found = self.call_plain(self.shared.plain(found), vec![cell], out);
+                let told = self.shared.rewriting.plain(ADJOINT_OF)?;
+                let found = self.call_plain(told, vec![cell], out);
                 self.contribute_whole(arguments[1], found, out);
             }
             return Ok(());
@@ -469,10 +459,10 @@ impl<'r, 'm> Back<'r, 'm> {
                 self.contribute_whole(arguments[0], quotient, out);
             }
             (Some(Rule::Turned(name, sign)), Some(whole), _) => {
-                let function = self.shared.function(name)?;
+                let function = self.shared.rewriting.plain(name)?;
                 let argument = self.value(arguments[0]);
-                let turned = self.call_plain(self.shared.plain(function), vec![argument], out);
-                let sign = self.literal(sign);
+                let turned = self.call_plain(function, vec![argument], out);
+                let sign = self.append(real_literal(self.shared.rewriting.real, sign));
                 let slope = self.binary(Multiply, turned, sign, out);
                 let product = self.binary(Multiply, whole, slope, out);
                 self.contribute_whole(arguments[0], product, out);
@@ -550,24 +540,15 @@ fn flat<'m>(statements: &[&'m Statement]) -> Vec<&'m Statement> {
 
 /// True if the function may end in a statement.
 fn returns(statement: &Statement) -> bool {
-    let any = |block: &Block| block.iter().any(returns);
-    match statement {
-        Statement::Return { .. } => true,
-        Statement::Block(block) => any(block),
-        Statement::If { accept, reject, .. } => any(accept) || any(reject),
-        Statement::Switch { cases, .. } => cases.iter().any(|case| any(&case.body)),
-        Statement::Loop { body, continuing, .. } => any(body) || any(continuing),
-        _ => false,
-    }
+    matches!(statement, Statement::Return { .. })
+        || inner_blocks(statement).flat_map(|block| block.iter()).any(returns)
 }
 
-/// True if a statement may leave the switch that it stands in.
+/// True if a statement may leave the switch that it stands in. Loops and switches within it are left by what stands in them.
 fn breaks(statement: &Statement) -> bool {
-    let any = |block: &Block| block.iter().any(breaks);
     match statement {
         Statement::Break => true,
-        Statement::Block(block) => any(block),
-        Statement::If { accept, reject, .. } => any(accept) || any(reject),
-        _ => false,
+        Statement::Loop { .. } | Statement::Switch { .. } => false,
+        other => inner_blocks(other).flat_map(|block| block.iter()).any(breaks),
     }
 }

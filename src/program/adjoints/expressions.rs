@@ -6,19 +6,12 @@ use crate::program::adjoints::back::Back;
 use crate::program::adjoints::names::no_way_back;
 use crate::program::statements::Write;
 use naga::{
-    BinaryOperator, Block, Expression, Handle, Literal, MathFunction, ScalarKind, TypeInner, UnaryOperator,
+    BinaryOperator, Block, Expression, Handle, MathFunction, ScalarKind, TypeInner, UnaryOperator,
 };
 
 type Value = Handle<Expression>;
 
 impl Back<'_, '_> {
-    pub(super) fn literal(&mut self, value: f64) -> Value {
-        self.append(Expression::Literal(match self.shared.rewriting.real.width {
-            8 => Literal::F64(value),
-            _ => Literal::F32(value as f32),
-        }))
-    }
-
     pub(super) fn select(
         &mut self,
         condition: Value,

@@ -1,11 +1,13 @@
 //! Writes the half of a function that goes forward: the function as it was, which records what the way back needs.
 
-use crate::program::adjoints::record::{Record, key_of, pointer_to};
+use crate::error::Result;
+use crate::program::adjoints::record::{Record, key_of};
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::statements::Write;
 use crate::program::tangents::rules::{Rule, rule};
 use naga::{
-    Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement, SwitchCase, Type,
+    AddressSpace, Block, Expression, Function, FunctionArgument, Handle, LocalVariable, Span, Statement,
+    SwitchCase, Type, TypeInner,
 };
 
 /// The function; a last argument points to the record, if there is one.
@@ -14,13 +16,13 @@ pub(super) fn write(
     function: Handle<Function>,
     record: &Record,
     ty: Option<Handle<Type>>,
-) -> Function {
+) -> Result<Function> {
     let old = &shared.module.functions[function];
     let mut new = old.clone();
     new.name = old.name.as_ref().map(|name| format!("{name}_forward"));
     new.body = Block::new();
     let pointer = ty.map(|ty| {
-        let ty = shared.type_with(pointer_to(ty));
+        let ty = shared.type_with(TypeInner::Pointer { base: ty, space: AddressSpace::Function });
         new.arguments.push(FunctionArgument { name: Some("record".into()), ty, binding: None });
         new.expressions.append(Expression::FunctionArgument(new.arguments.len() as u32 - 1), Span::UNDEFINED)
     });
@@ -31,9 +33,9 @@ pub(super) fn write(
             forward.keep(value, &mut body);
         }
     }
-    forward.block(&old.body, &mut body);
+    forward.block(&old.body, &mut body)?;
     forward.new.body = body;
-    forward.new
+    Ok(forward.new)
 }
 
 struct Forward<'r, 'm> {
@@ -65,50 +67,48 @@ impl Forward<'_, '_> {
         }
     }
 
-    fn inner(&mut self, block: &Block) -> Block {
+    fn inner(&mut self, block: &Block) -> Result<Block> {
         let mut out = Block::new();
-        self.block(block, &mut out);
-        out
+        self.block(block, &mut out)?;
+        Ok(out)
     }
 
-    fn block(&mut self, block: &Block, out: &mut Block) {
-        for statement in block.iter() {
-            self.statement(statement, out);
-        }
+    fn block(&mut self, block: &Block, out: &mut Block) -> Result<()> {
+        block.iter().try_for_each(|statement| self.statement(statement, out))
     }
 
-    fn statement(&mut self, statement: &Statement, out: &mut Block) {
+    fn statement(&mut self, statement: &Statement, out: &mut Block) -> Result<()> {
         let new = match statement {
             Statement::Emit(range) => {
                 out.push(statement.clone(), Span::UNDEFINED);
                 range.clone().for_each(|value| self.keep(value, out));
-                return;
+                return Ok(());
             }
             Statement::Call { function, arguments, result } => {
-                self.call(statement, *function, arguments, *result, out);
-                return;
+                return self.call(statement, *function, arguments, *result, out);
             }
-            Statement::Block(block) => Statement::Block(self.inner(block)),
+            Statement::Block(block) => Statement::Block(self.inner(block)?),
             Statement::If { condition, accept, reject } => Statement::If {
                 condition: *condition,
-                accept: self.inner(accept),
-                reject: self.inner(reject),
+                accept: self.inner(accept)?,
+                reject: self.inner(reject)?,
             },
             Statement::Switch { selector, cases } => Statement::Switch {
                 selector: *selector,
                 cases: cases
                     .iter()
-                    .map(|case| SwitchCase { body: self.inner(&case.body), ..case.clone() })
-                    .collect(),
+                    .map(|case| Ok(SwitchCase { body: self.inner(&case.body)?, ..case.clone() }))
+                    .collect::<Result<_>>()?,
             },
             Statement::Loop { body, continuing, break_if } => Statement::Loop {
-                body: self.inner(body),
-                continuing: self.inner(continuing),
+                body: self.inner(body)?,
+                continuing: self.inner(continuing)?,
                 break_if: *break_if,
             },
             other => other.clone(),
         };
         out.push(new, Span::UNDEFINED);
+        Ok(())
     }
 
     fn call(
@@ -118,14 +118,13 @@ impl Forward<'_, '_> {
         arguments: &[Handle<Expression>],
         result: Option<Handle<Expression>>,
         out: &mut Block,
-    ) {
+    ) -> Result<()> {
         let mut arguments = arguments.to_vec();
         let mut kept = None;
         let function = match (rule(self.shared.name(function)), self.record.calls.get(&key_of(statement))) {
-            (Some(Rule::Note), _) => return,
+            (Some(Rule::Note), _) => return Ok(()),
             (Some(Rule::Recalled(name)), _) => {
-                let recalled = self.shared.function(name).unwrap_or(function);
-                self.shared.plain(recalled)
+                self.shared.rewriting.plain(name)?
             }
             (_, Some((forward, member))) => {
                 if let Some(member) = member {
@@ -152,5 +151,6 @@ impl Forward<'_, '_> {
             }
         }
         result.into_iter().for_each(|result| self.keep(result, out));
+        Ok(())
     }
 }

@@ -1,7 +1,8 @@
 //! Which numbers of the scene have adjoints, and in which order these are summed.
 
 use crate::program::layout::bindings;
-use naga::{AddressSpace, ArraySize, GlobalVariable, Handle, Module, Scalar, StorageAccess, Type, TypeInner};
+use crate::program::tangents::rewriting::is_read;
+use naga::{ArraySize, GlobalVariable, Handle, Module, Scalar, Type, TypeInner};
 
 /// Sums after those of the numbers: of deposits times the adjoints of their cells, of rays whose adjoints are no numbers, and
 /// whether loops were cut short.
@@ -13,12 +14,7 @@ pub(super) fn has_adjoint(module: &Module, variable: &GlobalVariable) -> bool {
         module.types[variable.ty].inner,
         TypeInner::Array { size: ArraySize::Dynamic | ArraySize::Pending(_), .. }
     );
-    is_sized
-        && match variable.space {
-            AddressSpace::Private | AddressSpace::Uniform => true,
-            AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
-            _ => false,
-        }
+    is_sized && is_read(variable)
 }
 
 /// The numbers that have adjoints: by binding, then in their order in the buffer.

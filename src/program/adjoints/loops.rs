@@ -8,12 +8,12 @@ use crate::program::adjoints::names::{FORWARD_NOTED, no_way_back};
 use crate::program::adjoints::record::Record;
 use crate::program::adjoints::transposing::{Activity, Transposed, Transposing, is_pointer};
 use crate::program::adjoints::writer::Writer;
-use crate::program::statements::Write;
+use crate::program::statements::{Write, called, inner_blocks, real_literal};
 use crate::program::tangents::function::rewrite_function;
 use crate::program::tangents::rewriting::NewFunction;
 use crate::program::tangents::rules::rule;
 use naga::{
-    BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Literal, Span,
+    BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Span,
     Statement, Type, TypeInner,
 };
 use std::collections::HashMap;
@@ -93,7 +93,7 @@ impl Transposing<'_> {
         let value = back.now(Expression::Compose { ty, components: adjoints });
         back.body.push(Statement::Return { value: Some(value) }, Span::UNDEFINED);
         back.new.result = Some(FunctionResult { ty, binding: None });
-        let forward = forward::write(self, function, &record, Some(record_type));
+        let forward = forward::write(self, function, &record, Some(record_type))?;
         let functions = &mut self.rewriting.new.functions;
         let forward = functions.append(forward, Span::UNDEFINED);
         let back = functions.append(back.finished(), Span::UNDEFINED);
@@ -112,8 +112,7 @@ impl Transposing<'_> {
         adjoint: Option<(Handle<Type>, Handle<Expression>)>,
     ) -> Result<Handle<Expression>> {
         let old = &self.module.functions[function];
-        let one = if self.rewriting.real.width == 8 { Literal::F64(1.0) } else { Literal::F32(1.0) };
-        let one = back.append(Expression::Literal(one));
+        let one = back.append(real_literal(self.rewriting.real, 1.0));
         let noted = self.global(FORWARD_NOTED)?;
         let real = self.module.global_variables[noted].ty;
         let noted = back.append(Expression::GlobalVariable(noted));
@@ -286,23 +285,4 @@ fn operands(expression: &Expression) -> Vec<Handle<Expression>> {
         }
         _ => Vec::new(),
     }
-}
-
-fn inner_blocks(statement: &Statement) -> Box<dyn Iterator<Item = &Block> + '_> {
-    match statement {
-        Statement::Block(block) => Box::new(std::iter::once(block)),
-        Statement::If { accept, reject, .. } => Box::new([accept, reject].into_iter()),
-        Statement::Switch { cases, .. } => Box::new(cases.iter().map(|case| &case.body)),
-        Statement::Loop { body, continuing, .. } => Box::new([body, continuing].into_iter()),
-        _ => Box::new(std::iter::empty()),
-    }
-}
-
-/// The functions that a block calls.
-fn called(block: &Block) -> Vec<Handle<Function>> {
-    let of = |statement: &Statement| match statement {
-        Statement::Call { function, .. } => vec![*function],
-        other => inner_blocks(other).flat_map(called).collect(),
-    };
-    block.iter().flat_map(of).collect()
 }

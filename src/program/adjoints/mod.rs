@@ -31,9 +31,11 @@ use crate::error::{Error, Result};
 use crate::program::adjoints::names::{ADD_UP, BACK, WRITE};
 use crate::program::adjoints::silent::silent;
 use crate::program::adjoints::transposing::Transposing;
+use crate::program::statements::called;
 use crate::program::tangents::function::called_as_before;
+use crate::program::tangents::rewriting::NewFunction;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga::{Block, Function, Handle, Module, Scalar, Span, Statement};
+use naga::{Function, Handle, Module, Scalar, Span, Statement};
 use std::collections::HashSet;
 
 /// The entry point that walks rays back.
@@ -80,7 +82,7 @@ impl Transposing<'_> {
         let mut late = HashSet::new();
         for (handle, function) in module.functions.iter() {
             let name = self.name(handle);
-            if is_declared(name, function) || calls_one_of(&function.body, &late) {
+            if is_declared(name, function) || called(&function.body).iter().any(|callee| late.contains(callee)) {
                 late.insert(handle);
             } else {
                 self.append_plain(handle);
@@ -108,7 +110,7 @@ impl Transposing<'_> {
     /// Appends a function that takes the place of an old one.
     fn append(&mut self, old: Handle<Function>, new: Function) {
         let plain = self.rewriting.new.functions.append(new, Span::UNDEFINED);
-        let new = crate::program::tangents::rewriting::NewFunction { plain, with_tangents: None };
+        let new = NewFunction { plain, with_tangents: None };
         self.rewriting.functions.insert(old, new);
     }
 
@@ -116,17 +118,4 @@ impl Transposing<'_> {
         let plain = called_as_before(&self.rewriting, &self.module.functions[handle]);
         self.append(handle, plain);
     }
-}
-
-fn calls_one_of(block: &Block, some: &HashSet<Handle<Function>>) -> bool {
-    block.iter().any(|statement| match statement {
-        Statement::Call { function, .. } => some.contains(function),
-        Statement::Block(inner) => calls_one_of(inner, some),
-        Statement::If { accept, reject, .. } => calls_one_of(accept, some) || calls_one_of(reject, some),
-        Statement::Switch { cases, .. } => cases.iter().any(|case| calls_one_of(&case.body, some)),
-        Statement::Loop { body, continuing, .. } => {
-            calls_one_of(body, some) || calls_one_of(continuing, some)
-        }
-        _ => false,
-    })
 }

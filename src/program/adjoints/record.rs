@@ -1,6 +1,6 @@
 //! What the way forward records for the way back.
 
-use naga::{AddressSpace, Expression, Function, Handle, Statement, Type, TypeInner};
+use naga::{Expression, Function, Handle, Statement, Type};
 use std::collections::HashMap;
 
 /// A statement of the old function, by its address.
@@ -18,9 +18,4 @@ pub(super) struct Record {
     /// Calls whose functions have a way back, by their statements: the half that goes forward, and the member that holds its
     /// record.
     pub(super) calls: HashMap<usize, (Handle<Function>, Option<u32>)>,
-}
-
-/// A pointer to what a function keeps for its way back.
-pub(super) fn pointer_to(base: Handle<Type>) -> TypeInner {
-    TypeInner::Pointer { base, space: AddressSpace::Function }
 }

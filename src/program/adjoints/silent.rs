@@ -1,5 +1,6 @@
 //! A module that adds nothing to sums: the reverse pass traces light again, and only its adjoints are wanted.
 
+use crate::program::statements::inner_blocks_mut;
 use naga::{AddressSpace, Block, Expression, Function, GlobalVariable, Handle, Module, Statement};
 use std::collections::HashSet;
 
@@ -42,22 +43,12 @@ fn root_of(function: &Function, pointer: Handle<Expression>) -> Option<Handle<Gl
 
 fn without_writes(block: Block, writes: &HashSet<Handle<Expression>>) -> Block {
     let mut out = Block::new();
-    let inner = |block: &mut Block| *block = without_writes(std::mem::take(block), writes);
     for (mut statement, span) in block.span_into_iter() {
         match &mut statement {
             Statement::Atomic { .. } => continue,
             Statement::Store { pointer, .. } if writes.contains(pointer) => continue,
-            Statement::Block(block) => inner(block),
-            Statement::If { accept, reject, .. } => {
-                inner(accept);
-                inner(reject);
-            }
-            Statement::Switch { cases, .. } => cases.iter_mut().for_each(|case| inner(&mut case.body)),
-            Statement::Loop { body, continuing, .. } => {
-                inner(body);
-                inner(continuing);
-            }
-            _ => {}
+            other => inner_blocks_mut(other)
+                .for_each(|block| *block = without_writes(std::mem::take(block), writes)),
         }
         out.push(statement, span);
     }

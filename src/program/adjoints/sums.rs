@@ -5,7 +5,7 @@ use crate::program::adjoints::layout::{Layout, add_chains, bound};
 use crate::program::adjoints::names::CUT_LOOPS;
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::adjoints::writer::Writer;
-use crate::program::statements::Write;
+use crate::program::statements::{Write, real_literal};
 use naga::{
     AddressSpace, ArraySize, BinaryOperator, Block, Expression, Function, GlobalVariable, Handle, Literal,
     Span, Statement, TypeInner,
@@ -42,8 +42,7 @@ impl Transposing<'_> {
         let sums = self.sums_variable(layout)?;
         let module = self.module;
         let real = self.rewriting.real;
-        let is_number = self.function("is_number")?;
-        let is_number = self.plain(is_number);
+        let is_number = self.rewriting.plain("is_number")?;
         let noted = self.global("noted")?;
         let real_type = module.global_variables[noted].ty;
         let mut twins: Vec<_> = bound(module).collect();
@@ -89,8 +88,7 @@ impl Transposing<'_> {
         for (index, value) in values.iter().enumerate() {
             add(&mut writer, index, *value, &mut accept);
         }
-        let one = Expression::Literal(if real.width == 8 { Literal::F64(1.0) } else { Literal::F32(1.0) });
-        let one = writer.append(one);
+        let one = writer.append(real_literal(real, 1.0));
         add(&mut writer, values.len(), one, &mut reject);
         writer.body.push(Statement::If { condition, accept, reject }, Span::UNDEFINED);
         let mut zeroed: Vec<_> =

@@ -33,8 +33,8 @@ pub(super) fn is_pointer(inner: &TypeInner) -> bool {
 pub(super) struct Transposed {
     /// As the function was; a last argument points to the record, if there is one.
     pub(super) forward: Handle<Function>,
-    /// Takes the record (if there is one), then for each argument that points to reals a pointer to their adjoints, then the
-    /// adjoint of the result (if this varies). Gives the adjoints of the arguments.
+    /// Takes for each argument that points to reals a pointer to their adjoints, then the adjoint of the result (if this
+    /// varies), then the record (if there is one). Gives the adjoints of the arguments.
     pub(super) back: Handle<Function>,
     /// The type of the record.
     pub(super) record: Option<Handle<Type>>,

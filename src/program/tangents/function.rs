@@ -1,7 +1,7 @@
 //! Rewrites one function, with tangents beside its reals.
 
 use crate::error::Result;
-use crate::program::statements::{Rewrite, Write};
+use crate::program::statements::{Rewrite, Write, inner_blocks_mut, real_literal};
 use crate::program::tangents::rewriting::{Rewriting, unknown};
 use crate::program::tangents::rules::{DEPOSIT, Rule, rule};
 use naga::valid::FunctionInfo;
@@ -32,19 +32,7 @@ fn rename_calls(shared: &Rewriting, block: &mut Block) {
     for (statement, _) in block.span_iter_mut() {
         match statement {
             Statement::Call { function, .. } => *function = shared.functions[function].plain,
-            Statement::Block(inner) => rename_calls(shared, inner),
-            Statement::If { accept, reject, .. } => {
-                rename_calls(shared, accept);
-                rename_calls(shared, reject);
-            }
-            Statement::Switch { cases, .. } => {
-                cases.iter_mut().for_each(|case| rename_calls(shared, &mut case.body));
-            }
-            Statement::Loop { body, continuing, .. } => {
-                rename_calls(shared, body);
-                rename_calls(shared, continuing);
-            }
-            _ => {}
+            other => inner_blocks_mut(other).for_each(|inner| rename_calls(shared, inner)),
         }
     }
 }
@@ -223,10 +211,7 @@ impl Rewriter<'_, '_> {
     }
 
     fn literal(&mut self, value: f64) -> Value {
-        self.append(Expression::Literal(match self.shared.real.width {
-            8 => Literal::F64(value),
-            _ => Literal::F32(value as f32),
-        }))
+        self.append(real_literal(self.shared.real, value))
     }
 
     fn values(&mut self, old: &[Value]) -> Result<Vec<Value>> {

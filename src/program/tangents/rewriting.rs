@@ -1,10 +1,11 @@
 //! The state of rewriting a module, which all its functions share.
 
 use crate::error::{Error, Result};
+use crate::program::statements::called;
 use crate::program::tangents::rules::rule;
 use naga::valid::ModuleInfo;
 use naga::{
-    AddressSpace, Block, Function, GlobalVariable, Handle, Module, ResourceBinding, Scalar, Span, Statement,
+    AddressSpace, Block, Function, GlobalVariable, Handle, Module, ResourceBinding, Scalar, Span,
     StorageAccess, Type, TypeInner,
 };
 use std::collections::HashMap;
@@ -26,6 +27,15 @@ pub(in crate::program) struct NewFunction {
     pub(in crate::program) plain: Handle<Function>,
     /// With tangents; none if no real goes in or out of it.
     pub(in crate::program) with_tangents: Option<Handle<Function>>,
+}
+
+/// True of a variable that shaders do not write for the host, nor share between invocations.
+pub(in crate::program) fn is_read(variable: &GlobalVariable) -> bool {
+    match variable.space {
+        AddressSpace::Private | AddressSpace::Uniform => true,
+        AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
+        _ => false,
+    }
 }
 
 /// The new module as it grows. Types, constants and variables keep their handles.
@@ -76,12 +86,7 @@ impl<'a> Rewriting<'a> {
         let num_twins = self.num * uniforms().filter(|(_, variable)| self.has_reals(variable.ty)).count();
         let are_uniforms = uniforms().count() + num_twins <= MOST_UNIFORMS;
         for (handle, variable) in self.old.global_variables.iter() {
-            let is_read = match variable.space {
-                AddressSpace::Private | AddressSpace::Uniform => true,
-                AddressSpace::Storage { access } => !access.contains(StorageAccess::STORE),
-                _ => false,
-            };
-            if !is_read || !self.has_reals(variable.ty) {
+            if !is_read(variable) || !self.has_reals(variable.ty) {
                 continue;
             }
             let twins = (1..=self.num as u32).map(|number| {
@@ -148,20 +153,9 @@ impl<'a> Rewriting<'a> {
     }
 
     fn calls_with_tangents(&self, block: &Block) -> bool {
-        block.iter().any(|statement| match statement {
-            Statement::Call { function, .. } => {
-                let name = self.old.functions[*function].name.as_deref().unwrap_or_default();
-                rule(name).is_some() || self.functions[function].with_tangents.is_some()
-            }
-            Statement::Block(inner) => self.calls_with_tangents(inner),
-            Statement::If { accept, reject, .. } => {
-                self.calls_with_tangents(accept) || self.calls_with_tangents(reject)
-            }
-            Statement::Switch { cases, .. } => cases.iter().any(|case| self.calls_with_tangents(&case.body)),
-            Statement::Loop { body, continuing, .. } => {
-                self.calls_with_tangents(body) || self.calls_with_tangents(continuing)
-            }
-            _ => false,
+        called(block).into_iter().any(|function| {
+            let name = self.old.functions[function].name.as_deref().unwrap_or_default();
+            rule(name).is_some() || self.functions[&function].with_tangents.is_some()
         })
     }
 }
