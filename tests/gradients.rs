@@ -21,6 +21,20 @@ fn oracle() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/oracle/gradients")
 }
 
+/// The text of a scene of the oracle, and what Torch says of it.
+fn of_oracle(name: &str) -> (String, Value) {
+    let read = |end: &str| std::fs::read_to_string(oracle().join(format!("{name}{end}"))).unwrap();
+    (read(".scene.json"), serde_json::from_str(&read(".json")).unwrap())
+}
+
+/// Changes a shader, which must have a text, to have another instead.
+fn planted<'t>(name: &'t str, text: &'t str, wrong: &'t str) -> impl Fn(String) -> String + 't {
+    move |wgsl: String| {
+        assert!(wgsl.contains(text), "{name}: the shader has no `{text}`");
+        wgsl.replace(text, wrong)
+    }
+}
+
 fn differentiated(text: &str, names: &[&str]) -> Differentiated {
     let names: Vec<String> = names.iter().map(|name| name.to_string()).collect();
     Differentiated::new(text, &oracle(), &[], &names, |_| Ok(())).unwrap()
@@ -55,9 +69,7 @@ fn derivatives_are_those_of_torch() {
     let mut num_compared = 0;
     for path in &files {
         let name = path.file_name().unwrap().to_str().unwrap().trim_end_matches(".scene.json");
-        let text = std::fs::read_to_string(path).unwrap();
-        let theirs = std::fs::read_to_string(oracle().join(format!("{name}.json"))).unwrap();
-        let theirs: Value = serde_json::from_str(&theirs).unwrap();
+        let (text, theirs) = of_oracle(name);
         let all = theirs["parameters"].as_object().unwrap();
         let names: Vec<&str> = all.keys().map(String::as_str).collect();
         let options = TraceOptions {
@@ -576,7 +588,7 @@ fn what_has_no_derivative_is_refused_by_name() {
 /// Errors planted in the text of derivatives: the oracle by the same draws finds each of them.
 #[test]
 fn planted_errors_are_found() {
-    let planted = [
+    let errors = [
         ("absorbing_singlet", "glass.k", "exp_real(-absorption * distance)", "exp_real(-absorption)"),
         ("absorbing_singlet", "glass.n", "before * (share / detached(share))", "before"),
         (
@@ -604,15 +616,10 @@ fn planted_errors_are_found() {
         ),
         ("ghosts", "glass.n", "reflected / p, reflects", "reflected, reflects"),
     ];
-    for (name, parameter, text, wrong) in planted {
-        let scene = std::fs::read_to_string(oracle().join(format!("{name}.scene.json"))).unwrap();
-        let theirs = std::fs::read_to_string(oracle().join(format!("{name}.json"))).unwrap();
-        let theirs: Value = serde_json::from_str(&theirs).unwrap();
+    for (name, parameter, text, wrong) in errors {
+        let (scene, theirs) = of_oracle(name);
         let scene = differentiated(&scene, &[parameter]);
-        let edit = |wgsl: String| {
-            assert!(wgsl.contains(text), "{name}: the shader has no `{text}`");
-            wgsl.replace(text, wrong)
-        };
+        let edit = planted(name, text, wrong);
         let options = zoo::options(2000, 1, Precision::F64);
         let how = How { edit: Some(&edit), ..How::default() };
         let found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
@@ -625,17 +632,17 @@ fn planted_errors_are_found() {
 }
 
 /// Adjoints of all cells of all detectors, which differ from cell to cell.
-fn some_adjoints(ir: &SceneIr) -> Vec<Vec<f64>> {
+fn some_adjoints(scene: &Differentiated) -> Vec<Vec<f64>> {
     let of = |(number, num): (usize, usize)| {
         (0..num).map(|cell| ((number * 7 + cell * 13) % 17) as f64 / 8.0 - 0.9).collect()
     };
-    ir.detectors.iter().map(|detector| detector.num_cells().max(1)).enumerate().map(of).collect()
+    scene.adjoint_lengths().enumerate().map(of).collect()
 }
 
 /// The gradients of a loss back, then forward: by the same draws.
 fn back_and_forward(text: &str, names: &[&str], options: &TraceOptions) -> [LossGradient; 2] {
     let scene = differentiated(text, names);
-    let adjoints = some_adjoints(&scene.ir);
+    let adjoints = some_adjoints(&scene);
     [false, true].map(|forward| {
         let how = How { forward, ..How::default() };
         scene.loss_gradient(zoo::gpu(), options, how, &adjoints, |_| true).unwrap()
@@ -691,7 +698,7 @@ fn the_way_back_has_the_precision_of_the_tier() {
     let of = |precision| {
         let scene = differentiated(BENCH, &["L1.r1", "glass.n", "image.z"]);
         let options = zoo::options(2000, 5, precision);
-        let adjoints = some_adjoints(&scene.ir);
+        let adjoints = some_adjoints(&scene);
         scene.loss_gradient(zoo::gpu(), &options, How::default(), &adjoints, |_| true).unwrap().values
     };
     let exact = of(Precision::F64);
@@ -711,7 +718,7 @@ fn the_way_back_has_the_same_bits_however_it_is_gone() {
     let options = zoo::options(5000, 2, Precision::F64);
     let of = |gpu, names: &[&str], options: &TraceOptions| {
         let scene = differentiated(BENCH, names);
-        let adjoints = some_adjoints(&scene.ir);
+        let adjoints = some_adjoints(&scene);
         let found = scene.loss_gradient(gpu, options, How::default(), &adjoints, |_| true).unwrap();
         found.values[names.iter().position(|name| *name == "L1.r1").unwrap()]
     };
@@ -759,7 +766,7 @@ fn check_scene(name: &str) -> (usize, Option<String>) {
     let Ok(scene) = of(&names) else { return (0, None) };
     // More events than the way back keeps at once.
     let options = TraceOptions { max_depth: 40, ..zoo::options(500, 3, Precision::F64) };
-    let adjoints = some_adjoints(&scene.ir);
+    let adjoints = some_adjoints(&scene);
     let [back, forward] = [false, true].map(|forward| {
         let how = How { forward, ..How::default() };
         scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap()
@@ -828,9 +835,7 @@ fn long_paths_are_walked_back_in_parts() {
 
 #[test]
 fn errors_planted_in_the_way_back_are_found() {
-    let oracle_scene =
-        |name: &str| std::fs::read_to_string(oracle().join(format!("{name}.scene.json"))).unwrap();
-    let planted = [
+    let errors = [
         ("singlet", "L.r1", "(*ray).position -= select(", "(*ray).position += select("),
         ("singlet", "L.r1", "last_hit = Hit((*kept).distances[at],", "last_hit = Hit(0.0,"),
         ("singlet", "glass.n", "(*ray).fresnel = stream_before((*ray).fresnel);", ""),
@@ -847,20 +852,17 @@ fn errors_planted_in_the_way_back_are_found() {
         ("deep", "above.reflectance", "event % NUM_KEPT", "min(event, NUM_KEPT - 1u)"),
         ("deep", "above.reflectance", "left = first;", "left = 0u;"),
     ];
-    for (name, parameter, text, wrong) in planted {
+    for (name, parameter, text, wrong) in errors {
         let scene = match name {
             "deep" => DEEP.to_owned(),
             "bench" => BENCH.to_owned(),
             "scattering_telescope" => include_str!("../scenes/scattering_telescope.json").to_owned(),
-            name => oracle_scene(name),
+            name => of_oracle(name).0,
         };
         let scene = differentiated(&scene, &[parameter]);
         let options = TraceOptions { max_depth: 40, ..zoo::options(2000, 1, Precision::F64) };
-        let adjoints = some_adjoints(&scene.ir);
-        let edit = |wgsl: String| {
-            assert!(wgsl.contains(text), "{name}: the shader has no `{text}`");
-            wgsl.replace(text, wrong)
-        };
+        let adjoints = some_adjoints(&scene);
+        let edit = planted(name, text, wrong);
         let of = |edit: Option<&dyn Fn(String) -> String>| {
             let how = How { edit, ..How::default() };
             scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap().values[0]

@@ -86,11 +86,10 @@ def jacobian(scene: NSQScene | str | os.PathLike[str], parameters: Sequence[str]
         UsageError: A name of nothing, or a number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
     """
-    names = _named(parameters)
-    text, called, folder = _text_of(scene)
+    names, text, where = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
-    answer = session.request(text, options, timeout=timeout, name=called, gradient=names, folder=folder)
+    answer = session.request(text, options, timeout=timeout, gradient=names, **where)
     warn_of(answer.report, answer.missed_target)
     return of_answer(answer)
 
@@ -136,11 +135,10 @@ def loss_gradient(scene: NSQScene | str | os.PathLike[str], parameters: Sequence
         UsageError: A name of nothing, or a number by which nothing can be differentiated.
         NsqGpuError: One of its other subclasses, by what went wrong.
     """
-    names = _named(parameters)
-    text, called, folder = _text_of(scene)
+    names, text, where = _asked(scene, parameters)
     session = shared_session(find_binary(binary), adapter)
     options = {"num_rays": int(num_rays), "seed": int(seed), "max_depth": int(max_depth), "precision": precision}
-    answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, name=called, folder=folder)
+    answer = session.loss_gradient(text, options, names, adjoints, timeout=timeout, **where)
     warn_of_lost(answer["num_lost"])
     found = LossGradient(zip(names, answer["values"], strict=True))
     found.why_forward = answer["why_forward"]
@@ -153,19 +151,16 @@ def warn_of_lost(num_lost: int) -> None:
         warn(f"{num_lost} derivatives were no numbers, or too large: they are missing", ResultWarning)
 
 
-def _named(parameters: Sequence[str]) -> list[str]:
+def _asked(scene: NSQScene | str | os.PathLike[str],
+           parameters: Sequence[str]) -> tuple[list[str], str, dict[str, str | None]]:
+    """Return names of parameters, the text of a scene, and what errors call the scene and where its files are."""
     names = list(parameters)
     if not names:
         raise UsageError('name a parameter, such as "L1.r1"')
-    return names
-
-
-def _text_of(scene: NSQScene | str | os.PathLike[str]) -> tuple[str, str, str | None]:
-    """Return the text of a scene, what errors call it, and the folder of its files."""
     if isinstance(scene, NSQScene):
-        return to_json(export(scene).document, indent=None), EXPORTED, None
+        return names, to_json(export(scene).document, indent=None), {"name": EXPORTED, "folder": None}
     path = Path(scene)
-    return path.read_text(encoding="utf-8"), str(path), str(path.parent.resolve())
+    return names, path.read_text(encoding="utf-8"), {"name": str(path), "folder": str(path.parent.resolve())}
 
 
 def of_answer(answer: Answer) -> Jacobian:

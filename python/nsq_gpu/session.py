@@ -195,12 +195,10 @@ class Session:
             NsqGpuError: One of its subclasses, by what went wrong.
             TraceTimeoutError: The trace took longer than ``timeout`` [s], and was cancelled.
         """
-        header = {"request": "trace", "scene": scene, "name": name, "options": self._with_own(options),
-                  "set": dict(numbers or {}), "progress": progress is not None}
+        header = self._header(scene, options, name, folder)
+        header |= {"set": dict(numbers or {}), "progress": progress is not None}
         if gradient:
             header |= {"gradient": list(gradient), "gradient_errors": gradient_errors}
-        if folder is not None:
-            header["folder"] = folder
         if self._live is not None:
             header["live"] = self._live
         child = self._running()
@@ -218,15 +216,15 @@ class Session:
             NsqGpuError: One of its subclasses, by what went wrong.
         """
         arrays = {detector: _npy(array) for detector, array in adjoints.items()}
-        header = {"request": "trace", "scene": scene, "name": name, "options": self._with_own(options),
-                  "gradient": list(parameters), "adjoints": [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]}
-        if folder is not None:
-            header["folder"] = folder
+        sizes = [{"detector": detector, "bytes": len(array)} for detector, array in arrays.items()]
+        header = self._header(scene, options, name, folder) | {"gradient": list(parameters), "adjoints": sizes}
         return self._running().ask(header, timeout, None, b"".join(arrays.values()))[0]
 
-    def _with_own(self, options: Mapping[str, Any]) -> Json:
-        """Return options as they are sent, with those of the session where they say nothing."""
-        return {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
+    def _header(self, scene: str | Json, options: Mapping[str, Any], name: str | None, folder: str | None) -> Json:
+        """Return the header of a request to trace, with options of the session where ``options`` say nothing."""
+        named = {"precision": self._precision, **({} if self._strict else {"strict": "off"}), **as_written(options)}
+        header = {"request": "trace", "scene": scene, "name": name, "options": named}
+        return header if folder is None else header | {"folder": folder}
 
     def hello(self) -> Json:
         """Return what the process says of itself: its version, its adapter, how many shaders it keeps."""

@@ -1,5 +1,5 @@
 // What a derivative sees of a trace, and where it goes. The functions of the loop that are named here take the place of the
-// plain ones, which have other names then (program::wgsl::tangents). Without derivatives nothing of this is in the text.
+// plain ones, which have other names then (program::wgsl::derivatives). Without derivatives nothing of this is in the text.
 //
 // Decisions and draws are detached: their values are those of the plain trace, and no derivative goes through them. The
 // weight of a ray is attached: where a branch was drawn with a probability p, the weight carries p / detached(p), whose

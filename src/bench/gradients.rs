@@ -70,8 +70,7 @@ pub fn measure(gpu: &Gpu, case: &Case, precision: Precision, num_runs: usize) ->
     let shelf = Shelf::new();
     let how = How { shelf: Some(&shelf), ..How::default() };
     let mut plain = Tracer::plain(gpu, &scenes[0].ir, &options)?;
-    let adjoints: Vec<Vec<f64>> =
-        scenes[1].ir.detectors.iter().map(|detector| vec![1.0; detector.num_cells().max(1)]).collect();
+    let adjoints: Vec<Vec<f64>> = scenes[1].adjoint_lengths().map(|num| vec![1.0; num]).collect();
     let mut times = [const { Vec::new() }; 4];
     // The first round compiles.
     for round in 0..=num_runs {

@@ -12,12 +12,12 @@ use crate::engine::tangents::as_composed;
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::{Precision, SceneIr};
+use crate::program::RayRange;
 use crate::program::adjoints::{Layout, NUM_OTHER_SUMS};
 use crate::program::layout::bindings;
 use crate::program::layout::reals::put_real;
 use crate::program::parsed::Parsed;
 use crate::program::wgsl::extension::NoExtension;
-use crate::program::{Program, RayRange};
 use naga::Scalar;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -159,11 +159,6 @@ impl<'a> Walker<'a> {
             found.push(Walked { numbers: sums, noted: others[0], num_lost: others[1] as u64 });
         }
         Ok(found)
-    }
-
-    /// The program, for what it says of its cells.
-    pub(crate) fn program(&self) -> &Program {
-        &self.plan.program
     }
 }
 

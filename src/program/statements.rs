@@ -3,8 +3,8 @@
 
 use crate::error::Result;
 use naga::{
-    AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Literal, Range, Scalar, Span, Statement,
-    SwitchCase,
+    AtomicFunction, BinaryOperator, Block, Expression, Function, Handle, Literal, Range, Scalar, Span,
+    Statement, SwitchCase,
 };
 
 /// A function that is written.

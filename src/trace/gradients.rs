@@ -211,19 +211,9 @@ impl Differentiated {
         how: How,
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<(Vec<Gradient>, Tally)> {
+        let options = self.traced_options(options);
         let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
-            let tangents =
-                Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
-            let fluxes = || self.ir.sources.iter().map(|source| source.total_flux).collect();
-            let options = TraceOptions {
-                live: true,
-                // Each source launches as many rays in all scenes about this one.
-                shares: options.shares.clone().or_else(|| Some(fluxes())),
-                standard_error: StandardError::Off,
-                tangents: Some(Arc::new(tangents)),
-                ..options.clone()
-            };
             let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done))?;
             done_before += options.num_rays;
             found.extend(of_pass.0);
@@ -280,76 +270,71 @@ impl Differentiated {
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<LossGradient> {
         self.check_adjoints(adjoints)?;
-        let ir = &self.ir;
-        let fluxes: Vec<f64> = ir.sources.iter().map(|source| source.total_flux).collect();
-        let options = TraceOptions {
-            live: true,
-            shares: options.shares.clone().or(Some(fluxes.into())),
-            standard_error: StandardError::Off,
-            paths: RecordPaths::None,
-            path_table: false,
-            ..options.clone()
-        };
-        let mut found = LossGradient {
-            values: vec![0.0; self.parameters.len()],
-            num_lost: 0,
-            num_forward: 0,
-            why_forward: None,
-        };
-        let mut forward: Vec<usize> = (0..self.parameters.len()).collect();
+        let options =
+            TraceOptions { paths: RecordPaths::None, path_table: false, ..self.traced_options(options) };
+        let all = 0..self.parameters.len();
+        let mut found =
+            LossGradient { values: vec![0.0; all.len()], num_lost: 0, num_forward: 0, why_forward: None };
         let mut done_before = 0;
-        let walked = (!how.forward).then(|| {
-            let walker = Walker::new(gpu, ir, &options, how.shelf, how.edit)?;
-            self.walk_back(&walker, &options, adjoints, &mut found, &mut keep_going)
-        });
-        match walked.unwrap_or_else(|| Ok(forward.clone())) {
-            Ok(left) => {
-                forward = left;
-                done_before = options.num_rays;
-            }
-            Err(error @ Error::NoWayBack(_)) => found.why_forward = Some(error.to_string()),
-            Err(error) => return Err(error),
-        }
+        let forward: Vec<usize> = match how.forward {
+            true => all.collect(),
+            false => match self.walk_back(gpu, &options, how, adjoints, &mut found, &mut keep_going) {
+                Err(error @ Error::NoWayBack(_)) => {
+                    found.why_forward = Some(error.to_string());
+                    all.collect()
+                }
+                left => {
+                    done_before = options.num_rays;
+                    left?
+                }
+            },
+        };
         found.num_forward = forward.len();
         for numbers in forward.chunks(MOST_PARAMETERS) {
             let parameters: Vec<Scaled> =
                 numbers.iter().map(|number| self.parameters[*number].clone()).collect();
-            let tangents =
-                Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
-            let options = TraceOptions { tangents: Some(Arc::new(tangents)), ..options.clone() };
             let how = How { without_errors: true, ..how };
             let sums = self.pass(gpu, &options, how, &parameters, |done| keep_going(done_before + done))?.1;
             done_before += options.num_rays;
             for (at, (number, scaled)) in numbers.iter().zip(&parameters).enumerate() {
-                let chain = Chain::of(ir, scaled, sums.launched.count)?;
-                for (detector, adjoints) in sums.detectors.iter().zip(adjoints) {
-                    let num_cells = detector.quanta.len().max(1);
-                    let tangents = detector.tangents.get(at * num_cells..).unwrap_or_default();
-                    let quanta = if detector.quanta.is_empty() {
-                        vec![detector.total().quanta]
-                    } else {
-                        detector.quanta.clone()
-                    };
-                    for ((tangent, quanta), adjoint) in tangents.iter().zip(quanta).zip(adjoints) {
-                        found.values[*number] += adjoint * chain.of_flux(*tangent, quanta);
-                    }
-                }
+                let chain = Chain::of(&self.ir, scaled, sums.launched.count)?;
+                found.values[*number] = chain.of_loss(&sums, at, adjoints);
             }
             found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
         }
         Ok(found)
     }
 
+    /// Options as derivatives are traced with.
+    fn traced_options(&self, options: &TraceOptions) -> TraceOptions {
+        let fluxes = || self.ir.sources.iter().map(|source| source.total_flux).collect();
+        TraceOptions {
+            live: true,
+            // Each source launches as many rays in all scenes about this one.
+            shares: options.shares.clone().or_else(|| Some(fluxes())),
+            standard_error: StandardError::Off,
+            ..options.clone()
+        }
+    }
+
+    /// The number of each detector's cells, as [`Differentiated::loss_gradient`] takes their adjoints.
+    pub fn adjoint_lengths(&self) -> impl Iterator<Item = usize> {
+        self.ir.detectors.iter().map(|detector| detector.num_cells().max(1))
+    }
+
     /// Walks rays back, and gives the numbers of the parameters that have no reverse pass.
     fn walk_back(
         &self,
-        walker: &Walker,
+        gpu: &Gpu,
         options: &TraceOptions,
+        how: How,
         adjoints: &[Vec<f64>],
         found: &mut LossGradient,
         keep_going: &mut dyn FnMut(u64) -> bool,
     ) -> Result<Vec<usize>> {
-        let cells = &walker.program().cells;
+        let walker = Walker::new(gpu, &self.ir, options, how.shelf, how.edit)?;
+        let program = &walker.plan.program;
+        let cells = &program.cells;
         let first = cells.detectors.first().copied().unwrap_or(cells.num_cells);
         let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, value| largest.max(value.abs()));
         // A power of two, so that no digit is lost; reals of 32 bits hold the quotients.
@@ -363,7 +348,7 @@ impl Differentiated {
         }
         let parameters: Vec<Parameter> =
             self.parameters.iter().map(|scaled| scaled.parameter.clone()).collect();
-        let slopes = slopes(options, walker.program(), &walker.first, &parameters)?;
+        let slopes = slopes(options, program, &walker.first, &parameters)?;
         let has_no_way = |slopes: &Numbers| {
             let is_known = |binding: u32| walker.layout.buffers.iter().any(|(known, _)| *known == binding);
             slopes
@@ -420,28 +405,26 @@ impl Differentiated {
                 ndarray::Dimension::slice(&shape),
             )));
         }
-        match given.iter().find(|value| !value.is_finite()) {
-            Some(value) => Err(Error::Usage(format!(
-                "an adjoint of `{}` is {value}; give finite numbers",
-                shown(&detector.name)
-            ))),
-            None => Ok(given.iter().copied().collect()),
-        }
+        Ok(given.iter().copied().collect())
     }
 
     fn check_adjoints(&self, adjoints: &[Vec<f64>]) -> Result<()> {
-        let wanted: Vec<usize> =
-            self.ir.detectors.iter().map(|detector| detector.num_cells().max(1)).collect();
+        let wanted: Vec<usize> = self.adjoint_lengths().collect();
         let given: Vec<usize> = adjoints.iter().map(Vec::len).collect();
         if wanted != given {
             return Err(Error::Usage(format!(
                 "the adjoints of a loss have {given:?} numbers by detector; give {wanted:?}"
             )));
         }
-        match adjoints.iter().flatten().find(|value| !value.is_finite()) {
-            Some(value) => {
-                Err(Error::Usage(format!("an adjoint of the loss is {value}; give finite numbers")))
-            }
+        let mut all = self.ir.detectors.iter().zip(adjoints);
+        let wrong = all.find_map(|(detector, adjoints)| {
+            adjoints.iter().find(|value| !value.is_finite()).map(|value| (detector, value))
+        });
+        match wrong {
+            Some((detector, value)) => Err(Error::Usage(format!(
+                "an adjoint of `{}` is {value}; give finite numbers",
+                shown(&detector.name)
+            ))),
             None => Ok(()),
         }
     }
@@ -455,6 +438,9 @@ impl Differentiated {
         mut keep_going: impl FnMut(u64) -> bool,
     ) -> Result<(Vec<Gradient>, Tally)> {
         let ir = &self.ir;
+        let tangents =
+            Tangents { parameters: parameters.iter().map(|scaled| scaled.parameter.clone()).collect() };
+        let options = &TraceOptions { tangents: Some(Arc::new(tangents)), ..options.clone() };
         let mut tracer = match (how.shelf, how.edit) {
             (Some(shelf), _) => Tracer::on_shelf(gpu, ir, options, shelf)?,
             (None, Some(edit)) => Tracer::plain_edited(gpu, ir, options, edit)?,
@@ -608,6 +594,20 @@ impl Chain {
     fn of_flux(&self, tangent: i128, quanta: u128) -> f64 {
         let [unit, slope] = self.unit;
         unit * (tangent as f64 * QUANTUM) / self.size + slope * (quanta as f64 * QUANTUM)
+    }
+
+    /// What a loss gains by a unit of the parameter of this number, from what the loss gains by a watt in each cell.
+    fn of_loss(&self, tally: &Tally, number: usize, adjoints: &[Vec<f64>]) -> f64 {
+        let mut gain = 0.0;
+        for (detector, adjoints) in tally.detectors.iter().zip(adjoints) {
+            let total = [detector.total().quanta];
+            let quanta = if detector.quanta.is_empty() { &total } else { &detector.quanta[..] };
+            let tangents = detector.tangents.get(number * quanta.len()..).unwrap_or_default();
+            for ((tangent, quanta), adjoint) in tangents.iter().zip(quanta).zip(adjoints) {
+                gain += adjoint * self.of_flux(*tangent, *quanta);
+            }
+        }
+        gain
     }
 
     /// The derivatives of a detector's fluxes, then of all cells of maps, by the parameter of this number.

@@ -179,8 +179,7 @@ impl<'a> Job<'a> {
             )));
         }
         let scene = self.differentiated()?;
-        let mut of_all: Vec<Vec<f64>> =
-            scene.ir.detectors.iter().map(|detector| vec![0.0; detector.num_cells().max(1)]).collect();
+        let mut of_all: Vec<Vec<f64>> = scene.adjoint_lengths().map(|num| vec![0.0; num]).collect();
         for (name, adjoints) in adjoints {
             let known = scene.ir.detectors.iter().position(|detector| detector.name == *name);
             let known = known

@@ -5,9 +5,7 @@ use crate::program::adjoints::adjoint::Adjoint;
 use crate::program::adjoints::back::Back;
 use crate::program::adjoints::names::no_way_back;
 use crate::program::statements::Write;
-use naga::{
-    BinaryOperator, Block, Expression, Handle, MathFunction, ScalarKind, TypeInner, UnaryOperator,
-};
+use naga::{BinaryOperator, Block, Expression, Handle, MathFunction, ScalarKind, TypeInner, UnaryOperator};
 
 type Value = Handle<Expression>;
 

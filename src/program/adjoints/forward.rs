@@ -123,9 +123,7 @@ impl Forward<'_, '_> {
         let mut kept = None;
         let function = match (rule(self.shared.name(function)), self.record.calls.get(&key_of(statement))) {
             (Some(Rule::Note), _) => return Ok(()),
-            (Some(Rule::Recalled(name)), _) => {
-                self.shared.rewriting.plain(name)?
-            }
+            (Some(Rule::Recalled(name)), _) => self.shared.rewriting.plain(name)?,
             (_, Some((forward, member))) => {
                 if let Some(member) = member {
                     // Pointers to members cannot be given to functions.

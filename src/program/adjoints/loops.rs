@@ -13,8 +13,8 @@ use crate::program::tangents::function::rewrite_function;
 use crate::program::tangents::rewriting::NewFunction;
 use crate::program::tangents::rules::rule;
 use naga::{
-    BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Span,
-    Statement, Type, TypeInner,
+    BinaryOperator, Block, Expression, Function, FunctionArgument, FunctionResult, Handle, Span, Statement,
+    Type, TypeInner,
 };
 use std::collections::HashMap;
 

@@ -82,7 +82,9 @@ impl Transposing<'_> {
         let mut late = HashSet::new();
         for (handle, function) in module.functions.iter() {
             let name = self.name(handle);
-            if is_declared(name, function) || called(&function.body).iter().any(|callee| late.contains(callee)) {
+            if is_declared(name, function)
+                || called(&function.body).iter().any(|callee| late.contains(callee))
+            {
                 late.insert(handle);
             } else {
                 self.append_plain(handle);

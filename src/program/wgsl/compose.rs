@@ -35,7 +35,7 @@ impl Composition<'_> {
         text.composed("program::wgsl::bins", &self.bins(extension));
         text.composed("program::wgsl::dispatch", &self.dispatch()?);
         self.follow_paths(&mut text);
-        self.tell_tangents(&mut text)?;
+        self.tell_derivatives(&mut text)?;
         text.composed("program::layout::numbers", &self.numbers.declaration());
         self.sums.cut(bindings::declared(&text.into_string()))
     }

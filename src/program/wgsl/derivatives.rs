@@ -23,7 +23,7 @@ const MOST_DEPOSITS: f64 = (1_u64 << 23) as f64;
 
 impl Composition<'_> {
     /// Makes the functions of the loop tell derivatives, if there are any to tell.
-    pub(super) fn tell_tangents(&self, text: &mut Text) -> Result<()> {
+    pub(super) fn tell_derivatives(&self, text: &mut Text) -> Result<()> {
         let num = self.options.tangents;
         if !self.options.has_derivatives() {
             return Ok(());
@@ -53,7 +53,7 @@ impl Composition<'_> {
             constants.bool("HAS_BULK_ABSORPTION", features.bulk_absorption);
             constants.bool("WEIGHTS_VARY", !features.keeps_weight);
         }
-        text.composed("program::wgsl::tangents", constants.text());
+        text.composed("program::wgsl::derivatives", constants.text());
         text.file(shader!("derivatives/seen.wgsl"));
         text.file(match num {
             0 => shader!("derivatives/adjoints.wgsl"),
@@ -66,7 +66,7 @@ impl Composition<'_> {
             });
         }
         text.files(some().map(|(.., file)| *file));
-        text.composed("program::wgsl::tangents", &self.crossing_step()?);
+        text.composed("program::wgsl::derivatives", &self.crossing_step()?);
         Ok(())
     }
 
