@@ -864,7 +864,8 @@ fn errors_planted_in_the_way_back_are_found() {
         let adjoints = some_adjoints(&scene);
         let edit = planted(name, text, wrong);
         let of = |edit: Option<&dyn Fn(String) -> String>| {
-            let how = How { edit, ..How::default() };
+            // An error may leave nothing, as if the parameter acted at edges alone.
+            let how = How { edit, with_edges: true, ..How::default() };
             scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap().values[0]
         };
         let (right, found) = (of(None), of(Some(&edit)));
@@ -901,42 +902,43 @@ fn coefficients_of_aspheres_have_derivatives() {
                 "aperture_radius": 10.0}, "cs": {}, "interaction": "refractive", "material_back": {"type": "medium", "name": "glass"}},
             {"name": "back", "shape": {"type": "plane", "width": 40, "height": 40}, "interaction": "refractive",
                 "material_front": {"type": "medium", "name": "glass"}, "cs": {"z": 5.0}}]}}"#;
-    let names = ["front.coefficients.1", "front.coefficients.2", "front.radius"];
+    // The first coefficient is 0, the second of the usual size.
+    let names = ["front.coefficients.0", "front.coefficients.1", "front.coefficients.2", "front.radius"];
     let options = zoo::options(50_000, 5, Precision::F64);
     assert_eq!(check_back("asphere", text, &names, &options, 1e-11), 0);
-    let scene = differentiated(text, &names[..1]);
-    let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
-    let (map, errors) = (found[0].map.as_ref().unwrap(), found[0].map_errors.as_ref().unwrap());
-    let step = 4e-7;
-    let at = |value: f64| {
-        let numbers = [(names[0].to_string(), value)];
-        nsq_gpu::Scene::with_numbers(text, Path::new(""), &numbers).unwrap().lower().unwrap()
-    };
-    let more = at(2e-5 + step);
-    let pair = nsq_gpu::trace::difference::Pair::new(&more, at(2e-5 - step)).unwrap();
-    let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
-    let theirs = difference.detectors[0].map.as_ref().unwrap();
-    let mut seen = 0;
-    for (((ours, own), theirs), error) in
-        map.iter().zip(errors).zip(&theirs.values).zip(theirs.errors.as_ref().unwrap())
-    {
-        let sigma = own.hypot(error / (2.0 * step));
-        assert!((ours - theirs / (2.0 * step)).abs() <= 4.5 * sigma, "{ours} {theirs}");
-        seen += u32::from(ours.abs() > 5.0 * own);
+    for (name, value, step) in [(names[0], 0.0, 2e-6), (names[1], 2e-5, 4e-7)] {
+        let found = differentiated(text, &[name]).gradients(zoo::gpu(), &options, How::default(), |_| true);
+        let found = found.unwrap().0;
+        let (map, errors) = (found[0].map.as_ref().unwrap(), found[0].map_errors.as_ref().unwrap());
+        let at = |value: f64| {
+            let numbers = [(name.to_string(), value)];
+            nsq_gpu::Scene::with_numbers(text, Path::new(""), &numbers).unwrap().lower().unwrap()
+        };
+        let more = at(value + step);
+        let pair = nsq_gpu::trace::difference::Pair::new(&more, at(value - step)).unwrap();
+        let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
+        let theirs = difference.detectors[0].map.as_ref().unwrap();
+        let mut seen = 0;
+        for (((ours, own), theirs), error) in
+            map.iter().zip(errors).zip(&theirs.values).zip(theirs.errors.as_ref().unwrap())
+        {
+            let sigma = own.hypot(error / (2.0 * step));
+            assert!((ours - theirs / (2.0 * step)).abs() <= 4.5 * sigma, "{name}: {ours} {theirs}");
+            seen += u32::from(ours.abs() > 5.0 * own);
+        }
+        assert!(seen > 5, "the derivative by {name} shows in {seen} pixels alone");
     }
-    assert!(seen > 5, "the derivative shows in {seen} pixels alone");
-    let zero = Differentiated::new(text, &oracle(), &[], &["front.coefficients.0".into()], |_| Ok(()));
-    assert!(zero.unwrap_err().to_string().contains("give it a small value"));
 }
 
-/// A larger lens lets more of a wide beam through: the interior sees nothing of that, and a difference sees it. Of light that stays
-/// clear of edges, both see the same.
+/// A larger lens lets more of a wide beam through: the interior sees nothing of that, and a difference sees it. So it is refused,
+/// unless the difference is asked for. Of light that stays clear of edges, both see the same.
 #[test]
 fn what_crosses_edges_is_told_on_request() {
     let options = TraceOptions { num_rays: 100_000, ..zoo::options(0, 5, Precision::F64) };
     let of = |text: &str, name: &str| {
         let scene = differentiated(text, &[name]);
-        let mut found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
+        let how = How { with_edges: true, ..How::default() };
+        let mut found = scene.gradients(zoo::gpu(), &options, how, |_| true).unwrap().0;
         scene.add_edges(zoo::gpu(), &options, &mut found, |_| true).unwrap();
         found.swap_remove(0)
     };
@@ -947,8 +949,22 @@ fn what_crosses_edges_is_told_on_request() {
     assert!(clear.flux.abs() > 5.0 * sigma, "{clear:?}");
     let wide = BENCH.replace("\"aperture_radius\": 8.0", "\"aperture_radius\": 20.0");
     assert_ne!(wide, BENCH);
-    let rim = of(&wide, "L1.front_aperture_radius");
+    let name = "L1.front_aperture_radius";
+    let rim = of(&wide, name);
     let edges = rim.with_edges.unwrap();
     assert_eq!(rim.flux, 0.0);
     assert!(edges.flux > 5.0 * edges.standard_error.unwrap(), "{rim:?}");
+    let asked = |text: &str| {
+        let scene = differentiated(text, &[name]);
+        let maps = scene.gradients(zoo::gpu(), &options, How::default(), |_| true);
+        let loss =
+            scene.loss_gradient(zoo::gpu(), &options, How::default(), &some_adjoints(&scene), |_| true);
+        (maps.map(|(maps, _)| maps[0].flux), loss.map(|loss| loss.values[0]))
+    };
+    let (maps, loss) = asked(&wide);
+    for error in [maps.unwrap_err(), loss.unwrap_err()] {
+        assert!(error.to_string().contains("`L1.front_aperture_radius` acts at edges alone"), "{error}");
+    }
+    // No light meets the rim.
+    assert_eq!(asked(BENCH), (Ok(0.0), Ok(0.0)));
 }

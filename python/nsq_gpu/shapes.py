@@ -147,6 +147,8 @@ class _Sag(ConicGeometry):
         sag, along_x, along_y = self._sag_and_gradient(place[0], place[1])
         rate = directions[:, 2] - along_x * directions[:, 0] - along_y * directions[:, 1]
         t = t - be.where(met, (place[2] - sag) / be.where(rate == 0.0, be.ones_like(rate), rate), be.zeros_like(rate))
+        # The normal is that of the place after the step: it has the derivatives of the place.
+        _, along_x, along_y = self._sag_and_gradient(*(origins[:, axis] + t * directions[:, axis] for axis in range(2)))
         length = (1.0 + along_x * along_x + along_y * along_y) ** 0.5
         outward = be.stack([-along_x / length, -along_y / length, 1.0 / length], axis=1)
         against = be.where((directions * outward).sum(axis=1, keepdims=True) > 0, -outward, outward)

@@ -15,18 +15,26 @@ torch = pytest.importorskip("torch")
 
 import optiland.backend as be  # noqa: E402
 from optiland.coordinate_system import CoordinateSystem  # noqa: E402
+from optiland.materials.base import BaseMaterial  # noqa: E402
 from optiland.nonsequential import (  # noqa: E402
     CollimatedSourceConfig,
     IrradianceDetectorConfig,
     LensConfig,
+    NSQMaterial,
     NSQScene,
     Spectrum,
 )
 from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
 from optiland.nonsequential.bsdf import HarveyShackBSDF  # noqa: E402
+from optiland.nonsequential.components.absorbing import AbsorbingComponent  # noqa: E402
+from optiland.nonsequential.components.geometry.analytic.annulus import AnnularPlaneGeometry  # noqa: E402
+from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry  # noqa: E402
+from optiland.nonsequential.components.refractive import RefractiveComponent  # noqa: E402
+from optiland.nonsequential.materials.nsq_material import VACUUM  # noqa: E402
 
 import nsq_gpu  # noqa: E402
 from nsq_gpu.bsdf import ABg, KCorrelation  # noqa: E402
+from nsq_gpu.shapes import EvenAsphere  # noqa: E402
 from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
 from tests.test_bsdf import lens_and_mirror  # noqa: E402
@@ -119,15 +127,86 @@ def torch_in_f64() -> None:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("case", [case for case in make_gradients.CASES if not case.unnamed], ids=lambda case: case.name)
 def test_gradients_are_those_of_torch(case: Any, torch_in_f64: None) -> None:
-    # A mirror's constant reflectance is attached by Torch only where it is a function.
-    values = {name: value for name, value in case.values.items() if name != "M.reflectance"}
-    build = case.build if values == case.values else (lambda tensors: case.build({**case.values, **tensors}))
+    check_gradients(case.build, case.values)
+
+
+def check_gradients(build: Any, values: dict[str, float], sizes: dict[str, float] | None = None) -> dict[str, float]:
+    """Compare with TorchBackend; each gradient counts as a change of its parameter by the parameter's size does."""
     loss, theirs = gradients_of(build, values, TorchBackend())
     found, ours = gradients_of(build, values, live.backend(precision="f64"))
     assert found == pytest.approx(loss, rel=1e-9)
-    size = max(abs(theirs[name] * values[name]) for name in values)
-    for name in values:
-        assert ours[name] * values[name] == pytest.approx(theirs[name] * values[name], abs=1e-8 * size), name
+    changes = {name: theirs[name] * (sizes or values)[name] for name in values}
+    most = max(map(abs, changes.values()))
+    for name, change in changes.items():
+        assert ours[name] * (sizes or values)[name] == pytest.approx(change, abs=1e-8 * most), name
+    return ours
+
+
+class Cauchy(BaseMaterial):
+    """n = A + B / wavelength^2."""
+
+    def __init__(self, a: Any, b: Any, k: Any = 0.0) -> None:
+        super().__init__()
+        self.a, self.b, self.k_value = a, b, k
+
+    def _calculate_n(self, wavelength: Any, **kwargs: Any) -> Any:
+        return self.a + self.b / wavelength**2
+
+    def _calculate_k(self, wavelength: Any, **kwargs: Any) -> Any:
+        return self.k_value * wavelength
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_gradients_of_a_dispersion_formula(torch_in_f64: None) -> None:
+    def build(p: dict[str, Any]) -> NSQScene:
+        scene = NSQScene()
+        make_gradients.beam(scene, wavelengths=(0.45, 0.55, 0.65))
+        scene.add_lens("L", CoordinateSystem(z=20.0), LensConfig(
+            r1=p["r1"], r2=-45.0, thickness=5.0, material=NSQMaterial(Cauchy(p["a"], p["b"], p["k"])), front_aperture_radius=10.0))
+        make_gradients.screen(scene, CoordinateSystem(x=1.2, y=-0.8, z=35.0))
+        return scene
+
+    check_gradients(build, {"r1": 60.0, "a": 1.5, "b": 0.005, "k": 1e-5})
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("as_one", [True, False])
+def test_gradients_of_an_asphere_that_begins_as_a_sphere(torch_in_f64: None, as_one: bool) -> None:
+    def build(p: dict[str, Any]) -> NSQScene:
+        coefficients = [p["A2"], p["A4"], p["A6"], 1e-9]
+        if as_one:
+            coefficients = torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in coefficients])
+        scene = NSQScene()
+        make_gradients.beam(scene)
+        glass = make_gradients.glass("glass", 1.52)
+        scene.add_component("front", RefractiveComponent(
+            CoordinateSystem(z=20.0), EvenAsphere(p["r1"], 0.0, 10.0, coefficients), VACUUM, glass))
+        scene.add_component("back", RefractiveComponent(CoordinateSystem(z=25.0), ConicGeometry(-45.0, 0.0, 10.0), glass, VACUUM))
+        make_gradients.screen(scene, CoordinateSystem(x=1.2, y=-0.8, z=35.0))
+        return scene
+
+    # Coefficients of 0, in sizes that move the rim by 0.1 mm.
+    sizes = {"r1": 60.0, "A2": 1e-3, "A4": 1e-5, "A6": 1e-7}
+    found = check_gradients(build, {"r1": 60.0, "A2": 0.0, "A4": 2e-6, "A6": 0.0}, sizes)
+    assert all(found.values())
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_acts_at_edges_alone_is_refused_backward(torch_in_f64: None) -> None:
+    def build(radius: Any) -> NSQScene:
+        scene = make_gradients.singlet({"L.r1": 60.0, "L.r2": -45.0, "glass.n": 1.52})
+        scene.add_component("stop", AbsorbingComponent(
+            CoordinateSystem(z=10.0), AnnularPlaneGeometry(radius, torch.tensor(20.0, dtype=torch.float64)), VACUUM))
+        return scene
+
+    radius = torch.tensor(2.5, dtype=torch.float64, requires_grad=True)
+    data = build(radius).trace(2000, seed=1, backend=live.backend(precision="f64")).detectors["screen"].data
+    with pytest.raises(nsq_gpu.UsageError, match="stop.inner_radius.*edges alone"):
+        data.sum().backward()
+    # No light meets the stop's edge: the derivative that is computed is 0.
+    radius = torch.tensor(8.0, dtype=torch.float64, requires_grad=True)
+    build(radius).trace(2000, seed=1, backend=live.backend(precision="f64")).detectors["screen"].data.sum().backward()
+    assert radius.grad == 0.0
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -206,7 +206,8 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         shown.update(&Status::of_rays(rays, num_rays, start.elapsed()));
         !stop.load(Ordering::Relaxed)
     };
-    let (mut gradients, tally) = differentiated.gradients(&gpu, &options, How::default(), &mut keep_going)?;
+    let how = How { with_edges: args.gradient_edges, ..How::default() };
+    let (mut gradients, tally) = differentiated.gradients(&gpu, &options, how, &mut keep_going)?;
     if args.gradient_edges {
         let done = differentiated.num_passes() * options.num_rays;
         differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays))?;

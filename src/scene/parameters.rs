@@ -2,8 +2,8 @@
 //! `screen.width` or `glass.n`.
 //!
 //! A name begins with that of a component, a surface, a source, a detector or a medium. It ends with a key of that
-//! entry, as the scene file has it; of a list follow the places of the number, from 0 on: `asphere.coefficients.1`. Names with
-//! dots are quoted: `"a.b".r1`.
+//! entry, as the scene file has it; keys of objects within it follow each other: `mirror.reflectance.values.0`. Of a list follow
+//! the places of the number, from 0 on: `asphere.coefficients.1`. Names with dots are quoted: `"a.b".r1`.
 
 use crate::error::{Error, Result};
 use crate::model::place::{did_you_mean, quoted, ticked};
@@ -184,10 +184,19 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
     let Some((last, entry)) = parts.split_last().filter(|(_, entry)| !entry.is_empty()) else {
         return Err(Error::Usage(format!("{} names no number; write it as in `L1.r1`", ticked(name))));
     };
-    let label = entry.join(".");
     let entries = entries(tree);
-    let mut named = entries.iter().filter(|(known, _)| *known == label);
-    if let Some((_, way)) = named.next() {
+    // Names of entries may have dots, and keys may lie within objects: the longest name of an entry counts.
+    for num_keys in 1..parts.len() {
+        let (label, keys) = parts.split_at(parts.len() - num_keys);
+        let label = label.join(".");
+        let mut named = entries.iter().filter(|(known, _)| *known == label);
+        let Some((_, way)) = named.next() else { continue };
+        let object =
+            [inner(tree, way, &keys[0]), keys[..num_keys - 1].iter().map(|name| key(name)).collect()];
+        let object = object.concat();
+        if num_keys > 1 && at(tree, &object).is_none() {
+            continue;
+        }
         if named.next().is_some() {
             return Err(Error::Usage(format!(
                 "{}: several entries are called {}; rename one",
@@ -195,8 +204,9 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
                 quoted(&label)
             )));
         }
-        return Ok(Place { object: inner(tree, way, last), key: last.clone(), items });
+        return Ok(Place { object, key: last.clone(), items });
     }
+    let label = entry.join(".");
     let known = entries.iter().map(|(name, _)| name.as_str());
     let advice = did_you_mean(&label, known);
     Err(Error::Usage(format!(
@@ -251,7 +261,7 @@ mod tests {
                 "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}],
                 "detectors": [{"name": "a.b", "cs": {}, "width": 4.0}],
                 "nsq_gpu": {"media": {"glass": {"type": "constant", "n": 1.5}, "table": {"n": [1.5, 1.6]}},
-                            "surfaces": [{"name": "A", "shape": {"coefficients": [0.0, 2e-6], "table": [[1.0, 2.0], [3.0, 4.0]]}}],
+                            "surfaces": [{"name": "A", "reflectance": {"values": [0.8, 0.9]}, "shape": {"coefficients": [0.0, 2e-6], "table": [[1.0, 2.0], [3.0, 4.0]]}}],
                             "overrides": {"L1.front": {"reflectance": 0.1}}}}"#,
         )
         .unwrap()
@@ -270,6 +280,8 @@ mod tests {
             ("L1.front.reflectance", 0.1),
             ("A.coefficients.1", 2e-6),
             ("A.table.1.0", 3.0),
+            ("A.reflectance.values.1", 0.9),
+            ("A.shape.table.0.1", 2.0),
         ] {
             assert_eq!(get(&tree, name), Ok(before), "{name}");
             set(&mut tree, name, before + 1.0).unwrap();
@@ -291,11 +303,16 @@ mod tests {
             ("table.n", "no single number"),
             ("L1.conic2", "does not give"),
             ("A.coefficients.2", "no number of a list"),
+            ("A.reflectance.value", "does not give"),
+            ("A.coating.reflectance", "nothing in the scene"),
             ("A.table.1", "no number of a list"),
             ("L1.r1.0", "no number of a list"),
         ] {
-            let found =
-                if name == "L1.conic2" { get(&tree, name).map(|_| ()) } else { set(&mut tree, name, 1.0) };
+            let found = if said == "does not give" {
+                get(&tree, name).map(|_| ())
+            } else {
+                set(&mut tree, name, 1.0)
+            };
             let error = found.unwrap_err().to_string();
             assert!(error.contains(said), "{name}: {error}");
         }

@@ -48,6 +48,10 @@ const FRAME_STEP: f64 = 1e-3;
 const NOISE: f64 = 1e-9;
 /// The weight of a quantum.
 const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
+/// A change of a coefficient that counts moves a shape by so much of its size.
+const MOVED: f64 = 1e-2;
+/// Rays of a trace that looks for what crosses edges, at most.
+const MOST_EDGE_RAYS: u64 = 10_000;
 /// Keys of positions and angles.
 const FRAME_KEYS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 
@@ -81,6 +85,8 @@ pub struct How<'a> {
     pub shelf: Option<&'a Shelf>,
     /// No standard errors, which short traces spend most of their time on.
     pub without_errors: bool,
+    /// A parameter may act at edges alone, such as where [`Differentiated::add_edges`] follows.
+    pub with_edges: bool,
     /// A loss is differentiated forward where it could be differentiated back: for tests and measurements.
     #[doc(hidden)]
     pub forward: bool,
@@ -134,17 +140,14 @@ impl Differentiated {
                     shown(name)
                 )));
             }
-            if value == 0.0 && key.parse::<usize>().is_ok() {
-                return Err(Error::Usage(format!(
-                    "`{}` is 0, which says nothing of the size of a change; give it a small value, such as 1e-9",
-                    shown(name)
-                )));
-            }
             let is_frame = FRAME_KEYS.contains(&key);
-            let size = match key {
-                _ if is_frame || value == 0.0 => 1.0,
-                _ if key.starts_with("conic") => value.abs().max(1.0),
-                _ => value.abs(),
+            let is_of_list = key.parse::<usize>().is_ok();
+            let by_shape = || size_by_shape(&ir, |change| Ok(read(&[(name.clone(), value + change)])?.0));
+            let size = match is_of_list.then(by_shape).flatten() {
+                Some(size) => size.max(value.abs()),
+                None if is_frame || value == 0.0 => 1.0,
+                None if key.starts_with("conic") => value.abs().max(1.0),
+                None => value.abs(),
             };
             let step = if is_frame { FRAME_STEP } else { STEP * size };
             let stencil = |points: &[(f64, f64)], sign: f64| -> Result<Vec<(f64, SceneIr)>> {
@@ -216,6 +219,12 @@ impl Differentiated {
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
             let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done))?;
             done_before += options.num_rays;
+            for scaled in parameters.iter().filter(|_| !how.with_edges) {
+                let mut rows = of_pass.0.iter().filter(|row| row.parameter == scaled.parameter.name);
+                if rows.all(Gradient::is_zero) {
+                    self.check_edges(gpu, &options, how, scaled, |_, _| true)?;
+                }
+            }
             found.extend(of_pass.0);
             sums = sums.or(Some(of_pass.1));
         }
@@ -302,7 +311,55 @@ impl Differentiated {
             }
             found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
         }
+        let is_asked = |value: f64| !how.with_edges && value == 0.0;
+        for (scaled, _) in self.parameters.iter().zip(&found.values).filter(|(_, value)| is_asked(**value)) {
+            self.check_edges(gpu, &options, how, scaled, |detector, cell| adjoints[detector][cell] != 0.0)?;
+        }
         Ok(found)
+    }
+
+    /// Refuses a parameter that acts at edges alone: whose derivatives are 0, while a change of it changes what detectors
+    /// record. `counts` is true of a cell of a detector that is looked at.
+    fn check_edges(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        how: How,
+        scaled: &Scaled,
+        counts: impl Fn(usize, usize) -> bool,
+    ) -> Result<()> {
+        let options = TraceOptions {
+            num_rays: options.num_rays.min(MOST_EDGE_RAYS),
+            tangents: None,
+            ..options.clone()
+        };
+        let Scaled { parameter, ends: (ends, _), .. } = scaled;
+        let traced = |end: usize| -> Result<Tally> {
+            let ir = &parameter.stencil[end].1;
+            match how.shelf {
+                Some(shelf) => Tracer::on_shelf(gpu, ir, &options, shelf)?.trace(|_| true),
+                None => Tracer::new(gpu, ir, &options)?.trace(|_| true),
+            }
+        };
+        let [more, less] = [traced(ends[0])?, traced(ends[1])?];
+        let mut difference = 0;
+        for (number, (more, less)) in more.detectors.iter().zip(&less.detectors).enumerate() {
+            let totals = [[more.total().quanta], [less.total().quanta]];
+            let [more, less] = match more.quanta.is_empty() {
+                true => totals.each_ref().map(|total| &total[..]),
+                false => [&more.quanta[..], &less.quanta[..]],
+            };
+            let cells = more.iter().zip(less).enumerate().filter(|(cell, _)| counts(number, *cell));
+            difference += cells.map(|(_, (more, less))| more.abs_diff(*less)).sum::<u128>();
+        }
+        if difference as f64 <= NOISE * more.launched.quanta as f64 {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "`{}` acts at edges alone, such as rims, stops, and the borders of pixels that take rays whole; derivatives do not \
+             see these: compare two scenes by `nsq-gpu diff`, or give detectors `\"splat\": \"bilinear\"`",
+            shown(&parameter.name)
+        )))
     }
 
     /// Options as derivatives are traced with.
@@ -500,6 +557,37 @@ fn unquoted(name: &str) -> String {
 fn is_radius(key: &str) -> bool {
     let digits = key.strip_prefix('r').unwrap_or_default();
     key == "radius" || !digits.is_empty() && digits.chars().all(|digit| digit.is_ascii_digit())
+}
+
+/// How large a change of a coefficient is one that counts: it moves points of a shape by [`MOVED`] of the shape's size. None if
+/// the number changes no shape. `with` gives the scene in which the number is so much larger.
+fn size_by_shape(ir: &SceneIr, with: impl Fn(f64) -> Result<SceneIr>) -> Option<f64> {
+    let moved = |there: &SceneIr| {
+        let surfaces = ir.surfaces.iter().zip(&there.surfaces);
+        let moved = surfaces.map(|(here, there)| {
+            let [here, there] = [here, there].map(|surface| surface.shape.samples());
+            let size = here.iter().map(|p| p.truncate().length()).fold(0.0, f64::max);
+            let most = here.iter().zip(&there).map(|(here, there)| here.distance(*there)).fold(0.0, f64::max);
+            most / size
+        });
+        moved.filter(|moved| moved.is_finite()).fold(0.0, f64::max)
+    };
+    let mut change = 1e-9;
+    // Powers as high as 20 of a size of 1000 mm are within reach.
+    for _ in 0..24 {
+        let there = with(change);
+        if let Ok(there) = &there
+            && ir.surfaces.iter().zip(&there.surfaces).all(|(here, there)| here.shape == there.shape)
+        {
+            return None;
+        }
+        match there.map(|there| moved(&there)) {
+            Ok(moved) if moved < 1e-6 => change *= 1e3,
+            Ok(moved) if moved <= MOVED => return Some(change * MOVED / moved),
+            _ => change *= 1e-3,
+        }
+    }
+    None
 }
 
 /// The error of a scene that a small change has made wrong.

@@ -91,20 +91,19 @@ def export_wanted(scene: NSQScene) -> ExportedScene:
     """
     with wanted_gradients():
         found = export(scene)
-    document = found.document
-    entries = [(entry["name"], entry) for key in ("components", "sources", "detectors") for entry in document[key]]
-    block = document.get("nsq_gpu", {})
-    entries += [(entry["name"], entry) for entry in block.get("surfaces", [])]
+    document, block = found.document, found.document.get("nsq_gpu", {})
+    lists = [*(document[key] for key in ("components", "sources", "detectors")), block.get("surfaces", [])]
+    entries = [(entry["name"], entry) for entries in lists for entry in entries]
     entries += [pair for key in ("media", "overrides") for pair in block.get(key, {}).items()]
     wanted = {}
     for name, entry in entries:
         label = f'"{name}"' if "." in name or "," in name else name
-        # The program looks for a key in these parts of an entry.
-        parts = [entry, *(entry[key] for key in _PARTS if isinstance(entry.get(key), dict))]
-        for part in parts:
-            wanted |= {f"{label}.{key}": value for key, value in part.items() if isinstance(value, Wanted)}
+        for way, value in _wanted_in(entry):
+            # The program looks for a key in these parts of an entry.
+            inner = way[1:] if way[0] in _PARTS and way[:2] != ["cs", "reference_cs"] else way
+            wanted[".".join([label, *inner])] = value
     named = {id(value) for value in wanted.values()}
-    for value in _wanted_in(document):
+    for _, value in _wanted_in(document):
         if id(value) not in named:
             raise refuse(value.place, "it has requires_grad=True, and there is no derivative by it: the number has no name",
                          "detach it")
@@ -115,11 +114,13 @@ def export_wanted(scene: NSQScene) -> ExportedScene:
 _PARTS = ("cs", "config", "shape", "bsdf", "coating")
 
 
-def _wanted_in(tree: Any) -> list[Wanted]:
+def _wanted_in(tree: Any, way: list[str] | None = None) -> list[tuple[list[str], Wanted]]:
+    """Return numbers that want gradients, with the keys, and the places in lists, that lead to them."""
+    way = way or []
     if isinstance(tree, Wanted):
-        return [tree]
-    items = tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ()
-    return [found for item in items for found in _wanted_in(item)]
+        return [(way, tree)]
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    return [found for key, item in items for found in _wanted_in(item, [*way, str(key)])]
 
 
 def _media_in(tree: Any) -> set[str]:

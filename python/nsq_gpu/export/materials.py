@@ -14,7 +14,7 @@ import optiland.backend as be
 from optiland.materials import IdealMaterial, Material
 from optiland.nonsequential import NSQMaterial
 
-from nsq_gpu.export.values import Json, number, refuse, refuse_gradient
+from nsq_gpu.export.values import Json, number, numbers, refuse
 
 #: The version of Optiland whose catalog the program holds: there, and only there, a name means the same entry.
 CATALOG_VERSION = "0.6.3"
@@ -50,15 +50,11 @@ class Media:
 
     def table(self, values: Any, place: str) -> list[float]:
         """Return one finite number per wavelength, from an array or a constant."""
-        refuse_gradient(values, place)
-        array = np.asarray(be.to_numpy(values), dtype=np.float64)
-        try:
-            array = np.broadcast_to(array.reshape(-1) if array.size > 1 else array.reshape(()),
-                                    (len(self.wavelengths),))
-        except ValueError:
-            raise refuse(place, f"{array.size} values for {len(self.wavelengths)} wavelengths",
-                         "return one value per wavelength") from None
-        return [number(value, place) for value in array.tolist()]
+        found = numbers(values, place)
+        count = len(self.wavelengths)
+        if len(found) not in (1, count):
+            raise refuse(place, f"{len(found)} values for {count} wavelengths", "return one value per wavelength")
+        return found * count if len(found) == 1 else found
 
     def wavelength_array(self) -> Any:
         """Return the wavelengths [um] as Optiland hands them to its materials."""

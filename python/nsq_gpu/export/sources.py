@@ -13,7 +13,7 @@ from optiland.nonsequential.sources.extended import ExtendedSource
 from optiland.nonsequential.sources.point import PointSource
 
 from nsq_gpu.export.materials import Media
-from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_type, rows
+from nsq_gpu.export.values import Json, coordinate_system, number, numbers, optional, refuse_gradient, refuse_type, rows
 from nsq_gpu.sources import Aim, PupilSource
 
 
@@ -26,6 +26,8 @@ def spectra(scene: NSQScene) -> list[Json]:
 def _spectrum(spectrum: Any, place: str) -> Json:
     if type(spectrum) is not Spectrum:
         raise refuse_type(place, "its spectrum", spectrum, "optiland's Spectrum")
+    # Which line a ray has is drawn, and draws have no derivatives.
+    refuse_gradient(spectrum.weights, f"{place}: weights")
     return {"wavelengths": numbers(spectrum.wavelengths, f"{place}: wavelengths"),
             "weights": numbers(spectrum.weights, f"{place}: weights")}
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
+import numpy as np
 import optiland.backend as be
 from optiland.coordinate_system import CoordinateSystem
 
@@ -48,13 +49,13 @@ def wanted_gradients() -> Iterator[None]:
         _are_wanted.reset(token)
 
 
-def _wants_gradient(value: object) -> bool:
+def wants_gradient(value: object) -> bool:
     return bool(getattr(value, "requires_grad", False))
 
 
 def refuse_gradient(value: object, place: str) -> None:
     """Refuse a tensor that wants a gradient."""
-    if _wants_gradient(value):
+    if wants_gradient(value):
         raise refuse(place, "it has requires_grad=True, and nothing is differentiated by it here",
                      "detach it, or trace with Optiland's TorchBackend")
 
@@ -70,7 +71,7 @@ def number(value: Any, place: str) -> float:
 def radius(value: Any, place: str) -> float:
     """Return a vertex radius [mm]; infinity, which JSON has no word for, becomes 0: both mean flat."""
     plain = _plain(value, place)
-    if math.isinf(plain) and _wants_gradient(value):
+    if math.isinf(plain) and wants_gradient(value):
         raise refuse(place, "it is infinite: a flat face has no derivative by its radius",
                      "give a large radius, such as 1e6, or detach it")
     return 0.0 if math.isinf(plain) else number(plain, place)
@@ -83,8 +84,10 @@ def optional(value: Any, place: str) -> float | None:
 
 def numbers(values: Any, place: str) -> list[float]:
     """Return a list of finite numbers."""
+    if _are_wanted.get() and wants_gradient(values):
+        return [number(value, place) for value in values.reshape(-1)]
     refuse_gradient(values, place)
-    return [number(value, place) for value in be.to_numpy(values).ravel().tolist()]
+    return [number(value, place) for value in np.asarray(be.to_numpy(values), dtype=np.float64).ravel().tolist()]
 
 
 def rows(values: Any, place: str) -> list[list[float]]:
@@ -99,7 +102,7 @@ def rows(values: Any, place: str) -> list[list[float]]:
 def _plain(value: Any, place: str) -> float:
     if isinstance(value, Wanted):
         return value
-    if _are_wanted.get() and _wants_gradient(value) and value.numel() == 1:
+    if _are_wanted.get() and wants_gradient(value) and value.numel() == 1:
         wanted = Wanted(value.item())
         wanted.tensor, wanted.place = value, place
         return wanted
