@@ -6,7 +6,7 @@
 # make test-long   the tests that take long, which `make test` leaves out (LONG_ARGS: some of them)
 # make gpu-report  what this machine's adapter does: agreement, bits, speed, into gpu-report-out/; wants no network
 # make test-random the comparison with NumPy on RANDOM_SCENES random scenes from RANDOM_SEED (`make test` has 37)
-# make test-torch  the comparison with Optiland's Torch backend (installs gigabytes)
+# make test-torch  the comparison with Optiland's Torch backend, and Optiland's own tests of gradients (installs gigabytes)
 # make docs        builds the pages as a site, .docs/site/index.html; a broken link fails
 # make test-drivers  the same bits from a second driver, SwiftShader, out of Debian's package chromium-common
 # make clean       removes what the others made
@@ -32,6 +32,9 @@ TEST_THREADS = $$(($$(nproc 2>/dev/null || echo 1) + 2))
 # NumPy computes in one thread. Neighbours stay together: they share what the reference traced.
 PYTEST_WORKERS = -n auto --maxprocesses 8 --dist worksteal
 SECOND_DRIVER = VK_ADD_DRIVER_FILES=$(abspath .drivers)/usr/lib/chromium/vk_swiftshader_icd.json
+# Optiland's own tests of gradients.
+OPTILANDS_TESTS = test_nsq_gradients test_nsq_geometric_gradients validation/test_gradient_absorption_k \
+	validation/test_gradient_scatter_fraction
 RANDOM_SCENES = 200
 LONG_ARGS =
 REPORT_ARGS =
@@ -95,9 +98,11 @@ test-random: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
 		../.venv/bin/python -m pytest $(PYTEST_WORKERS) tests/test_random.py
 
-test-torch: adapter .venv-torch/installed
+test-torch: adapter .venv-torch/installed .venv-torch/optiland
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py \
 		tests/test_export.py::test_torch_tensors_that_want_gradients_are_refused
+	cd .venv-torch/optiland && NSQ_GPU_BINARY=$(BINARY) PYTHONPATH=$(abspath python) ../bin/python -m pytest -rs -p tools.optilands_tests \
+		$(OPTILANDS_TESTS:%=tests/nonsequential/%.py)
 
 # For the commands alone: `adapter` looks for a driver without it.
 test-drivers: adapter .drivers/installed
@@ -132,6 +137,13 @@ rust-components:
 
 .venv-torch/installed: python/requirements-torch.txt python/requirements.txt
 	@$(call python_environment,.venv-torch,$<)
+
+# Tests are in Optiland's source package alone.
+.venv-torch/optiland: .venv-torch/installed
+	rm -rf $@ $@.part && mkdir $@.part
+	.venv-torch/bin/python -m pip download --quiet --disable-pip-version-check --no-deps --no-binary optiland -d $@.part \
+		"$$(.venv-torch/bin/python -m pip freeze | grep '^optiland==')"
+	tar -xzf $@.part/optiland-*.tar.gz --strip-components 1 -C $@.part && mv $@.part $@
 
 .venv-docs/installed: python/requirements-docs.txt
 	@$(call python_environment,.venv-docs,$<)

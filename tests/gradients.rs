@@ -142,16 +142,44 @@ const BENCH: &str = r#"{
     }
 }"#;
 
-/// What the bench with a number larger by a step has more than with the number as much smaller.
-fn central_difference(name: &str, step: f64, options: &TraceOptions) -> SceneDifference {
-    let value = nsq_gpu::Scene::numbers(BENCH, &[name.to_string()]).unwrap()[0];
+/// What a scene with a number larger by a step has more than with the number as much smaller.
+fn central_difference(text: &str, name: &str, step: f64, options: &TraceOptions) -> SceneDifference {
+    let value = nsq_gpu::Scene::numbers(text, &[name.to_string()]).unwrap()[0];
     let at = |value: f64| {
         let numbers = [(name.to_string(), value)];
-        nsq_gpu::Scene::with_numbers(BENCH, Path::new(""), &numbers).unwrap().lower().unwrap()
+        nsq_gpu::Scene::with_numbers(text, Path::new(""), &numbers).unwrap().lower().unwrap()
     };
     let (more, less) = (at(value + step), at(value - step));
     let pair = nsq_gpu::trace::difference::Pair::new(&more, less).unwrap();
     pair.difference(zoo::gpu(), options, None, |_| true).unwrap()
+}
+
+/// Compares the first detector's map with a difference of two traces, pixel by pixel, and gives in how many pixels the
+/// derivative shows. Pixels count that are not at the border, or all.
+fn check_difference(text: &str, name: &str, step: f64, options: &TraceOptions, has_border: bool) -> usize {
+    let scene = differentiated(text, &[name]);
+    let found = scene.gradients(zoo::gpu(), options, How::default(), |_| true).unwrap().0;
+    let difference = central_difference(text, name, step, options);
+    let (ours, theirs) = (&found[0], difference.detectors[0].map.as_ref().unwrap());
+    let (map, errors) = (ours.map.as_ref().unwrap(), ours.map_errors.as_ref().unwrap());
+    let [rows, columns] = [map.shape()[0], map.shape()[1]];
+    let (mut scores, mut num_seen) = (Vec::new(), 0);
+    let pixels = map.iter().zip(errors).zip(&theirs.values).zip(theirs.errors.as_ref().unwrap());
+    for (pixel, (((ours, own), theirs), error)) in pixels.enumerate() {
+        let (row, column) = (pixel / columns, pixel % columns);
+        let is_inside = |at: usize, num: usize| at > 0 && at + 1 < num;
+        if has_border && !(is_inside(row, rows) && is_inside(column, columns)) {
+            continue;
+        }
+        let sigma = own.hypot(error / (2.0 * step));
+        scores.push(if sigma > 0.0 { (ours - theirs / (2.0 * step)) / sigma } else { 0.0 });
+        num_seen += usize::from(ours.abs() > 5.0 * own);
+    }
+    let rms = (scores.iter().map(|score| score * score).sum::<f64>() / scores.len() as f64).sqrt();
+    let worst = scores.iter().fold(0.0, |worst: f64, score| worst.max(score.abs()));
+    // Both sides draw alike, so most differ by less than chance. One in a thousand tables of 64 pixels has a worse rms.
+    assert!(rms < 1.3 && worst < 4.5, "{name}: {rms} {worst}");
+    num_seen
 }
 
 /// Pixel by pixel, as far from differences of two traces as chance has it. The step is so large that the difference shows.
@@ -174,30 +202,133 @@ fn derivatives_are_those_of_differences() {
         ("beam.total_flux", 0.02),
         ("lamp.half_angle_deg", 0.05),
         ("lamp.x", 0.05),
+        ("lamp.width", 0.05),
         ("glass.n", 2e-3),
         ("smoked.k", 1e-6),
         ("\"filter.back\".z", 0.1),
         ("\"filter.front\".ry", 1e-2),
+        ("\"filter.back\".reflectance", 0.02),
+        ("\"filter.back\".transmittance", 0.02),
     ];
     for (name, step) in steps {
-        let scene = differentiated(BENCH, &[name]);
-        let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
-        let difference = central_difference(name, step, &options);
-        let (ours, theirs) = (&found[0], difference.detectors[0].map.as_ref().unwrap());
-        let (map, errors) = (ours.map.as_ref().unwrap(), ours.map_errors.as_ref().unwrap());
-        let mut scores = Vec::new();
-        for (((ours, own), theirs), error) in
-            map.iter().zip(errors).zip(&theirs.values).zip(theirs.errors.as_ref().unwrap())
-        {
-            let sigma = own.hypot(error / (2.0 * step));
-            scores.push(if sigma > 0.0 { (ours - theirs / (2.0 * step)) / sigma } else { 0.0 });
-        }
-        let rms = (scores.iter().map(|score| score * score).sum::<f64>() / scores.len() as f64).sqrt();
-        let worst = scores.iter().fold(0.0, |worst: f64, score| worst.max(score.abs()));
-        // Both sides draw alike, so most differ by less than chance. One in a thousand tables of 64 pixels has a worse rms.
-        assert!(rms < 1.3 && worst < 4.5, "{name}: {rms} {worst}");
-        let num_seen = map.iter().zip(errors).filter(|(value, error)| value.abs() > 5.0 * **error).count();
+        let num_seen = check_difference(BENCH, name, step, &options, false);
         assert!(num_seen > 20, "{name}: the derivative shows in {num_seen} pixels alone");
+    }
+    let simple = r#"{"type": "simple", "reflectance": 0.2, "transmittance": 0.7}"#;
+    let [low, high] = [
+        "[[0.2, 0.25, 0.5], [0.1, 0.15, 0.4], [0.3, 0.4, 0.5]]",
+        "[[0.7, 0.6, 0.4], [0.8, 0.7, 0.5], [0.6, 0.5, 0.4]]",
+    ];
+    let tabulated = format!(
+        r#"{{"type": "tabulated", "wavelengths": [0.4861, 0.5876, 0.6563], "angles": [0, 30, 90],
+        "reflectance": {low}, "transmittance": {high}, "reflectance_back": {low}, "transmittance_back": {high}}}"#
+    );
+    let text = BENCH.replace(simple, &tabulated);
+    assert_ne!(text, BENCH);
+    for name in ["\"filter.back\".reflectance.0.0", "\"filter.back\".transmittance.1.1"] {
+        let num_seen = check_difference(&text, name, 0.02, &options, false);
+        assert!(num_seen > 8, "{name}: the derivative shows in {num_seen} pixels alone");
+    }
+}
+
+/// A face of each shape whose crossings are searched, in light that stays clear of its rim.
+#[test]
+fn derivatives_of_shapes_are_those_of_differences() {
+    let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
+    for (shape, numbers) in [
+        (
+            r#""biconic", "radius_x": 30, "radius_y": 45, "conic_x": 0.5, "conic_y": -1"#,
+            &[("S.radius_x", 0.2), ("S.radius_y", 0.2), ("S.conic_x", 0.2)][..],
+        ),
+        (
+            r#""toroidal", "radius_x": 30, "radius_y": 45, "conic": 0.5, "coeffs_poly_y": [1e-3, 1e-6]"#,
+            &[("S.radius_x", 0.2), ("S.radius_y", 0.2), ("S.coeffs_poly_y.0", 5e-5)],
+        ),
+        (
+            r#""odd_asphere", "radius": 40, "conic": 0, "coefficients": [0.0, 1e-3, 2e-4]"#,
+            &[("S.radius", 0.2), ("S.coefficients.0", 1e-3), ("S.coefficients.2", 5e-6)],
+        ),
+        (
+            r#""polynomial", "radius": 40, "conic": 0, "coefficients": [[0, 0.01], [0.02, 1e-3]]"#,
+            &[("S.radius", 0.2), ("S.coefficients.1.0", 1e-3), ("S.coefficients.1.1", 1e-4)],
+        ),
+        (
+            r#""chebyshev", "radius": 40, "conic": 0, "norm_x": 12, "norm_y": 12, "coefficients": [[0, 0.05], [0.1, 0.05]]"#,
+            &[("S.radius", 0.2), ("S.norm_x", 0.2), ("S.coefficients.1.1", 0.01)],
+        ),
+        (
+            r#""zernike", "radius": 40, "conic": 0, "norm_radius": 12, "coefficients": [0, 0.1, 0, 0.05, 0.02, 0]"#,
+            &[("S.radius", 0.2), ("S.coefficients.4", 0.01), ("S.coefficients.5", 0.01)],
+        ),
+    ] {
+        let text = format!(
+            r#"{{"nsq_schema_version": 1, "components": [],
+            "sources": [{{"name": "beam", "type": "collimated", "total_flux": 1.0, "aperture_radius": 5.0,
+                "cs": {{"x": 0.5, "z": -20.0, "ry": 0.02}}, "spectrum": {{"wavelengths": [0.5], "weights": [1.0]}}}}],
+            "detectors": [{{"name": "image", "type": "irradiance", "width": 12.0, "height": 12.0, "num_pixels_x": 8,
+                "num_pixels_y": 8, "splat": "bilinear", "absorb": true, "cs": {{"z": 25.0}}}}],
+            "nsq_gpu": {{"version": 1, "media": {{"glass": {{"type": "constant", "n": 1.5, "k": 0.0}}}}, "surfaces": [
+                {{"name": "S", "shape": {{"type": {shape}, "aperture_radius": 10}}, "interaction": "refractive",
+                    "material_back": {{"type": "medium", "name": "glass"}}, "cs": {{}}}}]}}}}"#
+        );
+        for (name, step) in numbers {
+            let num_seen = check_difference(&text, name, *step, &options, false);
+            assert!(num_seen > 8, "{shape} {name}: the derivative shows in {num_seen} pixels alone");
+        }
+    }
+}
+
+/// A mirror and a plate that scatter towards a screen: each law has the derivatives of a difference. Light crosses the border of
+/// the screen, so pixels there do not count.
+#[test]
+fn derivatives_of_scattered_light_are_those_of_differences() {
+    let options = TraceOptions { num_rays: 400_000, ..zoo::options(0, 5, Precision::F64) };
+    let scene = |interaction: &str, bsdf: &str, [x, z]: [f64; 2]| {
+        format!(
+            r#"{{"nsq_schema_version": 1, "components": [],
+            "sources": [{{"name": "beam", "type": "collimated", "total_flux": 1.0, "aperture_radius": 1.0, "cs": {{"z": -10.0}},
+                "spectrum": {{"wavelengths": [0.5], "weights": [1.0]}}}}],
+            "detectors": [{{"name": "screen", "type": "irradiance", "width": 12.0, "height": 12.0, "num_pixels_x": 8,
+                "num_pixels_y": 8, "splat": "bilinear", "absorb": true, "cs": {{"x": {x}, "z": {z}, "ry": 0.5}}}}],
+            "nsq_gpu": {{"version": 1, "media": {{"glass": {{"type": "constant", "n": 1.5, "k": 0.0}}}}, "surfaces": [
+                {{"name": "S", "shape": {{"type": "plane", "width": 60, "height": 60}}, {interaction}, "scatter_fraction": 0.8,
+                    "bsdf": {bsdf}, "cs": {{"ry": 0.3}}}}]}}}}"#
+        )
+    };
+    let mirror = r#""interaction": "reflective", "reflectance": 0.9"#;
+    let face = r#""interaction": "refractive", "material_back": {"type": "medium", "name": "glass"}"#;
+    let harvey_shack = r#"{"type": "harvey_shack", "b0": 0.5, "l0": 0.2, "s": 2.2}"#;
+    let k_correlation = r#"{"type": "k_correlation", "b0": 0.3, "B": 5.0, "s": 2.5}"#;
+    let tabulated = r#"{"type": "tabulated", "theta_i": [0, 30, 90], "theta_s": [0, 20, 60, 90],
+        "bsdf": [[0.3, 0.2, 0.1, 0.0], [0.4, 0.3, 0.2, 0.1], [0.5, 0.3, 0.1, 0.1]]}"#;
+    let through = r#"{"type": "lambertian", "reflectance_value": 0.7, "transmissive_fraction": 0.6}"#;
+    let lambertian = r#"{"type": "lambertian", "reflectance_value": 0.7}"#;
+    for (interaction, bsdf, at, numbers) in [
+        (
+            mirror,
+            harvey_shack,
+            [-8.0, -12.0],
+            &[("S.l0", 5e-3), ("S.s", 0.05), ("S.ry", 2e-3), ("S.z", 0.1)][..],
+        ),
+        (mirror, k_correlation, [-8.0, -12.0], &[("S.B", 0.1), ("S.s", 0.05), ("S.scatter_fraction", 0.02)]),
+        (
+            mirror,
+            lambertian,
+            [-8.0, -12.0],
+            &[("S.reflectance_value", 0.02), ("S.ry", 2e-3), ("S.reflectance", 0.02)],
+        ),
+        (mirror, tabulated, [-8.0, -12.0], &[("S.bsdf.1.2", 0.02), ("S.bsdf.0.1", 0.02), ("S.ry", 2e-3)]),
+        (
+            face,
+            through,
+            [3.0, 12.0],
+            &[("S.transmissive_fraction", 0.02), ("S.scatter_fraction", 0.02), ("glass.n", 0.02)],
+        ),
+    ] {
+        for (name, step) in numbers {
+            let num_seen = check_difference(&scene(interaction, bsdf, at), name, *step, &options, true);
+            assert!(num_seen > 8, "{bsdf} {name}: the derivative shows in {num_seen} pixels alone");
+        }
     }
 }
 
@@ -469,7 +600,7 @@ fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
     for (name, step) in steps {
         let scene = differentiated(BENCH, &[name]);
         let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
-        let difference = central_difference(name, step, &options);
+        let difference = central_difference(BENCH, name, step, &options);
         let theirs = &difference.detectors[0];
         let (map, expected) =
             (found[0].map.as_ref().unwrap(), &theirs.map.as_ref().unwrap().values / (2.0 * step));
@@ -906,27 +1037,9 @@ fn coefficients_of_aspheres_have_derivatives() {
     let names = ["front.coefficients.0", "front.coefficients.1", "front.coefficients.2", "front.radius"];
     let options = zoo::options(50_000, 5, Precision::F64);
     assert_eq!(check_back("asphere", text, &names, &options, 1e-11), 0);
-    for (name, value, step) in [(names[0], 0.0, 2e-6), (names[1], 2e-5, 4e-7)] {
-        let found = differentiated(text, &[name]).gradients(zoo::gpu(), &options, How::default(), |_| true);
-        let found = found.unwrap().0;
-        let (map, errors) = (found[0].map.as_ref().unwrap(), found[0].map_errors.as_ref().unwrap());
-        let at = |value: f64| {
-            let numbers = [(name.to_string(), value)];
-            nsq_gpu::Scene::with_numbers(text, Path::new(""), &numbers).unwrap().lower().unwrap()
-        };
-        let more = at(value + step);
-        let pair = nsq_gpu::trace::difference::Pair::new(&more, at(value - step)).unwrap();
-        let difference = pair.difference(zoo::gpu(), &options, None, |_| true).unwrap();
-        let theirs = difference.detectors[0].map.as_ref().unwrap();
-        let mut seen = 0;
-        for (((ours, own), theirs), error) in
-            map.iter().zip(errors).zip(&theirs.values).zip(theirs.errors.as_ref().unwrap())
-        {
-            let sigma = own.hypot(error / (2.0 * step));
-            assert!((ours - theirs / (2.0 * step)).abs() <= 4.5 * sigma, "{name}: {ours} {theirs}");
-            seen += u32::from(ours.abs() > 5.0 * own);
-        }
-        assert!(seen > 5, "the derivative by {name} shows in {seen} pixels alone");
+    for (name, step) in [(names[0], 2e-6), (names[1], 4e-7)] {
+        let num_seen = check_difference(text, name, step, &options, false);
+        assert!(num_seen > 5, "the derivative by {name} shows in {num_seen} pixels alone");
     }
 }
 

@@ -1,12 +1,19 @@
-// Whether a ray scatters is drawn, and the share of the branch is attached to the weight. The plain function's weights of
-// branches undo the clipping of the fraction; their derivatives are those of the share.
+// Whether a ray scatters is drawn, and so is whether the lobe lies beyond the surface. The share of the branch is attached to
+// the weight. The plain function's weights of branches undo the clipping of the fraction; their derivatives are those of the
+// share.
 
 fn scatter(ray: ptr<function, Ray>, surface: Surface, n_geometric: vec3<real>, incoming: vec3<real>) {
-    let scatters = below(draw((*ray).key, SCATTER_BRANCH, (*ray).bounce), surface.scatter_fraction);
+    let key = (*ray).key;
+    let step = (*ray).bounce;
     scatter_of_value(ray, surface, n_geometric, incoming);
     if surface.bsdf != SMOOTH {
         let fraction = surface.scatter_fraction;
-        let share = select(1.0 - fraction, fraction, scatters);
+        let scatters = below(draw(key, SCATTER_BRANCH, step), fraction);
+        var share = select(1.0 - fraction, fraction, scatters);
+        if HAS_TRANSMISSIVE_LOBES && scatters {
+            let through = surface.transmissive_fraction;
+            share *= select(1.0 - through, through, below(draw(key, BSDF_LOBE_BRANCH, step), through));
+        }
         (*ray).weight *= attached(1.0, share / detached(share));
     }
 }

@@ -356,7 +356,7 @@ impl Differentiated {
             return Ok(());
         }
         Err(Error::Usage(format!(
-            "`{}` acts at edges alone, such as rims, stops, and the borders of pixels that take rays whole; derivatives do not \
+            "`{}` acts at edges alone, such as rims, stops, draws, and the borders of pixels that take rays whole; derivatives do not \
              see these: compare two scenes by `nsq-gpu diff`, or give detectors `\"splat\": \"bilinear\"`",
             shown(&parameter.name)
         )))
@@ -601,7 +601,9 @@ fn takes_undrawn(ir: &SceneIr, there: &SceneIr) -> bool {
     let appears = |here: f64, there: f64| here == 0.0 && there != 0.0;
     ir.surfaces.iter().zip(&there.surfaces).any(|(here, there)| {
         let scatter = here.scatter.as_ref().zip(there.scatter.as_ref()).is_some_and(|(here, there)| {
-            appears(here.fraction, there.fraction) || appears(1.0 - here.fraction, 1.0 - there.fraction)
+            let lobes = [&here.bsdf, &there.bsdf].map(|bsdf| bsdf.transmissive_fraction());
+            let shares = [[here.fraction, there.fraction], lobes];
+            shares.iter().any(|[here, there]| appears(*here, *there) || appears(1.0 - here, 1.0 - there))
         });
         let coatings = here
             .coating
