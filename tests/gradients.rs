@@ -1081,3 +1081,34 @@ fn what_crosses_edges_is_told_on_request() {
     // No light meets the rim.
     assert_eq!(asked(BENCH), (Ok(0.0), Ok(0.0)));
 }
+
+/// A trace that is stopped in its first pass gives derivatives of the rays that are done, scaled to all. One that is stopped later
+/// gives those of the passes that are done.
+#[test]
+fn a_stopped_trace_gives_what_is_done() {
+    let options = zoo::options(400_000, 5, Precision::F64);
+    let names = ["L1.r2", "L1.z", "L1.thickness", "image.z", "glass.n"];
+    let scene = differentiated(BENCH, &names);
+    let until =
+        |most: u64| scene.gradients(zoo::gpu(), &options, How::default(), |done| done < most).unwrap();
+    let (whole, _) = until(u64::MAX);
+    let (part, tally) = until(100_000);
+    assert!((50_000..=100_000).contains(&tally.launched.count), "{}", tally.launched.count);
+    assert_eq!(part.len(), 4);
+    for (part, whole) in part.iter().zip(&whole) {
+        assert_eq!(part.parameter, whole.parameter);
+        let error = part.standard_error.unwrap();
+        assert!((part.flux - whole.flux).abs() < 4.5 * error, "{part:?} {whole:?}");
+        // An error from 16 blocks is known to 18 %.
+        let times = error / whole.standard_error.unwrap();
+        assert!(
+            (1.0..4.0).contains(&times),
+            "{}: a quarter of the rays has {times} times the error",
+            part.parameter
+        );
+    }
+    let (first, tally) = until(500_000);
+    assert_eq!((first.as_slice(), tally.launched.count), (&whole[..4], 400_000));
+    let none = scene.gradients(zoo::gpu(), &options, How::default(), |_| false);
+    assert_eq!(none.unwrap_err(), nsq_gpu::Error::Interrupted);
+}

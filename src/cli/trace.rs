@@ -156,13 +156,7 @@ pub fn run(args: &Args, start: Instant) -> Result<String> {
     let extras = Printed { json: args.json, pictures: !args.no_pictures };
     let sums = || Checkpoint { identity, tally }.to_bytes().map(Some);
     let printed = deliver(&result, sums, args.output.as_deref(), extras)?;
-    match checkpointed.err().or_else(|| failure(&result)) {
-        None => Ok(printed),
-        Some(failure) => {
-            crate::cli::console::print(&printed)?;
-            Err(failure)
-        }
-    }
+    ended(printed, checkpointed.err().or_else(|| failure(&result)))
 }
 
 /// Traces with derivatives by numbers of these names, writes the files, and returns the text for stdout.
@@ -208,23 +202,46 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     };
     let how = How { with_edges: args.gradient_edges, ..How::default() };
     let (mut gradients, tally) = differentiated.gradients(&gpu, &options, how, &mut keep_going)?;
-    if args.gradient_edges {
+    let partial = tally.launched.count < options.num_rays;
+    let missing: Vec<&String> =
+        names.iter().filter(|name| gradients.iter().all(|row| row.parameter != **name)).collect();
+    let mut is_stopped = partial || !missing.is_empty();
+    if args.gradient_edges && !is_stopped {
         let done = differentiated.num_passes() * options.num_rays;
-        differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays))?;
+        let added = differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays));
+        is_stopped = added == Err(Error::Interrupted);
+        added.or_else(|error| if is_stopped { Ok(()) } else { Err(error) })?;
     }
     shown.finish();
+    let mut warnings = differentiated.warnings.clone();
+    warnings.extend(differentiated.notes(&options)?);
+    warnings.extend(
+        missing
+            .iter()
+            .map(|name| format!("stopped before the derivatives by `{}`", crate::format::shown(name))),
+    );
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
         precision_reason: choice.reason,
         precision_warning: choice.warning,
         trace_time_sec: start.elapsed().as_secs_f64(),
-        scene_warnings: differentiated.warnings.clone(),
+        scene_warnings: warnings,
+        partial,
+        stopped_by: is_stopped.then_some(StoppedBy::Interrupt),
         has_no_gpu: gpu.info.class.stands_in_for_gpu() && args.adapter.is_none(),
         ..options.run_info(&gpu.info)
     };
     let result = TraceResult { gradients, ..TraceResult::new(ir, &run, &tally)? };
     let printed = Printed { json: args.json, pictures: !args.no_pictures };
-    deliver(&result, || Ok(None), args.output.as_deref(), printed)
+    let printed = deliver(&result, || Ok(None), args.output.as_deref(), printed)?;
+    ended(printed, failure(&result))
+}
+
+/// The text for stdout; printed already where the command fails all the same.
+fn ended(printed: String, failure: Option<Error>) -> Result<String> {
+    let Some(failure) = failure else { return Ok(printed) };
+    crate::cli::console::print(&printed)?;
+    Err(failure)
 }
 
 /// A choice of precision, or one that is still being predicted.

@@ -189,21 +189,32 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
     for num_keys in 1..parts.len() {
         let (label, keys) = parts.split_at(parts.len() - num_keys);
         let label = label.join(".");
-        let mut named = entries.iter().filter(|(known, _)| *known == label);
-        let Some((_, way)) = named.next() else { continue };
-        let object =
-            [inner(tree, way, &keys[0]), keys[..num_keys - 1].iter().map(|name| key(name)).collect()];
-        let object = object.concat();
-        if num_keys > 1 && at(tree, &object).is_none() {
-            continue;
+        let ways: Vec<&[Step]> =
+            entries.iter().filter(|(known, _)| *known == label).map(|(_, way)| way.as_slice()).collect();
+        let object = |way: &&[Step]| -> Vec<Step> {
+            let inner = inner(tree, way, &keys[0]);
+            inner.into_iter().chain(keys[..num_keys - 1].iter().map(|name| key(name))).collect()
+        };
+        let mut objects: Vec<Vec<Step>> = ways.iter().map(object).collect();
+        // Entries of one name are told apart by the key: one has it, or could have it, in its frame or configuration.
+        let has = |object: &Vec<Step>| at(tree, object).is_some_and(|object| object.contains_key(last));
+        let could_have =
+            |object: &Vec<Step>| object.last().is_some_and(|step| [key("cs"), key("config")].contains(step));
+        if objects.iter().any(has) {
+            objects.retain(has);
+        } else if objects.iter().any(could_have) {
+            objects.retain(could_have);
         }
-        if named.next().is_some() {
+        if objects.len() > 1 {
             return Err(Error::Usage(format!(
                 "{}: several entries are called {}; rename one",
                 ticked(name),
                 quoted(&label)
             )));
         }
+        let Some(object) = objects.pop().filter(|object| num_keys == 1 || at(tree, object).is_some()) else {
+            continue;
+        };
         return Ok(Place { object, key: last.clone(), items });
     }
     let label = entry.join(".");
@@ -260,7 +271,7 @@ mod tests {
                 "components": [{"type": "lens", "name": "L1", "cs": {"z": 3.0}, "config": {"r1": 50.0, "material": "N-BK7"}}],
                 "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}],
                 "detectors": [{"name": "a.b", "cs": {}, "width": 4.0}],
-                "nsq_gpu": {"media": {"glass": {"type": "constant", "n": 1.5}, "table": {"n": [1.5, 1.6]}},
+                "nsq_gpu": {"media": {"glass": {"type": "constant", "n": 1.5}, "L1": {"n": 1.7}, "table": {"n": [1.5, 1.6]}},
                             "surfaces": [{"name": "A", "reflectance": {"values": [0.8, 0.9]}, "shape": {"coefficients": [0.0, 2e-6], "table": [[1.0, 2.0], [3.0, 4.0]]}}],
                             "overrides": {"L1.front": {"reflectance": 0.1}}}}"#,
         )
@@ -274,6 +285,7 @@ mod tests {
             ("L1.r1", 50.0),
             ("L1.z", 3.0),
             ("L1.rx", 0.0),
+            ("L1.n", 1.7),
             ("lamp.total_flux", 1.0),
             ("\"a.b\".width", 4.0),
             ("glass.n", 1.5),

@@ -1,6 +1,10 @@
 //! A trace in blocks of rays, each with sums of its own: the blocks' scatter tells errors.
 
+use crate::engine::budget::distribute;
+use crate::engine::options::TraceOptions;
 use crate::error::Result;
+use crate::format::shown;
+use crate::model::SceneIr;
 use crate::result::{FluxSum, Tally};
 use crate::trace::Tracer;
 
@@ -52,4 +56,22 @@ impl Blocks {
         self.done += 1;
         block
     }
+}
+
+/// What to say of sources that launch fewer rays than there are blocks.
+pub(crate) fn notes_of_few_rays(
+    ir: &SceneIr,
+    options: &TraceOptions,
+    num_blocks: u64,
+) -> Result<Vec<String>> {
+    let launched = distribute(ir, options.budget(), options.shares.as_deref())?;
+    let few = launched.iter().zip(&ir.sources).filter(|(rays, _)| rays.count < num_blocks);
+    let notes = few.map(|(rays, source)| {
+        format!(
+            "source `{}` launches {} rays, fewer than the {num_blocks} blocks: errors of its light are too large",
+            shown(&source.name),
+            rays.count
+        )
+    });
+    Ok(notes.collect())
 }

@@ -4,10 +4,8 @@
 //! blocks' differences gives the error ([`crate::result::difference::Spread`]). Of Sobol points, scrambles take the place of
 //! blocks.
 
-use crate::engine::budget::distribute;
 use crate::engine::options::{StandardError, TraceOptions};
 use crate::error::{Error, Result};
-use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::ray_id::NUM_REPLICATES;
 use crate::model::{PathFilter, SceneIr};
@@ -16,7 +14,7 @@ use crate::result::difference::{Pairing, Spread, with_sources_of};
 use crate::result::{DetectorTally, FluxSum, FluxUnit, RunInfo, SceneDifference, Tally};
 use crate::trace::Tracer;
 use crate::trace::auto_precision::{self, Choice, Wanted};
-use crate::trace::blocks::Blocks;
+use crate::trace::blocks::{Blocks, notes_of_few_rays};
 use std::sync::Arc;
 
 /// Blocks of rays: the error of an error is then 9 %.
@@ -129,15 +127,7 @@ impl<'a> Pair<'a> {
         let [a, b] = &sums;
         let mut found = pairing.difference([a, b], units, spreads.each_ref(), scale)?;
         if !is_sobol {
-            let launched = distribute(self.a, options[0].budget(), options[0].shares.as_deref())?;
-            let few = launched.iter().zip(&self.a.sources).filter(|(rays, _)| rays.count < num_blocks);
-            found.notes.extend(few.map(|(rays, source)| {
-                format!(
-                    "source `{}` launches {} rays, fewer than the {num_blocks} blocks: errors of its light are too large",
-                    shown(&source.name),
-                    rays.count
-                )
-            }));
+            found.notes.extend(notes_of_few_rays(self.a, &options[0], num_blocks)?);
         }
         let run = RunInfo { partial: done < num_rays, num_rays, ..options[0].run_info(&gpu.info) };
         Ok(SceneDifference { run, ..found })

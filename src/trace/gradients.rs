@@ -17,7 +17,7 @@ use crate::program::tangents::{Parameter, Tangents};
 use crate::result::difference::Spread;
 use crate::result::{Detector, DetectorTally, FluxUnit, Gradient, Tally, WithEdges};
 use crate::scene::Scene;
-use crate::trace::blocks::Blocks;
+use crate::trace::blocks::{Blocks, notes_of_few_rays};
 use crate::trace::difference::Pair;
 use crate::trace::{Shelf, Tracer};
 use glam::DMat3;
@@ -50,6 +50,8 @@ const NOISE: f64 = 1e-9;
 const QUANTUM: f64 = 1.0 / (1_u64 << 52) as f64;
 /// A change of a coefficient that counts moves a shape by so much of its size.
 const MOVED: f64 = 1e-2;
+/// The size of a k that is 0: glass of 10 mm with this k takes a quarter of green light.
+const ABSORPTION: f64 = 1e-6;
 /// Rays of a trace that looks for what crosses edges, at most.
 const MOST_EDGE_RAYS: u64 = 10_000;
 /// Keys of positions and angles.
@@ -142,9 +144,12 @@ impl Differentiated {
             }
             let is_frame = FRAME_KEYS.contains(&key);
             let is_of_list = key.parse::<usize>().is_ok();
+            let of_list = || name.rsplit('.').find(|part| part.parse::<usize>().is_err());
+            let is_absorption = key == "k" || is_of_list && of_list() == Some("k");
             let by_shape = || size_by_shape(&ir, |change| Ok(read(&[(name.clone(), value + change)])?.0));
             let size = match is_of_list.then(by_shape).flatten() {
                 Some(size) => size.max(value.abs()),
+                None if is_absorption => value.abs().max(ABSORPTION),
                 None if is_frame || value == 0.0 => 1.0,
                 None if key.starts_with("conic") => value.abs().max(1.0),
                 None => value.abs(),
@@ -196,17 +201,26 @@ impl Differentiated {
         Ok(())
     }
 
+    /// What to say of standard errors that are too large.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that make no sense.
+    pub fn notes(&self, options: &TraceOptions) -> Result<Vec<String>> {
+        notes_of_few_rays(&self.ir, &self.traced_options(options), NUM_BLOCKS)
+    }
+
     /// How often all rays are traced.
     pub fn num_passes(&self) -> u64 {
         self.parameters.len().div_ceil(MOST_PARAMETERS) as u64
     }
 
     /// The derivatives of every detector by every parameter, and the sums of the trace. `keep_going` gets the rays done of
-    /// all passes, and ends the trace by returning false.
+    /// all passes, and ends the trace by returning false: what is found then is that of all passes done, or of the blocks of rays
+    /// that the first pass has done.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that make no sense, and for a parameter whose change changes what the scene is made of.
-    /// [`Error::Interrupted`] if the trace was ended. [`Error::Device`] if the device fails.
+    /// [`Error::Interrupted`] if no block of rays was done. [`Error::Device`] if the device fails.
     pub fn gradients(
         &self,
         gpu: &Gpu,
@@ -217,9 +231,17 @@ impl Differentiated {
         let options = self.traced_options(options);
         let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
-            let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done))?;
+            let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done));
+            let of_pass = match of_pass {
+                Err(Error::Interrupted) if sums.is_some() => break,
+                of_pass => of_pass?,
+            };
+            let is_whole = of_pass.1.launched.count == options.num_rays;
+            if !is_whole && sums.is_some() {
+                break;
+            }
             done_before += options.num_rays;
-            for scaled in parameters.iter().filter(|_| !how.with_edges) {
+            for scaled in parameters.iter().filter(|_| is_whole && !how.with_edges) {
                 let mut rows = of_pass.0.iter().filter(|row| row.parameter == scaled.parameter.name);
                 if rows.all(Gradient::is_zero) {
                     self.check_edges(gpu, &options, how, scaled, |_, _| true)?;
@@ -227,6 +249,9 @@ impl Differentiated {
             }
             found.extend(of_pass.0);
             sums = sums.or(Some(of_pass.1));
+            if !is_whole {
+                break;
+            }
         }
         let sums = sums.ok_or_else(|| Error::Usage("name a parameter, such as L1.r1".into()))?;
         Ok((found, sums))
@@ -246,8 +271,8 @@ impl Differentiated {
     ) -> Result<()> {
         for (number, Scaled { parameter, ends: ([more, less], distance), .. }) in (0..).zip(&self.parameters)
         {
-            let scene = |end: usize| &parameter.stencil[end].1;
-            let pair = Pair::new(scene(*more), scene(*less).clone())?;
+            let [more, less] = [*more, *less].map(|end| without_chance(&parameter.stencil[end].1));
+            let pair = Pair::new(&more, less)?;
             let done_before = 2 * number * options.num_rays;
             let found = pair
                 .difference(gpu, options, None, |done| keep_going(done_before + done.iter().sum::<u64>()))?;
@@ -304,6 +329,9 @@ impl Differentiated {
                 numbers.iter().map(|number| self.parameters[*number].clone()).collect();
             let how = How { without_errors: true, ..how };
             let sums = self.pass(gpu, &options, how, &parameters, |done| keep_going(done_before + done))?.1;
+            if sums.launched.count < options.num_rays {
+                return Err(Error::Interrupted);
+            }
             done_before += options.num_rays;
             for (at, (number, scaled)) in numbers.iter().zip(&parameters).enumerate() {
                 let chain = Chain::of(&self.ir, scaled, sums.launched.count)?;
@@ -511,16 +539,23 @@ impl Differentiated {
             parameters.iter().map(|scaled| Chain::of(ir, scaled, num_rays)).collect::<Result<_>>()?;
         let mut spreads = vec![Spread::default(); parameters.len()];
         for _ in 0..num_blocks {
-            let traced = blocks.trace_next(&mut tracer, &mut keep_going)?.ok_or(Error::Interrupted)?;
+            let Some(traced) = blocks.trace_next(&mut tracer, &mut keep_going)? else { break };
             let block = blocks.add(traced);
             for (number, (chain, spread)) in chains.iter().zip(&mut spreads).enumerate() {
                 spread.add(block.launched.count, &chain.derivatives(&block, number));
             }
         }
+        let done = blocks.sums.launched.count;
+        if done == 0 {
+            return Err(Error::Interrupted);
+        }
+        // Of a part of the rays, fluxes are those of all that the sources emit, shared among that part.
+        let scale = num_rays as f64 / done as f64;
+        let scaled = |values: Vec<f64>| values.into_iter().map(|value| scale * value).collect::<Vec<_>>();
         let mut found = Vec::new();
         for (number, (chain, spread)) in chains.iter().zip(&spreads).enumerate() {
-            let values = chain.derivatives(&blocks.sums, number);
-            let errors = spread.errors();
+            let values = scaled(chain.derivatives(&blocks.sums, number));
+            let errors = spread.errors().map(scaled);
             let mut at = ir.detectors.len();
             for (index, detector) in ir.detectors.iter().enumerate() {
                 let num_cells = detector.num_cells();
@@ -588,6 +623,16 @@ fn size_by_shape(ir: &SceneIr, with: impl Fn(f64) -> Result<SceneIr>) -> Option<
         }
     }
     None
+}
+
+/// A scene whose rays do not come to draw another branch at a face because a change is small: the weight takes that change.
+/// Almost no ray would, so that a difference would be mostly 0 and sometimes large.
+fn without_chance(ir: &SceneIr) -> SceneIr {
+    let mut ir = ir.clone();
+    if ir.sampling.reflect_prob == ReflectProb::Fresnel {
+        ir.sampling.reflect_prob = ReflectProb::Auto;
+    }
+    ir
 }
 
 /// The error of a scene that a small change has made wrong.

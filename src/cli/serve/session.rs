@@ -203,9 +203,14 @@ impl<'a> Job<'a> {
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
         let num_rays = scene.num_passes() * options.num_rays;
+        let mut is_stopped = false;
         let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
-            keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
+            is_stopped = !keep_going(&Status::of_rays(rays, num_rays, start.elapsed()));
+            !is_stopped
         })?;
+        if is_stopped {
+            return Err(Error::Interrupted);
+        }
         let run = RunInfo {
             precision_reason: choice.reason,
             precision_warning: choice.warning,
