@@ -16,7 +16,7 @@ from optiland.nonsequential.rng import EventSlot
 from scipy.integrate import quad
 from scipy.interpolate import RegularGridInterpolator
 
-from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.errors import UnsupportedSceneError, without_gradient
 
 #: Two directions differ by at most so much in direction cosines. Lobes are drawn up to there.
 _LONGEST_OFFSET = 2.0
@@ -248,7 +248,7 @@ def _albedo(theta: np.ndarray, values: np.ndarray) -> float:
 
 def _number(name: str, value: Any) -> float:
     try:
-        number = float(value)
+        number = float(without_gradient(name, value))
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is {value!r}; give a number") from error
     if not math.isfinite(number):

@@ -9,6 +9,7 @@ import os
 import re
 import sys
 import warnings
+from typing import Any
 
 import optiland
 
@@ -72,6 +73,17 @@ class ResultWarning(NsqGpuWarning):
 
 class ToleranceWarning(NsqGpuWarning):
     """The rays or the time ended before the target for the error was met; the result is what was reached."""
+
+
+def without_gradient(name: str, value: Any) -> Any:
+    """Return a number as it is, unless it is a tensor that wants a gradient, which its taker would drop.
+
+    Raises:
+        UnsupportedSceneError: It is such a tensor.
+    """
+    if getattr(value, "requires_grad", False):
+        raise UnsupportedSceneError(f"{name}: it has requires_grad=True, and nothing is differentiated by it here; detach it")
+    return value
 
 
 #: Exit code of a trace that is whole but whose target was not met.

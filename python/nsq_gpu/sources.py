@@ -15,7 +15,7 @@ from optiland.nonsequential.rng import EventSlot, NSQRng
 from optiland.nonsequential.sources.base import Spectrum
 from optiland.nonsequential.sources.collimated import CollimatedSource
 
-from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.errors import UnsupportedSceneError, without_gradient
 
 
 class _NotCollimated:
@@ -76,9 +76,9 @@ class PupilSource(CollimatedSource):
         # Optiland's tracers take sources of its own classes alone; how rays are born, they ask the source itself.
         super().__init__(cs, spectrum, total_flux, medium=medium)
         self.aperture_radius = _NotCollimated()
-        self.beam_radii = tuple(map(float, beam_radii))
-        self.chief = tuple(map(float, chief))
-        self.pupil_radii = tuple(map(float, pupil_radii))
+        given = {"beam_radii": beam_radii, "chief": chief, "pupil_radii": pupil_radii}
+        self.beam_radii, self.chief, self.pupil_radii = (
+            tuple(float(without_gradient(name, value)) for value in values) for name, values in given.items())
         self.aimed = tuple(aimed)
 
     def local_rays(self, pupil: np.ndarray, wavelength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -35,6 +35,7 @@ from optiland.nonsequential.materials.nsq_material import VACUUM  # noqa: E402
 import nsq_gpu  # noqa: E402
 from nsq_gpu.bsdf import ABg, KCorrelation  # noqa: E402
 from nsq_gpu.shapes import EvenAsphere  # noqa: E402
+from nsq_gpu.sources import PupilSource  # noqa: E402
 from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
 from tests.test_bsdf import lens_and_mirror  # noqa: E402
@@ -189,6 +190,18 @@ def test_gradients_of_an_asphere_that_begins_as_a_sphere(torch_in_f64: None, as_
     sizes = {"r1": 60.0, "A2": 1e-3, "A4": 1e-5, "A6": 1e-7}
     found = check_gradients(build, {"r1": 60.0, "A2": 0.0, "A4": 2e-6, "A6": 0.0}, sizes)
     assert all(found.values())
+
+
+def test_what_would_drop_a_tensor_refuses_it(torch_in_f64: None) -> None:
+    tensor = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
+    spectrum = Spectrum.monochromatic(0.55)
+    for name, take in (
+        ("a", lambda: ABg(tensor, 1e-3, 1.5)),
+        ("b0", lambda: KCorrelation(tensor, 12.0, 2.5)),
+        ("beam_radii", lambda: PupilSource(CoordinateSystem(), spectrum, beam_radii=(tensor, 1.0))),
+    ):
+        with pytest.raises(nsq_gpu.UnsupportedSceneError, match=f"(?i){name}: it has requires_grad"):
+            take()
 
 
 @pytest.mark.filterwarnings("ignore")
