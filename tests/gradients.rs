@@ -596,7 +596,7 @@ fn scenes_of_many_faces_have_derivatives() {
 #[ignore = "long"]
 fn derivatives_of_1e8_rays_are_those_of_differences_to_1_percent() {
     let options = TraceOptions { max_depth: 5, ..zoo::options(100_000_000, 5, Precision::F64) };
-    let steps = [("L1.r1", 0.5), ("L1.rx", 2e-3), ("glass.n", 2e-3), ("\"filter.back\".reflectance", 0.02)];
+    let steps = [("L1.r1", 0.5), ("L1.rx", 2e-3), ("glass.n", 2e-3), ("\"filter.back\".transmittance", 0.02)];
     for (name, step) in steps {
         let scene = differentiated(BENCH, &[name]);
         let found = scene.gradients(zoo::gpu(), &options, How::default(), |_| true).unwrap().0;
@@ -1080,6 +1080,48 @@ fn what_crosses_edges_is_told_on_request() {
     }
     // No light meets the rim.
     assert_eq!(asked(BENCH), (Ok(0.0), Ok(0.0)));
+}
+
+/// A flat mirror without loss. Moving it along itself changes what its rim clips, and moving it along its normal moves light among
+/// pixels without a loss. Neither has a derivative of the flux. The former is refused, in spite of rounding; the latter is 0.
+#[test]
+fn edges_alone_are_told_from_a_derivative_of_0() {
+    let scene = |beam: f64| {
+        format!(
+            r#"{{"nsq_schema_version": 1, "components": [],
+            "sources": [{{"name": "beam", "type": "collimated", "total_flux": 2.0, "aperture_radius": {beam}, "cs": {{"z": -10.0}},
+                "spectrum": {{"wavelengths": [0.5], "weights": [1.0]}}}}],
+            "detectors": [{{"name": "screen", "type": "irradiance", "width": 30.0, "height": 30.0, "num_pixels_x": 8,
+                "num_pixels_y": 8, "splat": "bilinear", "absorb": true, "cs": {{"x": 15.0, "rx": 0.0, "ry": 1.5707963267948966}}}}],
+            "nsq_gpu": {{"version": 1, "surfaces": [
+                {{"name": "M", "shape": {{"type": "plane", "width": 7, "height": 7}}, "interaction": "reflective", "reflectance": 1.0,
+                    "cs": {{"x": 0.3, "y": 1.4, "z": 0.2, "ry": -0.7853981633974483}}}}]}}}}"#
+        )
+    };
+    for precision in [Precision::F64, Precision::F32] {
+        let options = zoo::options(20_000, 5, precision);
+        let of = |text: &str, name: &str| {
+            let scene = differentiated(text, &[name]);
+            let maps = scene.gradients(zoo::gpu(), &options, How::default(), |_| true);
+            let ones: Vec<Vec<f64>> = scene.adjoint_lengths().map(|num| vec![1.0; num]).collect();
+            let loss = scene.loss_gradient(zoo::gpu(), &options, How::default(), &ones, |_| true);
+            (maps.map(|(maps, _)| maps[0].flux), loss.map(|loss| loss.values[0]))
+        };
+        let rounding = if precision == Precision::F32 { 1e-5 } else { 1e-11 };
+        // All light is caught.
+        for name in ["M.y", "M.z"] {
+            let (maps, loss) = of(&scene(1.5), name);
+            assert!(maps.as_ref().is_ok_and(|flux| flux.abs() < rounding), "{precision:?} {name}: {maps:?}");
+            assert!(
+                loss.as_ref().is_ok_and(|value| value.abs() < rounding),
+                "{precision:?} {name}: {loss:?}"
+            );
+        }
+        let (maps, loss) = of(&scene(4.0), "M.y");
+        for error in [maps.unwrap_err(), loss.unwrap_err()] {
+            assert!(error.to_string().contains("`M.y` acts at edges alone"), "{precision:?}: {error}");
+        }
+    }
 }
 
 /// A trace that is stopped in its first pass gives derivatives of the rays that are done, scaled to all. One that is stopped later

@@ -16,7 +16,7 @@ import optiland.backend as be
 from optiland.coatings import BaseCoating, FresnelCoating, SimpleCoating, ThinFilmCoating
 from optiland.thin_film import ThinFilmStack
 
-from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.errors import UnsupportedSceneError, without_gradient
 
 #: Intervals of the cosine to begin with, before those are halved in which a straight line is not good enough.
 _FIRST = 64
@@ -86,7 +86,8 @@ class TabulatedCoating(BaseCoating):
         if not len(lines) or not (lines > 0.0).all():
             raise ValueError("wavelengths: give those that the scene's sources emit, in um and above 0")
         if isinstance(coating, SimpleCoating):
-            r, t = (np.full((len(lines), 2), float(value)) for value in (coating.reflectance, coating.transmittance))
+            shares = {"reflectance": coating.reflectance, "transmittance": coating.transmittance}
+            r, t = (np.full((len(lines), 2), float(without_gradient(name, value))) for name, value in shares.items())
             return cls(lines, [0.0, 90.0], r, t, r, t)
         if not isinstance(coating, FresnelCoating | ThinFilmCoating):
             raise UnsupportedSceneError(f"a {type(coating).__name__} cannot be tabulated; a ThinFilmCoating, a FresnelCoating and a "

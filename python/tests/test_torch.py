@@ -25,16 +25,18 @@ from optiland.nonsequential import (  # noqa: E402
     Spectrum,
 )
 from optiland.nonsequential.backends.torch_backend import TorchBackend  # noqa: E402
-from optiland.nonsequential.bsdf import HarveyShackBSDF  # noqa: E402
+from optiland.nonsequential.bsdf import HarveyShackBSDF, LambertianBSDF  # noqa: E402
 from optiland.nonsequential.components.absorbing import AbsorbingComponent  # noqa: E402
 from optiland.nonsequential.components.geometry.analytic.annulus import AnnularPlaneGeometry  # noqa: E402
 from optiland.nonsequential.components.geometry.analytic.conic import ConicGeometry  # noqa: E402
+from optiland.nonsequential.components.reflective import ReflectiveComponent  # noqa: E402
 from optiland.nonsequential.components.refractive import RefractiveComponent  # noqa: E402
 from optiland.nonsequential.materials.nsq_material import VACUUM  # noqa: E402
 
 import nsq_gpu  # noqa: E402
 from nsq_gpu.bsdf import ABg, KCorrelation  # noqa: E402
-from nsq_gpu.shapes import EvenAsphere  # noqa: E402
+from nsq_gpu.export import export_wanted  # noqa: E402
+from nsq_gpu.shapes import Aperture, ClippedConic, EvenAsphere  # noqa: E402
 from nsq_gpu.sources import PupilSource  # noqa: E402
 from tests import live, oracle, parity  # noqa: E402
 from tests.conftest import ROOT  # noqa: E402
@@ -202,6 +204,34 @@ def test_what_would_drop_a_tensor_refuses_it(torch_in_f64: None) -> None:
     ):
         with pytest.raises(nsq_gpu.UnsupportedSceneError, match=f"(?i){name}: it has requires_grad"):
             take()
+
+
+def test_a_tensor_is_exported_by_its_name_or_refused(torch_in_f64: None) -> None:
+    def tensor(value: float) -> Any:
+        return torch.tensor(value, dtype=torch.float64, requires_grad=True)
+
+    def names(make: Any) -> list[str]:
+        scene = make_gradients.singlet({"L.r1": 60.0, "L.r2": -45.0, "glass.n": 1.52})
+        make(scene)
+        return list(export_wanted(scene).wanted)
+
+    def mirror(scene: NSQScene, reflectance: Any = 0.9, shape: Any = None, **more: Any) -> None:
+        scene.add_component("M", ReflectiveComponent(
+            CoordinateSystem(z=60.0), shape or ConicGeometry(-80.0, 0.0, 10.0), reflectance, **more))
+
+    assert names(lambda scene: mirror(scene, lambda _: [tensor(0.9)])) == ["M.reflectance.values.0"]
+    lobe = LambertianBSDF(reflectance_value=0.5)
+    assert names(lambda scene: mirror(scene, bsdf=lobe, scatter_fraction=tensor(1.0))) == ["M.scatter_fraction"]
+
+    def replaced(scene: NSQScene) -> None:
+        scene.component_registry.compounds[0].surfaces[0].geometry.radius = tensor(60.0)
+
+    assert names(replaced) == ['"L.front".radius']
+    clipped = ClippedConic(-80.0, 0.0, 10.0, Aperture("ellipse", tensor(5.0), 4.0))
+    assert names(lambda scene: mirror(scene, shape=clipped)) == ["M.aperture.semi_axis_x"]
+    both = Aperture("union", parts=(Aperture("ellipse", tensor(5.0), 4.0), Aperture("ellipse", 1.0, 9.0)))
+    with pytest.raises(nsq_gpu.UnsupportedSceneError, match="the number has no name"):
+        names(lambda scene: mirror(scene, shape=ClippedConic(-80.0, 0.0, 10.0, both)))
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -17,6 +17,7 @@ use crate::trace::checkpoint::{self, Checkpoint, Identity};
 use crate::trace::gradients::{Differentiated, How};
 use crate::trace::stopping::Stopping;
 use crate::trace::{self, RecordPaths, TraceOptions, Tracer};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -213,13 +214,15 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
         added.or_else(|error| if is_stopped { Ok(()) } else { Err(error) })?;
     }
     shown.finish();
+    let without_edges =
+        gradients.iter().filter(|row| is_stopped && args.gradient_edges && row.with_edges.is_none());
+    let without_edges: BTreeSet<&str> = without_edges.map(|row| row.parameter.as_str()).collect();
     let mut warnings = differentiated.warnings.clone();
     warnings.extend(differentiated.notes(&options)?);
-    warnings.extend(
-        missing
-            .iter()
-            .map(|name| format!("stopped before the derivatives by `{}`", crate::format::shown(name))),
-    );
+    let stopped =
+        |what: &str, name: &str| format!("stopped before the {what} by `{}`", crate::format::shown(name));
+    warnings.extend(missing.iter().map(|name| stopped("derivatives", name)));
+    warnings.extend(without_edges.iter().map(|name| stopped("difference of two traces", name)));
     let run = RunInfo {
         scene: Some(args.scene.display().to_string()),
         precision_reason: choice.reason,

@@ -79,13 +79,18 @@ pub(crate) fn as_composed(ir: &SceneIr, options: &TraceOptions, program: &Progra
     Ok(composed(ir, options, &program.options, parse)?.parsed)
 }
 
-/// The derivatives of a program's numbers by each parameter. `first` is the program's text ([`as_composed`]).
+/// The derivatives of a program's numbers by each parameter. `first` is the program's text ([`as_composed`]). A number that no
+/// scene changes has a derivative of 0 exactly.
 pub(crate) fn slopes(
+    ir: &SceneIr,
     options: &TraceOptions,
     program: &Program,
     first: &Arc<Parsed>,
     parameters: &[Parameter],
 ) -> Result<Vec<Numbers>> {
+    let text_changed = || Error::Internal("a scene has another text than its program".into());
+    let mut here = Numbers::of(ir, options, &program.options, first)?.ok_or_else(text_changed)?;
+    let here: Vec<f64> = here.all_mut().map(|value| *value).collect();
     let mut found = Vec::new();
     for parameter in parameters {
         let of_scene = |(factor, scene): &(f64, SceneIr)| {
@@ -95,7 +100,7 @@ pub(crate) fn slopes(
                     shown(&parameter.name)
                 ))
             })?;
-            numbers.all_mut().for_each(|value| *value *= factor);
+            numbers.all_mut().zip(&here).for_each(|(value, here)| *value = (*value - here) * factor);
             Ok(numbers)
         };
         let all = parameter.stencil.par_iter().map(of_scene).collect::<Result<Vec<Numbers>>>()?;
@@ -113,7 +118,7 @@ pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut P
     let Some(tangents) = &options.tangents else { return Ok(()) };
     let first = as_composed(ir, options, program)?;
     let mut added = Vec::new();
-    for (number, sum) in (1..).zip(slopes(options, program, &first, &tangents.parameters)?) {
+    for (number, sum) in (1..).zip(slopes(ir, options, program, &first, &tangents.parameters)?) {
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;
             place_reals(&program.module, twin, program.options.precision, num_bytes, reals)

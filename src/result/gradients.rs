@@ -31,13 +31,6 @@ pub struct Gradient {
     pub with_edges: Option<WithEdges>,
 }
 
-impl Gradient {
-    /// True if the parameter does nothing to the detector.
-    pub(crate) fn is_zero(&self) -> bool {
-        self.flux == 0.0 && self.map.iter().flatten().all(|value| *value == 0.0)
-    }
-}
-
 /// A derivative by a difference of two traces, which sees what moves across edges, too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WithEdges {

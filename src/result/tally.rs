@@ -279,6 +279,11 @@ impl DetectorTally {
             quanta: self.recorded.quanta + self.quanta.iter().sum::<u128>(),
         }
     }
+
+    /// The quanta of each cell; of a detector without cells, those of all it recorded.
+    pub(crate) fn quanta_of_cells(&self) -> Vec<u128> {
+        if self.quanta.is_empty() { vec![self.total().quanta] } else { self.quanta.clone() }
+    }
 }
 
 /// Refuses sums that are not of this scene.

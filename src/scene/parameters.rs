@@ -196,14 +196,16 @@ fn find(tree: &Value, name: &str) -> Result<Place> {
             inner.into_iter().chain(keys[..num_keys - 1].iter().map(|name| key(name))).collect()
         };
         let mut objects: Vec<Vec<Step>> = ways.iter().map(object).collect();
-        // Entries of one name are told apart by the key: one has it, or could have it, in its frame or configuration.
-        let has = |object: &Vec<Step>| at(tree, object).is_some_and(|object| object.contains_key(last));
-        let could_have =
-            |object: &Vec<Step>| object.last().is_some_and(|step| [key("cs"), key("config")].contains(step));
+        // Entries of one name are told apart by the key. Every frame has all of its keys, and a configuration could have one.
+        let ends_in = |object: &Vec<Step>, end: &str| object.last() == Some(&key(end));
+        let has = |object: &Vec<Step>| {
+            FRAME.contains(&last.as_str()) && ends_in(object, "cs")
+                || at(tree, object).is_some_and(|object| object.contains_key(last))
+        };
         if objects.iter().any(has) {
             objects.retain(has);
-        } else if objects.iter().any(could_have) {
-            objects.retain(could_have);
+        } else if objects.iter().any(|object| ends_in(object, "config")) {
+            objects.retain(|object| ends_in(object, "config"));
         }
         if objects.len() > 1 {
             return Err(Error::Usage(format!(
@@ -269,8 +271,8 @@ mod tests {
         text::parse(
             r#"{"nsq_schema_version": 1,
                 "components": [{"type": "lens", "name": "L1", "cs": {"z": 3.0}, "config": {"r1": 50.0, "material": "N-BK7"}}],
-                "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}],
-                "detectors": [{"name": "a.b", "cs": {}, "width": 4.0}],
+                "sources": [{"name": "lamp", "cs": {}, "total_flux": 1.0}, {"name": "beam", "cs": {}}],
+                "detectors": [{"name": "beam", "cs": {"z": 1.0}}, {"name": "a.b", "cs": {}, "width": 4.0}],
                 "nsq_gpu": {"media": {"glass": {"type": "constant", "n": 1.5}, "L1": {"n": 1.7}, "table": {"n": [1.5, 1.6]}},
                             "surfaces": [{"name": "A", "reflectance": {"values": [0.8, 0.9]}, "shape": {"coefficients": [0.0, 2e-6], "table": [[1.0, 2.0], [3.0, 4.0]]}}],
                             "overrides": {"L1.front": {"reflectance": 0.1}}}}"#,
@@ -312,6 +314,7 @@ mod tests {
             ("L1..r1", "no name of a number"),
             ("\"a.b.width", "no name of a number"),
             ("L1.material", "no single number"),
+            ("beam.z", "several entries"),
             ("table.n", "no single number"),
             ("L1.conic2", "does not give"),
             ("A.coefficients.2", "no number of a list"),

@@ -10,7 +10,9 @@ use crate::engine::walk::Walker;
 use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
-use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
+use crate::model::{
+    Allowance, Coating, Frame, Interaction, Medium, Precision, ReflectProb, SceneIr, SimpleCoating,
+};
 use crate::program::features::has_unit_gradients;
 use crate::program::layout::bindings;
 use crate::program::tangents::{Parameter, Tangents};
@@ -54,6 +56,10 @@ const MOVED: f64 = 1e-2;
 const ABSORPTION: f64 = 1e-6;
 /// Rays of a trace that looks for what crosses edges, at most.
 const MOST_EDGE_RAYS: u64 = 10_000;
+/// A trace of more rays than these is preceded by a short one, so that a parameter is refused at once.
+const MOST_UNCHECKED_RAYS: u64 = 1_000_000;
+/// How often a face reflects while two traces are compared: seldom, as glass does, and as often in both.
+const HELD_REFLECT_PROB: f64 = 0.1;
 /// Keys of positions and angles.
 const FRAME_KEYS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 
@@ -206,7 +212,7 @@ impl Differentiated {
     /// # Errors
     /// [`Error::Usage`] for options that make no sense.
     pub fn notes(&self, options: &TraceOptions) -> Result<Vec<String>> {
-        notes_of_few_rays(&self.ir, &self.traced_options(options), NUM_BLOCKS)
+        notes_of_few_rays(&self.ir, &self.traced_options(options), num_blocks(options.num_rays, NUM_BLOCKS))
     }
 
     /// How often all rays are traced.
@@ -231,6 +237,13 @@ impl Differentiated {
         let options = self.traced_options(options);
         let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
+            if options.num_rays > MOST_UNCHECKED_RAYS {
+                // What is refused is refused before a long trace.
+                let few = TraceOptions { num_rays: MOST_EDGE_RAYS, ..options.clone() };
+                let how = How { without_errors: true, ..how };
+                let sums = self.pass(gpu, &few, how, parameters, |_| keep_going(done_before))?.1;
+                self.check_maps(gpu, &few, how, parameters, &sums)?;
+            }
             let of_pass = self.pass(gpu, &options, how, parameters, |done| keep_going(done_before + done));
             let of_pass = match of_pass {
                 Err(Error::Interrupted) if sums.is_some() => break,
@@ -241,12 +254,7 @@ impl Differentiated {
                 break;
             }
             done_before += options.num_rays;
-            for scaled in parameters.iter().filter(|_| is_whole && !how.with_edges) {
-                let mut rows = of_pass.0.iter().filter(|row| row.parameter == scaled.parameter.name);
-                if rows.all(Gradient::is_zero) {
-                    self.check_edges(gpu, &options, how, scaled, |_, _| true)?;
-                }
-            }
+            self.check_maps(gpu, &options, how, parameters, &of_pass.1)?;
             found.extend(of_pass.0);
             sums = sums.or(Some(of_pass.1));
             if !is_whole {
@@ -276,6 +284,9 @@ impl Differentiated {
             let done_before = 2 * number * options.num_rays;
             let found = pair
                 .difference(gpu, options, None, |done| keep_going(done_before + done.iter().sum::<u64>()))?;
+            if found.run.partial {
+                return Err(Error::Interrupted);
+            }
             for row in gradients.iter_mut().filter(|row| row.parameter == parameter.name) {
                 let of_detector = found.detectors.iter().find(|detector| detector.flux.name == row.detector);
                 row.with_edges = of_detector.map(|detector| WithEdges {
@@ -339,55 +350,80 @@ impl Differentiated {
             }
             found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
         }
-        let is_asked = |value: f64| !how.with_edges && value == 0.0;
-        for (scaled, _) in self.parameters.iter().zip(&found.values).filter(|(_, value)| is_asked(**value)) {
-            self.check_edges(gpu, &options, how, scaled, |detector, cell| adjoints[detector][cell] != 0.0)?;
+        let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, adjoint| largest.max(adjoint.abs()));
+        let flux: f64 = self.ir.sources.iter().map(|source| source.total_flux).sum();
+        let least = rounding(options.precision) * largest * flux;
+        for (scaled, value) in self.parameters.iter().zip(&found.values) {
+            if !how.with_edges && largest > 0.0 && (value * scaled.size).abs() <= least {
+                self.check_edges(gpu, &options, how, scaled, |changes| {
+                    changes.map(|(detector, cell, change)| adjoints[detector][cell] / largest * change).sum()
+                })?;
+            }
         }
         Ok(found)
     }
 
     /// Refuses a parameter that acts at edges alone: whose derivatives are 0, while a change of it changes what detectors
-    /// record. `counts` is true of a cell of a detector that is looked at.
+    /// record. `change` sums up the changes of the cells of all detectors, in units of the weight with which a ray is born.
     fn check_edges(
         &self,
         gpu: &Gpu,
         options: &TraceOptions,
         how: How,
         scaled: &Scaled,
-        counts: impl Fn(usize, usize) -> bool,
+        change: impl Fn(&mut dyn Iterator<Item = (usize, usize, f64)>) -> f64,
     ) -> Result<()> {
         let options = TraceOptions {
             num_rays: options.num_rays.min(MOST_EDGE_RAYS),
             tangents: None,
             ..options.clone()
         };
-        let Scaled { parameter, ends: (ends, _), .. } = scaled;
+        // The two that lie farthest apart.
+        let stencil = &scaled.parameter.stencil;
+        let ends = [stencil.len() - 1, if stencil.len() == CENTRAL.len() { CENTRAL.len() - 2 } else { 0 }];
         let traced = |end: usize| -> Result<Tally> {
-            let ir = &parameter.stencil[end].1;
+            let ir = &stencil[end].1;
             match how.shelf {
                 Some(shelf) => Tracer::on_shelf(gpu, ir, &options, shelf)?.trace(|_| true),
                 None => Tracer::new(gpu, ir, &options)?.trace(|_| true),
             }
         };
         let [more, less] = [traced(ends[0])?, traced(ends[1])?];
-        let mut difference = 0;
-        for (number, (more, less)) in more.detectors.iter().zip(&less.detectors).enumerate() {
-            let totals = [[more.total().quanta], [less.total().quanta]];
-            let [more, less] = match more.quanta.is_empty() {
-                true => totals.each_ref().map(|total| &total[..]),
-                false => [&more.quanta[..], &less.quanta[..]],
-            };
-            let cells = more.iter().zip(less).enumerate().filter(|(cell, _)| counts(number, *cell));
-            difference += cells.map(|(_, (more, less))| more.abs_diff(*less)).sum::<u128>();
-        }
-        if difference as f64 <= NOISE * more.launched.quanta as f64 {
+        let detectors = more.detectors.iter().zip(&less.detectors).enumerate();
+        let mut changes = detectors.flat_map(|(number, (more, less))| {
+            let cells = more.quanta_of_cells().into_iter().zip(less.quanta_of_cells()).enumerate();
+            cells.map(move |(cell, (more, less))| {
+                (number, cell, (more as i128 - less as i128) as f64 * QUANTUM)
+            })
+        });
+        if change(&mut changes).abs() <= seen_by(options.precision) * more.launched.quanta as f64 * QUANTUM {
             return Ok(());
         }
         Err(Error::Usage(format!(
-            "`{}` acts at edges alone, such as rims, stops, draws, and the borders of pixels that take rays whole; derivatives do not \
-             see these: compare two scenes by `nsq-gpu diff`, or give detectors `\"splat\": \"bilinear\"`",
-            shown(&parameter.name)
+            "`{}` acts at edges alone, such as rims, stops, draws, and the borders of pixels that take rays whole; derivatives \
+             do not see these: compare two scenes by `nsq-gpu diff`",
+            shown(&scaled.parameter.name)
         )))
+    }
+
+    /// [`Differentiated::check_edges`] for each of some parameters whose derivatives are all 0.
+    fn check_maps(
+        &self,
+        gpu: &Gpu,
+        options: &TraceOptions,
+        how: How,
+        parameters: &[Scaled],
+        sums: &Tally,
+    ) -> Result<()> {
+        for (number, scaled) in parameters.iter().enumerate().filter(|_| !how.with_edges) {
+            let chain = Chain::of(&self.ir, scaled, options.num_rays)?;
+            if chain.is_constant() && light_moved(sums, number) <= rounding(options.precision) {
+                self.check_edges(gpu, options, how, scaled, |changes| {
+                    changes.map(|(.., change)| change.abs()).sum()
+                })?;
+            }
+        }
+        Ok(())
     }
 
     /// Options as derivatives are traced with.
@@ -433,7 +469,7 @@ impl Differentiated {
         }
         let parameters: Vec<Parameter> =
             self.parameters.iter().map(|scaled| scaled.parameter.clone()).collect();
-        let slopes = slopes(options, program, &walker.first, &parameters)?;
+        let slopes = slopes(&self.ir, options, program, &walker.first, &parameters)?;
         let has_no_way = |slopes: &Numbers| {
             let is_known = |binding: u32| walker.layout.buffers.iter().any(|(known, _)| *known == binding);
             slopes
@@ -533,7 +569,7 @@ impl Differentiated {
         };
         let num_rays = tracer.num_rays();
         let least = if how.without_errors { 1 } else { NUM_BLOCKS };
-        let num_blocks = least.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays);
+        let num_blocks = num_blocks(num_rays, least);
         let mut blocks = Blocks::new(&tracer, num_blocks);
         let chains: Vec<Chain> =
             parameters.iter().map(|scaled| Chain::of(ir, scaled, num_rays)).collect::<Result<_>>()?;
@@ -583,6 +619,33 @@ impl Differentiated {
     }
 }
 
+/// The number of blocks of a trace, where there are so many at least.
+fn num_blocks(num_rays: u64, least: u64) -> u64 {
+    least.max(num_rays.div_ceil(MOST_BLOCK_RAYS)).min(num_rays)
+}
+
+/// Light that rounding moves, as a share of all, where a derivative is 0.
+fn rounding(precision: Precision) -> f64 {
+    if precision == Precision::F32 { 1e-6 } else { 1e-12 }
+}
+
+/// A change by more than this share of all light is none of rounding: in f32, half a ray of [`MOST_EDGE_RAYS`].
+fn seen_by(precision: Precision) -> f64 {
+    if precision == Precision::F32 { 0.5 / MOST_EDGE_RAYS as f64 } else { NOISE }
+}
+
+/// The light that the parameter of this number moves among cells, or adds to them, by a change of its natural size; as a share
+/// of all light.
+fn light_moved(sums: &Tally, number: usize) -> f64 {
+    let of_detector = |detector: &DetectorTally| -> u128 {
+        let num_cells = detector.quanta.len().max(1);
+        let tangents =
+            detector.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default();
+        tangents.iter().map(|tangent| tangent.unsigned_abs()).sum()
+    };
+    sums.detectors.iter().map(of_detector).sum::<u128>() as f64 / sums.launched.quanta as f64
+}
+
 /// A name as it is without quotes.
 fn unquoted(name: &str) -> String {
     name.replace('"', "")
@@ -625,12 +688,12 @@ fn size_by_shape(ir: &SceneIr, with: impl Fn(f64) -> Result<SceneIr>) -> Option<
     None
 }
 
-/// A scene whose rays do not come to draw another branch at a face because a change is small: the weight takes that change.
-/// Almost no ray would, so that a difference would be mostly 0 and sometimes large.
+/// A scene whose rays draw the same branches at faces, whatever these reflect: the weights take what a small change does to a
+/// reflectance. Else almost no ray would draw otherwise, and a difference would be mostly 0 and sometimes large.
 fn without_chance(ir: &SceneIr) -> SceneIr {
     let mut ir = ir.clone();
     if ir.sampling.reflect_prob == ReflectProb::Fresnel {
-        ir.sampling.reflect_prob = ReflectProb::Auto;
+        ir.sampling.reflect_prob = ReflectProb::Constant(HELD_REFLECT_PROB);
     }
     ir
 }
@@ -703,9 +766,11 @@ impl Chain {
     fn of(ir: &SceneIr, scaled: &Scaled, num_rays: u64) -> Result<Self> {
         let flux =
             |ir: &SceneIr| ir.sources.iter().map(|source| source.total_flux).sum::<f64>() / num_rays as f64;
+        // Less the value of the scene itself: what does not change has a derivative of 0 exactly.
         let derivative = |value: &dyn Fn(&SceneIr) -> f64| {
-            scaled.parameter.stencil.iter().map(|(factor, scene)| factor * value(scene)).sum::<f64>()
-                / scaled.size
+            let changes =
+                scaled.parameter.stencil.iter().map(|(factor, scene)| factor * (value(scene) - value(ir)));
+            changes.sum::<f64>() / scaled.size
         };
         let (mut cells, mut shapes) = (Vec::new(), Vec::new());
         for number in 0..ir.detectors.len() {
@@ -717,12 +782,20 @@ impl Chain {
             let mut slopes = vec![0.0; here.len()];
             for (factor, scene) in &scaled.parameter.stencil {
                 let there = sizes(scene, number)?.map(|(sizes, _)| sizes).unwrap_or_default();
-                slopes.iter_mut().zip(there).for_each(|(slope, size)| *slope += factor * size / scaled.size);
+                let changes =
+                    there.iter().zip(&here).map(|(there, here)| factor * (there - here) / scaled.size);
+                slopes.iter_mut().zip(changes).for_each(|(slope, change)| *slope += change);
             }
             cells.push(Some([here, slopes]));
             shapes.push(Some(shape));
         }
         Ok(Chain { unit: [flux(ir), derivative(&flux)], size: scaled.size, cells, shapes })
+    }
+
+    /// True if the parameter changes neither fluxes of sources nor sizes of cells.
+    fn is_constant(&self) -> bool {
+        self.unit[1] == 0.0
+            && self.cells.iter().flatten().all(|[_, slopes]| slopes.iter().all(|slope| *slope == 0.0))
     }
 
     /// The derivative of a flux \[W per unit of the parameter\].
@@ -735,10 +808,9 @@ impl Chain {
     fn of_loss(&self, tally: &Tally, number: usize, adjoints: &[Vec<f64>]) -> f64 {
         let mut gain = 0.0;
         for (detector, adjoints) in tally.detectors.iter().zip(adjoints) {
-            let total = [detector.total().quanta];
-            let quanta = if detector.quanta.is_empty() { &total } else { &detector.quanta[..] };
+            let quanta = detector.quanta_of_cells();
             let tangents = detector.tangents.get(number * quanta.len()..).unwrap_or_default();
-            for ((tangent, quanta), adjoint) in tangents.iter().zip(quanta).zip(adjoints) {
+            for ((tangent, quanta), adjoint) in tangents.iter().zip(&quanta).zip(adjoints) {
                 gain += adjoint * self.of_flux(*tangent, *quanta);
             }
         }

@@ -101,6 +101,10 @@ def export_wanted(scene: NSQScene) -> ExportedScene:
         for way, value in _wanted_in(entry):
             # The program looks for a key in these parts of an entry.
             inner = way[1:] if way[0] in _PARTS and way[:2] != ["cs", "reference_cs"] else way
+            # Places in lists end a name.
+            is_place = [key.isdigit() for key in inner]
+            if is_place != sorted(is_place):
+                continue
             wanted[".".join([label, *inner])] = value
     named = {id(value) for value in wanted.values()}
     for _, value in _wanted_in(document):

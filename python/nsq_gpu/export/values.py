@@ -34,6 +34,13 @@ class Wanted(float):
     tensor: Any
     place: str
 
+    def __eq__(self, other: object) -> bool:
+        """Tell whether another number is wanted as well, and the same: a plain one has no tensor."""
+        return isinstance(other, Wanted) and float(self) == float(other)
+
+    def __hash__(self) -> int:
+        return super().__hash__()
+
 
 #: True while numbers may be tensors that want gradients.
 _are_wanted: ContextVar[bool] = ContextVar("_are_wanted", default=False)
@@ -84,6 +91,8 @@ def optional(value: Any, place: str) -> float | None:
 
 def numbers(values: Any, place: str) -> list[float]:
     """Return a list of finite numbers."""
+    if isinstance(values, list | tuple):
+        return [plain for value in values for plain in numbers(value, place)]
     if _are_wanted.get() and wants_gradient(values):
         return [number(value, place) for value in values.reshape(-1)]
     refuse_gradient(values, place)

@@ -203,12 +203,11 @@ impl<'a> Job<'a> {
         let start = Instant::now();
         let how = How { shelf: Some(self.shelf), without_errors: !request.gradient_errors, ..How::default() };
         let num_rays = scene.num_passes() * options.num_rays;
-        let mut is_stopped = false;
         let (gradients, tally) = scene.gradients(gpu, &options, how, |rays| {
-            is_stopped = !keep_going(&Status::of_rays(rays, num_rays, start.elapsed()));
-            !is_stopped
+            keep_going(&Status::of_rays(rays, num_rays, start.elapsed()))
         })?;
-        if is_stopped {
+        let is_whole = gradients.len() == request.gradient.len() * scene.ir.detectors.len();
+        if !is_whole || tally.launched.count < options.num_rays {
             return Err(Error::Interrupted);
         }
         let run = RunInfo {
