@@ -42,13 +42,16 @@ impl Numbers {
         if !is_alike {
             return Ok(None);
         }
-        let program = program?;
+        Ok(Some(Numbers::in_program(&program?)))
+    }
+
+    fn in_program(program: &Program) -> Self {
         let reals =
             |binding: u32, bytes: &[u8]| take_reals(&program.module, binding, bytes).unwrap_or_default();
         let buffers = program.buffers.iter().map(|(binding, bytes)| (*binding, reals(*binding, bytes)));
         let sources = program.source_uniforms.iter().map(|bytes| reals(bindings::SOURCE, bytes)).collect();
         let buffers = buffers.filter(|(_, reals)| !reals.is_empty()).collect();
-        Ok(Some(Numbers { buffers, sources }))
+        Numbers { buffers, sources }
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut f64> {
@@ -69,38 +72,44 @@ fn composed(
     Program::parsed_by(ir, like, &NoExtension, options.seed, |wgsl, _| parse(wgsl))
 }
 
-/// A program's text as it is composed in f64: where its numbers lie.
-pub(crate) fn as_composed(ir: &SceneIr, options: &TraceOptions, program: &Program) -> Result<Arc<Parsed>> {
+/// A program as it is composed in f64.
+pub(crate) struct AsComposed {
+    /// Its text: where its numbers lie.
+    pub(crate) parsed: Arc<Parsed>,
+    /// Its numbers, one after the other.
+    numbers: Vec<f64>,
+}
+
+/// A program of the traced scene as it is composed in f64.
+pub(crate) fn as_composed(ir: &SceneIr, options: &TraceOptions, program: &Program) -> Result<AsComposed> {
     let parse = |wgsl: String| match wgsl == program.parsed.wgsl {
         // Rewriting leaves the buffers of numbers as they are.
         true => Ok(program.parsed.clone()),
         false => Parsed::as_composed(wgsl).map(Arc::new),
     };
-    Ok(composed(ir, options, &program.options, parse)?.parsed)
+    let composed = composed(ir, options, &program.options, parse)?;
+    let numbers = Numbers::in_program(&composed).all_mut().map(|value| *value).collect();
+    Ok(AsComposed { parsed: composed.parsed, numbers })
 }
 
-/// The derivatives of a program's numbers by each parameter. `first` is the program's text ([`as_composed`]). A number that no
-/// scene changes has a derivative of 0 exactly.
+/// The derivatives of a program's numbers by each parameter. `first` is the program of the traced scene ([`as_composed`]). A
+/// number that no scene changes has a derivative of 0 exactly.
 pub(crate) fn slopes(
-    ir: &SceneIr,
     options: &TraceOptions,
     program: &Program,
-    first: &Arc<Parsed>,
+    first: &AsComposed,
     parameters: &[Parameter],
 ) -> Result<Vec<Numbers>> {
-    let text_changed = || Error::Internal("a scene has another text than its program".into());
-    let mut here = Numbers::of(ir, options, &program.options, first)?.ok_or_else(text_changed)?;
-    let here: Vec<f64> = here.all_mut().map(|value| *value).collect();
     let mut found = Vec::new();
     for parameter in parameters {
         let of_scene = |(factor, scene): &(f64, SceneIr)| {
-            let mut numbers = Numbers::of(scene, options, &program.options, first)?.ok_or_else(|| {
+            let mut numbers = Numbers::of(scene, options, &program.options, &first.parsed)?.ok_or_else(|| {
                 Error::Usage(format!(
                     "`{}` has no derivative here: a small change of it changes what the scene is made of, such as whether faces touch",
                     shown(&parameter.name)
                 ))
             })?;
-            numbers.all_mut().zip(&here).for_each(|(value, here)| *value = (*value - here) * factor);
+            numbers.all_mut().zip(&first.numbers).for_each(|(value, here)| *value = (*value - here) * factor);
             Ok(numbers)
         };
         let all = parameter.stencil.par_iter().map(of_scene).collect::<Result<Vec<Numbers>>>()?;
@@ -118,7 +127,7 @@ pub(crate) fn add_tangents(ir: &SceneIr, options: &TraceOptions, program: &mut P
     let Some(tangents) = &options.tangents else { return Ok(()) };
     let first = as_composed(ir, options, program)?;
     let mut added = Vec::new();
-    for (number, sum) in (1..).zip(slopes(ir, options, program, &first, &tangents.parameters)?) {
+    for (number, sum) in (1..).zip(slopes(options, program, &first, &tangents.parameters)?) {
         let place = |binding: u32, num_bytes: usize, reals: &[f64]| {
             let twin = binding + number * BINDING_STRIDE;
             place_reals(&program.module, twin, program.options.precision, num_bytes, reals)

@@ -8,7 +8,7 @@ use crate::engine::options::TraceOptions;
 use crate::engine::plan::{Draft, Plan};
 use crate::engine::shelf::Shelf;
 use crate::engine::stages::{Additions, Stages};
-use crate::engine::tangents::as_composed;
+use crate::engine::tangents::{AsComposed, as_composed};
 use crate::error::{Error, Result};
 use crate::gpu::Gpu;
 use crate::model::{Precision, SceneIr};
@@ -37,7 +37,7 @@ pub(crate) struct Walker<'a> {
     gpu: &'a Gpu,
     pub(crate) plan: Plan,
     /// The text in f64: where its numbers lie.
-    pub(crate) first: Arc<Parsed>,
+    pub(crate) first: AsComposed,
     /// The numbers that have adjoints.
     pub(crate) layout: Layout,
     stages: Arc<Stages>,
@@ -82,7 +82,7 @@ impl<'a> Walker<'a> {
         };
         let plan = draft.compose(gpu, ir, &NoExtension, parse, DispatchLimits::of)?;
         let first = as_composed(ir, &options, &plan.program)?;
-        let layout = Layout::of(&first.module, Scalar::F64);
+        let layout = Layout::of(&first.parsed.module, Scalar::F64);
         if layout.num_numbers() > MOST_NUMBERS {
             return Err(Error::NoWayBack(format!("{} numbers at once", layout.num_numbers())));
         }

@@ -1,0 +1,133 @@
+//! What a derivative does not see: light that a change moves across an edge.
+
+use crate::engine::options::TraceOptions;
+use crate::error::{Error, Result};
+use crate::format::shown;
+use crate::gpu::Gpu;
+use crate::model::{Precision, ReflectProb, SceneIr};
+use crate::result::{DetectorTally, Gradient, Tally, WithEdges};
+use crate::trace::difference::Pair;
+use crate::trace::gradients::chain::{Chain, QUANTUM};
+use crate::trace::gradients::scaled::{NOISE, Scaled};
+use crate::trace::{Shelf, Tracer};
+
+/// Rays of a trace that looks for what crosses edges, at most.
+pub(super) const MOST_EDGE_RAYS: u64 = 10_000;
+/// How often a face reflects while two traces are compared: seldom, as glass does, and as often in both.
+const HELD_REFLECT_PROB: f64 = 0.1;
+
+/// Adds to derivatives what a difference of two traces gives in their place, which sees what moves across edges, too.
+/// `keep_going` gets the rays done of both traces for all parameters.
+///
+/// # Errors
+/// [`Error::Interrupted`] if a trace was ended. [`Error::Device`] if the device fails.
+pub(super) fn add(
+    parameters: &[Scaled],
+    gpu: &Gpu,
+    options: &TraceOptions,
+    gradients: &mut [Gradient],
+    mut keep_going: impl FnMut(u64) -> bool,
+) -> Result<()> {
+    for (number, Scaled { parameter, ends: ([more, less], distance), .. }) in (0..).zip(parameters) {
+        let [more, less] = [*more, *less].map(|end| without_chance(&parameter.stencil[end].1));
+        let pair = Pair::new(&more, less)?;
+        let done_before = 2 * number * options.num_rays;
+        let found =
+            pair.difference(gpu, options, None, |done| keep_going(done_before + done.iter().sum::<u64>()))?;
+        if found.run.partial {
+            return Err(Error::Interrupted);
+        }
+        for row in gradients.iter_mut().filter(|row| row.parameter == parameter.name) {
+            let of_detector = found.detectors.iter().find(|detector| detector.flux.name == row.detector);
+            row.with_edges = of_detector.map(|detector| WithEdges {
+                flux: detector.flux.difference / distance,
+                standard_error: detector.flux.standard_error.map(|error| error / distance.abs()),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a parameter that acts at edges alone: whose derivatives are 0, while a change of it changes what detectors
+/// record. `change` sums up the changes of the cells of all detectors, in units of the weight with which a ray is born.
+pub(super) fn check(
+    gpu: &Gpu,
+    options: &TraceOptions,
+    shelf: Option<&Shelf>,
+    scaled: &Scaled,
+    change: impl Fn(&mut dyn Iterator<Item = (usize, usize, f64)>) -> f64,
+) -> Result<()> {
+    let options =
+        TraceOptions { num_rays: options.num_rays.min(MOST_EDGE_RAYS), tangents: None, ..options.clone() };
+    let traced = |ir: &SceneIr| -> Result<Tally> {
+        match shelf {
+            Some(shelf) => Tracer::on_shelf(gpu, ir, &options, shelf)?.trace(|_| true),
+            None => Tracer::new(gpu, ir, &options)?.trace(|_| true),
+        }
+    };
+    let [more, less] = scaled.farthest();
+    let [more, less] = [traced(more)?, traced(less)?];
+    let detectors = more.detectors.iter().zip(&less.detectors).enumerate();
+    let mut changes = detectors.flat_map(|(number, (more, less))| {
+        let cells = more.quanta_of_cells().into_iter().zip(less.quanta_of_cells()).enumerate();
+        cells.map(move |(cell, (more, less))| (number, cell, (more as i128 - less as i128) as f64 * QUANTUM))
+    });
+    if change(&mut changes).abs() <= seen_by(options.precision) * more.launched.quanta as f64 * QUANTUM {
+        return Ok(());
+    }
+    Err(Error::Usage(format!(
+        "`{}` acts at edges alone, such as rims, stops, draws, and the borders of pixels that take rays whole; derivatives \
+         do not see these: compare two scenes by `nsq-gpu diff`",
+        shown(&scaled.parameter.name)
+    )))
+}
+
+/// [`check`] for each of some parameters whose derivatives are all 0.
+pub(super) fn check_maps(
+    ir: &SceneIr,
+    gpu: &Gpu,
+    options: &TraceOptions,
+    shelf: Option<&Shelf>,
+    parameters: &[Scaled],
+    sums: &Tally,
+) -> Result<()> {
+    for (number, scaled) in parameters.iter().enumerate() {
+        let chain = Chain::of(ir, scaled, options.num_rays)?;
+        if chain.is_constant() && light_moved(sums, number) <= rounding(options.precision) {
+            check(gpu, options, shelf, scaled, |changes| changes.map(|(.., change)| change.abs()).sum())?;
+        }
+    }
+    Ok(())
+}
+
+/// Light that rounding moves, as a share of all, where a derivative is 0.
+pub(super) fn rounding(precision: Precision) -> f64 {
+    if precision == Precision::F32 { 1e-6 } else { 1e-12 }
+}
+
+/// A change by more than this share of all light is none of rounding: in f32, half a ray of [`MOST_EDGE_RAYS`].
+fn seen_by(precision: Precision) -> f64 {
+    if precision == Precision::F32 { 0.5 / MOST_EDGE_RAYS as f64 } else { NOISE }
+}
+
+/// The light that the parameter of this number moves among cells, or adds to them, by a change of its natural size; as a share
+/// of all light.
+fn light_moved(sums: &Tally, number: usize) -> f64 {
+    let of_detector = |detector: &DetectorTally| -> u128 {
+        let num_cells = detector.quanta.len().max(1);
+        let tangents =
+            detector.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default();
+        tangents.iter().map(|tangent| tangent.unsigned_abs()).sum()
+    };
+    sums.detectors.iter().map(of_detector).sum::<u128>() as f64 / sums.launched.quanta as f64
+}
+
+/// A scene whose rays draw the same branches at faces, whatever these reflect: the weights take what a small change does to a
+/// reflectance. Else almost no ray would draw otherwise, and a difference would be mostly 0 and sometimes large.
+fn without_chance(ir: &SceneIr) -> SceneIr {
+    let mut ir = ir.clone();
+    if ir.sampling.reflect_prob == ReflectProb::Fresnel {
+        ir.sampling.reflect_prob = ReflectProb::Constant(HELD_REFLECT_PROB);
+    }
+    ir
+}
