@@ -75,14 +75,19 @@ class ToleranceWarning(NsqGpuWarning):
     """The rays or the time ended before the target for the error was met; the result is what was reached."""
 
 
-def without_gradient(name: str, value: Any) -> Any:
+def wants_gradient(value: object) -> bool:
+    """Tell whether a value is a tensor that wants a gradient."""
+    return bool(getattr(value, "requires_grad", False))
+
+
+def without_gradient(name: str, value: Any, remedy: str = "detach it") -> Any:
     """Return a number as it is, unless it is a tensor that wants a gradient, which its taker would drop.
 
     Raises:
         UnsupportedSceneError: It is such a tensor.
     """
-    if getattr(value, "requires_grad", False):
-        raise UnsupportedSceneError(f"{name}: it has requires_grad=True, and nothing is differentiated by it here; detach it")
+    if wants_gradient(value):
+        raise UnsupportedSceneError(f"{name}: it has requires_grad=True, and nothing is differentiated by it here; {remedy}")
     return value
 
 

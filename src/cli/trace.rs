@@ -209,9 +209,10 @@ fn differentiate(args: &Args, names: &[String]) -> Result<String> {
     let mut is_stopped = partial || !missing.is_empty();
     if args.gradient_edges && !is_stopped {
         let done = differentiated.num_passes() * options.num_rays;
-        let added = differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays));
-        is_stopped = added == Err(Error::Interrupted);
-        added.or_else(|error| if is_stopped { Ok(()) } else { Err(error) })?;
+        match differentiated.add_edges(&gpu, &options, &mut gradients, |rays| keep_going(done + rays)) {
+            Err(Error::Interrupted) => is_stopped = true,
+            added => added?,
+        }
     }
     shown.finish();
     let without_edges =

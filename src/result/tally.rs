@@ -1,6 +1,7 @@
 //! Exact, additive sums of a trace: the value that the fold over passes accumulates.
 
 use crate::error::{Error, Result};
+use std::borrow::Cow;
 use std::ops::AddAssign;
 
 use serde::{Deserialize, Serialize};
@@ -281,8 +282,18 @@ impl DetectorTally {
     }
 
     /// The quanta of each cell; of a detector without cells, those of all it recorded.
-    pub(crate) fn quanta_of_cells(&self) -> Vec<u128> {
-        if self.quanta.is_empty() { vec![self.total().quanta] } else { self.quanta.clone() }
+    pub(crate) fn quanta_of_cells(&self) -> Cow<'_, [u128]> {
+        if self.quanta.is_empty() {
+            Cow::Owned(vec![self.total().quanta])
+        } else {
+            Cow::Borrowed(&self.quanta)
+        }
+    }
+
+    /// The sums of tangents by the parameter of this number, in the order of [`DetectorTally::quanta_of_cells`].
+    pub(crate) fn tangents_by(&self, number: usize) -> &[i128] {
+        let num_cells = self.quanta.len().max(1);
+        self.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default()
     }
 }
 

@@ -17,7 +17,7 @@ mod media;
 mod mesh_files;
 mod meshes;
 #[allow(clippy::wildcard_enum_match_arm, reason = "JSON's kinds of values are not the scene's")]
-mod parameters;
+pub(crate) mod parameters;
 pub mod path_filter;
 mod surfaces;
 mod text;

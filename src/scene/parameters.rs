@@ -11,8 +11,8 @@ use crate::scene::tree::{Array, Value, View};
 use indexmap::IndexMap;
 use serde_json::Number;
 
-/// The keys of a frame.
-const FRAME: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
+/// The keys of a frame: positions and angles.
+pub(crate) const FRAME: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 
 /// The lists of a scene whose entries have a name of their own.
 const LISTS: [&str; 3] = ["components", "sources", "detectors"];

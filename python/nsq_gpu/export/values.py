@@ -12,7 +12,7 @@ import numpy as np
 import optiland.backend as be
 from optiland.coordinate_system import CoordinateSystem
 
-from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.errors import UnsupportedSceneError, wants_gradient, without_gradient
 
 Json = dict[str, Any]
 
@@ -56,15 +56,9 @@ def wanted_gradients() -> Iterator[None]:
         _are_wanted.reset(token)
 
 
-def wants_gradient(value: object) -> bool:
-    return bool(getattr(value, "requires_grad", False))
-
-
 def refuse_gradient(value: object, place: str) -> None:
     """Refuse a tensor that wants a gradient."""
-    if wants_gradient(value):
-        raise refuse(place, "it has requires_grad=True, and nothing is differentiated by it here",
-                     "detach it, or trace with Optiland's TorchBackend")
+    without_gradient(place, value, "detach it, or trace with Optiland's TorchBackend")
 
 
 def number(value: Any, place: str) -> float:

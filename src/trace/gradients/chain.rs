@@ -68,8 +68,8 @@ impl Chain {
         let mut gain = 0.0;
         for (detector, adjoints) in tally.detectors.iter().zip(adjoints) {
             let quanta = detector.quanta_of_cells();
-            let tangents = detector.tangents.get(number * quanta.len()..).unwrap_or_default();
-            for ((tangent, quanta), adjoint) in tangents.iter().zip(&quanta).zip(adjoints) {
+            let tangents = detector.tangents_by(number);
+            for ((tangent, quanta), adjoint) in tangents.iter().zip(quanta.iter()).zip(adjoints) {
                 gain += adjoint * self.of_flux(*tangent, *quanta);
             }
         }
@@ -81,12 +81,10 @@ impl Chain {
         let [unit, _] = self.unit;
         let (mut fluxes, mut values) = (Vec::new(), Vec::new());
         for (detector, cells) in tally.detectors.iter().zip(&self.cells) {
-            let num_cells = detector.quanta.len().max(1);
-            let tangents =
-                detector.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default();
+            let tangents = detector.tangents_by(number);
             fluxes.push(self.of_flux(tangents.iter().sum(), detector.total().quanta));
             let Some([sizes, slopes]) = cells else { continue };
-            let per_size = num_cells / sizes.len().max(1);
+            let per_size = detector.quanta.len().max(1) / sizes.len().max(1);
             for (cell, (&tangent, &quanta)) in tangents.iter().zip(&detector.quanta).enumerate() {
                 let (size, slope_of_size) = (sizes[cell / per_size], slopes[cell / per_size]);
                 let value = unit * (quanta as f64 * QUANTUM) / size;

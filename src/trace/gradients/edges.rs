@@ -5,10 +5,10 @@ use crate::error::{Error, Result};
 use crate::format::shown;
 use crate::gpu::Gpu;
 use crate::model::{Precision, ReflectProb, SceneIr};
-use crate::result::{DetectorTally, Gradient, Tally, WithEdges};
+use crate::result::{Gradient, Tally, WithEdges};
 use crate::trace::difference::Pair;
 use crate::trace::gradients::chain::{Chain, QUANTUM};
-use crate::trace::gradients::scaled::{NOISE, Scaled};
+use crate::trace::gradients::scaled::Scaled;
 use crate::trace::{Shelf, Tracer};
 
 /// Rays of a trace that looks for what crosses edges, at most.
@@ -69,8 +69,10 @@ pub(super) fn check(
     let [more, less] = [traced(more)?, traced(less)?];
     let detectors = more.detectors.iter().zip(&less.detectors).enumerate();
     let mut changes = detectors.flat_map(|(number, (more, less))| {
-        let cells = more.quanta_of_cells().into_iter().zip(less.quanta_of_cells()).enumerate();
-        cells.map(move |(cell, (more, less))| (number, cell, (more as i128 - less as i128) as f64 * QUANTUM))
+        let (more, less) = (more.quanta_of_cells(), less.quanta_of_cells());
+        let num_cells = more.len().min(less.len());
+        (0..num_cells)
+            .map(move |cell| (number, cell, (more[cell] as i128 - less[cell] as i128) as f64 * QUANTUM))
     });
     if change(&mut changes).abs() <= seen_by(options.precision) * more.launched.quanta as f64 * QUANTUM {
         return Ok(());
@@ -92,8 +94,8 @@ pub(super) fn check_maps(
     sums: &Tally,
 ) -> Result<()> {
     for (number, scaled) in parameters.iter().enumerate() {
-        let chain = Chain::of(ir, scaled, options.num_rays)?;
-        if chain.is_constant() && light_moved(sums, number) <= rounding(options.precision) {
+        let is_dark = light_moved(sums, number) <= rounding(options.precision);
+        if is_dark && Chain::of(ir, scaled, options.num_rays)?.is_constant() {
             check(gpu, options, shelf, scaled, |changes| changes.map(|(.., change)| change.abs()).sum())?;
         }
     }
@@ -107,19 +109,14 @@ pub(super) fn rounding(precision: Precision) -> f64 {
 
 /// A change by more than this share of all light is none of rounding: in f32, half a ray of [`MOST_EDGE_RAYS`].
 fn seen_by(precision: Precision) -> f64 {
-    if precision == Precision::F32 { 0.5 / MOST_EDGE_RAYS as f64 } else { NOISE }
+    if precision == Precision::F32 { 0.5 / MOST_EDGE_RAYS as f64 } else { 1e-9 }
 }
 
 /// The light that the parameter of this number moves among cells, or adds to them, by a change of its natural size; as a share
 /// of all light.
 fn light_moved(sums: &Tally, number: usize) -> f64 {
-    let of_detector = |detector: &DetectorTally| -> u128 {
-        let num_cells = detector.quanta.len().max(1);
-        let tangents =
-            detector.tangents.get(number * num_cells..(number + 1) * num_cells).unwrap_or_default();
-        tangents.iter().map(|tangent| tangent.unsigned_abs()).sum()
-    };
-    sums.detectors.iter().map(of_detector).sum::<u128>() as f64 / sums.launched.quanta as f64
+    let tangents = sums.detectors.iter().flat_map(|detector| detector.tangents_by(number));
+    tangents.map(|tangent| tangent.unsigned_abs()).sum::<u128>() as f64 / sums.launched.quanta as f64
 }
 
 /// A scene whose rays draw the same branches at faces, whatever these reflect: the weights take what a small change does to a

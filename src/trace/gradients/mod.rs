@@ -23,7 +23,7 @@ use crate::scene::Scene;
 use crate::trace::blocks::{Blocks, notes_of_few_rays};
 use crate::trace::gradients::chain::{Chain, sizes};
 use crate::trace::gradients::edges::{MOST_EDGE_RAYS, rounding};
-use crate::trace::gradients::scaled::{NOISE, Scaled, allowance, unquoted};
+use crate::trace::gradients::scaled::{Scaled, allowance, unquoted};
 use crate::trace::{Shelf, Tracer};
 use ndarray::ArrayD;
 use std::path::Path;
@@ -36,6 +36,8 @@ pub const MOST_PARAMETERS: usize = 4;
 const NUM_BLOCKS: u64 = 64;
 /// Rays of a block, at most: sums of derivatives are read before they can overflow.
 const MOST_BLOCK_RAYS: u64 = 1 << 20;
+/// Changes of numbers below this are of rounding.
+const NOISE: f64 = 1e-9;
 /// A trace of more rays than these is preceded by a short one, so that a parameter is refused at once.
 const MOST_UNCHECKED_RAYS: u64 = 10_000_000;
 
@@ -168,7 +170,8 @@ impl Differentiated {
         let how = How { shelf, ..how };
         let (mut found, mut sums, mut done_before) = (Vec::new(), None, 0);
         for parameters in self.parameters.chunks(MOST_PARAMETERS) {
-            if options.num_rays > MOST_UNCHECKED_RAYS && !how.with_edges {
+            let (is_checked, is_long) = (!how.with_edges, options.num_rays > MOST_UNCHECKED_RAYS);
+            if is_checked && is_long {
                 // What is refused is refused before a long trace.
                 let few = TraceOptions { num_rays: MOST_EDGE_RAYS, ..options.clone() };
                 let how = How { without_errors: true, ..how };
@@ -185,7 +188,7 @@ impl Differentiated {
                 break;
             }
             done_before += options.num_rays;
-            if !how.with_edges {
+            if is_checked && !is_long {
                 edges::check_maps(&self.ir, gpu, &options, how.shelf, parameters, &of_pass.1)?;
             }
             found.extend(of_pass.0);

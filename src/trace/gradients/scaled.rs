@@ -5,6 +5,7 @@ use crate::format::shown;
 use crate::model::{Allowance, Coating, Frame, Interaction, Medium, ReflectProb, SceneIr, SimpleCoating};
 use crate::program::features::has_unit_gradients;
 use crate::program::tangents::Parameter;
+use crate::scene::parameters::FRAME;
 use glam::DMat3;
 use rayon::prelude::*;
 
@@ -18,14 +19,10 @@ const ONE_SIDED: [(f64, f64); 7] =
 const STEP: f64 = 2e-3;
 /// A step of a position \[mm\] or an angle \[rad\].
 const FRAME_STEP: f64 = 1e-3;
-/// Differences of scenes on one side leave so much of what does not change.
-pub(super) const NOISE: f64 = 1e-9;
 /// A change of a coefficient that counts moves a shape by so much of its size.
 const MOVED: f64 = 1e-2;
 /// The size of a k that is 0: glass of 10 mm with this k takes a quarter of green light.
 const ABSORPTION: f64 = 1e-6;
-/// Keys of positions and angles.
-const FRAME_KEYS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 
 /// A parameter in units of its natural size, so that sums of derivatives neither overflow nor lose digits.
 #[derive(Debug, Clone)]
@@ -47,21 +44,21 @@ impl Scaled {
         value: f64,
         with: impl Fn(f64) -> Result<SceneIr> + Sync,
     ) -> Result<Self> {
-        let key = name.rsplit('.').next().unwrap_or_default();
+        // Places in lists end a name.
+        let mut parts = name.rsplit('.').skip_while(|part| part.parse::<usize>().is_ok());
+        let key = parts.next().unwrap_or_default();
         if !value.is_finite() || value == 0.0 && is_radius(key) {
             return Err(Error::Usage(format!(
                 "`{}` is {value}: a flat face has no derivative by its radius; give it a large radius, such as 1e6",
                 shown(name)
             )));
         }
-        let is_frame = FRAME_KEYS.contains(&key);
-        let is_of_list = key.parse::<usize>().is_ok();
-        let of_list = || name.rsplit('.').find(|part| part.parse::<usize>().is_err());
-        let is_absorption = key == "k" || is_of_list && of_list() == Some("k");
+        let is_frame = FRAME.contains(&key);
+        let is_of_list = !name.ends_with(key);
         let by_shape = || size_by_shape(ir, |change| with(value + change));
         let size = match is_of_list.then(by_shape).flatten() {
             Some(size) => size.max(value.abs()),
-            None if is_absorption => value.abs().max(ABSORPTION),
+            None if key == "k" => value.abs().max(ABSORPTION),
             None if is_frame || value == 0.0 => 1.0,
             None if key.starts_with("conic") => value.abs().max(1.0),
             None => value.abs(),
