@@ -66,13 +66,19 @@ pub(super) fn check(
         }
     };
     let [more, less] = scaled.farthest();
+    let flux = |ir: &SceneIr| ir.sources.iter().map(|source| source.total_flux).sum::<f64>();
+    // A quantum is a share of all flux, which the parameter may change.
+    let worth = flux(more) / flux(less);
     let [more, less] = [traced(more)?, traced(less)?];
     let detectors = more.detectors.iter().zip(&less.detectors).enumerate();
     let mut changes = detectors.flat_map(|(number, (more, less))| {
         let (more, less) = (more.quanta_of_cells(), less.quanta_of_cells());
         let num_cells = more.len().min(less.len());
-        (0..num_cells)
-            .map(move |cell| (number, cell, (more[cell] as i128 - less[cell] as i128) as f64 * QUANTUM))
+        let change = move |cell: usize| {
+            let same = more[cell] as i128 - less[cell] as i128;
+            same as f64 + (worth - 1.0) * more[cell] as f64
+        };
+        (0..num_cells).map(move |cell| (number, cell, change(cell) * QUANTUM))
     });
     if change(&mut changes).abs() <= seen_by(options.precision) * more.launched.quanta as f64 * QUANTUM {
         return Ok(());
