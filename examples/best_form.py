@@ -1,12 +1,14 @@
 """The lens of best form: which bending of a lens of index 1.5 gives the smallest spot of a distant point?
 
 The answer of third-order theory for a thin lens is a shape factor of 2 (n^2 - 1) / (n + 2) = 0.714. This lens is 2 mm thick,
-so the script also finds its own best form without any gradient: by a search over exact rays of the meridian. Then the script
-starts from a symmetric lens, whose shape factor is 0, and follows the gradient. It needs Torch.
+so the script also finds its own best form otherwise: by exact rays of the meridian. First the script starts from a symmetric
+lens, whose shape factor is 0, and follows the gradient of traces. `--search` goes without a gradient. It needs Torch.
 """
 
 import argparse
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import optiland.backend as be
@@ -21,6 +23,8 @@ from optiland.nonsequential import (
     NSQScene,
     Spectrum,
 )
+from optiland.nonsequential.backends import TorchBackend
+from scipy.optimize import minimize
 
 from nsq_gpu import NsqGpuBackend
 
@@ -90,34 +94,80 @@ def best_form() -> float:
     return 0.5 * (low + high)
 
 
+def parameters_of(options: argparse.Namespace) -> list[torch.Tensor]:
+    """The start: a symmetric lens, and where the image stands [mm]."""
+    start = (0.0, FOCAL_LENGTH if options.image is None else options.image)
+    wanted = (True, options.image is None)
+    return [torch.tensor(value, dtype=torch.float64, requires_grad=is_free) for value, is_free in zip(start, wanted)]
+
+
+def show(num_traces: int, options: argparse.Namespace, values: list[float], loss: float, start: float) -> None:
+    shape, distance = values
+    print(f"{num_traces:3} traces, {num_traces * options.rays:9,} rays, {time.perf_counter() - start:5.1f} s: "
+          f"shape factor {shape:7.4f}, image at {distance:8.4f} mm, RMS radius {1e3 * loss ** 0.5:6.2f} um")
+
+
+def follow_gradient(loss_of: Callable[..., torch.Tensor], options: argparse.Namespace) -> None:
+    """Adam: each step is a trace, and a trace back."""
+    values = parameters_of(options)
+    free = [value for value in values if value.requires_grad]
+    optimizer = torch.optim.Adam(free, lr=0.05)
+    start = time.perf_counter()
+    for step in range(options.steps + 1):
+        optimizer.zero_grad()
+        loss = loss_of(*values)
+        if step % 20 == 0:
+            show(step + 1, options, [value.item() for value in values], loss.item(), start)
+        loss.backward()
+        optimizer.step()
+
+
+def search(loss_of: Callable[..., torch.Tensor], options: argparse.Namespace) -> None:
+    """Nelder and Mead's simplex, which needs no gradient."""
+    values = [value.detach() for value in parameters_of(options)]
+    num_free = 1 if options.image is not None else 2
+    losses: list[float] = []
+    start = time.perf_counter()
+
+    def loss(free: np.ndarray) -> float:
+        values[:num_free] = torch.tensor(free, dtype=torch.float64)
+        losses.append(loss_of(*values).item())
+        if len(losses) % 20 == 1:
+            show(len(losses), options, [value.item() for value in values], losses[-1], start)
+        return losses[-1]
+
+    # A first simplex as wide as ten steps of the gradient's way.
+    first = np.array([value.item() for value in values[:num_free]])
+    simplex = np.vstack([first, first + 0.5 * np.eye(num_free)])
+    found = minimize(loss, first, method="Nelder-Mead",
+                     options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-10, "maxfev": options.steps + 1})
+    values[:num_free] = torch.tensor(found.x, dtype=torch.float64)
+    show(len(losses), options, [value.item() for value in values], found.fun, start)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rays", type=int, default=20_000)
     parser.add_argument("--steps", type=int, default=120)
-    parser.add_argument("--torch", action="store_true", help="trace by Optiland's TorchBackend")
+    parser.add_argument("--image", type=float, help="keep the image at so many mm behind the lens, and bend the lens alone")
+    parser.add_argument("--torch", action="store_true", help="trace by Optiland's TorchBackend, which cannot move the image")
+    parser.add_argument("--search", action="store_true", help="search without a gradient: Nelder and Mead's simplex")
     options = parser.parse_args()
     be.set_backend("torch")
     be.set_precision("float64")
+    backend: Any
     if options.torch:
-        from optiland.nonsequential.backends.torch_backend import TorchBackend
-
+        options.image = FOCAL_LENGTH if options.image is None else options.image
         backend = TorchBackend(seed=1)
     else:
         # Only the light that passes straight through: ghosts are no part of the spot.
         backend = NsqGpuBackend(seed=1, precision="f64", where="reflections == 0")
-    shape = torch.tensor(0.0, dtype=torch.float64, requires_grad=True)
-    distance = torch.tensor(FOCAL_LENGTH, dtype=torch.float64, requires_grad=not options.torch)
-    optimizer = torch.optim.Adam([{"params": [shape], "lr": 0.05}, {"params": [distance], "lr": 0.05}])
-    start = time.perf_counter()
-    for step in range(options.steps + 1):
-        optimizer.zero_grad()
+
+    def loss_of(shape: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
         result = backend.trace(scene(shape, distance), options.rays, max_depth=8)
-        loss = mean_square_radius(result.detectors["image"].data)
-        if step % 20 == 0:
-            print(f"step {step:3}: shape factor {shape.item():7.4f}, image at {distance.item():8.4f} mm, "
-                  f"RMS radius {1e3 * loss.item() ** 0.5:7.2f} um, {time.perf_counter() - start:6.1f} s")
-        loss.backward()
-        optimizer.step()
+        return mean_square_radius(result.detectors["image"].data)
+
+    (search if options.search else follow_gradient)(loss_of, options)
     best = best_form()
     print(f"best form by exact rays and a search: {best:.4f}, RMS radius {1e3 * smallest_square(best) ** 0.5:.2f} um; "
           f"of a thin lens: {2.0 * (INDEX**2 - 1.0) / (INDEX + 2.0):.4f}")

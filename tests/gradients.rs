@@ -1048,6 +1048,29 @@ fn errors_planted_in_the_way_back_are_found() {
     }
 }
 
+/// A ray whose adjoint is no number is lost alone: the other rays of its invocation still count.
+#[test]
+fn a_ray_without_an_adjoint_is_lost_alone() {
+    let scene = differentiated(BENCH, &["L1.r1", "glass.n", "beam.total_flux"]);
+    let options = zoo::options(1000, 1, Precision::F64);
+    let adjoints = some_adjoints(&scene);
+    let of = |text: &str, wrong: &str| {
+        let edit = planted("bench", text, wrong);
+        let how = How { edit: Some(&edit), ..How::default() };
+        scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap()
+    };
+    let noted = "noted += adjoint.weight * source().weight;";
+    let whole = of(noted, noted);
+    let lost = of(noted, &format!("{noted} if index == 70u {{ noted -= noted; noted /= noted; }}"));
+    let without = of("fn walk(index: u32) {", "fn walk(index: u32) { if index == 70u { return; }");
+    // One ray of each source.
+    assert_eq!((whole.num_lost, lost.num_lost, without.num_lost), (0, 2, 0));
+    for ((whole, lost), without) in whole.values.iter().zip(&lost.values).zip(&without.values) {
+        assert!((lost - without).abs() <= 1e-13 * without.abs(), "{lost:e}, not {without:e}");
+        assert!((whole - without).abs() > 1e-6 * whole.abs(), "ray 70 gives nothing");
+    }
+}
+
 /// A wide splat takes many rounds: fewer rays share an invocation, and where a driver cuts loops short all the same, the loss is
 /// differentiated forward. No ray is dropped.
 #[test]

@@ -11,12 +11,15 @@ fn generate_back(index: u32, adjoint: Ray) {}
 fn next_event_back(ray: ptr<function, Ray>, adjoint: ptr<function, Ray>) {}
 fn settle_back(ray: Ray, adjoint: ptr<function, Ray>) {}
 
-// Adds the adjoints of the scene's numbers, which one ray has given, to those of the invocation. If they are not valid, or one is
-// no number, the ray is counted instead.
-fn add_up_adjoints(are_valid: bool) {}
+// Adds the adjoints of the scene's numbers to the sums of the invocation, and sets them to 0. If one is no number, none is added,
+// and one more is lost.
+fn add_up_adjoints() {}
 
-// Writes the sums of an invocation for the host, and whether loops were cut.
+// Writes the sums of an invocation for the host, the rays that are lost, and whether loops were cut.
 fn write_adjoints(invocation: u32) {}
+
+// Rays of this invocation whose adjoints are no numbers.
+var<private> lost: real;
 
 // 1 if a driver cut loops of this invocation short (rounds.many.wgsl): its sums are void.
 var<private> cut_loops: real;
@@ -25,8 +28,8 @@ var<private> cut_loops: real;
 @group(GROUP_SCENE) @binding(BINDING_ADJOINTS) var<storage, read> cell_adjoints: array<real>;
 @group(GROUP_SCENE) @binding(BINDING_ADJOINT_SUMS) var<storage, read_write> adjoint_sums: array<real>;
 
-// All deposits of a ray, each times what the loss gains by a unit of weight in its cell: for derivatives by the total flux. The
-// deposits are in proportion to the weight with which the ray is born.
+// All deposits, each times what the loss gains by a unit of weight in its cell: for derivatives by the total flux. The
+// deposits of a ray are in proportion to the weight with which it is born.
 var<private> noted: real;
 
 fn adjoint_of(cell: u32) -> real {
@@ -105,6 +108,7 @@ fn restore(kept: ptr<function, Kept>, event: u32, ray: ptr<function, Ray>) {
     (*ray).fate = ALIVE;
 }
 
+// Adds what one ray gives to the adjoints of the scene's numbers.
 fn walk(index: u32) {
     var kept: Kept;
     var adjoint: Ray;
@@ -151,10 +155,43 @@ fn walk(index: u32) {
             break;
         }
     }
-    noted = adjoint.weight * source().weight;
-    generate_back(index, adjoint);
-    begin_back();
-    add_up_adjoints(is_valid);
+    if is_valid {
+        noted += adjoint.weight * source().weight;
+        generate_back(index, adjoint);
+    } else {
+        lost += 1.0;
+    }
+}
+
+// Walks the rays of an invocation back. To add up the adjoints after each ray would take as long as all else. So they are added
+// up once, after the last. If they are no numbers, the rays are walked again and added up one by one: so one ray is lost, and not
+// all. The sums are outside of the loop over rays, because a processor runs what stands behind a condition for every ray.
+fn walk_all(first: u32) {
+    let num_rays = min(RAYS_PER_INVOCATION, range.count - first);
+    var together = num_rays;
+    var done = 0u;
+    loop {
+        let end = done + together;
+        loop {
+            if always_true() & (done < end) {
+                walk(first + done);
+            }
+            done += 1u;
+            if done >= end {
+                break;
+            }
+        }
+        let lost_before = lost;
+        begin_back();
+        add_up_adjoints();
+        if together > 1u && lost > lost_before {
+            together = 1u;
+            done = 0u;
+            lost = 0.0;
+        } else if done >= num_rays {
+            break;
+        }
+    }
 }
 
 @compute @workgroup_size(WORKGROUP_SIZE)
@@ -162,17 +199,8 @@ fn trace_back(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgro
     begin();
     let invocation = id.y * groups.x * WORKGROUP_SIZE + id.x;
     let first = invocation * RAYS_PER_INVOCATION;
-    var done = 0u;
-    loop {
-        if always_true() & (first + done < range.count) {
-            walk(first + done);
-        }
-        done += 1u;
-        if done >= RAYS_PER_INVOCATION || first + done >= range.count {
-            break;
-        }
-    }
     if first < range.count {
+        walk_all(first);
         cut_loops = choose(0.0, 1.0, loops_were_cut());
         write_adjoints(invocation);
     }

@@ -49,7 +49,7 @@ pub enum PathSums {
 
 /// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
 /// the adapter, because the bits of the sums depend on it.
-const MOST_RAYS_WALKED_BACK: u64 = 32;
+const MOST_RAYS_WALKED_BACK: u64 = 64;
 /// Rounds of loops that an invocation is to make at most on its ways forward and back.
 const MOST_ROUNDS_WALKED_BACK: u64 = 1 << 14;
 

@@ -51,7 +51,8 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
         "{:<parameters$}{:<detectors$}{:>15}{:>11}{:>9}",
         "parameter", "detector", "d flux [W/.]", "error", "sigmas"
     );
-    if gradients.iter().any(|row| row.with_edges.is_some()) {
+    let with_edges = gradients.iter().any(|row| row.with_edges.is_some());
+    if with_edges {
         let _ = write!(text, "{:>15}{:>11}", "with edges", "error");
     }
     text.push('\n');
@@ -73,6 +74,9 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
             );
         }
         text.push('\n');
+    }
+    if !with_edges {
+        text += "light that crosses edges, such as a lens's rim, is not in these: --gradient-edges says how much\n";
     }
     text
 }

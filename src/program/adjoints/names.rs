@@ -11,18 +11,21 @@ pub(super) const FORWARD_NOTED: &str = "forward_noted";
 /// The variable that says that a driver cut loops short: 0 or 1.
 pub(super) const CUT_LOOPS: &str = "cut_loops";
 
+/// The variable that counts rays whose adjoints are no numbers.
+pub(super) const LOST: &str = "lost";
+
 /// Ends the name of a function that goes a way and back.
 pub(super) const BACK: &str = "_back";
 
 /// Private variables that belong to the pass, and have no adjoints.
-pub(super) const OF_PASS: [&str; 4] = ["last_hit", "noted", CUT_LOOPS, FORWARD_NOTED];
+pub(super) const OF_PASS: [&str; 5] = ["last_hit", "noted", LOST, CUT_LOOPS, FORWARD_NOTED];
 
 /// The error of a function that does something for which there is no way back.
 pub(super) fn no_way_back(name: &str) -> Error {
     Error::NoWayBack(name.to_owned())
 }
 
-/// The function that adds one ray's adjoints to the sums.
+/// The function that adds adjoints to the sums.
 pub(super) const ADD_UP: &str = "add_up_adjoints";
 /// The function that writes the sums of an invocation.
 pub(super) const WRITE: &str = "write_adjoints";

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::program::adjoints::layout::{Layout, add_chains, bound};
-use crate::program::adjoints::names::CUT_LOOPS;
+use crate::program::adjoints::names::{CUT_LOOPS, LOST};
 use crate::program::adjoints::transposing::Transposing;
 use crate::program::adjoints::writer::Writer;
 use crate::program::statements::{Write, real_literal};
@@ -12,7 +12,7 @@ use naga::{
 };
 
 impl Transposing<'_> {
-    /// The variable that sums one invocation's adjoints.
+    /// The variable that sums one invocation's adjoints: of the numbers, then of the total flux.
     fn sums_variable(&mut self, layout: &Layout) -> Result<Handle<GlobalVariable>> {
         const NAME: &str = "sums_of_adjoints";
         let is_known = |variable: &GlobalVariable| variable.name.as_deref() == Some(NAME);
@@ -22,7 +22,7 @@ impl Transposing<'_> {
         }
         let real = self.rewriting.real;
         let base = self.type_with(TypeInner::Scalar(real));
-        let num = std::num::NonZeroU32::new(layout.num_sums() as u32);
+        let num = std::num::NonZeroU32::new(layout.num_numbers() as u32 + 1);
         let num = num.ok_or_else(|| Error::Internal("no sums of adjoints".into()))?;
         let size = ArraySize::Constant(num);
         let ty = self.type_with(TypeInner::Array { base, size, stride: u32::from(real.width) });
@@ -73,23 +73,22 @@ impl Transposing<'_> {
             sums_of_pairs = sums_of_pairs.chunks(2).map(pair).collect();
         }
         let total = sums_of_pairs[0];
-        let are_numbers = writer.call_now(is_number, vec![total]);
-        let are_valid = writer.append(Expression::FunctionArgument(0));
-        let condition =
-            writer.now(Expression::Binary { op: BinaryOperator::And, left: are_valid, right: are_numbers });
+        let condition = writer.call_now(is_number, vec![total]);
         let sums = writer.append(Expression::GlobalVariable(sums));
-        let add = |writer: &mut Writer, index: usize, value: Handle<Expression>, out: &mut Block| {
-            let pointer = writer.emit(Expression::AccessIndex { base: sums, index: index as u32 }, out);
-            let before = writer.emit(Expression::Load { pointer }, out);
-            let value = writer.binary(BinaryOperator::Add, before, value, out);
-            out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
-        };
+        let lost = writer.append(Expression::GlobalVariable(self.global(LOST)?));
+        let add =
+            |writer: &mut Writer, pointer: Handle<Expression>, value: Handle<Expression>, out: &mut Block| {
+                let before = writer.emit(Expression::Load { pointer }, out);
+                let value = writer.binary(BinaryOperator::Add, before, value, out);
+                out.push(Statement::Store { pointer, value }, Span::UNDEFINED);
+            };
         let (mut accept, mut reject) = (Block::new(), Block::new());
         for (index, value) in values.iter().enumerate() {
-            add(&mut writer, index, *value, &mut accept);
+            let sum = writer.emit(Expression::AccessIndex { base: sums, index: index as u32 }, &mut accept);
+            add(&mut writer, sum, *value, &mut accept);
         }
         let one = writer.append(real_literal(real, 1.0));
-        add(&mut writer, values.len(), one, &mut reject);
+        add(&mut writer, lost, one, &mut reject);
         writer.body.push(Statement::If { condition, accept, reject }, Span::UNDEFINED);
         let mut zeroed: Vec<_> =
             self.twins.iter().map(|(old, twin)| (*twin, module.global_variables[*old].ty)).collect();
@@ -117,17 +116,18 @@ impl Transposing<'_> {
         let num = literal(&mut writer, layout.num_sums());
         let first =
             writer.now(Expression::Binary { op: BinaryOperator::Multiply, left: invocation, right: num });
-        let cut_loops = self.global(CUT_LOOPS)?;
-        let cut_loops = writer.append(Expression::GlobalVariable(cut_loops));
-        let last = layout.num_sums() - 1;
-        for index in 0..=last {
+        let [lost, cut_loops] = [self.global(LOST)?, self.global(CUT_LOOPS)?]
+            .map(|variable| writer.append(Expression::GlobalVariable(variable)));
+        let num = layout.num_sums();
+        for index in 0..num {
             let offset = literal(&mut writer, index);
             let place =
                 writer.now(Expression::Binary { op: BinaryOperator::Add, left: first, right: offset });
             let to = writer.now(Expression::Access { base: rows, index: place });
-            let from = match index == last {
-                true => cut_loops,
-                false => writer.now(Expression::AccessIndex { base: sums, index: index as u32 }),
+            let from = match num - index {
+                1 => cut_loops,
+                2 => lost,
+                _ => writer.now(Expression::AccessIndex { base: sums, index: index as u32 }),
             };
             let value = writer.now(Expression::Load { pointer: from });
             writer.store(to, value);
