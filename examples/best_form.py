@@ -1,8 +1,8 @@
 """The lens of best form: which bending of a lens of index 1.5 gives the smallest spot of a distant point?
 
-The answer of third-order theory for a thin lens is a shape factor of 2 (n^2 - 1) / (n + 2) = 0.714. This lens is 2 mm thick,
-so the script also finds its own best form otherwise: by exact rays of the meridian. First the script starts from a symmetric
-lens, whose shape factor is 0, and follows the gradient of traces. `--search` goes without a gradient. It needs Torch.
+The script starts from a symmetric lens, whose shape factor is 0, and follows the gradient of traces. `--search` goes by traces
+alone, without a gradient. At the end the script finds the best form once more, by exact rays of the meridian. Third-order theory
+says 2 (n^2 - 1) / (n + 2) = 0.714 for a thin lens; this lens is 2 mm thick. The script needs Torch.
 """
 
 import argparse
@@ -116,7 +116,7 @@ def follow_gradient(loss_of: Callable[..., torch.Tensor], options: argparse.Name
     for step in range(options.steps + 1):
         optimizer.zero_grad()
         loss = loss_of(*values)
-        if step % 20 == 0:
+        if step % 20 == 0 or step == options.steps:
             show(step + 1, options, [value.item() for value in values], loss.item(), start)
         loss.backward()
         optimizer.step()
@@ -147,12 +147,15 @@ def search(loss_of: Callable[..., torch.Tensor], options: argparse.Namespace) ->
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rays", type=int, default=20_000)
-    parser.add_argument("--steps", type=int, default=120)
-    parser.add_argument("--image", type=float, help="keep the image at so many mm behind the lens, and bend the lens alone")
-    parser.add_argument("--torch", action="store_true", help="trace by Optiland's TorchBackend, which cannot move the image")
+    parser.add_argument("--rays", type=int, default=20_000, help="rays of a trace")
+    parser.add_argument("--steps", type=int, default=120, help="steps of the gradient, or traces of the search")
+    parser.add_argument("--image", type=float, help="keep the image so many mm behind the lens, and bend the lens alone")
+    parser.add_argument("--torch", action="store_true", 
+                        help="trace by Optiland's TorchBackend, which cannot move the image: it stays at --image, or at 100 mm")
     parser.add_argument("--search", action="store_true", help="search without a gradient: Nelder and Mead's simplex")
     options = parser.parse_args()
+    if options.image is not None and not 95.0 <= options.image <= 105.0:
+        parser.error(f"--image {options.image:g}: the light spreads beyond the image; give 95 to 105 mm")
     be.set_backend("torch")
     be.set_precision("float64")
     backend: Any

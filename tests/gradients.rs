@@ -703,6 +703,9 @@ fn what_has_no_derivative_is_refused_by_name() {
     let dark = BENCH.replace("\"reflectance\": 0.2", "\"reflectance\": 0.0");
     let said = refused(&dark, "\"filter.back\".reflectance");
     assert!(said.contains("no ray takes the branch"), "{said}");
+    let unlit = BENCH.replace("\"total_flux\": 0.5", "\"total_flux\": 0");
+    let said = refused(&unlit, "lamp.total_flux");
+    assert!(said.contains("`lamp.total_flux` is 0: a dark source"), "{said}");
     // Two faces that touch, and part with the parameter.
     let touching = BENCH.replace("\"cs\": {\"z\": 22}", "\"cs\": {\"z\": 20}");
     let scene = differentiated(&touching, &["\"filter.back\".z"]);
@@ -1048,26 +1051,34 @@ fn errors_planted_in_the_way_back_are_found() {
     }
 }
 
-/// A ray whose adjoint is no number is lost alone: the other rays of its invocation still count.
+/// A ray whose adjoint is no number is lost alone, as one that ends at no position is: the other rays of its invocation still
+/// count.
 #[test]
 fn a_ray_without_an_adjoint_is_lost_alone() {
     let scene = differentiated(BENCH, &["L1.r1", "glass.n", "beam.total_flux"]);
     let options = zoo::options(1000, 1, Precision::F64);
     let adjoints = some_adjoints(&scene);
-    let of = |text: &str, wrong: &str| {
-        let edit = planted("bench", text, wrong);
-        let how = How { edit: Some(&edit), ..How::default() };
+    let of = |edit: &dyn Fn(String) -> String| {
+        let how = How { edit: Some(edit), ..How::default() };
         scene.loss_gradient(zoo::gpu(), &options, how, &adjoints, |_| true).unwrap()
     };
-    let noted = "noted += adjoint.weight * source().weight;";
-    let whole = of(noted, noted);
-    let lost = of(noted, &format!("{noted} if index == 70u {{ noted -= noted; noted /= noted; }}"));
-    let without = of("fn walk(index: u32) {", "fn walk(index: u32) { if index == 70u { return; }");
-    // One ray of each source.
-    assert_eq!((whole.num_lost, lost.num_lost, without.num_lost), (0, 2, 0));
+    let back = "generate_back(index, adjoint);";
+    let no_number =
+        format!("if index == 70u {{ adjoint.position.x = (noted - noted) / (noted - noted); }} {back}");
+    let no_number = planted("bench", back, &no_number);
+    let position = "is_valid = has_position(ray);";
+    let no_position = planted("bench", position, "is_valid = has_position(ray) & (index != 71u);");
+    let first = "fn walk(index: u32) {";
+    let skipped =
+        planted("bench", first, "fn walk(index: u32) { if index == 70u || index == 71u { return; }");
+    let whole = of(&|text| text);
+    let lost = of(&|text| no_number(no_position(text)));
+    let without = of(&skipped);
+    // Two rays of each source.
+    assert_eq!((whole.num_lost, lost.num_lost, without.num_lost), (0, 4, 0));
     for ((whole, lost), without) in whole.values.iter().zip(&lost.values).zip(&without.values) {
         assert!((lost - without).abs() <= 1e-13 * without.abs(), "{lost:e}, not {without:e}");
-        assert!((whole - without).abs() > 1e-6 * whole.abs(), "ray 70 gives nothing");
+        assert!((whole - without).abs() > 1e-6 * whole.abs(), "these rays give nothing");
     }
 }
 

@@ -11,14 +11,14 @@ fn generate_back(index: u32, adjoint: Ray) {}
 fn next_event_back(ray: ptr<function, Ray>, adjoint: ptr<function, Ray>) {}
 fn settle_back(ray: Ray, adjoint: ptr<function, Ray>) {}
 
-// Adds the adjoints of the scene's numbers to the sums of the invocation, and sets them to 0. If one is no number, none is added,
-// and one more is lost.
+// Adds the adjoints of the scene's numbers to the sums of the invocation. If one is no number, none is added, and one more is
+// lost. In either case the adjoints are 0 afterwards.
 fn add_up_adjoints() {}
 
 // Writes the sums of an invocation for the host, the rays that are lost, and whether loops were cut.
 fn write_adjoints(invocation: u32) {}
 
-// Rays of this invocation whose adjoints are no numbers.
+// Rays of this invocation that are not added: they end at no position, or their adjoints are no numbers.
 var<private> lost: real;
 
 // 1 if a driver cut loops of this invocation short (rounds.many.wgsl): its sums are void.
@@ -163,9 +163,9 @@ fn walk(index: u32) {
     }
 }
 
-// Walks the rays of an invocation back. To add up the adjoints after each ray would take as long as all else. So they are added
+// Walks the rays of an invocation back. To add up the adjoints after each ray would take half as long again. So they are added
 // up once, after the last. If they are no numbers, the rays are walked again and added up one by one: so one ray is lost, and not
-// all. The sums are outside of the loop over rays, because a processor runs what stands behind a condition for every ray.
+// all. The sums stand outside of the loop over rays, because CPUs run both sides of a condition in every round.
 fn walk_all(first: u32) {
     let num_rays = min(RAYS_PER_INVOCATION, range.count - first);
     var together = num_rays;

@@ -50,7 +50,7 @@ pub enum PathSums {
 /// Most rays that an invocation walks back, one after the other, before it writes sums of adjoints. The number does not depend on
 /// the adapter, because the bits of the sums depend on it.
 const MOST_RAYS_WALKED_BACK: u64 = 64;
-/// Rounds of loops that an invocation is to make at most on its ways forward and back.
+/// Rounds of loops that an invocation is to make at most on its ways forward and back. Where a ray is lost, all are walked twice.
 const MOST_ROUNDS_WALKED_BACK: u64 = 1 << 14;
 
 /// How a program is specialised.

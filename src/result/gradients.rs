@@ -40,6 +40,10 @@ pub struct WithEdges {
     pub standard_error: Option<f64>,
 }
 
+/// What a table of derivatives lacks, unless a difference of two traces stands beside them.
+pub const WITHOUT_EDGES: &str =
+    "light that crosses edges, such as a lens's rim, is not in these: --gradient-edges says how much\n";
+
 /// Derivatives of fluxes as a table for a terminal, of a trace that launched a flux \[W\].
 pub fn table(gradients: &[Gradient], launched: f64) -> String {
     let width = |name: fn(&Gradient) -> &String, title: &str| {
@@ -51,8 +55,7 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
         "{:<parameters$}{:<detectors$}{:>15}{:>11}{:>9}",
         "parameter", "detector", "d flux [W/.]", "error", "sigmas"
     );
-    let with_edges = gradients.iter().any(|row| row.with_edges.is_some());
-    if with_edges {
+    if gradients.iter().any(|row| row.with_edges.is_some()) {
         let _ = write!(text, "{:>15}{:>11}", "with edges", "error");
     }
     text.push('\n');
@@ -74,9 +77,6 @@ pub fn table(gradients: &[Gradient], launched: f64) -> String {
             );
         }
         text.push('\n');
-    }
-    if !with_edges {
-        text += "light that crosses edges, such as a lens's rim, is not in these: --gradient-edges says how much\n";
     }
     text
 }

@@ -14,8 +14,12 @@ impl TraceResult {
     /// warnings.
     pub fn report(&self) -> String {
         let paths = self.paths.as_ref().map(|table| table.text(TOP_PATHS));
-        let gradients = (!self.gradients.is_empty())
-            .then(|| gradients::table(&self.gradients, self.ledger.launched.flux));
+        let is_without_edges =
+            self.run.stopped_by.is_none() && self.gradients.iter().all(|row| row.with_edges.is_none());
+        let gradients = (!self.gradients.is_empty()).then(|| {
+            let table = gradients::table(&self.gradients, self.ledger.launched.flux);
+            table + if is_without_edges { gradients::WITHOUT_EDGES } else { "" }
+        });
         let parts = [self.header(), self.flux_table(), self.detector_table()];
         let last = [self.ledger_line(), self.warning_list()];
         parts.into_iter().chain(gradients).chain(paths).chain(last).collect::<Vec<_>>().join("\n")

@@ -75,6 +75,12 @@ impl Scaled {
             let of_sign = |sign: f64| Ok((stencil(&ONE_SIDED, sign)?, ([1, 0], sign * step)));
             of_sign(1.0).or_else(|_: Error| of_sign(-1.0)).map_err(|_| changed_a_little(name, error))
         })?;
+        if stencil.iter().any(|(_, there)| lights_dark_source(ir, there)) {
+            return Err(Error::Usage(format!(
+                "`{}` is {value}: a dark source launches a single ray, which shows no derivative; give it a flux above 0",
+                shown(name)
+            )));
+        }
         if stencil.iter().any(|(_, there)| takes_undrawn(ir, there)) {
             return Err(Error::Usage(format!(
                 "`{}` is {value}: no ray takes the branch whose share it changes, so a trace sees no derivative; \
@@ -138,6 +144,14 @@ fn size_by_shape(ir: &SceneIr, with: impl Fn(f64) -> Result<SceneIr>) -> Option<
 /// The error of a scene that a small change has made wrong.
 fn changed_a_little(name: &str, error: Error) -> Error {
     Error::Usage(format!("`{}` cannot be changed a little, so it has no derivative: {error}", shown(name)))
+}
+
+/// True if a source without light has light in another scene.
+fn lights_dark_source(ir: &SceneIr, there: &SceneIr) -> bool {
+    ir.sources
+        .iter()
+        .zip(&there.sources)
+        .any(|(here, there)| here.total_flux == 0.0 && there.total_flux != 0.0)
 }
 
 /// True if a branch that no ray of the traced scene takes has light in another scene.
