@@ -97,8 +97,8 @@ def best_form() -> float:
 def parameters_of(options: argparse.Namespace) -> list[torch.Tensor]:
     """The start: a symmetric lens, and where the image stands [mm]."""
     start = (0.0, FOCAL_LENGTH if options.image is None else options.image)
-    wanted = (True, options.image is None)
-    return [torch.tensor(value, dtype=torch.float64, requires_grad=is_free) for value, is_free in zip(start, wanted)]
+    is_free = (True, options.image is None)
+    return [torch.tensor(value, dtype=torch.float64, requires_grad=free) for value, free in zip(start, is_free)]
 
 
 def show(num_traces: int, options: argparse.Namespace, values: list[float], loss: float, start: float) -> None:
@@ -124,17 +124,20 @@ def follow_gradient(loss_of: Callable[..., torch.Tensor], options: argparse.Name
 
 def search(loss_of: Callable[..., torch.Tensor], options: argparse.Namespace) -> None:
     """Nelder and Mead's simplex, which needs no gradient."""
-    values = [value.detach() for value in parameters_of(options)]
-    num_free = 1 if options.image is not None else 2
-    losses: list[float] = []
+    values = parameters_of(options)
+    num_free = sum(value.requires_grad for value in values)
+    values = [value.detach() for value in values]
+    num_traces = 0
     start = time.perf_counter()
 
     def loss(free: np.ndarray) -> float:
+        nonlocal num_traces
+        num_traces += 1
         values[:num_free] = torch.tensor(free, dtype=torch.float64)
-        losses.append(loss_of(*values).item())
-        if len(losses) % 20 == 1:
-            show(len(losses), options, [value.item() for value in values], losses[-1], start)
-        return losses[-1]
+        value = loss_of(*values).item()
+        if num_traces % 20 == 1:
+            show(num_traces, options, [value.item() for value in values], value, start)
+        return value
 
     # A first simplex as wide as ten steps of the gradient's way.
     first = np.array([value.item() for value in values[:num_free]])
@@ -142,7 +145,7 @@ def search(loss_of: Callable[..., torch.Tensor], options: argparse.Namespace) ->
     found = minimize(loss, first, method="Nelder-Mead",
                      options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-10, "maxfev": options.steps + 1})
     values[:num_free] = torch.tensor(found.x, dtype=torch.float64)
-    show(len(losses), options, [value.item() for value in values], found.fun, start)
+    show(num_traces, options, [value.item() for value in values], found.fun, start)
 
 
 def main() -> None:
@@ -150,7 +153,7 @@ def main() -> None:
     parser.add_argument("--rays", type=int, default=20_000, help="rays of a trace")
     parser.add_argument("--steps", type=int, default=120, help="steps of the gradient, or traces of the search")
     parser.add_argument("--image", type=float, help="keep the image so many mm behind the lens, and bend the lens alone")
-    parser.add_argument("--torch", action="store_true", 
+    parser.add_argument("--torch", action="store_true",
                         help="trace by Optiland's TorchBackend, which cannot move the image: it stays at --image, or at 100 mm")
     parser.add_argument("--search", action="store_true", help="search without a gradient: Nelder and Mead's simplex")
     options = parser.parse_args()

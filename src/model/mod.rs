@@ -87,6 +87,11 @@ impl SceneIr {
             name => name.to_string(),
         }
     }
+
+    /// The flux that all sources emit \[W\].
+    pub fn emitted_flux(&self) -> f64 {
+        self.sources.iter().map(|source| source.total_flux).sum()
+    }
 }
 
 /// A local coordinate system: `global = rotation * local + origin`.

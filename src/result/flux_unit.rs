@@ -18,7 +18,7 @@ impl FluxUnit {
 
     /// The unit of a trace of `num_rays` rays through a scene.
     pub fn of_scene(ir: &SceneIr, num_rays: u64) -> Self {
-        FluxUnit::new(ir.sources.iter().map(|source| source.total_flux).sum(), num_rays)
+        FluxUnit::new(ir.emitted_flux(), num_rays)
     }
 
     /// Flux of a sum \[W\]. The ratio comes first, so that all quanta launched are exactly the flux emitted.

@@ -25,10 +25,9 @@ impl TraceResult {
     /// [`Error::Internal`] if tally or rows are not those of this scene, [`Error::File`] if the rows cannot be read.
     pub fn with_rows(ir: &SceneIr, run: &RunInfo, tally: &Tally, recorded: &Recorded) -> Result<TraceResult> {
         check_shape(ir, tally)?;
-        let emitted: f64 = ir.sources.iter().map(|source| source.total_flux).sum();
         let unit = FluxUnit::of_scene(ir, if run.partial { tally.launched.count } else { run.num_rays });
         let uncertainty = Uncertainty::new(ir, tally, unit);
-        let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { emitted };
+        let total_flux_in = if run.partial { unit.watts(tally.launched.quanta) } else { ir.emitted_flux() };
 
         let detectors: Vec<Detector> = ir
             .detectors

@@ -11,7 +11,7 @@ pub(super) const FORWARD_NOTED: &str = "forward_noted";
 /// The variable that says that a driver cut loops short: 0 or 1.
 pub(super) const CUT_LOOPS: &str = "cut_loops";
 
-/// The variable that counts rays whose adjoints are no numbers.
+/// The variable that counts rays that are not added.
 pub(super) const LOST: &str = "lost";
 
 /// Ends the name of a function that goes a way and back.

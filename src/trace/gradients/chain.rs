@@ -23,8 +23,7 @@ pub(super) struct Chain {
 
 impl Chain {
     pub(super) fn of(ir: &SceneIr, scaled: &Scaled, num_rays: u64) -> Result<Self> {
-        let flux =
-            |ir: &SceneIr| ir.sources.iter().map(|source| source.total_flux).sum::<f64>() / num_rays as f64;
+        let flux = |ir: &SceneIr| ir.emitted_flux() / num_rays as f64;
         // Less the value of the scene itself: what does not change has a derivative of 0 exactly.
         let derivative = |value: &dyn Fn(&SceneIr) -> f64| {
             let changes =

@@ -66,9 +66,8 @@ pub(super) fn check(
         }
     };
     let [more, less] = scaled.farthest();
-    let flux = |ir: &SceneIr| ir.sources.iter().map(|source| source.total_flux).sum::<f64>();
     // A quantum is a share of all flux, which the parameter may change.
-    let worth = flux(more) / flux(less);
+    let worth = more.emitted_flux() / less.emitted_flux();
     let [more, less] = [traced(more)?, traced(less)?];
     let detectors = more.detectors.iter().zip(&less.detectors).enumerate();
     let mut changes = detectors.flat_map(|(number, (more, less))| {

@@ -269,8 +269,7 @@ impl Differentiated {
             found.num_lost += sums.detectors.iter().map(|detector| detector.lost_tangents).sum::<u64>();
         }
         let largest = adjoints.iter().flatten().fold(0.0, |largest: f64, adjoint| largest.max(adjoint.abs()));
-        let flux: f64 = self.ir.sources.iter().map(|source| source.total_flux).sum();
-        let least = rounding(options.precision) * largest * flux;
+        let least = rounding(options.precision) * largest * self.ir.emitted_flux();
         for (scaled, value) in self.parameters.iter().zip(&found.values) {
             if !how.with_edges && largest > 0.0 && (value * scaled.size).abs() <= least {
                 edges::check(gpu, &options, how.shelf, scaled, |changes| {

@@ -148,16 +148,17 @@ fn changed_a_little(name: &str, error: Error) -> Error {
 
 /// True if a source without light has light in another scene.
 fn lights_dark_source(ir: &SceneIr, there: &SceneIr) -> bool {
-    ir.sources
-        .iter()
-        .zip(&there.sources)
-        .any(|(here, there)| here.total_flux == 0.0 && there.total_flux != 0.0)
+    ir.sources.iter().zip(&there.sources).any(|(here, there)| appears(here.total_flux, there.total_flux))
+}
+
+/// True of what is 0 in the traced scene alone.
+fn appears(here: f64, there: f64) -> bool {
+    here == 0.0 && there != 0.0
 }
 
 /// True if a branch that no ray of the traced scene takes has light in another scene.
 fn takes_undrawn(ir: &SceneIr, there: &SceneIr) -> bool {
     let by_fresnel = ir.sampling.reflect_prob == ReflectProb::Fresnel;
-    let appears = |here: f64, there: f64| here == 0.0 && there != 0.0;
     ir.surfaces.iter().zip(&there.surfaces).any(|(here, there)| {
         let scatter = here.scatter.as_ref().zip(there.scatter.as_ref()).is_some_and(|(here, there)| {
             let lobes = [&here.bsdf, &there.bsdf].map(|bsdf| bsdf.transmissive_fraction());
