@@ -30,8 +30,9 @@ from optiland.optic import Optic
 from optiland.rays import RealRays
 
 import nsq_gpu
-from nsq_gpu.convert import READERS, from_optic, read_optic
+from nsq_gpu.convert import from_optic
 from nsq_gpu.convert.prescription import trace, without_polarised_coatings
+from nsq_gpu.lensfiles import SUFFIXES, read_lens
 
 RAYS_PER_FIELD = 200
 #: Where a page has the table.
@@ -178,8 +179,8 @@ def main() -> None:
     given = parser.parse_args()
     found = [(name, lambda kind=kind: kind()) for name, kind in samples()]
     for path in given.files:
-        files = sorted(file for file in path.rglob("*") if file.suffix.lower() in READERS) if path.is_dir() else [path]
-        found += [(file.name, lambda file=file: read_optic(file)) for file in files]
+        files = sorted(file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES) if path.is_dir() else [path]
+        found += [(file.name, lambda file=file: read_lens(file)[0]) for file in files]
     rows = ["| lens | surfaces | fields | rays | lost | gained | distance [mm] | direction | time [s] | |", f"|{'---|' * 10}"]
     for name, make in found:
         try:

@@ -10,8 +10,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,9 +24,8 @@ from nsq_gpu.convert.elements import build
 from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError
+from nsq_gpu.lensfiles import read_lens
 
-#: Readers of Optiland, by the end of a file's name.
-READERS = {".zmx": "load_zemax_file", ".seq": "load_codev_file", ".len": "load_oslo_file", ".json": "load_optiland_file"}
 #: What is free around the light of all fields on the detector, as a share of its extent.
 _FREE = 0.1
 
@@ -91,30 +89,31 @@ def _check_sizes(pixels: Any, size: Any) -> None:
         raise UsageError(f"detector_size is {size!r}; give a width and a height in mm, such as (24.0, 36.0)")
 
 
-def from_file(path: str | os.PathLike[str], **options: Any) -> NSQScene:
+def from_file(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses: Mapping[str, Any] | None = None,
+              coatings: Mapping[str, Any] | None = None, **options: Any) -> NSQScene:
     """Return a lens of a file of Zemax (.zmx), CODE V (.seq), OSLO (.len) or Optiland (.json) as a scene.
 
-    Optiland's readers read the file; ``options`` are those of :func:`from_optic`, which says what is raised.
+    Each card of the file is carried, or refused by its line, or stands in ``scene.conversion_report``.
+
+    Args:
+        path: The file.
+        unknown: What becomes of an unknown card of a surface, and of a glass that no catalogue has: ``"refuse"``; or ``"remark"``,
+            which leaves the card out, and takes the nd and Vd that the file states.
+        glasses: Materials of Optiland for names of glasses: ``{"MYGLASS": IdealMaterial(1.5)}``.
+        coatings: Coatings of Optiland for names of coatings (COAT, in files of Zemax).
+        options: Those of :func:`from_optic`, which says what else is raised.
 
     Raises:
-        UsageError: The file's name ends otherwise, or the file cannot be read.
+        UsageError: The file's name ends otherwise, the file cannot be read, or a card makes no sense.
+        UnsupportedSceneError: A card changes the light, and no scene can carry it.
     """
-    return from_optic(read_optic(path), **options)
-
-
-def read_optic(path: str | os.PathLike[str]) -> Any:
-    """Return the Optic of a file, by the end of its name."""
-    import optiland.fileio as fileio
-
-    reader = READERS.get(Path(path).suffix.lower())
-    if reader is None:
-        raise UsageError(f"{path}: a lens is read from a file whose name ends with {', '.join(READERS)}")
-    if not Path(path).is_file():
-        raise UsageError(f"{path}: there is no such file")
-    try:
-        return getattr(fileio, reader)(str(path))
-    except Exception as error:
-        raise UsageError(f"{path}: Optiland's reader {reader} cannot read it: {type(error).__name__}: {error}") from error
+    optic, reading = read_lens(path, unknown=unknown, glasses=glasses, coatings=coatings)
+    scene = from_optic(optic, **options)
+    report = scene.conversion_report
+    report.remarks = [*reading.remarks, *report.remarks]
+    report.passed_over = dict(reading.passed_over)
+    report.glasses = dict(reading.glasses_found)
+    return scene
 
 
 def _before_image(optic: Any, faces: list[prescription.Face], report: LensReport) -> list[prescription.Face]:

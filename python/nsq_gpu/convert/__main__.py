@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import warnings
 from collections.abc import Sequence
 
-from nsq_gpu.convert import READERS, from_file
-from nsq_gpu.errors import NsqGpuError
+from nsq_gpu.convert import from_file
+from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.export import export_scene
+from nsq_gpu.lensfiles import SUFFIXES
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -18,16 +20,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="python -m nsq_gpu.convert",
         description="Writes a lens as a scene that nsq-gpu traces, and prints what was carried and what was estimated.",
         epilog="Example: python -m nsq_gpu.convert lens.zmx -o scene.json && nsq-gpu trace scene.json -n 1e6 -o out")
-    parser.add_argument("lens", help=f"a file whose name ends with {', '.join(READERS)}")
+    parser.add_argument("lens", help=f"a file whose name ends with {', '.join(SUFFIXES)}")
     parser.add_argument("-o", "--output", metavar="SCENE", help="the scene's file; without it the report alone is printed")
     parser.add_argument("--pixels", type=int, default=256, metavar="N", help="pixels of the image along x and along y [256]")
     parser.add_argument("--edges", choices=["absorbing", "polished"], default="absorbing", help="what edges of lenses do")
     parser.add_argument("--margin", type=float, default=1.03, help="radius of faces over that of their rays [1.03]")
+    parser.add_argument("--unknown", choices=["refuse", "remark"], default="refuse",
+                        help="what becomes of an unknown card of a surface: remark leaves it out, and says so [refuse]")
     given = parser.parse_args(arguments)
     try:
+        if given.output is not None and os.path.exists(given.output) and os.path.samefile(given.lens, given.output):
+            raise UsageError(f"{given.output}: the scene would be written over the lens; give another name")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin)
+            scene = from_file(given.lens, detector_pixels=(given.pixels, given.pixels), edges=given.edges, margin=given.margin,
+                              unknown=given.unknown)
         if given.output is not None:
             export_scene(scene, given.output)
     except NsqGpuError as error:

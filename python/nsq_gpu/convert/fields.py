@@ -10,7 +10,7 @@ import optiland.backend as be
 from optiland.nonsequential import NSQMaterial, NSQScene
 from optiland.nonsequential.sources.base import Spectrum
 
-from nsq_gpu.convert.prescription import frame
+from nsq_gpu.convert.prescription import fields_of, frame, rays_of
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
 from nsq_gpu.sources import Aim, PupilSource
@@ -22,6 +22,9 @@ _ORDER = 7
 _RINGS, _TURNS = 8, 16
 #: Largest share of the pupil's width by which rays that are aimed may miss their places.
 _MOST_MISS = 1e-3
+
+#: Coordinates of a field, as shares of the largest one, and Optiland's field.
+_Field = tuple[float, float, Any]
 
 
 def add_sources(scene: NSQScene, optic: Any, medium: NSQMaterial | None, report: LensReport) -> None:
@@ -35,32 +38,31 @@ def add_sources(scene: NSQScene, optic: Any, medium: NSQMaterial | None, report:
     """
     lines = optic.wavelengths.wavelengths
     spectrum = Spectrum([float(line.value) for line in lines], [float(line.weight) for line in lines])
-    weights = [float(given.weight) for given in optic.fields.fields]
-    for number, ((hx, hy), weight) in enumerate(zip(optic.fields.get_field_coords(), weights, strict=True)):
-        source = _source(optic, number, float(hx), float(hy), spectrum, medium, report)
-        source.total_flux = weight
+    for number, field in enumerate(fields_of(optic)):
+        source = _source(optic, number, field, spectrum, medium, report)
+        source.total_flux = float(field[2].weight)
         scene.source_registry.add(f"source_{number}", source)
 
 
-def _rays(optic: Any, hx: float, hy: float, pupil: np.ndarray, wavelength: float) -> tuple[np.ndarray, np.ndarray]:
+def _rays(optic: Any, field: _Field, pupil: np.ndarray, wavelength: float) -> tuple[np.ndarray, np.ndarray]:
     """Return starts [mm] and unit directions of the sequential engine's rays, shape (N, 3)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        rays = optic.ray_tracer.ray_generator.generate_rays(hx, hy, pupil[:, 0], pupil[:, 1], wavelength)
+        rays = rays_of(optic, *field, pupil, wavelength)
     # A point of the object is one for all of its rays.
     columns = [[np.broadcast_to(be.to_numpy(part).astype(float), len(pupil)) for part in parts]
                for parts in ((rays.x, rays.y, rays.z), (rays.L, rays.M, rays.N))]
     return np.stack(columns[0], axis=1), np.stack(columns[1], axis=1)
 
 
-def _source(optic: Any, number: int, hx: float, hy: float, spectrum: Spectrum, medium: NSQMaterial | None,
+def _source(optic: Any, number: int, field: _Field, spectrum: Spectrum, medium: NSQMaterial | None,
             report: LensReport) -> PupilSource:
     """Return the source of a field, found from a few of its rays and compared with others."""
-    place = f"field {number}"
+    place = f"field {number + 1} (source_{number})"
     turn = 2.0 * np.pi * np.arange(8) / 8.0
     rim = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     pupil = np.concatenate([[[0.0, 0.0]], rim, 0.5 * rim])
-    starts, directions = _rays(optic, hx, hy, pupil, float(optic.primary_wavelength))
+    starts, directions = _rays(optic, field, pupil, float(optic.primary_wavelength))
     if not (directions[:, 2] > 0.0).all():
         raise UnsupportedSceneError(f"{place}: some of its rays are more than 90 degrees off the axis, or have no direction; no "
                                     "pupil source emits those")
@@ -69,11 +71,11 @@ def _source(optic: Any, number: int, hx: float, hy: float, spectrum: Spectrum, m
     middle, across, up = np.linalg.lstsq(np.concatenate([np.ones((len(pupil), 1)), pupil], axis=1), columns, rcond=None)[0]
     source = PupilSource(frame(middle[:3], np.eye(3)), spectrum, beam_radii=(across[0], up[1]),
                          chief=(middle[3], middle[4], 1.0), pupil_radii=(across[3], up[4]), medium=medium)
-    if _miss(optic, hx, hy, source, middle, pupil) == 0.0:
+    if _miss(optic, field, source, middle, pupil) == 0.0:
         return source
-    source.aimed = tuple(_aim(optic, hx, hy, source, middle, float(line.value)) for line in optic.wavelengths.wavelengths)
+    source.aimed = tuple(_aim(optic, field, source, middle, float(line.value)) for line in optic.wavelengths.wavelengths)
     others = _in_pupil(5, 11, 0.3)
-    miss = _miss(optic, hx, hy, source, middle, others)
+    miss = _miss(optic, field, source, middle, others)
     if not miss <= _MOST_MISS:
         raise UnsupportedSceneError(f"{place}: its rays are aimed ({_aiming(optic)}) so that they are no smooth function of the "
                                     f"pupil: they would miss their places by {miss:.2%} of its width; set paraxial aiming")
@@ -90,11 +92,11 @@ def _in_pupil(rings: int, turns: int, twist: float) -> np.ndarray:
     return np.concatenate([np.stack([r * np.cos(turn + i * twist), r * np.sin(turn + i * twist)], axis=1) for i, r in enumerate(radii)])
 
 
-def _miss(optic: Any, hx: float, hy: float, source: PupilSource, middle: np.ndarray, pupil: np.ndarray) -> float:
+def _miss(optic: Any, field: _Field, source: PupilSource, middle: np.ndarray, pupil: np.ndarray) -> float:
     """Return by which share of the pupil's width rays miss their places, over all wavelengths; 0 if rounding hides it."""
     miss = 0.0
     for line in optic.wavelengths.wavelengths:
-        starts, directions = _rays(optic, hx, hy, pupil, float(line.value))
+        starts, directions = _rays(optic, field, pupil, float(line.value))
         found_starts, found_directions = source.local_rays(pupil, np.full(len(pupil), float(line.value)))
         for found, expected in ((found_starts + middle[:3], starts), (found_directions, directions)):
             off = float(np.abs(found - expected).max())
@@ -103,10 +105,10 @@ def _miss(optic: Any, hx: float, hy: float, source: PupilSource, middle: np.ndar
     return miss
 
 
-def _aim(optic: Any, hx: float, hy: float, source: PupilSource, middle: np.ndarray, wavelength: float) -> Aim:
+def _aim(optic: Any, field: _Field, source: PupilSource, middle: np.ndarray, wavelength: float) -> Aim:
     """Return what rays of a wavelength add to those of the plain source."""
     pupil = _in_pupil(_RINGS, _TURNS, 0.13)
-    starts, directions = _rays(optic, hx, hy, pupil, wavelength)
+    starts, directions = _rays(optic, field, pupil, wavelength)
     plain_starts, plain_directions = source.local_rays(pupil, np.full(len(pupil), np.nan))
     columns = np.concatenate([(starts - middle[:3] - plain_starts)[:, :2],
                               directions[:, :2] / directions[:, 2:] - plain_directions[:, :2] / plain_directions[:, 2:]], axis=1)

@@ -31,6 +31,7 @@ from optiland.physical_apertures import (
 from nsq_gpu.coatings import TabulatedCoating
 from nsq_gpu.convert.forms import Form, form_of, number_of
 from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.lensfiles.system import moved_in_pupil
 from nsq_gpu.shapes import Aperture
 
 #: Apertures made of two others.
@@ -227,12 +228,11 @@ def _rays(optic: Any) -> Rays:
     traced: list[Rays] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for hx, hy in optic.fields.get_field_coords():
+        for hx, hy, field in fields_of(optic):
             for line in optic.wavelengths.wavelengths:
 
-                def at(pupil: np.ndarray, hx: float = hx, hy: float = hy, line: Any = line) -> Rays:
-                    generator = optic.ray_tracer.ray_generator
-                    return trace(optic, generator.generate_rays(hx, hy, pupil[:, 0], pupil[:, 1], float(line.value)))
+                def at(pupil: np.ndarray, hx: float = hx, hy: float = hy, field: Any = field, line: Any = line) -> Rays:
+                    return trace(optic, rays_of(optic, hx, hy, field, pupil, float(line.value)))
 
                 outermost = _outermost(at, across)
                 # At once, since aiming takes its time.
@@ -257,6 +257,19 @@ def _outermost(at: Callable[[np.ndarray], Rays], across: np.ndarray) -> np.ndarr
         reach = at(middle * across).arrive[:, None]
         known, missing = np.where(reach, middle, known), np.where(reach, missing, middle)
     return known * across
+
+
+def fields_of(optic: Any) -> Iterator[tuple[float, float, Any]]:
+    """Yield each field's coordinates, as shares of the largest field, and the field."""
+    largest = number_of(optic.fields.max_field) or 1.0
+    for field in optic.fields.fields:
+        yield number_of(field.x) / largest, number_of(field.y) / largest, field
+
+
+def rays_of(optic: Any, hx: float, hy: float, field: Any, pupil: np.ndarray, wavelength: float) -> Any:
+    """Return Optiland's rays of a field through points of the pupil, shape (N, 2), before the first surface."""
+    pupil = moved_in_pupil(field, pupil)
+    return optic.ray_tracer.ray_generator.generate_rays(hx, hy, be.array(pupil[:, 0]), be.array(pupil[:, 1]), wavelength)
 
 
 def trace(optic: Any, rays: Any) -> Rays:

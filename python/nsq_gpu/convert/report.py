@@ -26,6 +26,10 @@ class LensReport(ConversionReport):
     averaged_coatings: list[str] = field(default_factory=list)
     #: Elements without an edge, and why.
     without_edge: dict[str, str] = field(default_factory=dict)
+    #: Of a lens file: what each name of a glass was taken for.
+    glasses: dict[str, str] = field(default_factory=dict)
+    #: Of a lens file: cards that say nothing of the light, and how often they occur.
+    passed_over: dict[str, int] = field(default_factory=dict)
     #: What the user should know beside all this.
     remarks: list[str] = field(default_factory=list)
 
@@ -39,4 +43,8 @@ class LensReport(ConversionReport):
         if self.averaged_coatings:
             lines.append(f"Coatings by angle (thin films averaged over polarisation, R and T to 1e-5 but for a critical angle's neighbourhood): {', '.join(self.averaged_coatings)}")
         lines += [f"No edge on {name}: {reason}" for name, reason in self.without_edge.items()]
+        lines += [f"Glass {name}: {found}" for name, found in self.glasses.items()]
+        if self.passed_over:
+            counts = (f"{name} ({count})" if count > 1 else name for name, count in sorted(self.passed_over.items()))
+            lines.append(f"Cards without meaning for light: {', '.join(counts)}")
         return "\n".join(lines + self.remarks)

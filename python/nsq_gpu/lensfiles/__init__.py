@@ -1,0 +1,93 @@
+"""Lens files of Zemax, CODE V and OSLO: every card is carried, refused by its line, or remarked.
+
+>>> from nsq_gpu.lensfiles import read_lens
+>>> optic, reading = read_lens("lens.zmx")
+>>> print("\\n".join(reading.remarks))
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from nsq_gpu.errors import NsqGpuError, UsageError
+from nsq_gpu.lensfiles import codev, oslo, zemax
+from nsq_gpu.lensfiles.cards import Reading, decode
+from nsq_gpu.lensfiles.system import System
+
+#: What reads the text of a file, by the end of its name.
+_TEXT: dict[str, Callable[[str, Reading], Any]] = {".zmx": zemax.read, ".seq": codev.read, ".len": oslo.read}
+#: Ends of the names of files that are lenses.
+SUFFIXES = (*_TEXT, ".json")
+#: What to do with other files.
+_INSTEAD = {
+    ".zar": "unpack the archive, and read the .zmx file in it", ".zos": "save the lens as .zmx", ".zmf": "a catalogue of lenses: save one as .zmx",
+    ".lens": "save the lens as CODE V's .seq", ".roa": "save the lens of rayoptics as .zmx or .seq", ".agf": "a catalogue of glasses, and no lens",
+    ".stl": "a mesh: build a scene with it", ".step": "a solid: save it as a mesh (.stl), and build a scene with it",
+    ".stp": "a solid: save it as a mesh (.stl), and build a scene with it", ".json5": "a scene: nsq-gpu trace reads it",
+    ".ies": "a lamp, and no lens", ".ldt": "a lamp, and no lens"}
+
+
+def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses: Mapping[str, Any] | None = None,
+              coatings: Mapping[str, Any] | None = None) -> tuple[Any, Reading]:
+    """Return the Optic of a file, and what was to be said while it was read.
+
+    Args:
+        path: A file whose name ends with .zmx (Zemax), .seq (CODE V), .len (OSLO) or .json (Optiland).
+        unknown: What becomes of an unknown card of a surface, and of a glass that no catalogue has: ``"refuse"``, or ``"remark"``,
+            which leaves the card out, and takes the glass's nd and Vd where the file states them.
+        glasses: Materials of Optiland for names of glasses.
+        coatings: Coatings of Optiland for names of coatings.
+
+    Raises:
+        UsageError: The file is no lens, or cannot be read; with the line.
+        UnsupportedSceneError: A card changes the light, and cannot be carried; with the line.
+    """
+    path = Path(path)
+    if unknown not in ("refuse", "remark"):
+        raise UsageError(f"unknown is {unknown!r}; give 'refuse' or 'remark'")
+    _check_path(path)
+    reading = Reading(path, unknown, glasses or {}, coatings or {})
+    if path.suffix.lower() == ".json":
+        return _optilands(path), reading
+    try:
+        found = _TEXT[path.suffix.lower()](decode(path), reading)
+        if isinstance(found, System):
+            found.check(path.name)
+            found = found.optic()
+    except NsqGpuError:
+        raise
+    except (ValueError, ArithmeticError, LookupError, TypeError, NotImplementedError) as error:
+        raise UsageError(f"{path}: Optiland cannot make an optic of it: {type(error).__name__}: {error}") from error
+    return found, reading
+
+
+def _check_path(path: Path) -> None:
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        inside = sorted(item.name for item in path.iterdir() if item.suffix.lower() in SUFFIXES[:-1])
+        hint = f"such as {path / inside[0]}" if inside else f"whose name ends with {', '.join(SUFFIXES)}"
+        raise UsageError(f"{path}: this is a folder; name a lens file in it, {hint}")
+    if suffix not in SUFFIXES:
+        instead = f" ({_INSTEAD[suffix]})" if suffix in _INSTEAD else ""
+        raise UsageError(f"{path}: a lens is read from a file whose name ends with {', '.join(SUFFIXES)}{instead}")
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such file")
+
+
+def _optilands(path: Path) -> Any:
+    from optiland.fileio import load_optiland_file
+
+    try:
+        document = json.loads(decode(path))
+    except ValueError as error:
+        raise UsageError(f"{path}: this is no JSON: {error}") from error
+    if isinstance(document, dict) and ("components" in document or "nsq_gpu" in document or "surfaces" in document and "sources" in document):
+        raise UsageError(f"{path}: this is a scene, and no lens; call nsq_gpu.load_scene({str(path)!r}), or nsq-gpu trace {path}")
+    try:
+        return load_optiland_file(str(path))
+    except Exception as error:
+        raise UsageError(f"{path}: Optiland cannot read it as an optic: {type(error).__name__}: {error}") from error

@@ -1,0 +1,119 @@
+"""Reads lens files of OSLO (.len).
+
+The cards are checked here, with a table; Optiland's reader, which follows OSLO's Program Reference and Optics Reference, then reads
+them. Names of glasses are looked up here, and what Optiland's reader leaves out is refused.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+import warnings
+from typing import Any
+
+from optiland.fileio.oslo.reader.converter import OsloToOpticConverter
+from optiland.fileio.oslo.reader.parser import OsloDataParser
+from optiland.fileio.oslo.syntax import tokenize
+
+from nsq_gpu.errors import UsageError
+from nsq_gpu.lensfiles import glasses
+from nsq_gpu.lensfiles.cards import Card, Reading, table
+
+_SAVE = "save the lens without it, or trace it in the program that wrote it"
+
+#: Cards before END.
+CARDS = table(
+    carried="LEN EBR OBH ANG GIH UNI AIR RFL RFH AIF GLA GLF RD RDF CV CVF CVX RDX TH THF AP APF APCK ASP AST CC AD AE AF AG DCX DCY DCZ DT GC "
+            "RCO BEN TOX TOY TOZ TLA TLB TLC WV WW NXT GTO END PY PYC PU PUC EC PK FNO NAO NAP PUK TELE LMO ATD CXD APD GCD RCD BED "
+            "PFD TDD CSD TSD",
+    no_light="DES NOT SNO TCE DRW LDP CBK ELMDF1 ELMDF2 BDI BDD VX PF LMN LME",
+    remarked={},
+    refused={
+        "APN": ("special apertures cannot be carried", "write a circular aperture (AP CHK)"),
+        "ATP": ("special apertures cannot be carried", "write a circular aperture (AP CHK)"),
+        "DFR": ("a diffractive surface has no place in a scene", _SAVE),
+        "DOE": ("a diffractive surface has no place in a scene", _SAVE),
+        "HOR": ("a hologram has no place in a scene", _SAVE),
+        "GSP": ("a grating has no place in a scene", _SAVE),
+        "GOR": ("a grating has no place in a scene", _SAVE, lambda card: card.is_zero),
+        "PFL": ("a perfect lens has no glass that light could meet", _SAVE),
+        "PFM": ("a perfect lens has no glass that light could meet", _SAVE),
+        "GRC": ("a gradient index cannot be carried", _SAVE),
+        "GDT": ("a gradient index cannot be carried", _SAVE),
+        "ARY": ("arrays of lenses cannot be carried", _SAVE),
+        "COT": ("coatings of OSLO's table are not known here", "remove it, and give a coating to the scene's component"),
+    })
+#: What Optiland's reader leaves out and only remarks: other configurations than the first.
+_FOOTER = {"CFG", "LEN", "CSLV"}
+
+
+def read(text: str, reading: Reading) -> Any:
+    """Return Optiland's Optic of a file.
+
+    Raises:
+        UnsupportedSceneError: A card is refused, with its line.
+        UsageError: A card makes no sense.
+    """
+    named = _check(text, reading)
+    # Optiland reads files alone: this one is in UTF-8, whatever the user's is in.
+    handle, path = tempfile.mkstemp(suffix=".len")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            try:
+                data = OsloDataParser(path).parse()
+                for found in data.diagnostics:
+                    card = reading.card(found.command, (), found.line, found.surface)
+                    if found.command in _FOOTER:
+                        reading.remark(card, f"{found.message}: the first configuration is read")
+                    elif reading.unknown != "remark":
+                        card.refuse(found.message, 'remove it, or leave it out by unknown="remark" (--unknown remark)')
+                    else:
+                        reading.remark(card, f"{found.message}, and was left out")
+                optic = OsloToOpticConverter(data, material_overrides=_materials(named, reading)).convert()
+            except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
+                raise UsageError(f"{reading.path.name}: cannot read it as a lens of OSLO: {str(error).replace(path, reading.path.name)}") from error
+    finally:
+        os.unlink(path)
+    said = {str(warning.message).replace(path, reading.path.name) for warning in heard if "import may be incomplete" not in str(warning.message)}
+    reading.remarks += sorted(said)
+    if data.units != 1.0:
+        reading.remarks.append(f"{reading.path.name}: lengths are multiplied by {data.units:g} (UNI), since a scene is in mm")
+    if "points" not in data.fields:
+        reading.remarks.append(f"{reading.path.name}: the file states the largest field alone; fields at 0, 0.7 and 1 times that are traced")
+    return optic
+
+
+def _check(text: str, reading: Reading) -> dict[str, Card]:
+    """Apply the table to every card before END; return the first card of each glass that is named."""
+    surface = 0
+    named: dict[str, Card] = {}
+    for line, row in enumerate(text.splitlines(), start=1):
+        row = re.sub(r'("(?:\\.|[^"\\])*")|//.*', lambda found: found.group(1) or "", row)
+        for part in re.findall(r'(?:"(?:\\.|[^"\\])*"|[^;"]|")+', row):
+            words = tokenize(part)
+            if not words:
+                continue
+            name = words[0].upper()
+            card = reading.card(re.sub(r"^(W[VW]|AS|SNO)\d+$", r"\1", name), words[1:], line, surface)
+            if card.name == "AS":
+                continue
+            # Lens data and those of the object are mixed.
+            if not reading.is_carried(card, CARDS, in_surface=surface > 0):
+                continue
+            if name == "NXT":
+                surface += 1
+            elif name == "GTO" and card.words:
+                surface = card.whole(0)
+            elif name == "END":
+                return named
+            elif name in ("GLA", "GLF") and len(card.words) == 1 and not re.fullmatch(r"[\d.+\-eE]+", card.words[0]):
+                named.setdefault(card.words[0].strip('"'), card)
+    return named
+
+
+def _materials(named: dict[str, Card], reading: Reading) -> dict[str, Any]:
+    return {name: glasses.find(reading, card, name) for name, card in named.items()}

@@ -1,0 +1,228 @@
+"""What a lens file says, free of its format: surfaces in millimetres, frames, light; and Optiland's Optic of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import optiland.backend as be
+from optiland.fields import Field
+from optiland.optic import Optic
+from optiland.physical_apertures import (
+    DifferenceAperture,
+    EllipticalAperture,
+    OffsetRadialAperture,
+    PolygonAperture,
+    RadialAperture,
+    RectangularAperture,
+)
+from optiland.physical_apertures.base import BaseAperture
+
+from nsq_gpu.lensfiles.cards import Card
+
+#: A distance beyond that is infinite, in units of the file.
+INFINITE = 1e10
+#: An aperture of that size leaves nothing out [mm].
+_ENDLESS = 1e6
+
+
+@dataclass
+class FileSurface:
+    """A surface of a file. Lengths in mm, in the surface's own frame, whose origin is the vertex."""
+
+    #: The card that begins it.
+    card: Card
+    comment: str = ""
+    #: One of Optiland's surface types, and the numbers that it takes.
+    shape: str = "standard"
+    numbers: dict[str, Any] = field(default_factory=lambda: {"radius": math.inf, "conic": 0.0})
+    #: Optiland's material behind it, "air" or "mirror".
+    material: Any = "air"
+    coating: Any = None
+    aperture: BaseAperture | None = None
+    is_stop: bool = False
+    #: The distance to the next surface along its axis [mm].
+    thickness: float = 0.0
+    #: Its place [mm] and axes, the columns of a rotation.
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+
+
+class VignettedField(Field):
+    """A field whose pupil is compressed, as Optiland has it, and moved besides.
+
+    The point p of the unit disk becomes ``(decenter_x + (1 - vx) p_x, decenter_y + (1 - vy) p_y)`` in units of the pupil's radius.
+    """
+
+    def __init__(self, x: float, y: float, vx: float, vy: float, weight: float, decenter_x: float, decenter_y: float) -> None:
+        super().__init__(x, y, vx, vy, weight)
+        self.decenter_x, self.decenter_y = decenter_x, decenter_y
+
+
+def moved_in_pupil(field: Field, pupil: np.ndarray) -> np.ndarray:
+    """Return the points of the pupil that Optiland is to compress, so that a field's pupil is also moved: shape (N, 2)."""
+    if not isinstance(field, VignettedField):
+        return pupil
+    return pupil + [field.decenter_x / (1.0 - field.vx), field.decenter_y / (1.0 - field.vy)]
+
+
+@dataclass
+class FileField:
+    """A field of a file: degrees, or mm."""
+
+    x: float = 0.0
+    y: float = 0.0
+    weight: float = 1.0
+    #: How much the pupil is compressed and moved, as shares of its radius.
+    compress: tuple[float, float] = (0.0, 0.0)
+    decenter: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass
+class System:
+    """All of a file that a scene needs."""
+
+    name: str | None = None
+    surfaces: list[FileSurface] = field(default_factory=list)
+    #: Kind and value: "EPD" [mm], "stop_radius" [mm], "image_fno" (f / EPD), "working_fno" (by the slope at the image), "image_na"
+    #: (by the sine there), "object_na".
+    aperture: tuple[str, float] = ("EPD", 0.0)
+    #: The card that states the aperture.
+    aperture_card: Card | None = None
+    field_type: str = "angle"
+    fields: list[FileField] = field(default_factory=list)
+    #: Wavelengths [um] and weights.
+    wavelengths: list[tuple[float, float]] = field(default_factory=list)
+    primary: int = 0
+    is_telecentric: bool = False
+    aims_at_stop: bool = False
+
+    def check(self, reading_name: str) -> None:
+        """Refuse what is no lens."""
+        from nsq_gpu.errors import UsageError
+
+        if len(self.surfaces) < 3:
+            raise UsageError(f"{reading_name}: cannot read it as a lens: there are {len(self.surfaces)} surfaces; an object, a face and "
+                             "an image are the fewest")
+        if not self.wavelengths:
+            raise UsageError(f"{reading_name}: cannot read it as a lens: it states no wavelength")
+        if self.aperture_card is None:
+            raise UsageError(f"{reading_name}: cannot read it as a lens: it states no aperture, such as the diameter of the pupil")
+        for one in self.surfaces:
+            if not (math.isfinite(one.thickness) or one is self.surfaces[0]):
+                one.card.broken("its thickness is infinite; only the object's may be")
+
+    def optic(self) -> Any:
+        """Return Optiland's Optic."""
+        optic = Optic(self.name)
+        for index, given in enumerate(self.surfaces):
+            distance = float(given.position[2])
+            pose = dict(zip(("x", "y", "z", "rx", "ry", "rz"), (*given.position[:2], distance, *_angles(given.rotation)), strict=True))
+            optic.surfaces.add(index=index, surface_type=given.shape, comment=given.comment, material=given.material,
+                               is_stop=given.is_stop, aperture=given.aperture, coating=given.coating,
+                               **{key: float(value) for key, value in pose.items()}, **given.numbers)
+            optic.surfaces.surfaces[index].thickness = given.thickness
+        optic.fields.set_type(self.field_type)
+        for one in self.fields:
+            optic.fields.fields.append(VignettedField(one.x, one.y, *one.compress, one.weight, *one.decenter))
+        for index, (wavelength, weight) in enumerate(self.wavelengths):
+            optic.wavelengths.add(value=wavelength, is_primary=index == self.primary, weight=weight)
+        optic.set_aperture(*self._optilands_aperture(optic))
+        if self.is_telecentric:
+            optic.obj_space_telecentric = True
+        if self.aims_at_stop:
+            optic.ray_tracer.set_aiming("robust", cache=True)
+        return optic
+
+    def _optilands_aperture(self, optic: Any) -> tuple[str, float]:
+        kind, value = self.aperture
+        is_far = not math.isfinite(self.surfaces[0].thickness)
+
+        def index(place: int) -> float:
+            material = optic.surfaces.surfaces[place].material_pre if place else optic.surfaces.surfaces[0].material_post
+            return _number(material.n(optic.primary_wavelength))
+
+        if kind == "EPD":
+            return "EPD", value
+        if kind == "stop_radius":
+            return "float_by_stop_size", 2.0 * value
+        if kind == "image_fno":
+            return "imageFNO", value
+        if kind == "object_na":
+            return "objectNA", value
+        # Those at the image: f / EPD for a far object, and the object's NA by the magnification for a near one.
+        aperture = 0.5 / value if kind == "working_fno" else value
+        optic.set_aperture("EPD", 1.0)
+        if is_far:
+            return "EPD", 2.0 * abs(_number(optic.paraxial.f2())) * aperture / index(-1)
+        at_object = abs(_number(optic.paraxial.magnification())) * aperture
+        return "objectNA", index(0) * math.sin(math.atan(at_object / index(0))) if kind == "working_fno" else at_object
+
+
+def _angles(rotation: np.ndarray) -> tuple[float, float, float]:
+    """Return Optiland's angles of a frame [rad], the inverse of R = Rz Ry Rx."""
+    from nsq_gpu.convert.prescription import frame
+
+    cs = frame(np.zeros(3), rotation)
+    return _number(cs.rx), _number(cs.ry), _number(cs.rz)
+
+
+def _number(value: Any) -> float:
+    return float(np.squeeze(be.to_numpy(value)))
+
+
+def rotation_about(axis: int, degrees: float) -> np.ndarray:
+    """Return a right-handed rotation about x (0), y (1) or z (2)."""
+    turn = math.radians(degrees)
+    # Quarter turns are exact.
+    cos, sin = (round(math.cos(turn)), round(math.sin(turn))) if degrees % 90.0 == 0.0 else (math.cos(turn), math.sin(turn))
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    found = np.eye(3)
+    found[one, one] = found[other, other] = cos
+    found[one, other], found[other, one] = -sin, sin
+    return found
+
+
+def tilted(angles: Sequence[float], *, reverse: bool = False) -> np.ndarray:
+    """Return the axes of a frame that is turned about its x, then its new y, then its new z; by z, y, x if reversed. Degrees."""
+    x, y, z = (rotation_about(axis, angle) for axis, angle in enumerate(angles))
+    return z @ y @ x if reverse else x @ y @ z
+
+
+# Apertures
+
+
+def disk(radius: float, hole: float = 0.0, x: float = 0.0, y: float = 0.0) -> BaseAperture:
+    """Return a disk [mm], with a hole in its middle."""
+    if x == 0.0 and y == 0.0:
+        return RadialAperture(r_max=radius, r_min=hole)
+    return OffsetRadialAperture(r_max=radius, r_min=hole, offset_x=x, offset_y=y)
+
+
+def rectangle(half_x: float, half_y: float, x: float = 0.0, y: float = 0.0, degrees: float = 0.0) -> BaseAperture:
+    """Return a rectangle [mm], turned about its middle."""
+    if degrees == 0.0:
+        return RectangularAperture(x - half_x, x + half_x, y - half_y, y + half_y)
+    corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
+    corners = corners @ rotation_about(2, degrees)[:2, :2].T + [x, y]
+    return PolygonAperture(corners[:, 0].tolist(), corners[:, 1].tolist())
+
+
+def ellipse(half_x: float, half_y: float, x: float = 0.0, y: float = 0.0) -> BaseAperture:
+    """Return an ellipse [mm]."""
+    return EllipticalAperture(half_x, half_y, x, y)
+
+
+def all_but(obstacle: BaseAperture) -> BaseAperture:
+    """Return everything beside an obstacle."""
+    return DifferenceAperture(RadialAperture(r_max=_ENDLESS), obstacle)
+
+
+def both(one: BaseAperture | None, other: BaseAperture | None) -> BaseAperture | None:
+    """Return what two apertures let through; None lets everything through."""
+    if one is None or other is None:
+        return one or other
+    return one & other
