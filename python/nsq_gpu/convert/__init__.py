@@ -23,6 +23,7 @@ from nsq_gpu.convert import obstructions, prescription
 from nsq_gpu.convert.elements import build
 from nsq_gpu.convert.fields import add_sources
 from nsq_gpu.convert.report import LensReport
+from nsq_gpu.convert.tensors import attach
 from nsq_gpu.errors import NsqGpuError, UnsupportedSceneError, UsageError
 from nsq_gpu.lensfiles import read_lens
 
@@ -59,6 +60,15 @@ def from_optic(optic: Any, *, detector_pixels: tuple[int, int] = (256, 256),
     if not isinstance(margin, (int, float, np.number)) or not 1.0 <= margin < float("inf"):
         raise UsageError(f"margin is {margin!r}; give a number of 1 or more")
     _check_sizes(detector_pixels, detector_size)
+    with prescription.in_double():
+        scene = _scene(optic, detector_pixels, detector_size, edges, margin)
+    attach(scene, optic, scene.conversion_report)
+    return scene
+
+
+def _scene(optic: Any, detector_pixels: tuple[int, int], detector_size: tuple[float, float] | None, edges: str | BaseBSDF,
+           margin: float) -> NSQScene:
+    """Return the scene of a prescription. None of its own numbers is a tensor that wants a gradient."""
     scene, report = NSQScene(), LensReport()
     try:
         with prescription.without_polarised_coatings(optic) as coatings:

@@ -13,6 +13,7 @@ from optiland.nonsequential.sources.base import Spectrum
 from nsq_gpu.convert.prescription import fields_of, frame, rays_of
 from nsq_gpu.convert.report import LensReport
 from nsq_gpu.errors import UnsupportedSceneError
+from nsq_gpu.lensfiles.system import VignettedField
 from nsq_gpu.sources import Aim, PupilSource
 
 #: Largest difference between a ray of the sequential engine and of the source that is rounding, in units of the numbers.
@@ -41,6 +42,9 @@ def add_sources(scene: NSQScene, optic: Any, medium: NSQMaterial | None, report:
     for number, field in enumerate(fields_of(optic)):
         source = _source(optic, number, field, spectrum, medium, report)
         source.total_flux = float(field[2].weight)
+        if isinstance(field[2], VignettedField) and (field[2].decenter_x or field[2].decenter_y):
+            report.remarks.append(f"field {number + 1} (source_{number}): vignetting moves its pupil by {field[2].decenter_x:.4g} along x and "
+                                  f"{field[2].decenter_y:.4g} along y, in units of the pupil's radius")
         scene.source_registry.add(f"source_{number}", source)
 
 

@@ -33,7 +33,7 @@ def tell(scene: NSQScene, faces: list[Face], rays: Rays, report: LensReport) -> 
             if name in own:
                 continue
             position, rotation = placed(component.cs)
-            t, _, hit, _ = component.geometry.ray_intersect((starts - position) @ rotation, directions @ rotation)
+            t, _, hit, _ = component.geometry.ray_intersect(be.array((starts - position) @ rotation), be.array(directions @ rotation))
             met = be.to_numpy(hit) & (be.to_numpy(t) > _END) & (be.to_numpy(t) < lengths - _END)
             if met.any():
                 between = f"{_name(report, one, 'the object')} and {_name(report, other, 'the image')}"

@@ -127,6 +127,25 @@ def acting(faces: list[Face], image: int, first: int | None = None) -> Iterator[
 
 
 @contextmanager
+def in_double() -> Iterator[None]:
+    """Compute in float64 and without a graph, whatever Optiland is set to: a lens is then the same lens."""
+    if be.get_backend() != "torch":
+        yield
+        return
+    import torch
+
+    precision, wants_gradient = be.get_precision(), be.grad_mode.requires_grad
+    be.set_precision("float64")
+    be.grad_mode.disable()
+    try:
+        with torch.no_grad():
+            yield
+    finally:
+        be.set_precision(f"float{precision}")
+        be.grad_mode.requires_grad = wants_gradient
+
+
+@contextmanager
 def without_polarised_coatings(optic: Any) -> Iterator[list[Any]]:
     """Trace without coatings that the sequential engine cannot ask for a number, or not without a state of polarisation: they
     bend no ray. Yield the coatings of all surfaces."""
@@ -374,11 +393,11 @@ class _Media:
 
     def indices(self, material: Any) -> np.ndarray:
         """Return n at the wavelengths of the prescription."""
-        return np.broadcast_to(be.to_numpy(material.n(self.wavelengths)).astype(float).ravel(), self.wavelengths.shape)
+        return np.broadcast_to(be.to_numpy(material.n(be.array(self.wavelengths))).astype(float).ravel(), self.wavelengths.shape)
 
     def of(self, material: Any) -> NSQMaterial | None:
         n, k = (np.broadcast_to(be.to_numpy(part).astype(float).ravel(), self.wavelengths.shape)
-                for part in (material.n(self.wavelengths), material.k(self.wavelengths)))
+                for part in (material.n(be.array(self.wavelengths)), material.k(be.array(self.wavelengths))))
         numbers = np.stack([n, k])
         for known, its, medium in self._known:
             if known is material or (type(known) is type(material) and np.array_equal(its, numbers)):

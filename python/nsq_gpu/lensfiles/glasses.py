@@ -13,10 +13,12 @@ import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import optiland.backend as be
-from optiland.materials import AbbeMaterial, IdealMaterial, Material
+from optiland.materials import AbbeMaterial, IdealMaterial, MaterialFile
 from optiland.materials.registry import MaterialRegistry
 
 from nsq_gpu.lensfiles.cards import Card, Reading
@@ -26,6 +28,8 @@ LINE_D, LINE_F, LINE_C = 0.5875618, 0.4861327, 0.6562725
 #: Differences of nd and of Vd, as a share, beyond which a glass is another one, and beyond which the report gives both.
 _OTHER_ND, _OTHER_VD = 1e-3, 0.02
 _TOLD_ND, _TOLD_VD = 5e-5, 2e-3
+#: How many times that plastics and crystals of one name differ.
+_SPREAD = 5.0
 #: An Abbe number from which on the index is constant: it differs by less than 1e-4 (n - 1) between the lines F and C.
 _NO_DISPERSION = 1e4
 #: nd and Vd that Zemax writes where it states none.
@@ -41,9 +45,13 @@ _OTHERS = {
     "ACRYLIC": "organic/(C5H8O2)n - poly(methyl methacrylate)/Szczurowski.yml",
     "POLYCARB": "organic/(C16H14O3)n - polycarbonate/Sultanova.yml", "POLYSTYR": "organic/(C8H8)n - polystyren/Sultanova.yml",
 }
+#: What the report calls the source of these.
+_NO_CATALOGUE = "refractiveindex.info"
 #: Catalogues of lens programs under another name than refractiveindex.info's.
 _CATALOGUES = {"SCHOTT": "schott", "OHARA": "ohara", "HOYA": "hoya", "CDGM": "cdgm", "HIKARI": "hikari", "SUMITA": "sumita",
                "LZOS": "lzos", "BARBERINI": "barberini", "NIKON": "hikari", "RPO": "rpo", "AMI": "ami"}
+#: Where Optiland has its catalogue.
+_DATA = Path(str(resources.files("optiland.database"))) / "data-nk"
 
 
 @dataclass(frozen=True)
@@ -70,12 +78,6 @@ def _entries() -> dict[str, list[_Entry]]:
             entry = _Entry(str(row["filename_no_ext"]), str(row["catalog_dir"]), str(row["filename"]))
             found.setdefault(plain(entry.name), []).append(entry)
     return found
-
-
-@functools.cache
-def _others() -> dict[str, dict[str, Any]]:
-    rows = MaterialRegistry.instance()._get_combined_df().to_dict("records")
-    return {row["filename"]: row for row in rows}
 
 
 def index_of(material: Any, wavelength: float) -> float:
@@ -132,7 +134,7 @@ def find(reading: Reading, card: Card, name: str, catalogues: Sequence[str] = ()
 
     entry, material = min(candidates, key=distance)
     dn, dv = _differences(material, nd, vd)
-    if not (dn <= _OTHER_ND and dv <= _OTHER_VD):
+    if not distance((entry, material)) <= (_SPREAD if entry.catalogue == _NO_CATALOGUE else 1.0):
         what = (f"the file states nd = {nd:.6g} and Vd = {vd:.5g} for {name}, but {entry.name} of {entry.catalogue} has "
                 f"nd = {index_of(material, LINE_D):.6g} and Vd = {_abbe(material):.5g}")
         if reading.unknown != "remark":
@@ -187,10 +189,8 @@ def _candidates(name: str, catalogues: Sequence[str]) -> tuple[list[tuple[_Entry
         if stated or not wanted:
             return made(stated or found), ""
         return made(found), f"the catalogues of the file ({', '.join(catalogues)}) do not have it"
-    if key in _OTHERS and _OTHERS[key] in _others():
-        row = _others()[_OTHERS[key]]
-        label = _OTHERS[key].removesuffix(".yml")
-        return [(_Entry(label, "refractiveindex.info", row["filename"]), _by_file(row))], "no catalogue of glasses has the name"
+    if key in _OTHERS:
+        return made([_Entry(_OTHERS[key].removesuffix(".yml"), _NO_CATALOGUE, _OTHERS[key])]), "no catalogue of glasses has the name"
     # Names of makers before the glass, as OSLO has them; and glasses without lead that took the place of old ones.
     for prefix in ("H", "O", "P", "J", "E", "K"):
         if name.upper().startswith(f"{prefix}_") and of(plain(name[2:])):
@@ -201,23 +201,17 @@ def _candidates(name: str, catalogues: Sequence[str]) -> tuple[list[tuple[_Entry
     return [], ""
 
 
-@functools.cache
 def _material(entry: _Entry) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return Material(entry.name, catalog=entry.catalogue)
-
-
-def _by_file(row: dict[str, Any]) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return Material(str(row["category_name"]), reference=str(row["filename"]))
+    # By the entry's own file: Optiland's search by name may find another one.
+    material = MaterialFile(str(_DATA / entry.filename))
+    material.name = entry.name
+    return material
 
 
 def _not_found(reading: Reading, card: Card, name: str, nd: float, vd: float, is_stated: bool) -> None:
     names = sorted({entry.name for entries in _entries().values() for entry in entries})
-    near = difflib.get_close_matches(name.upper(), names, 3, 0.5) or ["none"]
-    what = f"no catalogue has the glass {name}; nearest names: {', '.join(near)}"
+    near = difflib.get_close_matches(name.upper(), names, 3, 0.3)
+    what = f"no catalogue has the glass {name}; nearest names: {', '.join(near) or 'none'}"
     cure = f'correct the name, or give glasses={{"{name}": a material of Optiland}}'
     if not is_stated:
         card.refuse(what, cure)
