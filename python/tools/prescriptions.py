@@ -3,6 +3,7 @@
     python -m tools.prescriptions                  # Optiland's samples
     python -m tools.prescriptions FOLDER_OR_FILE.. # and files of lenses, such as those of Optiland's own tests
     python -m tools.prescriptions --page ../docs/how-to/lenses.md optiland-0.6.3/tests/zemax_files optiland-0.6.3/tests/test_fileio
+    python -m tools.prescriptions --rayoptics peer/bin/python FILE.. # beside rayoptics, which reads files by a reader of its own
 
 Rays of all fields and wavelengths are traced by ``nsq-gpu`` in f64 without reflections, and from the same starts by the
 sequential engine. A row has the largest distance between the two on any surface, among rays that reach both images. Newton's
@@ -14,7 +15,11 @@ from __future__ import annotations
 import argparse
 import importlib
 import inspect
+import json
 import pkgutil
+import re
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Iterator
@@ -31,7 +36,7 @@ from optiland.rays import RealRays
 
 import nsq_gpu
 from nsq_gpu.convert import from_optic
-from nsq_gpu.convert.prescription import trace, without_polarised_coatings
+from nsq_gpu.convert.prescription import fields_of, rays_of, trace, without_polarised_coatings
 from nsq_gpu.lensfiles import SUFFIXES, read_lens
 
 RAYS_PER_FIELD = 200
@@ -61,6 +66,9 @@ class Row:
     distance: float = 0.0
     direction: float = 0.0
     seconds: float = 0.0
+    #: Of a file: the largest distance [mm] between the optic and rayoptics on any surface, and why there is none.
+    peer: float | None = None
+    peer_failed: str = ""
     #: What the report remarks.
     remarks: str = ""
 
@@ -161,13 +169,41 @@ def sequential(optic: Any, births: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return places, directions, arrive
 
 
+def beside_rayoptics(row: Row, path: Path, optic: Any, unit: float, python: str) -> None:
+    """Fill in how far rays of the optic are from those of rayoptics, which reads the same file."""
+    pupil = np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.9], [-0.5, -0.5], [0.0, -0.9]])
+    wavelength = float(optic.primary_wavelength)
+    rays, places = [], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for field in fields_of(optic):
+            born = rays_of(optic, *field, pupil, wavelength)
+            rays.append(np.stack([np.broadcast_to(getattr(born, key), len(pupil)).astype(float) for key in "xyzLMN"], axis=1))
+            places.append(trace(optic, born).places)
+    job = [{"file": str(path), "unit": unit, "wavelength": [wavelength] * sum(map(len, rays)), "rays": np.concatenate(rays).tolist()}]
+    done = subprocess.run([python, str(Path(__file__).with_name("rayoptics_peer.py"))], input=json.dumps(job), capture_output=True, text=True)
+    [answer] = json.loads(done.stdout) if done.returncode == 0 else [{"error": done.stderr.strip().splitlines()[-1]}]
+    if "error" in answer:
+        row.peer_failed = answer["error"]
+        return
+    theirs, ours = np.array(answer["places"], dtype=float), np.concatenate(places, axis=1)
+    # Coordinate breaks are surfaces there: then the image alone is compared.
+    both = (theirs[1:], ours[1:]) if len(theirs) == len(ours) else (theirs[-1:], ours[-1:])
+    distance = np.linalg.norm(both[0] - both[1], axis=2)
+    if np.isnan(distance[-1]).any():
+        row.peer_failed = f"{np.isnan(distance[-1]).sum()} of {distance.shape[1]} rays are lost there"
+    else:
+        row.peer = float(distance.max())
+
+
 def line(row: Row) -> str:
     """Return a row of the table."""
     if row.refused:
-        return f"| `{row.name}` {'| ' * 9}{row.refused} |"
+        return f"| `{row.name}` {'| ' * 10}{row.refused} |"
     said = ", ".join(short for long, short in REMARKS.items() if long in row.remarks)
     return (f"| `{row.name}` | {row.num_surfaces} | {row.num_fields} | {row.num_sequential} of {row.num_rays} | {row.num_lost} | "
-            f"{row.num_gained} | {row.distance:.1e} | {row.direction:.1e} | {row.seconds:.2f} | {said} |")
+            f"{row.num_gained} | {row.distance:.1e} | {row.direction:.1e} | {row.seconds:.2f} | "
+            f"{f'{row.peer:.1e}' if row.peer is not None else '-' if row.peer_failed else ''} | {said} |")
 
 
 def main() -> None:
@@ -175,18 +211,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", type=Path, nargs="*", help="files of lenses, or folders of them")
     parser.add_argument("--binary", help="the built command")
+    parser.add_argument("--rayoptics", metavar="PYTHON", help="a Python that has rayoptics, see tools/rayoptics_peer.py")
     parser.add_argument("--page", type=Path, help="a page whose table is written anew")
     given = parser.parse_args()
-    found = [(name, lambda kind=kind: kind()) for name, kind in samples()]
+    found = [(name, None, kind) for name, kind in samples()]
     for path in given.files:
         files = sorted(file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES) if path.is_dir() else [path]
-        found += [(file.name, lambda file=file: read_lens(file)[0]) for file in files]
-    rows = ["| lens | surfaces | fields | rays | lost | gained | distance [mm] | direction | time [s] | |", f"|{'---|' * 10}"]
-    for name, make in found:
+        found += [(file.name, file, None) for file in files]
+    rows = ["| lens | surfaces | fields | rays | lost | gained | distance [mm] | direction | time [s] | rayoptics [mm] | |", f"|{'---|' * 11}"]
+    for name, path, kind in found:
         try:
-            row = compare(name, make(), binary=given.binary)
-        except nsq_gpu.UsageError as error:
-            row = Row(name, refused=str(error).split(f"{name}: ")[-1])
+            optic, reading = (kind(), None) if path is None else read_lens(path)
+            row = compare(name, optic, binary=given.binary)
+            if given.rayoptics and path is not None and path.suffix.lower() in (".zmx", ".seq"):
+                beside_rayoptics(row, path.resolve(), optic, reading.unit, given.rayoptics)
+                if row.peer_failed:
+                    print(f"{name}: rayoptics: {row.peer_failed}", file=sys.stderr)
+        except nsq_gpu.NsqGpuError as error:
+            row = Row(name, refused=re.sub(rf"^{re.escape(name)}:", "line ", str(error)))
         rows.append(line(row))
         print(rows[-1], flush=True)
     if given.page is not None:

@@ -56,7 +56,7 @@ def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
     try:
         found = _TEXT[path.suffix.lower()](decode(path), reading)
         if isinstance(found, System):
-            found.check(path.name)
+            found.check(reading)
             found = found.optic()
     except NsqGpuError:
         raise

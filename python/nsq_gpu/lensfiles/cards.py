@@ -135,6 +135,8 @@ class Reading:
     glasses: Mapping[str, Any] = field(default_factory=dict)
     #: Coatings that the user gives for names of coatings.
     coatings: Mapping[str, Any] = field(default_factory=dict)
+    #: mm a unit of the file.
+    unit: float = 1.0
     remarks: list[str] = field(default_factory=list)
     #: How often each card without meaning for light occurs.
     passed_over: Counter[str] = field(default_factory=Counter)
@@ -172,7 +174,7 @@ class Reading:
         elif rule.fate is Fate.REFUSED:
             card.refuse(rule.what, rule.cure)
         else:
-            self.remark(card, f"{rule.what}; it was left out")
+            self.remark(card, rule.what)
         return False
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from optiland.materials import DataMaterial, IdealMaterial
 
-from nsq_gpu.errors import UsageError
+from nsq_gpu.errors import UnsupportedSceneError, UsageError
 from nsq_gpu.lensfiles import glasses
 from nsq_gpu.lensfiles.cards import Card, Reading, number_of, table
 from nsq_gpu.lensfiles.system import INFINITE, FileField, FileSurface, System, all_but, both, disk, ellipse, rectangle, rotation_about, tilted
@@ -49,21 +49,19 @@ CARDS = table(
     no_light="LEN NEW INI UID CLS DER DOR GO END EOD CWL THM CUM LOT ZLB CCY CCX THC GLC KC KYC KXC AC BC CC DC EC FC GC HC JC XDC YDC ZDC "
              "ADC BDC CDC CUC SCC HCC GRC PCD DLR DLT DLN DLF DLZ DLA TRX TRY DSX DSY BTX BTY TIR CMP VIE DRA PIK BLT BLD",
     remarked={
-        "TEM": ("the air's temperature, by which indices are not corrected", lambda card: 20.0 <= card.number(0) <= 22.0),
-        "PRE": ("the air's pressure, by which indices are not corrected", lambda card: card.number(0) == 760.0),
-        "MLT": "a coating: the face is bare, and reflects by Fresnel's law",
-        "AFI": "an afocal image: the detector shows where light meets the image surface, and not angles",
-        "AFC": "an afocal image: the detector shows where light meets the image surface, and not angles",
-        "PIM": "a solve of the image's place: the thickness that the file states is taken",
+        "TEM": ("indices are not corrected for the air's temperature", lambda card: 20.0 <= card.number(0) <= 22.0),
+        "PRE": ("indices are not corrected for the air's pressure", lambda card: card.number(0) == 760.0),
+        "MLT": "a coating was left out: the face is bare, and reflects by Fresnel's law",
+        "AFI": "the image is afocal: the detector shows where light meets the image surface, and not angles",
+        "AFC": "the image is afocal: the detector shows where light meets the image surface, and not angles",
+        "PIM": "the image's place is solved for: the thickness that the file states is taken",
+        **{name: "the pupil's apodisation was left out: the source of a field fills the pupil uniformly" for name in ("PUX", "PUY", "PUI")},
     },
     refused={
         "ZOO": ("zoom positions cannot be carried", "save one position as a file of its own", _is_one),
         "WID": ("aiming of a wide-angle lens is not known here", "set WID N", _is_no),
         "POL": ("rays of a scene carry no polarisation", "set POL N", _is_no),
         "IC": ("the other intersection of a ray and a surface cannot be carried", "set IC N", _is_no),
-        "PUX": ("the pupil's apodisation: a source of a scene fills the pupil uniformly", "remove PUX, PUY and PUI"),
-        "PUY": ("the pupil's apodisation: a source of a scene fills the pupil uniformly", "remove PUX, PUY and PUI"),
-        "PUI": ("the pupil's apodisation: a source of a scene fills the pupil uniformly", "remove PUX, PUY and PUI"),
         "CUF": ("a Fresnel surface cannot be carried", _SAVE, _is_zero),
         "XOD": ("a pivot of tilts is not known here", "write the shift as XDE, YDE and ZDE", _is_zero),
         "YOD": ("a pivot of tilts is not known here", "write the shift as XDE, YDE and ZDE", _is_zero),
@@ -172,16 +170,15 @@ class _Reader:
             dim.broken(f"the unit {' '.join(dim.words[:1])!r} is unknown; write M, C or I")
         else:
             self.unit = UNITS[dim.words[0].upper()]
+            self.reading.unit = self.unit
             if self.unit != 1.0:
                 self.reading.remark(dim, f"lengths are multiplied by {self.unit:g}, since a scene is in mm")
         found.name = _bare(" ".join(title.words)) or None if title is not None else None
         if not self.surfaces:
             raise UsageError(f"{self.reading.path.name}: cannot read it as a lens of CODE V: no line begins with S, SO or SI")
-        if radius is None:
-            self.reading.remarks.append(f"{self.reading.path.name}: RDM is not stated: the numbers of surfaces are taken as radii")
         self._add_ends()
         self._light(found)
-        self._surfaces(found, curvatures=radius is not None and _is_no(radius))
+        self._surfaces(found, curvatures=_is_no(radius) if radius is not None else self._are_curvatures())
         self._aperture(found)
         return found
 
@@ -230,7 +227,8 @@ class _Reader:
         kind = card.name if card.name in ("SO", "SI") else "S"
         given = _Given(card, kind, 0.0, 0.0)
         words = list(card.words)
-        given.radius, given.thickness = card.number(0, 0.0), card.number(1, 0.0)
+        is_far = len(words) > 1 and words[1].upper() in ("INF", "INFINITY")
+        given.radius, given.thickness = card.number(0, 0.0), INFINITE if is_far else card.number(1, 0.0)
         if len(words) > 2:
             given.glass = (card, words[2])
         if len(words) > 3:
@@ -309,6 +307,22 @@ class _Reader:
         if self.surfaces[-1].kind != "SI":
             self.surfaces[-1].start.broken("the last surface is no image; write SI")
 
+    def _are_curvatures(self) -> bool:
+        """Tell whether a file that states no RDM has curvatures: the other reading must be none of a lens."""
+        values = [abs(given.radius) for given in self.surfaces if given.radius]
+        if not values:
+            return False
+        gaps = [abs(given.thickness) for given in self.surfaces if abs(given.thickness) < INFINITE]
+        least = 0.5 * self.aperture.number(0) if self.aperture is not None and self.aperture.name == "EPD" else 0.01 * max(gaps)
+        radii, curvatures = min(values) >= least, 1.0 / max(values) >= least
+        if radii == curvatures:
+            raise UnsupportedSceneError(f"{self.reading.path.name}: RDM is not stated, and the numbers of surfaces may be radii or curvatures; write "
+                                        "RDM (radii) or RDM N (curvatures) before the first surface")
+        what, other = ("radii", "curvatures") if radii else ("curvatures", "radii")
+        self.reading.remarks.append(f"{self.reading.path.name}: RDM is not stated: the numbers of surfaces are taken as {what}, since as {other} one "
+                                    f"is too small for a radius of {least:.3g}")
+        return curvatures
+
     # The light
 
     def _light(self, found: System) -> None:
@@ -386,6 +400,8 @@ class _Reader:
                 given.start.broken("its thickness is infinite; only the object's may be")
             if given.kind == "SI":
                 # The image's thickness is a defocus, along the axis before it.
+                if given.thickness and (any(angles) or shift.any()):
+                    self.reading.remark(given.start, "the image is tilted or decentred: its defocus is taken along the axis before it")
                 position = position + rotation[:, 2] * surface.thickness
                 surface.thickness = 0.0
             step = np.array([0.0, 0.0, surface.thickness])
@@ -416,8 +432,14 @@ class _Reader:
             card, index = self.stop
             if index == 0 or index == len(self.surfaces) - 1 and len(self.surfaces) > 2:
                 card.broken("the object or the image cannot be the stop")
-        if index < len(found.surfaces):
-            found.surfaces[index].is_stop = True
+        if index >= len(found.surfaces):
+            return
+        stop = found.surfaces[index]
+        stop.is_stop = True
+        if np.abs(stop.position[:2]).max() > 1e-12 or abs(stop.rotation[2, 2] - 1.0) > 1e-12:
+            # A paraxial pupil knows no tilts and decenters.
+            found.aims_at_stop = True
+            self.reading.remarks.append(f"{self.reading.path.name}: the stop is off the axis, or tilted: rays are aimed at it")
 
     def _number(self, given: _Given, name: str) -> float:
         return given.cards[name].number(0) if name in given.cards else 0.0
@@ -457,15 +479,15 @@ class _Reader:
         card = cards[kind]
         if kind == "CYL":
             if along_x in (None, math.inf):
-                return "toroidal", {"radius": radius, "radius_x": math.inf, "conic": k, "toroidal_coeffs_poly_y": series}
+                return "toroidal", {"radius_y": radius, "radius_x": math.inf, "conic": k, "toroidal_coeffs_poly_y": series}
             if math.isfinite(radius) or k or series:
                 card.refuse("a cylinder that is curved in both directions, or curved along x with a conic or with coefficients, is not known here",
                             "write it as YTO")
-            return "toroidal", {"radius": along_x, "radius_x": math.inf, "conic": 0.0, "toroidal_coeffs_poly_y": [], "turned": True}
+            return "toroidal", {"radius_y": along_x, "radius_x": math.inf, "conic": 0.0, "toroidal_coeffs_poly_y": [], "turned": True}
         if along_x is None:
             card.refuse("a toroid without a radius along x (RDX) is not known here", "write RDX; 0 is a straight line")
         profile, other = (radius, along_x) if kind == "YTO" else (along_x, radius)
-        return "toroidal", {"radius": profile, "radius_x": other, "conic": k, "toroidal_coeffs_poly_y": series, "turned": kind == "XTO"}
+        return "toroidal", {"radius_y": profile, "radius_x": other, "conic": k, "toroidal_coeffs_poly_y": series, "turned": kind == "XTO"}
 
     def _material(self, given: _Given) -> Any:
         if given.kind == "SI":

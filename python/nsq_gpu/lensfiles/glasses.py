@@ -45,6 +45,8 @@ _OTHERS = {
     "ACRYLIC": "organic/(C5H8O2)n - poly(methyl methacrylate)/Szczurowski.yml",
     "POLYCARB": "organic/(C16H14O3)n - polycarbonate/Sultanova.yml", "POLYSTYR": "organic/(C8H8)n - polystyren/Sultanova.yml",
 }
+#: Where a name without a catalogue is looked for first: Hikari's old names are Schott's.
+_FIRST = ("schott", "hikari")
 #: What the report calls the source of these.
 _NO_CATALOGUE = "refractiveindex.info"
 #: Catalogues of lens programs under another name than refractiveindex.info's.
@@ -122,10 +124,13 @@ def find(reading: Reading, card: Card, name: str, catalogues: Sequence[str] = ()
         return model(nd, vd)
     if not is_stated:
         entry, material = candidates[0]
-        others = {round(index_of(material, LINE_D), 4) for _, material in candidates[1:]} - {round(index_of(material, LINE_D), 4)}
-        if others and not catalogues:
-            card.refuse(f"{name} is a glass of several catalogues, with other indices ({', '.join(e.catalogue for e, _ in candidates)})",
-                        "name the catalogue in the file, or give glasses={...}")
+        n = index_of(material, LINE_D)
+        others = [f"nd = {index_of(other, LINE_D):.5f} of {known.catalogue}" for known, other in candidates[1:]
+                  if abs(index_of(other, LINE_D) - n) > _OTHER_ND]
+        if others and entry.catalogue not in (*_FIRST, *map(_catalogue, catalogues)):
+            card.refuse(f"{name} has nd = {n:.5f} of {entry.catalogue}, {', '.join(others)}", "name the catalogue in the file, or give glasses={...}")
+        if others:
+            remark = "; ".join([*([remark] if remark else []), f"other catalogues have {', '.join(others)}"])
         return _found(reading, card, name, entry, material, remark)
 
     def distance(pair: tuple[_Entry, Any]) -> float:
@@ -170,13 +175,17 @@ def _found(reading: Reading, card: Card, name: str, entry: _Entry, material: Any
     return material
 
 
+def _catalogue(name: str) -> str:
+    return _CATALOGUES.get(name.upper(), name.lower())
+
+
 def _candidates(name: str, catalogues: Sequence[str]) -> tuple[list[tuple[_Entry, Any]], str]:
     """Return all entries that a name may mean, the likeliest first, and what is to be said of that."""
-    wanted = [_CATALOGUES.get(catalogue.upper(), catalogue.lower()) for catalogue in catalogues]
+    wanted = [_catalogue(name) for name in catalogues]
 
     def of(key: str) -> list[_Entry]:
         found = _entries().get(key, [])
-        order = {catalogue: place for place, catalogue in enumerate(wanted or ["schott"])}
+        order = {catalogue: place for place, catalogue in enumerate(wanted or _FIRST)}
         return sorted(found, key=lambda entry: (order.get(entry.catalogue, len(order)), plain(entry.name) != entry.name.upper()))
 
     def made(found: list[_Entry]) -> list[tuple[_Entry, Any]]:

@@ -16,7 +16,7 @@ from optiland.fileio.oslo.reader.converter import OsloToOpticConverter
 from optiland.fileio.oslo.reader.parser import OsloDataParser
 from optiland.fileio.oslo.syntax import tokenize
 
-from nsq_gpu.errors import UsageError
+from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.lensfiles import glasses
 from nsq_gpu.lensfiles.cards import Card, Reading, table
 
@@ -55,7 +55,7 @@ def read(text: str, reading: Reading) -> Any:
         UnsupportedSceneError: A card is refused, with its line.
         UsageError: A card makes no sense.
     """
-    named = _check(text, reading)
+    materials = {name: glasses.find(reading, card, name) for name, card in _check(text, reading).items()}
     # Optiland reads files alone: this one is in UTF-8, whatever the user's is in.
     handle, path = tempfile.mkstemp(suffix=".len")
     try:
@@ -63,28 +63,34 @@ def read(text: str, reading: Reading) -> Any:
             file.write(text)
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
-            try:
-                data = OsloDataParser(path).parse()
-                for found in data.diagnostics:
-                    card = reading.card(found.command, (), found.line, found.surface)
-                    if found.command in _FOOTER:
-                        reading.remark(card, f"{found.message}: the first configuration is read")
-                    elif reading.unknown != "remark":
-                        card.refuse(found.message, 'remove it, or leave it out by unknown="remark" (--unknown remark)')
-                    else:
-                        reading.remark(card, f"{found.message}, and was left out")
-                optic = OsloToOpticConverter(data, material_overrides=_materials(named, reading)).convert()
-            except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
-                raise UsageError(f"{reading.path.name}: cannot read it as a lens of OSLO: {str(error).replace(path, reading.path.name)}") from error
+            data = OsloDataParser(path).parse()
+            _check_left_out(data, reading)
+            optic = OsloToOpticConverter(data, material_overrides=materials).convert()
+    except NsqGpuError:
+        raise
+    except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
+        raise UsageError(f"{reading.path.name}: cannot read it as a lens of OSLO: {str(error).replace(path, reading.path.name)}") from error
     finally:
         os.unlink(path)
-    said = {str(warning.message).replace(path, reading.path.name) for warning in heard if "import may be incomplete" not in str(warning.message)}
-    reading.remarks += sorted(said)
+    reading.remarks += sorted({str(warning.message).replace(path, reading.path.name) for warning in heard
+                               if "import may be incomplete" not in str(warning.message)})
     if data.units != 1.0:
         reading.remarks.append(f"{reading.path.name}: lengths are multiplied by {data.units:g} (UNI), since a scene is in mm")
     if "points" not in data.fields:
         reading.remarks.append(f"{reading.path.name}: the file states the largest field alone; fields at 0, 0.7 and 1 times that are traced")
     return optic
+
+
+def _check_left_out(data: Any, reading: Reading) -> None:
+    """Refuse what Optiland's reader leaves out; the first configuration is the lens."""
+    for found in data.diagnostics:
+        card = reading.card(found.command, (), found.line, found.surface)
+        if found.command in _FOOTER:
+            reading.remark(card, f"{found.message}: the first configuration is read")
+        elif reading.unknown == "remark":
+            reading.remark(card, f"{found.message}; it was left out")
+        else:
+            card.refuse(found.message, 'remove it, or leave it out by unknown="remark" (--unknown remark)')
 
 
 def _check(text: str, reading: Reading) -> dict[str, Card]:
@@ -114,6 +120,3 @@ def _check(text: str, reading: Reading) -> dict[str, Card]:
                 named.setdefault(card.words[0].strip('"'), card)
     return named
 
-
-def _materials(named: dict[str, Card], reading: Reading) -> dict[str, Any]:
-    return {name: glasses.find(reading, card, name) for name, card in named.items()}

@@ -21,7 +21,8 @@ from optiland.physical_apertures import (
 )
 from optiland.physical_apertures.base import BaseAperture
 
-from nsq_gpu.lensfiles.cards import Card
+from nsq_gpu.errors import UsageError
+from nsq_gpu.lensfiles.cards import Card, Reading
 
 #: A distance beyond that is infinite, in units of the file.
 INFINITE = 1e10
@@ -100,10 +101,9 @@ class System:
     is_telecentric: bool = False
     aims_at_stop: bool = False
 
-    def check(self, reading_name: str) -> None:
-        """Refuse what is no lens."""
-        from nsq_gpu.errors import UsageError
-
+    def check(self, reading: Reading) -> None:
+        """Refuse what is no lens, and leave out what the image has too much."""
+        reading_name = reading.path.name
         if len(self.surfaces) < 3:
             raise UsageError(f"{reading_name}: cannot read it as a lens: there are {len(self.surfaces)} surfaces; an object, a face and "
                              "an image are the fewest")
@@ -114,6 +114,10 @@ class System:
         for one in self.surfaces:
             if not (math.isfinite(one.thickness) or one is self.surfaces[0]):
                 one.card.broken("its thickness is infinite; only the object's may be")
+        image = self.surfaces[-1]
+        if image.aperture is not None or image.coating is not None:
+            reading.remark(image.card, "the image's aperture or coating was left out: its detector takes all light")
+            image.aperture = image.coating = None
 
     def optic(self) -> Any:
         """Return Optiland's Optic."""

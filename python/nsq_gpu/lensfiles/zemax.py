@@ -31,15 +31,15 @@ HEADER = table(
             "WWGT PWAV RAIM GCAT COFN",
     no_light="VERS NOTE AUTH TITL LANG LUID DBDT STUD EERA IWDP PFIL PICB HYPR OMMA SDMA ROPD GLRS GSTD NSCD FCOM DMFS BLNK TCED",
     remarked={
-        "ENVD": ("the air's temperature and pressure, by which indices are not corrected", lambda card: [*card.numbers(), 20.0, 1.0][:2] == [20.0, 1.0]),
-        "POLS": ("the light's polarisation, which rays of a scene do not carry", lambda card: card.words[:7] == tuple("1010010")),
+        "GFAC": ("the pupil's apodisation was left out: the source of a field fills the pupil uniformly",
+                 lambda card: card.number(0, 0.0) == 0.0 or card.number(1, 0.0) == 0.0),
+        "PUSH": ("a first guess of the pupil for aiming was left out: rays are aimed here without one", lambda card: card.is_zero),
+        "ENVD": ("indices are not corrected for the air's temperature and pressure", lambda card: [*card.numbers(), 20.0, 1.0][:2] == [20.0, 1.0]),
+        "POLS": ("the light's polarisation was left out: rays of a scene carry none", lambda card: card.words[:7] == tuple("1010010")),
     },
     refused={
         "VANN": ("a pupil that is turned (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
         "ZVAN": ("a pupil that is turned (its tangent angle) cannot be carried", "set it to 0", lambda card: card.is_zero),
-        "GFAC": ("the pupil's apodisation: a source of a scene fills the pupil uniformly", "set the apodisation to uniform",
-                 lambda card: card.number(0, 0.0) == 0.0 or card.number(1, 0.0) == 0.0),
-        "PUSH": ("a pupil that is shifted or compressed for aiming cannot be carried", "set the shifts to 0", lambda card: card.is_zero),
         "PUPD": ("the pupil's definition in this file is not known here", "save the file by a newer version"),
         "CONF": ("configurations are not known here", "save one configuration as a file of its own"),
         "WAVN": ("wavelengths in this form are not known here", "save the file by a newer version, which writes WAVM"),
@@ -149,6 +149,7 @@ class _Reader:
             unit.broken(f"the unit {' '.join(unit.words[:1])!r} is unknown; write MM, CM, IN or METER")
         else:
             self.unit = UNITS[unit.words[0].upper()]
+            self.reading.unit = self.unit
             if self.unit != 1.0:
                 self.reading.remark(unit, f"lengths are multiplied by {self.unit:g}, since a scene is in mm")
         self.catalogues = catalogues.words if catalogues is not None else ()
@@ -394,7 +395,7 @@ class _Reader:
             turned = parms.pop(1, 0.0) * self.unit or math.inf
             if extra.get(1, 0.0) != 0.0:
                 self._refuse_rest(own, "XDAT", {1: extra[1]}, "a toroid with terms of Zernike")
-            found = ("toroidal", {"radius": radius, "radius_x": turned, "conic": k, "toroidal_coeffs_poly_y": series(7, 2, 2)})
+            found = ("toroidal", {"radius_y": radius, "radius_x": turned, "conic": k, "toroidal_coeffs_poly_y": series(7, 2, 2)})
         elif name == "BICONICX":
             found = self._biconic(own, radius, k, parms.pop(1, 0.0) * self.unit or math.inf, parms.pop(2, 0.0))
         else:
