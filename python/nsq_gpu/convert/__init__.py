@@ -9,7 +9,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -117,10 +120,15 @@ def from_file(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
         UsageError: The file's name ends otherwise, the file cannot be read, or a card makes no sense.
         UnsupportedSceneError: A card changes the light, and no scene can carry it.
     """
-    optic, reading = read_lens(path, unknown=unknown, glasses=glasses, coatings=coatings)
-    scene = from_optic(optic, **options)
+    heard = io.StringIO()
+    with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(heard):
+        # What Optiland says, by warnings and by printing, stands in the report.
+        warnings.simplefilter("always")
+        optic, reading = read_lens(path, unknown=unknown, glasses=glasses, coatings=coatings)
+        scene = from_optic(optic, **options)
     report = scene.conversion_report
-    report.remarks = [*reading.remarks, *report.remarks]
+    said = [*(str(warning.message) for warning in caught), *heard.getvalue().splitlines()]
+    report.remarks = [*reading.remarks, *dict.fromkeys(said), *report.remarks]
     report.passed_over = dict(reading.passed_over)
     report.glasses = dict(reading.glasses_found)
     return scene

@@ -161,11 +161,10 @@ class Reading:
         rule = rules.get(card.name)
         if rule is None:
             near = difflib.get_close_matches(card.name, rules, 1)
-            hint = f"did you mean {near[0]}? " if near else ""
+            hint = f" (did you mean {near[0]}?)" if near else ""
             if in_surface and self.unknown != "remark":
-                card.refuse("the card is unknown, and may change the light", f"{hint}Remove it, or leave it out by unknown=\"remark\" "
-                            "(--unknown remark)")
-            self.remark(card, f"the card is unknown, and was left out{'; ' + hint.strip() if hint else ''}")
+                card.refuse(f"the card is unknown, and may change the light{hint}", 'remove it, or leave it out by unknown="remark" (--unknown remark)')
+            self.remark(card, f"the card is unknown, and was left out{hint}")
             return False
         if rule.fate is Fate.CARRIED:
             return True

@@ -329,7 +329,8 @@ class _Reader:
         lists = {name: self.header[name].numbers() for name in (*_FIELD_TYPES, "WTF", "VUX", "VLX", "VUY", "VLY") if name in self.header}
         kinds = {_FIELD_TYPES[name] for name in lists if name in _FIELD_TYPES}
         if len(kinds) > 1:
-            raise UsageError(f"{self.reading.path.name}: fields are stated as {' and as '.join(sorted(kinds))}; one kind is needed")
+            self.header[[name for name in lists if name in _FIELD_TYPES][-1]].broken(f"fields are stated as {' and as '.join(sorted(kinds))}; one "
+                                                                                    "kind is needed")
         found.field_type = kinds.pop() if kinds else "angle"
         count = max((len(lists[name]) for name in lists if name in _FIELD_TYPES), default=1)
         length = 1.0 if found.field_type == "angle" else self.unit
@@ -342,8 +343,10 @@ class _Reader:
             x, y = (length * value(index, f"{axis}AN", f"{axis}OB", f"{axis}IM", f"{axis}RI") for axis in "XY")
             edges = [(value(index, f"VU{axis}"), value(index, f"VL{axis}")) for axis in "XY"]
             compress = [0.5 * (upper + lower) for upper, lower in edges]
-            if not max(compress) < 1.0:
-                raise UsageError(f"{self.reading.path.name}: the vignetting factors (VUX, VLX, VUY, VLY) of field {index + 1} close its pupil")
+            for axis, closed in zip("XY", compress, strict=True):
+                if not closed < 1.0:
+                    (self.header.get(f"VU{axis}") or self.header[f"VL{axis}"]).broken(f"the pupil of field {index + 1} is closed: the upper and the "
+                                                                                     "lower share that are cut add up to 2 or more")
             weight = value(index, "WTF", default=1.0)
             if weight < 0.0:
                 self.header["WTF"].broken(f"the weight {weight:g} of field {index + 1} is below 0")

@@ -12,6 +12,8 @@ import tempfile
 import warnings
 from typing import Any
 
+import numpy as np
+import optiland.backend as be
 from optiland.fileio.oslo.reader.converter import OsloToOpticConverter
 from optiland.fileio.oslo.reader.parser import OsloDataParser
 from optiland.fileio.oslo.syntax import tokenize
@@ -72,6 +74,10 @@ def read(text: str, reading: Reading) -> Any:
         raise UsageError(f"{reading.path.name}: cannot read it as a lens of OSLO: {str(error).replace(path, reading.path.name)}") from error
     finally:
         os.unlink(path)
+    for index, surface in enumerate(optic.surfaces.surfaces[1:], start=1):
+        if not np.isfinite(be.to_numpy(surface.geometry.cs.z)).all():
+            raise UsageError(f"{reading.path.name}: cannot read it as a lens of OSLO: the thickness before surface {index} is infinite; only the object's "
+                             "may be")
     reading.remarks += sorted({str(warning.message).replace(path, reading.path.name) for warning in heard
                                if "import may be incomplete" not in str(warning.message)})
     if data.units != 1.0:
@@ -84,6 +90,9 @@ def read(text: str, reading: Reading) -> Any:
 def _check_left_out(data: Any, reading: Reading) -> None:
     """Refuse what Optiland's reader leaves out; the first configuration is the lens."""
     for found in data.diagnostics:
+        if found.message == "unsupported command":
+            # Unknown cards were seen to already.
+            continue
         card = reading.card(found.command, (), found.line, found.surface)
         if found.command in _FOOTER:
             reading.remark(card, f"{found.message}: the first configuration is read")

@@ -227,12 +227,11 @@ class _Reader:
                 columns[key][index] if index < len(columns[key]) else 1.0 if key == "weight" else 0.0
                 for key in ("x", "y", "weight", "vdx", "vdy", "vcx", "vcy"))
             field = FileField(x * length, y * length, weight, (vcx, vcy), (vdx, vdy))
-            card = self._one("FWGN") or self._one("FWGT") or kind
             if weight < 0.0:
-                card.broken(f"the weight {weight:g} of field {index + 1} is below 0")
-            if not max(vcx, vcy) < 1.0:
-                raise UsageError(f"{self.reading.path.name}: the vignetting factors VCX = {vcx:g}, VCY = {vcy:g} of field {index + 1} close "
-                                 "its pupil; numbers below 1 leave it open")
+                self._card("FWGN", "FWGT").broken(f"the weight {weight:g} of field {index + 1} is below 0")
+            for names, closed in ((("VCXN", "ZVCX"), vcx), (("VCYN", "ZVCY"), vcy)):
+                if not closed < 1.0:
+                    self._card(*names).broken(f"{closed:g} closes the pupil of field {index + 1}; numbers below 1 leave it open")
             found.fields.append(field)
         self._wavelengths(found, num_lines)
         if aiming is not None:
@@ -252,27 +251,34 @@ class _Reader:
             listed -= 1
         return listed
 
+    def _card(self, *names: str) -> Card | None:
+        """Return the card of the first of these names that the file has."""
+        return next((card for name in names if (card := self._one(name)) is not None), None)
+
     def _column(self, *names: str) -> list[float]:
-        card = next((card for name in names if (card := self._one(name)) is not None), None)
+        card = self._card(*names)
         return card.numbers() if card is not None else []
 
     def _wavelengths(self, found: System, count: int | None) -> None:
         listed, weights, primary = self._one("WAVL"), self._one("WWGT"), self._one("PWAV")
         slots: dict[int, tuple[float, float]] = {}
+        cards: dict[int, Card] = {}
         if listed is not None:
             heavy = weights.numbers() if weights is not None else []
             slots = {index + 1: (value, heavy[index] if index < len(heavy) else 1.0) for index, value in enumerate(listed.numbers())}
+            cards = dict.fromkeys(slots, listed)
         for card in (card for card in self.header if card.name == "WAVM"):
-            if card.whole(0) in slots and slots[card.whole(0)] != (card.number(1), card.number(2, 1.0)):
-                card.broken(f"wavelength {card.words[0]} stands here a second time")
-            slots[card.whole(0)] = (card.number(1), card.number(2, 1.0))
+            slot, value = card.whole(0), (card.number(1), card.number(2, 1.0))
+            if slots.get(slot, value) != value:
+                card.broken(f"wavelength {slot} stands here a second time")
+            slots[slot], cards[slot] = value, card
         used = [slot for slot in sorted(slots) if count is None or 1 <= slot <= count]
         for slot in used:
             if not 0.01 <= slots[slot][0] <= 1000.0 or slots[slot][1] < 0.0:
-                raise UsageError(f"{self.reading.path.name}: wavelength {slot} is {slots[slot][0]:g} um with a weight of {slots[slot][1]:g}; "
-                                 "wavelengths are from 0.01 to 1000 um, weights at least 0")
+                cards[slot].broken(f"wavelength {slot} is {slots[slot][0]:g} um with a weight of {slots[slot][1]:g}; wavelengths are from 0.01 to "
+                                   "1000 um, weights at least 0")
         if used and not any(slots[slot][1] for slot in used):
-            raise UsageError(f"{self.reading.path.name}: all wavelengths have a weight of 0")
+            cards[used[0]].broken("all wavelengths have a weight of 0")
         found.wavelengths = [slots[slot] for slot in used]
         number = primary.whole(0) if primary is not None else 1
         if primary is not None and number not in used:
@@ -523,7 +529,9 @@ class _Reader:
         if name.upper() in ideal:
             transmittance, reflectance = ideal[name.upper()]
             return SimpleCoating(transmittance, reflectance)
-        self.reading.remark(card, f"the coating {name} is not at hand: the face is bare, and reflects by Fresnel's law; give "
+        is_mirror = any(other.name == "GLAS" and other.words[:1] == ("MIRROR",) for other in own)
+        does = "the mirror reflects all light" if is_mirror else "the face is bare, and reflects by Fresnel's law"
+        self.reading.remark(card, f"the coating {name} is not at hand: {does}; give "
                             f'coatings={{"{name}": a coating of Optiland}}, or put the file of coatings beside the lens')
         return None
 
