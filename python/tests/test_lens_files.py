@@ -261,6 +261,8 @@ def numbers_of_codev(text: str) -> list[tuple[float, float]] | None:
     except ValueError:
         return None
     found = [(1.0 / radius if radius else 0.0, thickness) for radius, thickness, *_ in numbers]
+    # A file without SO has its object far away.
+    found = found if surfaces and surfaces[0][0].upper() == "SO" else [(0.0, 0.0), *found]
     # The image's thickness is a defocus.
     return [*found[:-2], (found[-2][0], found[-2][1] + found[-1][1]), found[-1]] if len(found) > 2 else None
 
