@@ -92,14 +92,14 @@ gpu-report:
 
 test-python: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv/bin/python -m pytest -rs $(PYTEST_WORKERS) tests \
-		--ignore tests/test_torch.py
+		--ignore tests/test_torch.py --ignore tests/test_torch_lenses.py
 
 test-random: adapter .venv/installed
 	cd python && NSQ_GPU_BINARY=$(BINARY) NSQ_GPU_RANDOM_SCENES=$(RANDOM_SCENES) NSQ_GPU_RANDOM_SEED=$(RANDOM_SEED) \
 		../.venv/bin/python -m pytest $(PYTEST_WORKERS) tests/test_random.py
 
 test-torch: adapter .venv-torch/installed .venv-torch/optiland
-	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py \
+	cd python && NSQ_GPU_BINARY=$(BINARY) ../.venv-torch/bin/python -m pytest -rs tests/test_torch.py tests/test_torch_lenses.py \
 		tests/test_export.py::test_torch_tensors_that_want_gradients_are_refused
 	cd .venv-torch/optiland && NSQ_GPU_BINARY=$(BINARY) PYTHONPATH=$(abspath python) ../bin/python -m pytest -rs -p tools.optilands_tests \
 		$(OPTILANDS_TESTS:%=tests/nonsequential/%.py)
