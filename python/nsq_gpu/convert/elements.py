@@ -140,7 +140,7 @@ def _part(face: Face, parts: list[Part], margin: float) -> Part:
         first = part.face
         if first.is_mirror != face.is_mirror or (part.front, part.back) != sides:
             raise UnsupportedSceneError(f"{face.place} lies in the place of {first.place}, and is no second passage of it: one of "
-                                        "them is a mirror, or their media differ")
+                                        "them is a mirror, or their media differ; a mirror on a part of a face must stand a little beside it")
         for what, one, other in (("coating", _numbers(first.coating), _numbers(face.coating)), ("aperture", first.stated, face.stated)):
             if one != other:
                 raise UnsupportedSceneError(f"{face.place} is a second passage of {first.place}, with another {what}; give both the "
@@ -166,7 +166,7 @@ def _is_same(one: Face, other: Face) -> bool:
     if same_place and abs(turned[2, 2] + 1.0) < 1e-12 and are_conics and one.form.radius == -other.form.radius:
         raise UnsupportedSceneError(f"{other.place} is {one.place} seen from the other side; give both one frame")
     same_form = one.form == other.form or one.form.is_flat and other.form.is_flat
-    return bool(same_place and same_form and one.is_mirror == other.is_mirror and np.abs(turned - np.eye(3)).max() < 1e-12)
+    return bool(same_place and same_form and np.abs(turned - np.eye(3)).max() < 1e-12)
 
 
 def _along(first: Part, second: Part) -> float | None:
