@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from optiland.coatings import SimpleCoating
 from optiland.coordinate_system import CoordinateSystem
 from optiland.nonsequential import NSQScene
 
@@ -48,7 +49,7 @@ def attach(scene: NSQScene, optic: Any, report: LensReport) -> None:
             component.cs = cs
             attached = True
         coating = getattr(surfaces[index].interaction_model, "coating", None)
-        if wants_gradient(getattr(coating, "reflectance", None)) and hasattr(component, "reflectance"):
+        if type(coating) is SimpleCoating and wants_gradient(coating.reflectance) and hasattr(component, "reflectance"):
             component.reflectance = coating.reflectance
             attached = True
     cs = _frame(surfaces, len(surfaces) - 1)

@@ -13,6 +13,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from optiland.coatings import BaseCoating
+from optiland.materials import BaseMaterial
+
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.lensfiles import codev, oslo, zemax
 from nsq_gpu.lensfiles.cards import Reading, decode
@@ -46,9 +49,14 @@ def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
         UsageError: The file is no lens, or cannot be read; with the line.
         UnsupportedSceneError: A card changes the light, and cannot be carried; with the line.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise UsageError(f"this is a {type(path).__name__}; give the path of a lens file")
     path = Path(path)
     if unknown not in ("refuse", "remark"):
         raise UsageError(f"unknown is {unknown!r}; give 'refuse' or 'remark'")
+    for what, given, kind in (("glasses", glasses, BaseMaterial), ("coatings", coatings, BaseCoating)):
+        if not isinstance(given, Mapping | None) or not all(isinstance(name, str) and isinstance(value, kind) for name, value in (given or {}).items()):
+            raise UsageError(f"{what} is {given!r}; give a dictionary of names and Optiland's {what}, {kind.__name__}")
     _check_path(path)
     reading = Reading(path, unknown, glasses or {}, coatings or {})
     if path.suffix.lower() == ".json":
@@ -57,11 +65,15 @@ def read_lens(path: str | os.PathLike[str], *, unknown: str = "refuse", glasses:
         found = _TEXT[path.suffix.lower()](decode(path), reading)
         if isinstance(found, System):
             found.check(reading)
-            found = found.optic()
+            numbers = [surface.number for surface in found.surfaces]
+            if numbers != list(range(len(numbers))):
+                others = ", ".join(f"surface {index} is {number}" for index, number in enumerate(numbers) if index != number)
+                reading.remarks.append(f"{path.name}: coordinate breaks are no surfaces of the report. In the file its {others}")
+            found = found.optic(reading)
     except NsqGpuError:
         raise
     except (ValueError, ArithmeticError, LookupError, TypeError, NotImplementedError) as error:
-        raise UsageError(f"{path}: Optiland cannot make an optic of it: {type(error).__name__}: {error}") from error
+        raise UsageError(f"{path}: cannot read it as a lens: no optic of Optiland can be made of it: {type(error).__name__}: {error}") from error
     return found, reading
 
 
@@ -83,7 +95,7 @@ def _optilands(path: Path) -> Any:
 
     try:
         document = json.loads(decode(path))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"{path}: this is no JSON: {error}") from error
     if isinstance(document, dict) and ("components" in document or "nsq_gpu" in document or "surfaces" in document and "sources" in document):
         raise UsageError(f"{path}: this is a scene, and no lens; call nsq_gpu.load_scene({str(path)!r}), or nsq-gpu trace {path}")

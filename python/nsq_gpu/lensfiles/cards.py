@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -69,6 +70,8 @@ def number_of(word: str) -> float:
     Raises:
         ValueError: The word is no number, or no finite one.
     """
+    if "_" in word:
+        raise ValueError(word)
     value = float((word.replace(",", ".") if word.count(",") == 1 and "." not in word else word).upper().replace("D", "E"))
     if not math.isfinite(value):
         raise ValueError(word)
@@ -109,6 +112,17 @@ class Card:
     def numbers(self) -> list[float]:
         """Return all words as numbers."""
         return [self.number(index) for index in range(len(self.words))]
+
+    def only(self, count: int) -> None:
+        """Refuse the card where it has more words than that, which would be left out.
+
+        Raises:
+            UsageError: There are more.
+        """
+        if len(self.words) > count:
+            expected = {0: "none is", 1: "one is"}.get(count, f"{count} are")
+            raise UsageError(f"{self.place}: {len(self.words)} words stand behind the name, where {expected} known: {' '.join(self.words[count:])!r} is "
+                             "too much")
 
     @property
     def is_zero(self) -> bool:
@@ -215,6 +229,8 @@ def decode(path: Path) -> str:
             continue
         # Files of old programs may end by Ctrl-Z.
         text = text.rstrip("\x1a\x00")
+        # Letters that Python takes for ends of lines, and programs do not.
+        text = re.sub("[\x0b\x0c\x85\u2028\u2029]", " ", text)
         if not any(ord(letter) < 32 and letter not in "\t\n\r\f\v" for letter in text):
             return text
     raise UsageError(f"{path}: this is no text, so no lens file of Zemax, CODE V or OSLO in text; save it as text (.zmx, .seq, .len)")

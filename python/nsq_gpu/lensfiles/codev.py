@@ -47,13 +47,14 @@ CARDS = table(
             "ADX ADY ARO",
     # Names, optimisation, tolerances and drawing.
     no_light="LEN NEW INI UID CLS DER DOR GO END EOD CWL THM CUM LOT ZLB CCY CCX THC GLC KC KYC KXC AC BC CC DC EC FC GC HC JC XDC YDC ZDC "
-             "ADC BDC CDC CUC SCC HCC GRC PCD DLR DLT DLN DLF DLZ DLA TRX TRY DSX DSY BTX BTY TIR CMP VIE DRA PIK BLT BLD",
+             "ADC BDC CDC CUC SCC HCC GRC PCD DLR DLT DLN DLF DLZ DLA TRX TRY DSX DSY BTX BTY TIR CMP VIE DRA BLT BLD",
     remarked={
         "TEM": ("indices are not corrected for the air's temperature", lambda card: 20.0 <= card.number(0) <= 22.0),
         "PRE": ("indices are not corrected for the air's pressure", lambda card: card.number(0) == 760.0),
         "MLT": "a coating was left out: the face is bare, and reflects by Fresnel's law",
         "AFI": "the image is afocal: the detector shows where light meets the image surface, and not angles",
         "AFC": "the image is afocal: the detector shows where light meets the image surface, and not angles",
+        "PIK": "a number is picked up from another: the one that the file states is taken",
         "PIM": "the image's place is solved for: the thickness that the file states is taken",
         **{name: "the pupil's apodisation was left out: the source of a field fills the pupil uniformly" for name in ("PUX", "PUY", "PUI")},
     },
@@ -156,7 +157,7 @@ class _Reader:
         #: Cards of the aperture in their order: the last counts.
         self.aperture: Card | None = None
         self.stop: tuple[Card, int] | None = None
-        self.private: dict[str, tuple[Card, list[float]]] = {}
+        self.private: dict[str, tuple[Card, list[float], list[float]]] = {}
         self.private_lines: list[float] = []
         self.unit = 1.0
 
@@ -190,6 +191,8 @@ class _Reader:
             name = words[0].upper()
             name = name if re.fullmatch(r"S\d+", name) else name[:3]
             number = len(self.surfaces) - 1 if self.surfaces else None
+            if name in ("SO", "S", "SI") or re.fullmatch(r"S\d+", name):
+                number = len(self.surfaces) if name in ("SO", "S", "SI") else int(name[1:])
             card = self.reading.card(name, words[1:], line, number)
             if in_private:
                 if name == "END":
@@ -220,34 +223,33 @@ class _Reader:
         values = card.numbers()
         if len(values) != len(self.private_lines):
             card.broken(f"the private glass {card.name} has {len(values)} indices for {len(self.private_lines)} wavelengths (PWL)")
-        self.private[glasses.plain(card.name)] = (card, values)
+        self.private[glasses.plain(card.name)] = (card, self.private_lines, values)
 
     def _start(self, card: Card) -> None:
-        """Begin a surface, or change one."""
-        kind = card.name if card.name in ("SO", "SI") else "S"
-        given = _Given(card, kind, 0.0, 0.0)
+        """Begin a surface."""
+        card.only(4)
+        kind = "SO" if card.name == "S0" else card.name if card.name in ("SO", "SI") else "S"
         words = list(card.words)
-        is_far = len(words) > 1 and words[1].upper() in ("INF", "INFINITY")
-        given.radius, given.thickness = card.number(0, 0.0), INFINITE if is_far else card.number(1, 0.0)
+        endless = [word.upper() in ("INF", "INFINITY") for word in (*words[:2], "", "")]
+        if kind == "SO" and len(words) < 2:
+            card.broken("the object has no distance")
+        given = _Given(card, kind, 0.0 if endless[0] else card.number(0, 0.0), INFINITE if endless[1] else card.number(1, 0.0))
         if len(words) > 2:
             given.glass = (card, words[2])
         if len(words) > 3:
             if words[3].upper() not in ("REFL", "REFR"):
                 card.refuse(f"{words[3]} behind the glass is not known here", "write REFL for a mirror")
             given.is_mirror = words[3].upper() == "REFL"
-        index = {"SO": 0, "SI": None, "S": None}[kind] if card.name in ("SO", "SI", "S") else int(card.name[1:])
         if kind == "SO" and self.surfaces:
             card.broken("the object (SO) is not the first surface")
         if self.surfaces and self.surfaces[-1].kind == "SI":
             card.broken("a surface follows the image (SI)")
-        if index is not None and kind == "S":
-            index += 0 if self.surfaces and self.surfaces[0].kind == "SO" else -1
-            if index < len(self.surfaces):
-                given.cards, given.apertures = self.surfaces[index].cards, self.surfaces[index].apertures
-                self.surfaces[index] = given
-                return
-            if index > len(self.surfaces):
-                card.broken(f"surface {card.name[1:]} follows surface {len(self.surfaces) - 1}")
+        if kind == "S" and card.name != "S":
+            number, expected = int(card.name[1:]), len(self.surfaces) + (0 if self.surfaces and self.surfaces[0].kind == "SO" else 1)
+            if number < expected:
+                card.refuse("the surface is stated a second time", f"change it by RDY {card.name}, THI {card.name} and GLA {card.name}")
+            if number > expected:
+                card.broken(f"surface {number} follows surface {expected - 1}")
         self.surfaces.append(given)
 
     def _target(self, card: Card) -> tuple[Card, _Given | None]:
@@ -271,9 +273,15 @@ class _Reader:
         if not self.reading.is_carried(named, CARDS, in_surface=in_surface):
             return
         name = named.name
-        if name in ("THI", "CUY", "CUX", "RDY", "RDX") and named.words and re.fullmatch(r"[A-Za-z]+", named.words[0]):
-            self.reading.passed_over[f"{name} {named.words[0].upper()}"] += 1
-            return
+        if name in ("THI", "CUY", "CUX", "RDY", "RDX") and named.words and named.words[0][0].isalpha():
+            word = named.words[0].upper()
+            if word in _SOLVES:
+                self.reading.remark(named, "the number is solved for: the one that the file states is taken")
+                return
+            if word not in ("INF", "INFINITY") or name in ("CUY", "CUX"):
+                named.refuse(f"{word} is not known here", "write a number")
+            named = Card(name, (str(INFINITE) if name == "THI" else "0", *named.words[1:]), named.place)
+        named.only(_MOST_WORDS.get(name, 10_000))
         if name == "STO":
             if target is None:
                 named.broken("no surface stands before the stop")
@@ -281,6 +289,8 @@ class _Reader:
         elif name in ("EPD", "FNO", "NA", "NAO"):
             self.aperture = named
         elif name in _HEADER:
+            if name == "RDM" and self.surfaces:
+                named.broken("radii or curvatures are chosen behind the first surface; write RDM before it")
             self.header[name] = named
         elif target is None:
             named.broken("no surface stands before the command")
@@ -292,10 +302,14 @@ class _Reader:
             mode = named.words[0].upper() if named.words else ""
             if mode not in ("REFL", "REFR"):
                 named.refuse(f"the mode {' '.join(named.words)} is not known here", "write REFL for a mirror")
+            if mode == "REFR" and target.glass is not None and _bare(target.glass[1]).upper() == "REFL":
+                named.broken("the surface is a mirror by its glass (REFL)")
             target.is_mirror = mode == "REFL"
         elif name in ("CIR", "REX", "REY", "ELX", "ELY", "CIG", "REG", "ELG", "ADX", "ADY", "ARO"):
             target.apertures.append(named)
         else:
+            # The last one counts, also of commands that say the same in two ways.
+            target.cards.pop(name, None)
             target.cards[name] = named
 
     def _add_ends(self) -> None:
@@ -316,11 +330,11 @@ class _Reader:
         least = 0.5 * self.aperture.number(0) if self.aperture is not None and self.aperture.name == "EPD" else 0.01 * max(gaps)
         radii, curvatures = min(values) >= least, 1.0 / max(values) >= least
         if radii == curvatures:
-            raise UnsupportedSceneError(f"{self.reading.path.name}: RDM is not stated, and the numbers of surfaces may be radii or curvatures; write "
-                                        "RDM (radii) or RDM N (curvatures) before the first surface")
-        what, other = ("radii", "curvatures") if radii else ("curvatures", "radii")
-        self.reading.remarks.append(f"{self.reading.path.name}: RDM is not stated: the numbers of surfaces are taken as {what}, since as {other} one "
-                                    f"is too small for a radius of {least:.3g}")
+            raise UnsupportedSceneError(f"{self.reading.path.name}: RDM is not stated, and the first number of an S line may be a radius or a "
+                                        "curvature; write RDM (radii) or RDM N (curvatures) before the first surface")
+        what, other = ("a radius", "a curvature") if radii else ("a curvature", "a radius")
+        self.reading.remarks.append(f"{self.reading.path.name}: RDM is not stated: the first number of an S line is taken for "
+                                    f"{what}. Taken for {other}, a surface would be too small: its radius would be below {least:.3g}")
         return curvatures
 
     # The light
@@ -334,6 +348,9 @@ class _Reader:
         found.field_type = kinds.pop() if kinds else "angle"
         count = max((len(lists[name]) for name in lists if name in _FIELD_TYPES), default=1)
         length = 1.0 if found.field_type == "angle" else self.unit
+        for name, numbers in lists.items():
+            if len(numbers) != count:
+                self.header[name].broken(f"the list has {len(numbers)} numbers for {count} fields")
 
         def value(index: int, *names: str, default: float = 0.0) -> float:
             values = next((lists[name] for name in names if name in lists), [])
@@ -354,7 +371,7 @@ class _Reader:
                                           (0.5 * (edges[0][1] - edges[0][0]), 0.5 * (edges[1][1] - edges[1][0]))))
         lines = self.header.get("WL")
         values = lines.numbers() if lines is not None else []
-        weights = self.header["WTW"].numbers() if "WTW" in self.header else [1.0] * len(values)
+        weights = self.header["WTW"].numbers() if "WTW" in self.header and values else [1.0] * len(values)
         if lines is not None and len(weights) != len(values):
             self.header["WTW"].broken(f"{len(weights)} weights stand for {len(values)} wavelengths (WL)")
         if any(not 10.0 <= line <= 1e6 for line in values) or any(weight < 0.0 for weight in weights) or values and not any(weights):
@@ -384,7 +401,7 @@ class _Reader:
     def _surfaces(self, found: System, *, curvatures: bool) -> None:
         position, rotation = np.zeros(3), np.eye(3)
         for number, given in enumerate(self.surfaces):
-            surface = self._surface(given, curvatures=curvatures)
+            surface = self._surface(given, number, curvatures=curvatures)
             far = abs(given.thickness) >= INFINITE
             surface.thickness = math.copysign(math.inf, given.thickness) if far else given.thickness * self.unit
             shift = np.array([self._number(given, name) * self.unit for name in ("XDE", "YDE", "ZDE")])
@@ -447,18 +464,20 @@ class _Reader:
     def _number(self, given: _Given, name: str) -> float:
         return given.cards[name].number(0) if name in given.cards else 0.0
 
-    def _surface(self, given: _Given, *, curvatures: bool) -> FileSurface:
+    def _surface(self, given: _Given, number: int, *, curvatures: bool) -> FileSurface:
         label = given.cards.get("SLB")
-        found = FileSurface(given.start, _bare(" ".join(label.words)) if label is not None else "")
+        found = FileSurface(given.start, number, _bare(" ".join(label.words)) if label is not None else "")
 
         def radius_of(value: float, is_curvature: bool) -> float:
             return (self.unit / value if is_curvature else value * self.unit) if value else math.inf
 
         radius = radius_of(given.radius, curvatures)
-        for name in ("RDY", "CUY"):
-            if name in given.cards:
-                radius = radius_of(given.cards[name].number(0), name == "CUY")
-        along_x = next((radius_of(given.cards[name].number(0), name == "CUX") for name in ("RDX", "CUX") if name in given.cards), None)
+        along_x = None
+        for name, card in given.cards.items():
+            if name in ("RDY", "CUY"):
+                radius = radius_of(card.number(0), name == "CUY")
+            elif name in ("RDX", "CUX"):
+                along_x = radius_of(card.number(0), name == "CUX")
         found.shape, found.numbers = self._shape(given, radius, along_x)
         found.material = self._material(given)
         found.aperture = self._opening(given, is_mirror=found.material == "mirror")
@@ -469,12 +488,14 @@ class _Reader:
 
     def _shape(self, given: _Given, radius: float, along_x: float | None) -> tuple[str, dict[str, Any]]:
         cards = given.cards
-        kind = next((name for name in ("XTO", "YTO", "CYL") if name in cards), None)
+        kind = next((name for name in reversed(cards) if name in ("SPH", "CON", "ASP", "CYL", "XTO", "YTO")), None)
         k = self._number(given, "K")
         last = max((index for index, name in enumerate(POWERS) if name in cards), default=-1)
         series = [0.0] + [self._number(given, name) * self.unit ** (1 - power) for name, power in POWERS.items()][:last + 1]
         series = series if any(series) else []
-        if kind is None:
+        if kind == "SPH" and (k or series) or kind == "CON" and series:
+            cards[kind].refuse(f"the surface has {'a conic constant or ' if kind == 'SPH' else ''}coefficients, which {kind} has not", "write ASP, or leave them out")
+        if kind in (None, "SPH", "CON", "ASP"):
             if along_x is not None:
                 cards["RDX" if "RDX" in cards else "CUX"].refuse("a curvature along x needs CYL, XTO or YTO", "write the kind of the surface")
             return ("even_asphere", {"radius": radius, "conic": k, "coefficients": series}) if series else (
@@ -518,7 +539,7 @@ class _Reader:
         """Return nd and Vd of a glass that is written by them."""
         if re.fullmatch(r"[\d.]+:[\d.]+", token):
             nd, vd = (number_of(part) for part in token.split(":"))
-        elif re.fullmatch(r"\d+\.\d+", token):
+        elif re.fullmatch(r"\d{3,}\.\d+", token):
             whole, part = token.split(".")
             nd, vd = 1.0 + int(whole) / 10.0 ** len(whole), 100.0 * float(f"0.{part}")
         elif re.fullmatch(r"\d{6}", token):
@@ -530,14 +551,18 @@ class _Reader:
         return nd, vd
 
     def _private_glass(self, token: str) -> Any:
-        card, values = self.private[glasses.plain(token)]
+        card, known, values = self.private[glasses.plain(token)]
         self.reading.glasses_found[token] = f"the file's private glass: {', '.join(f'{value:g}' for value in values)}"
+        if not min(values) >= 1.0 or max(values) > 10.0:
+            card.broken("an index is that of no glass; write one from 1 to 10")
         if len(set(values)) == 1:
             return IdealMaterial(values[0])
-        used = [line for line in self.header["WL"].numbers()] if "WL" in self.header else []
-        if not set(used) <= set(self.private_lines):
+        used = self.header["WL"].numbers() if "WL" in self.header else []
+        if used and not min(known) <= min(used) <= max(used) <= max(known):
+            card.broken(f"its wavelengths (PWL) are from {min(known):g} to {max(known):g} nm, and do not cover those of the lens (WL)")
+        if not set(used) <= set(known):
             self.reading.remark(card, f"the private glass {token}: indices between the wavelengths of PWL are interpolated linearly")
-        lines, indices = zip(*sorted(zip((line / 1000.0 for line in self.private_lines), values, strict=True)), strict=True)
+        lines, indices = zip(*sorted(zip((line / 1000.0 for line in known), values, strict=True)), strict=True)
         return DataMaterial.from_samples(list(lines), list(indices), name=token)
 
     # Apertures
@@ -602,5 +627,11 @@ class _Reader:
         return (rectangle if family == "rectangle" else ellipse)(half[0], half[1], x, y)
 
 
+#: Ways to solve for a number.
+_SOLVES = {f"{kind}{axis}" for kind in ("UM", "UC", "IM", "IC", "HM", "HC", "AP") for axis in "YX"} | {"OAL", "PIM", "PIX", "RED", "EFL", "ETH"}
+#: How many words commands have, of those whose further words would be left out.
+_MOST_WORDS = {**dict.fromkeys(("DAR", "BEN", "REV", "SPH", "CON", "ASP", "CYL", "XTO", "YTO", "STO"), 0),
+               **dict.fromkeys(("K", *POWERS, "RDY", "CUY", "RDX", "CUX", "THI", "GLA", "RMD", "XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "EPD", "FNO",
+                                "NA", "NAO", "REF", "DIM"), 1)}
 #: Commands of the whole lens.
 _HEADER = {"RDM", "DIM", "TIT", "WL", "WTW", "REF", *_FIELD_TYPES, "WTF", "VUX", "VLX", "VUY", "VLY", "TEL", "CA"}

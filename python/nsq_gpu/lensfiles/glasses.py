@@ -61,11 +61,14 @@ class _Entry:
     name: str
     catalogue: str
     filename: str
+    #: Wavelengths [um] for which its numbers were made.
+    lowest: float = 0.0
+    highest: float = math.inf
 
 
 def plain(name: str) -> str:
     """Return a name without what programs write in several ways: case, hyphens, underscores and spaces."""
-    return re.sub(r"[^A-Z0-9+]", "", name.upper())
+    return re.sub(r"[-_\s]", "", name.upper())
 
 
 @functools.cache
@@ -77,7 +80,8 @@ def _entries() -> dict[str, list[_Entry]]:
     for row in registry._get_combined_df().to_dict("records"):
         if row["group"] in ("glass", "user") and row["filename"] not in seen:
             seen.add(row["filename"])
-            entry = _Entry(str(row["filename_no_ext"]), str(row["catalog_dir"]), str(row["filename"]))
+            entry = _Entry(str(row["filename_no_ext"]), str(row["catalog_dir"]), str(row["filename"]), float(row["min_wavelength"]),
+                           float(row["max_wavelength"]))
             found.setdefault(plain(entry.name), []).append(entry)
     return found
 
@@ -206,7 +210,7 @@ def _candidates(name: str, catalogues: Sequence[str]) -> tuple[list[tuple[_Entry
             return made(of(plain(name[2:]))), f"no catalogue has {name}; {prefix}_ stands for its maker"
     successor = [entry for entry in of(f"N{key}") if entry.catalogue == "schott"]
     if successor:
-        return made(successor), f"no catalogue has {name}; this glass without lead took its place"
+        return made(successor), f"no catalogue has {name} any more; {successor[0].name}, which has no lead, took its place"
     return [], ""
 
 
@@ -214,6 +218,7 @@ def _material(entry: _Entry) -> Any:
     # By the entry's own file: Optiland's search by name may find another one.
     material = MaterialFile(str(_DATA / entry.filename))
     material.name = entry.name
+    material.covers = (entry.lowest, entry.highest)
     return material
 
 

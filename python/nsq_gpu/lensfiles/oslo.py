@@ -20,7 +20,7 @@ from optiland.fileio.oslo.syntax import tokenize
 
 from nsq_gpu.errors import NsqGpuError, UsageError
 from nsq_gpu.lensfiles import glasses
-from nsq_gpu.lensfiles.cards import Card, Reading, table
+from nsq_gpu.lensfiles.cards import Card, Fate, Reading, number_of, table
 
 _SAVE = "save the lens without it, or trace it in the program that wrote it"
 
@@ -67,6 +67,7 @@ def read(text: str, reading: Reading) -> Any:
             warnings.simplefilter("always")
             data = OsloDataParser(path).parse()
             _check_left_out(data, reading)
+            _check_light(data, reading)
             optic = OsloToOpticConverter(data, material_overrides=materials).convert()
     except NsqGpuError:
         raise
@@ -82,9 +83,24 @@ def read(text: str, reading: Reading) -> Any:
                                if "import may be incomplete" not in str(warning.message)})
     if data.units != 1.0:
         reading.remarks.append(f"{reading.path.name}: lengths are multiplied by {data.units:g} (UNI), since a scene is in mm")
-    if "points" not in data.fields:
-        reading.remarks.append(f"{reading.path.name}: the file states the largest field alone; fields at 0, 0.7 and 1 times that are traced")
+    for surface, what in ((optic.surfaces.surfaces[0], "object"), (optic.surfaces.surfaces[-1], "image")):
+        if surface.aperture is not None:
+            reading.remarks.append(f"{reading.path.name}: the {what}'s aperture was left out")
+            surface.aperture = None
     return optic
+
+
+def _check_light(data: Any, reading: Reading) -> None:
+    """Refuse a file without an aperture; say what else the file leaves to the reader."""
+    name = reading.path.name
+    if not data.aperture:
+        raise UsageError(f"{name}: cannot read it as a lens of OSLO: it states no aperture, such as EBR")
+    if not data.fields:
+        reading.remarks.append(f"{name}: no field is stated: light comes along the axis")
+    elif "points" not in data.fields:
+        reading.remarks.append(f"{name}: the file states the largest field alone; fields at 0, 0.7 and 1 times that are traced")
+    if not any("AST" in surface for surface in data.surfaces.values()):
+        reading.remarks.append(f"{name}: no surface is the stop (AST): surface 1 is taken")
 
 
 def _check_left_out(data: Any, reading: Reading) -> None:
@@ -105,6 +121,7 @@ def _check_left_out(data: Any, reading: Reading) -> None:
 def _check(text: str, reading: Reading) -> dict[str, Card]:
     """Apply the table to every card before END; return the first card of each glass that is named."""
     surface = 0
+    ended = has_lines = False
     named: dict[str, Card] = {}
     for line, row in enumerate(text.splitlines(), start=1):
         row = re.sub(r'("(?:\\.|[^"\\])*")|//.*', lambda found: found.group(1) or "", row)
@@ -116,6 +133,11 @@ def _check(text: str, reading: Reading) -> dict[str, Card]:
             card = reading.card(re.sub(r"^(W[VW]|AS|SNO)\d+$", r"\1", name), words[1:], line, surface)
             if card.name == "AS":
                 continue
+            if ended:
+                # Tables of fields and of configurations, and commands that no lens needs.
+                if CARDS.get(card.name, CARDS["DES"]).fate is Fate.CARRIED and card.name not in ("TH", "WV", "WW", "END", "LEN"):
+                    reading.remark(card, "the card stands behind END, and was left out")
+                continue
             # Lens data and those of the object are mixed.
             if not reading.is_carried(card, CARDS, in_surface=surface > 0):
                 continue
@@ -123,9 +145,32 @@ def _check(text: str, reading: Reading) -> dict[str, Card]:
                 surface += 1
             elif name == "GTO" and card.words:
                 surface = card.whole(0)
+            elif name in ("RFL", "RFH") and surface == 0:
+                card.broken("the object is a mirror; a surface behind it must be")
             elif name == "END":
-                return named
-            elif name in ("GLA", "GLF") and len(card.words) == 1 and not re.fullmatch(r"[\d.+\-eE]+", card.words[0]):
-                named.setdefault(card.words[0].strip('"'), card)
+                ended = True
+            elif card.name == "WV":
+                has_lines = True
+            elif name in ("GLA", "GLF"):
+                _check_glass(card, named)
+    if not has_lines:
+        reading.remarks.append(f"{reading.path.name}: no wavelength (WV) is stated: OSLO's own are taken")
     return named
+
+
+def _check_glass(card: Card, named: dict[str, Card]) -> None:
+    """Keep the card of a glass that is named, and refuse an index that no glass has."""
+    words = [word for word in card.words if word.upper() != "MOD"]
+    indices = []
+    for word in words:
+        try:
+            indices.append(number_of(word))
+        except ValueError:
+            continue
+    # Two numbers of a model are its index and Abbe number.
+    checked = indices[:1] if len(words) < len(card.words) and len(indices) == 2 else indices
+    if not all(1.0 <= index <= 10.0 for index in checked):
+        card.broken("an index is that of no glass; write one from 1 to 10")
+    if len(card.words) == 1 and not indices and card.words[0].strip('"').casefold() not in {name.casefold() for name in named}:
+        named[card.words[0].strip('"')] = card
 

@@ -23,6 +23,7 @@ from optiland.physical_apertures.base import BaseAperture
 
 from nsq_gpu.errors import UsageError
 from nsq_gpu.lensfiles.cards import Card, Reading
+from nsq_gpu.lensfiles.glasses import index_of
 
 #: A distance beyond that is infinite, in units of the file.
 INFINITE = 1e10
@@ -34,8 +35,9 @@ _ENDLESS = 1e6
 class FileSurface:
     """A surface of a file. Lengths in mm, in the surface's own frame, whose origin is the vertex."""
 
-    #: The card that begins it.
+    #: The card that begins it, and its number in the file.
     card: Card
+    number: int
     comment: str = ""
     #: One of Optiland's surface types, and the numbers that it takes.
     shape: str = "standard"
@@ -114,12 +116,27 @@ class System:
         for one in self.surfaces:
             if not (math.isfinite(one.thickness) or one is self.surfaces[0]):
                 one.card.broken("its thickness is infinite; only the object's may be")
+        first = self.surfaces[0]
+        if first.material == "mirror":
+            first.card.broken("the object is a mirror; a surface behind it must be")
+        if not first.thickness > -math.inf or first.thickness == 0.0:
+            first.card.broken(f"the object's distance is {first.thickness:g}; write one above 0, or an infinite one")
+        if self.is_telecentric and self.field_type == "angle":
+            first.card.broken("object space is telecentric, but fields are angles; give heights of the object")
+        for index, one in enumerate(self.fields):
+            for other in self.fields[:index]:
+                if (one.x, one.y) == (other.x, other.y) and (one.compress, one.decenter) != (other.compress, other.decenter):
+                    raise UsageError(f"{reading_name}: cannot read it as a lens: field {index + 1} is in the place of an earlier one, with other "
+                                     "vignetting factors; move one of them a little")
         image = self.surfaces[-1]
         if image.aperture is not None or image.coating is not None:
             reading.remark(image.card, "the image's aperture or coating was left out: its detector takes all light")
             image.aperture = image.coating = None
+        if first.aperture is not None or first.coating is not None:
+            reading.remark(first.card, "the object's aperture or coating was left out: the light of a field comes from one point")
+            first.aperture = first.coating = None
 
-    def optic(self) -> Any:
+    def optic(self, reading: Reading) -> Any:
         """Return Optiland's Optic."""
         optic = Optic(self.name)
         for index, given in enumerate(self.surfaces):
@@ -129,6 +146,7 @@ class System:
                                is_stop=given.is_stop, aperture=given.aperture, coating=given.coating,
                                **{key: float(value) for key, value in pose.items()}, **given.numbers)
             optic.surfaces.surfaces[index].thickness = given.thickness
+            self._check_indices(given, reading)
         optic.fields.set_type(self.field_type)
         for one in self.fields:
             optic.fields.fields.append(VignettedField(one.x, one.y, *one.compress, one.weight, *one.decenter))
@@ -140,6 +158,28 @@ class System:
         if self.aims_at_stop:
             optic.ray_tracer.set_aiming("robust", cache=True)
         return optic
+
+    def _finite(self, value: float) -> float:
+        if not (math.isfinite(value) and value > 0.0):
+            self.aperture_card.broken("the lens is afocal, so an aperture at the image says nothing of the pupil; state its diameter")
+        return value
+
+    def _check_indices(self, given: FileSurface, reading: Reading) -> None:
+        """Refuse a material that has no index at a wavelength of the file; say where its formula is used beyond its range."""
+        if isinstance(given.material, str):
+            return
+        lowest, highest = getattr(given.material, "covers", (0.0, math.inf))
+        beyond = [f"{wavelength:g}" for wavelength, _ in self.wavelengths if not lowest <= wavelength <= highest]
+        if beyond:
+            reading.remark(given.card, f"the index of {given.material.name} at {', '.join(beyond)} um is extrapolated: its catalogue has it from {lowest:g} to "
+                           f"{highest:g} um")
+        for wavelength, _ in self.wavelengths:
+            try:
+                index = index_of(given.material, wavelength)
+            except Exception:
+                index = math.nan
+            if not math.isfinite(index):
+                given.card.broken(f"the glass {getattr(given.material, 'name', '')!r} has no index at {wavelength:g} um; give another glass or wavelength")
 
     def _optilands_aperture(self, optic: Any) -> tuple[str, float]:
         kind, value = self.aperture
@@ -161,8 +201,8 @@ class System:
         aperture = 0.5 / value if kind == "working_fno" else value
         optic.set_aperture("EPD", 1.0)
         if is_far:
-            return "EPD", 2.0 * abs(_number(optic.paraxial.f2())) * aperture / index(-1)
-        at_object = abs(_number(optic.paraxial.magnification())) * aperture
+            return "EPD", self._finite(2.0 * abs(_number(optic.paraxial.f2())) * aperture / index(-1))
+        at_object = self._finite(abs(_number(optic.paraxial.magnification())) * aperture)
         return "objectNA", index(0) * math.sin(math.atan(at_object / index(0))) if kind == "working_fno" else at_object
 
 

@@ -18,7 +18,7 @@ from optiland.coatings import SimpleCoating
 
 from nsq_gpu.errors import UsageError
 from nsq_gpu.lensfiles import glasses
-from nsq_gpu.lensfiles.cards import Card, Fate, Reading, one, table
+from nsq_gpu.lensfiles.cards import Card, Fate, Reading, decode, one, table
 from nsq_gpu.lensfiles.system import INFINITE, FileField, FileSurface, System, all_but, disk, ellipse, rectangle, tilted
 
 #: mm a unit.
@@ -76,6 +76,10 @@ _REFUSED_TYPES = {"PARAXIAL": "a paraxial (perfect) lens has no glass that light
                   "BINARY_1": "a diffractive surface has no place in a scene", "BINARY_2": "a diffractive surface has no place in a scene",
                   "HOLOGRM1": "a hologram has no place in a scene", "HOLOGRM2": "a hologram has no place in a scene",
                   "NONSEQCO": "objects of the non-sequential mode cannot be carried"}
+#: How long a list of fields is that is filled up with zeros, and the wavelength [um] and weight that fill up the slots.
+_PADDED, _EMPTY_SLOT, _SLOTS = 12, (0.55, 1.0), 24
+#: The most terms that a surface with extra data has.
+_MOST_TERMS = 230
 #: Kinds of fields. Angles in degrees, heights in the file's unit.
 _FIELDS = {0: "angle", 1: "object_height", 2: "paraxial_image_height", 3: "real_image_height"}
 
@@ -119,6 +123,9 @@ def _cards(text: str, reading: Reading) -> tuple[list[Card], list[tuple[Card, li
             header.append(reading.card(name, words[1:], line, None))
         elif trailer or indented and not row[0].isspace():
             # Cards of a surface are indented; what follows the last one is not: tolerances, operands, configurations.
+            if any(name in rules and rules[name].fate is Fate.CARRIED for rules in (HEADER, SURFACE)):
+                reading.card(name, words[1:], line, None).broken("the card stands behind the surfaces, where it belongs to nothing; move it before the "
+                                                                "first surface, or indent it")
             trailer.append(reading.card(name, words[1:], line, None))
         else:
             indented = indented or row[0].isspace()
@@ -136,6 +143,8 @@ class _Reader:
         self.reading, self.header, self.surfaces = reading, header, surfaces
         self.unit = 1.0
         self.catalogues: tuple[str, ...] = ()
+        #: What is before the surface that is read.
+        self.medium: Any = "air"
 
     def system(self) -> System:
         found = System()
@@ -210,17 +219,20 @@ class _Reader:
             found.field_type = _FIELDS[number]
             found.is_telecentric = kind.whole(1, 0) == 1
             # Old files have no counts.
-            num_fields = kind.whole(2, 0) or None
-            num_lines = kind.whole(3, 0) or None
+            num_fields, num_lines = (kind.whole(index, 0) or None for index in (2, 3))
+            if min(num_fields or 1, num_lines or 1) < 0:
+                kind.broken("a number of fields or of wavelengths is below 0")
             if kind.whole(6, 0) == 1:
                 self.reading.remark(kind, "image space is afocal: the detector shows where light meets the image surface, and not angles")
-            if found.is_telecentric and found.field_type == "angle":
-                kind.broken("object space is telecentric, but fields are angles; give heights of the object")
         listed = max(len(columns["x"]), len(columns["y"]), 1)
         count = num_fields or self._old_count(columns, listed)
         if count > listed:
-            self.reading.remark(kind, f"{count} fields are declared, and {listed} stand in the file: {listed} are read")
+            self.reading.remark(kind, f"the number of fields is {count}, but the lists of fields (XFLN, YFLN) end after {listed}: so many are read")
             count = listed
+        for names in (("FWGN", "FWGT"), ("VDXN", "ZVDX"), ("VDYN", "ZVDY"), ("VCXN", "ZVCX"), ("VCYN", "ZVCY")):
+            card = self._card(*names)
+            if card is not None and len(card.words) < count:
+                card.broken(f"the list ends after {len(card.words)} of {count} fields")
         length = self.unit if found.field_type != "angle" else 1.0
         for index in range(count):
             x, y, weight, vdx, vdy, vcx, vcy = (
@@ -235,7 +247,7 @@ class _Reader:
             found.fields.append(field)
         self._wavelengths(found, num_lines)
         if aiming is not None:
-            mode = aiming.whole(1, 0) if len(aiming.words) > 2 else aiming.whole(0, 0)
+            mode = aiming.whole(1 if len(aiming.words) > 1 else 0, 0)
             if mode not in (0, 1, 2):
                 aiming.refuse(f"the kind {mode} of ray aiming is not known", "set ray aiming to off, paraxial or real")
             found.aims_at_stop = mode != 0
@@ -243,7 +255,10 @@ class _Reader:
                 self.reading.remark(aiming, "rays are aimed at the paraxial size of the stop in Zemax, and at the stop itself here")
 
     def _old_count(self, columns: dict[str, list[float]], listed: int) -> int:
-        """Return how many fields a file without a count has: its lists are filled up with zeros."""
+        """Return how many fields a file without a count has: lists of twelve are filled up with zeros."""
+        if listed != _PADDED:
+            return listed
+
         def is_empty(index: int) -> bool:
             return all(index >= len(columns[key]) or columns[key][index] == 0.0 for key in ("x", "y"))
 
@@ -265,6 +280,8 @@ class _Reader:
         cards: dict[int, Card] = {}
         if listed is not None:
             heavy = weights.numbers() if weights is not None else []
+            if weights is not None and len(heavy) != len(listed.words):
+                weights.broken(f"{len(heavy)} weights stand for {len(listed.words)} wavelengths (WAVL)")
             slots = {index + 1: (value, heavy[index] if index < len(heavy) else 1.0) for index, value in enumerate(listed.numbers())}
             cards = dict.fromkeys(slots, listed)
         for card in (card for card in self.header if card.name == "WAVM"):
@@ -272,11 +289,17 @@ class _Reader:
             if slots.get(slot, value) != value:
                 card.broken(f"wavelength {slot} stands here a second time")
             slots[slot], cards[slot] = value, card
+        if count is None and len(slots) == _SLOTS:
+            # A file without a count fills up its slots.
+            while len(slots) > 1 and slots[max(slots)] == _EMPTY_SLOT:
+                del slots[max(slots)]
         used = [slot for slot in sorted(slots) if count is None or 1 <= slot <= count]
+        if used and count is not None and len(used) < count:
+            self.reading.remark(cards[used[-1]], f"the number of wavelengths (FTYP) is {count}, but only {len(used)} are stated")
         for slot in used:
-            if not 0.01 <= slots[slot][0] <= 1000.0 or slots[slot][1] < 0.0:
-                cards[slot].broken(f"wavelength {slot} is {slots[slot][0]:g} um with a weight of {slots[slot][1]:g}; wavelengths are from 0.01 to "
-                                   "1000 um, weights at least 0")
+            if not 0.05 <= slots[slot][0] <= 100.0 or slots[slot][1] < 0.0:
+                cards[slot].broken(f"wavelength {slot} is {slots[slot][0]:g} um with a weight of {slots[slot][1]:g}; wavelengths are from 0.05 to "
+                                   "100 um, weights at least 0")
         if used and not any(slots[slot][1] for slot in used):
             cards[used[0]].broken("all wavelengths have a weight of 0")
         found.wavelengths = [slots[slot] for slot in used]
@@ -298,8 +321,10 @@ class _Reader:
                     start.broken("a coordinate break cannot be the object or the image")
                 if not math.isfinite(thickness):
                     start.broken("the thickness of a coordinate break is infinite")
-                if one(own, "STOP"):
-                    start.broken("a coordinate break is the stop; give the stop to a surface")
+                for card in own:
+                    trivial = card.name in ("TYPE", "DISZ", "PARM", "COMM", "DIAM") or card.name in ("CURV", "CONI") and card.number(0) == 0.0
+                    if not trivial:
+                        card.broken("a coordinate break is no surface: it has no stop, shape, glass, aperture or coating; give it to a surface")
                 parms = self._parms(own)
                 shift = np.array([parms.pop(1, 0.0) * self.unit, parms.pop(2, 0.0) * self.unit, 0.0])
                 angles = [parms.pop(index, 0.0) for index in (3, 4, 5)]
@@ -310,9 +335,13 @@ class _Reader:
                 rotation = rotation @ turned
                 position = position + rotation[:, 2] * thickness
                 continue
-            surface = self._surface(start, own, name, kind)
+            surface = self._surface(start, own, name, kind, number)
             surface.thickness = thickness
             if number == 0:
+                if one(own, "DISZ") is None:
+                    start.broken("the object has no distance (DISZ)")
+                if surface.material == "mirror":
+                    start.broken("the object is a mirror; a surface behind it must be")
                 surface.position = np.array([0.0, 0.0, -thickness])
             else:
                 surface.position, surface.rotation = position, rotation
@@ -322,6 +351,8 @@ class _Reader:
         stops = [surface for surface in found.surfaces if surface.is_stop]
         if len(stops) > 1:
             stops[1].card.broken("a second surface is the stop (STOP); one is needed")
+        if stops and stops[0] in (found.surfaces[0], found.surfaces[-1]):
+            stops[0].card.broken("the object or the image is the stop (STOP); another surface must be")
         if not stops:
             self.reading.remarks.append(f"{self.reading.path.name}: no surface is the stop (STOP): surface 1 is taken")
             if len(found.surfaces) > 1:
@@ -336,12 +367,12 @@ class _Reader:
         value = card.number(0)
         return math.copysign(math.inf, value) if abs(value) >= INFINITE else value * self.unit
 
-    def _surface(self, start: Card, own: list[Card], name: str, kind: Card | None) -> FileSurface:
+    def _surface(self, start: Card, own: list[Card], name: str, kind: Card | None, number: int) -> FileSurface:
         if name not in _TYPES:
             what = _REFUSED_TYPES.get(name, f"the surface type {name} cannot be carried")
             (kind or start).refuse(what, f"types that can be carried: {', '.join(_TYPES)}, COORDBRK")
         comment = one(own, "COMM")
-        found = FileSurface(start, " ".join(comment.words) if comment is not None else "", _TYPES[name])
+        found = FileSurface(start, number, " ".join(comment.words) if comment is not None else "", _TYPES[name])
         curvature, conic = (one(own, key) for key in ("CURV", "CONI"))
         c = curvature.number(0) if curvature is not None else 0.0
         radius = self.unit / c if c else math.inf
@@ -350,7 +381,8 @@ class _Reader:
         found.shape, found.numbers = self._shape(own, name, radius, k, parms, extra)
         found.is_stop = one(own, "STOP") is not None
         found.material = self._material(own)
-        found.aperture = self._surface_aperture(own, has_power=radius != math.inf or found.material != "air" or bool(parms or extra))
+        found.aperture = self._surface_aperture(own, has_power=found.material == "mirror" or found.material is not self.medium)
+        self.medium = found.material if found.material != "mirror" else self.medium
         found.coating = self._coating(own)
         return found
 
@@ -362,7 +394,8 @@ class _Reader:
             if index in found and found[index] != value:
                 card.broken(f"parameter {index} stands here a second time")
             found[index] = value
-        return {index: value for index, value in found.items() if value != 0.0}
+        # Parameter 0 says how a form goes on beyond its norm.
+        return {index: value for index, value in found.items() if value != 0.0 and index != 0}
 
     def _extra(self, own: list[Card]) -> dict[int, float]:
         """Return the extra data."""
@@ -420,7 +453,10 @@ class _Reader:
 
     def _norm(self, own: list[Card], extra: dict[int, float]) -> tuple[int, float]:
         """Return how many extended terms there are, and what lengths are divided by [mm]."""
-        count = int(extra.get(1, 0.0))
+        card = next((card for card in own if card.name == "XDAT" and card.whole(0) == 1), None)
+        count = card.whole(1) if card is not None else 0
+        if not 0 <= count <= _MOST_TERMS:
+            card.broken(f"{count} terms; from 0 to {_MOST_TERMS} can be")
         norm = extra.get(2, 0.0) * self.unit
         if count > 0 and norm == 0.0:
             next(card for card in own if card.name in ("XDAT", "TYPE")).broken("the normalisation radius (XDAT 2) is 0")
@@ -446,8 +482,8 @@ class _Reader:
             return "air"
         if not card.words:
             card.broken("the glass has no name")
-        name = card.words[0]
-        if name.upper() == "MIRROR":
+        name = card.words[0].upper() if card.words[0].upper() in ("MIRROR", "___BLANK") else card.words[0]
+        if name == "MIRROR":
             return "mirror"
         # Old files have the name, nd and Vd; newer ones a solve and its surface between.
         is_short = len(card.words) == 3 and "." in card.words[1]
@@ -485,6 +521,8 @@ class _Reader:
             if size is not None and size.whole(1, 0) == 1 and has_power and size.number(0) > 0.0:
                 return disk(size.number(0) * self.unit, x=x, y=y)
             return None
+        if any(card.numbers()[2:]) and card.name != "SPID":
+            card.refuse(f"a third number ({card.words[2]}) of an aperture is not known here", "set it to 0")
         one_, other = card.number(0) * self.unit, card.number(1) * self.unit
         if card.name == "SPID":
             return self._spider(card, x, y)
@@ -503,7 +541,7 @@ class _Reader:
         given = [card.number(index) for index in (0, 1)]
         whole = [value == int(value) and value > 0.0 for value in given]
         if whole[0] == whole[1]:
-            card.refuse("width and number of a spider's arms stand in either order in files, and here both could be the number",
+            card.refuse(f"files have the width of a spider's arms first, or their number first: {card.words[0]} and {card.words[1]} may each be the number",
                         "write a width that is no whole number, such as 2.0001")
         count, width = (int(given[0]), given[1]) if whole[0] else (int(given[1]), given[0])
         if count > 64 or not width > 0.0:
@@ -529,7 +567,7 @@ class _Reader:
         if name.upper() in ideal:
             transmittance, reflectance = ideal[name.upper()]
             return SimpleCoating(transmittance, reflectance)
-        is_mirror = any(other.name == "GLAS" and other.words[:1] == ("MIRROR",) for other in own)
+        is_mirror = any(other.name == "GLAS" and other.words[:1] and other.words[0].upper() == "MIRROR" for other in own)
         does = "the mirror reflects all light" if is_mirror else "the face is bare, and reflects by Fresnel's law"
         self.reading.remark(card, f"the coating {name} is not at hand: {does}; give "
                             f'coatings={{"{name}": a coating of Optiland}}, or put the file of coatings beside the lens')
@@ -539,13 +577,14 @@ class _Reader:
         """Return T and R of the ideal coatings in the lens's file of coatings, where it lies beside the lens."""
         found: dict[str, tuple[float, float]] = {}
         for path in self._coating_files():
-            for row in path.read_text(encoding="latin-1").splitlines():
+            for line, row in enumerate(decode(path).splitlines(), start=1):
                 words = row.split()
-                if len(words) >= 4 and words[0].upper() == "IDEAL":
-                    try:
-                        found[words[1].upper()] = (float(words[2]), float(words[3]))
-                    except ValueError:
-                        continue
+                if words[:1] and words[0].upper() == "IDEAL":
+                    card = Card("IDEAL", tuple(words[1:]), f"{path.name}:{line}: IDEAL")
+                    transmittance, reflectance = card.number(1), card.number(2)
+                    if min(transmittance, reflectance) < 0.0 or transmittance + reflectance > 1.0 + 1e-9:
+                        card.broken(f"T = {transmittance:g} and R = {reflectance:g} are no shares of light: both are at least 0, and their sum at most 1")
+                    found[card.words[0].upper()] = (transmittance, reflectance)
         return found
 
     def _coating_files(self) -> Iterator[Path]:
