@@ -16,9 +16,11 @@ import numpy as np
 import pytest
 from optiland.coatings import SimpleCoating
 from optiland.materials import IdealMaterial
+from optiland.rays import RealRays
 
 import nsq_gpu
 from nsq_gpu import lensfiles
+from nsq_gpu.convert import prescription
 from nsq_gpu.convert.__main__ import main
 from nsq_gpu.lensfiles import codev, glasses, oslo, zemax
 from tests import live
@@ -250,6 +252,24 @@ def test_vignetting_moves_and_narrows_the_beam(tmp_path: Path) -> None:
     plain = scene_of(tmp_path, "plain.seq", seq())
     assert np.allclose(scene.sources[1].beam_radii, (5.0, 5.0 * 0.75))
     assert number(scene.sources[1].cs.y) - number(plain.sources[1].cs.y) == pytest.approx(-0.15 * 5.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("aiming", ["RAIM 0 0 1 1", "RAIM 0 2 1 1"])
+def test_vignetting_acts_at_the_stop_whether_rays_are_aimed_at_it_or_not(aiming: str, tmp_path: Path) -> None:
+    # The stop stands 10 mm behind the lens; what passes it is measured, by rays of the scene's sources.
+    text = zmx([aiming, "VDYN 0 0.2", "VCYN 0 0.3", "VCXN 0 0.1", "FTYP 0 0 2 1", "YFLN 0 1", "ENPD 4"], stop=[]).replace(
+        "CURV -0.02\r\n  DISZ 45", "CURV -0.02\r\n  DISZ 10\r\nSURF 3\r\n  STOP\r\n  CURV 0\r\n  DISZ 35").replace(
+        "SURF 3\r\n  CURV 0\r\n  DISZ 0", "SURF 4\r\n  CURV 0\r\n  DISZ 0")
+    (tmp_path / "lens.zmx").write_text(text)
+    optic, _ = lensfiles.read_lens(tmp_path / "lens.zmx")
+    scene = scene_of(tmp_path, "lens.zmx", text)
+    rim = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    starts, directions = scene.sources[1].local_rays(rim, np.full(4, 0.5875618))
+    starts = starts + [number(getattr(scene.sources[1].cs, key)) for key in "xyz"]
+    places = prescription.trace(optic, RealRays(*starts.T, *directions.T, np.ones(4), np.full(4, 0.5875618))).places[3]
+    radius = prescription.trace(optic, RealRays(*np.array([[0.0, 2.0, -10.0]]).T, *np.array([[0.0, 0.0, 1.0]]).T, np.ones(1), np.full(1, 0.5875618))).places[3][0, 1]
+    assert np.allclose(places[:2, 0], [0.9 * radius, -0.9 * radius], atol=0.01)
+    assert np.allclose(places[2:, 1], [0.9 * radius, -0.5 * radius], atol=0.02)
 
 
 def test_sources_stand_in_the_order_of_the_fields(tmp_path: Path) -> None:

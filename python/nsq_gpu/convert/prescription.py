@@ -287,7 +287,7 @@ def fields_of(optic: Any) -> Iterator[tuple[float, float, Any]]:
 
 def rays_of(optic: Any, hx: float, hy: float, field: Any, pupil: np.ndarray, wavelength: float) -> Any:
     """Return Optiland's rays of a field through points of the pupil, shape (N, 2), before the first surface."""
-    pupil = moved_in_pupil(field, pupil)
+    pupil = moved_in_pupil(optic, field, pupil)
     return optic.ray_tracer.ray_generator.generate_rays(hx, hy, be.array(pupil[:, 0]), be.array(pupil[:, 1]), wavelength)
 
 

@@ -460,6 +460,9 @@ class _Reader:
             # A paraxial pupil knows no tilts and decenters.
             found.aims_at_stop = True
             self.reading.remarks.append(f"{self.reading.path.name}: the stop is off the axis, or tilted: rays are aimed at it")
+        elif index > 1 and any(field.x or field.y for field in found.fields):
+            self.reading.remarks.append(f"{self.reading.path.name}: rays are aimed at the paraxial pupil; in CODE V the chief ray of a field goes through the "
+                                        "middle of the stop itself")
 
     def _number(self, given: _Given, name: str) -> float:
         return given.cards[name].number(0) if name in given.cards else 0.0

@@ -65,11 +65,16 @@ class VignettedField(Field):
         self.decenter_x, self.decenter_y = decenter_x, decenter_y
 
 
-def moved_in_pupil(field: Field, pupil: np.ndarray) -> np.ndarray:
-    """Return the points of the pupil that Optiland is to compress, so that a field's pupil is also moved: shape (N, 2)."""
+def moved_in_pupil(optic: Any, field: Field, pupil: np.ndarray) -> np.ndarray:
+    """Return the points of the pupil that Optiland is to aim at, so that a field's pupil is compressed and moved: shape (N, 2).
+
+    Optiland compresses a paraxial pupil itself, and leaves a pupil as it is where it aims at the stop.
+    """
     if not isinstance(field, VignettedField):
         return pupil
-    return pupil + [field.decenter_x / (1.0 - field.vx), field.decenter_y / (1.0 - field.vy)]
+    open_share = np.array([1.0 - field.vx, 1.0 - field.vy])
+    moved = pupil * open_share + [field.decenter_x, field.decenter_y]
+    return moved / open_share if optic.ray_tracer.ray_aiming_config["mode"] == "paraxial" else moved
 
 
 @dataclass
